@@ -1,0 +1,1 @@
+"""What runs elsewhere: work pools, job templates, images and schedules."""

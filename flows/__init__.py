@@ -1,0 +1,1 @@
+"""Prefect flows, the Python API and the command line."""

@@ -1,0 +1,97 @@
+"""Configurations and rejected instances: what instantiation yields."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from vastflow.sim.digest import Value, digest
+from vastflow.sim.scenario import Dimension, Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Fragment:
+    """What a producer adds to a partial configuration.
+
+    Attributes:
+        values: Key to value. Keys that begin with `_` are provenance for later producers and the report;
+            they are no part of the scenario.
+    """
+
+    values: Mapping[str, Value]
+
+
+@dataclass(frozen=True, slots=True)
+class Rejection:
+    """An instance a producer can't build: data, not an error.
+
+    Attributes:
+        reason: What was asked, what was found, in one sentence.
+        requested: The choices that can't be met, such as `{"path_length": 200.0, "path": 3}`.
+    """
+
+    reason: str
+    requested: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Provenance of one producer's contribution: who wrote which keys."""
+
+    producer: str
+    keys: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Partial:
+    """A configuration on its way through the producers.
+
+    Attributes:
+        name: Child names append `-k` at each step, k from 1.
+        values: Everything written so far, provenance (`_…`) included.
+        dimensions: Tags of keys whose dimension a producer or the file gave.
+        steps: Which producer wrote what, in order.
+    """
+
+    name: str
+    values: Mapping[str, Value]
+    dimensions: Mapping[str, Dimension] = field(default_factory=dict)
+    steps: tuple[Step, ...] = ()
+
+    def restricted(self, keys: tuple[str, ...]) -> dict[str, Value]:
+        """The values of `keys` that are present: all that a producer sees."""
+        return {key: self.values[key] for key in keys if key in self.values}
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """A named concrete scenario.
+
+    Attributes:
+        factors: The values that vary or were fixed, for tables: key to value, without provenance.
+        provenance: Keys that begin with `_`: drawn path, lengths, and the like.
+        duplicate_of: Name of an earlier configuration of the same content, run in its stead.
+    """
+
+    name: str
+    family: str
+    scenario: Scenario
+    factors: Mapping[str, Value]
+    provenance: Mapping[str, Value]
+    steps: tuple[Step, ...]
+    duplicate_of: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedInstance:
+    """A rejection with its place in the campaign: which producer, from what, why."""
+
+    family: str
+    parent: str
+    producer: str
+    reason: str
+    requested: Mapping[str, Value]
+    inputs: Mapping[str, Value]
+
+
+def restricted_digest(restricted: Mapping[str, Value]) -> str:
+    """Digest of what a producer sees; equal for partial configurations that differ elsewhere only."""
+    return digest(dict(restricted))

@@ -1,0 +1,1 @@
+"""Exec: one scenario and one seed to one run's recording."""

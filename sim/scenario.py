@@ -1,0 +1,70 @@
+"""The scenario: everything that is executed, and nothing else."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+from vastflow.sim.digest import Value, digest
+
+Dimension: TypeAlias = Literal["environment", "task", "system"]
+
+DIMENSION_OF_KEY: Mapping[str, Dimension] = {
+    "map_file": "environment",
+    "mesh_file": "environment",
+    "start_pose": "task",
+    "goal_pose": "task",
+    "goal_poses": "task",
+    "number_of_loops": "task",
+}
+"""Where a key belongs that nothing else tags; every other key is the system's (design: d_S is the rest)."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A concrete scenario c: one point of the test space, in its three dimensions.
+
+    Attributes:
+        abstract: Name of the abstract scenario a, `builtin:navigate_to_pose` or another of
+            `vastflow.sim.mission.BUILTIN`.
+        timeout_s: Simulated time after which a run ends as timed out.
+        environment: d_E: the map (`map_file`, a `FileContent`) and lists of obstacles, whatever their key.
+        task: d_T: start, goals, loops.
+        system: d_S: robot and navigation parameters, scan noise and dropout, everything else.
+    """
+
+    abstract: str
+    timeout_s: float
+    environment: Mapping[str, Value]
+    task: Mapping[str, Value]
+    system: Mapping[str, Value]
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of the whole content. Names and provenance of a configuration are not part of it."""
+        return digest(self.abstract, self.timeout_s, self.environment, self.task, self.system)
+
+    @cached_property
+    def situation_digest(self) -> str:
+        """Digest of environment and task alone: what seeds a run, so that two systems meet the same noise."""
+        return digest(self.environment, self.task)
+
+
+def scenario_of(
+    values: Mapping[str, Value],
+    dimensions: Mapping[str, Dimension],
+    *,
+    abstract: str,
+    timeout_s: float,
+) -> Scenario:
+    """Sort flat configuration values into the three dimensions.
+
+    Args:
+        values: Key to value; keys that begin with `_` are provenance and are left out.
+        dimensions: Tags given by producers or the file; `DIMENSION_OF_KEY` and then `system` otherwise.
+    """
+    parts: dict[Dimension, dict[str, Value]] = {"environment": {}, "task": {}, "system": {}}
+    for key, value in values.items():
+        if not key.startswith("_"):
+            parts[dimensions.get(key) or DIMENSION_OF_KEY.get(key, "system")][key] = value
+    return Scenario(abstract, timeout_s, parts["environment"], parts["task"], parts["system"])
