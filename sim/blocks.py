@@ -32,18 +32,18 @@ def write_block(rows: Sequence[Mapping[str, Any]], columns: Sequence[Columns]) -
             raise ValueError(f"runs of one block have the same columns, got {names} and {list(run)}")
     lengths = [len(next(iter(run.values()))) if run else 0 for run in columns]
     index = np.repeat(np.array([row["run_index"] for row in rows], dtype=np.int32), lengths)
-    table = pa.table(
-        {"run_index": index, **{name: np.concatenate([run[name] for run in columns]) for name in names}}
-    ).replace_schema_metadata({ROWS_KEY: json.dumps(rows, separators=(",", ":"), sort_keys=True).encode()})
+    table = pa.table({"run_index": index, **{name: np.concatenate([run[name] for run in columns]) for name in names}})
     out = io.BytesIO()
-    pq.write_table(
-        table,
+    with pq.ParquetWriter(
         out,
+        table.schema,
         compression="zstd",
         use_dictionary=False,
         column_encoding={name: "DELTA_BINARY_PACKED" for name in table.column_names},
-        store_schema=False,
-    )
+        store_schema=False,  # which would repeat the rows in base64, and without which a table's metadata is dropped
+    ) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({ROWS_KEY: json.dumps(rows, separators=(",", ":"), sort_keys=True).encode()})
     return out.getvalue()
 
 

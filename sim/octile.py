@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.numeric import njit
+from vastflow.sim.numeric import inner, njit
 
 UNREACHED: Final = np.float32(np.inf)
 
@@ -132,10 +132,11 @@ def _flood(free: Any, row: int, column: int, out: Any) -> None:
         level += 1
 
 
-@njit
+@inner
 def _grown(buffer: Any) -> Any:
     larger = np.empty(2 * buffer.shape[0], dtype=buffer.dtype)
-    larger[: buffer.shape[0]] = buffer
+    for k in range(buffer.shape[0]):
+        larger[k] = buffer[k]
     return larger
 
 

@@ -37,11 +37,11 @@ class Run:
     """One row per run: how the mission ended. Nothing of the host is in it.
 
     Attributes:
-        seed: Entropy of the run, see `vastflow.sim.streams.run_entropy`.
+        seed: Entropy of the run in hexadecimal, see `vastflow.sim.streams.run_entropy`.
         outcome: How the mission ended; a contact does not end it.
         error_code: Nav2's code of the last failure, 0 for a success.
         reason: In words, empty for a success.
-        simulated_s: Simulated time from the goal's acceptance to the end.
+        simulated_s: Simulated time from the start of the run to the mission's end.
         distance_m: True way driven.
         missed_goals: Goals of a waypoint mission that were given up.
     """

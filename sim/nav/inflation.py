@@ -1,0 +1,83 @@
+"""The inflation layer: cost by distance to the nearest lethal cell.
+
+Costs are Nav2's bytes: 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown.
+"""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.numeric import njit
+
+FREE: Final = 0
+INSCRIBED: Final = 253
+LETHAL: Final = 254
+UNKNOWN: Final = 255
+
+
+def cost_stamp(
+    resolution_m: float, inscribed_radius_m: float, inflation_radius_m: float, cost_scaling_factor: float
+) -> NDArray[np.uint8]:
+    """Cost (2R+1, 2R+1) round one lethal cell, R = ceil(inflation radius / resolution) cells.
+
+    254 at the centre, 253 within the inscribed radius, floor(252 exp(-k (d - r_inscribed))) beyond, 0 past R cells.
+    """
+    reach = math.ceil(inflation_radius_m / resolution_m)
+    offsets = np.arange(-reach, reach + 1)
+    cells = np.hypot(offsets[:, None], offsets[None, :])
+    distance_m = cells * resolution_m
+    cost = np.floor(252.0 * np.exp(-cost_scaling_factor * (distance_m - inscribed_radius_m)))
+    cost = np.where(distance_m <= inscribed_radius_m, float(INSCRIBED), np.minimum(cost, 252.0))
+    cost[cells > reach] = FREE
+    cost[reach, reach] = LETHAL
+    return cost.astype(np.uint8)
+
+
+def inflate(
+    costmap_u8: NDArray[np.uint8],
+    resolution_m: float,
+    inscribed_radius_m: float,
+    inflation_radius_m: float,
+    cost_scaling_factor: float,
+) -> NDArray[np.uint8]:
+    """A costmap (H, W) of 0, 254 and 255 cells with inflation, as Nav2's layer computes it.
+
+    An unknown cell stays unknown unless its inflated cost is at least 253.
+    """
+    stamp = cost_stamp(resolution_m, inscribed_radius_m, inflation_radius_m, cost_scaling_factor)
+    out = np.zeros(costmap_u8.shape, dtype=np.uint8)
+    lethal = np.ascontiguousarray(costmap_u8 == LETHAL).view(np.uint8)
+    stamp_lethal(lethal, stamp, out)
+    unknown = (costmap_u8 == UNKNOWN) & (out < INSCRIBED)
+    out[unknown] = UNKNOWN
+    return out
+
+
+@njit
+def stamp_lethal(lethal: Any, stamp: Any, out: Any) -> None:
+    """Raise `out` (H, W) uint8 to `stamp` round every lethal cell (H, W, uint8 flags); cost falls with distance, so max is exact."""
+    rows, columns = lethal.shape
+    reach = stamp.shape[0] // 2
+    for row in range(rows):
+        for column in range(columns):
+            if lethal[row, column] == 0:
+                continue
+            out[row, column] = LETHAL
+            # A cell walled in by lethal cells is never the nearest one to a free cell.
+            if (
+                0 < row < rows - 1
+                and 0 < column < columns - 1
+                and lethal[row - 1, column]
+                and lethal[row + 1, column]
+                and lethal[row, column - 1]
+                and lethal[row, column + 1]
+            ):
+                continue
+            left, right = max(0, column - reach), min(columns, column + reach + 1)
+            for r in range(max(0, row - reach), min(rows, row + reach + 1)):
+                target = out[r, left:right]
+                source = stamp[r - row + reach, left - column + reach : right - column + reach]
+                for i in range(target.shape[0]):
+                    target[i] = max(target[i], source[i])

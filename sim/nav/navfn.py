@@ -1,0 +1,272 @@
+"""NavFn, Nav2's global planner: a potential by wavefront buffers and a path down its gradient.
+
+The buffers (current, next, overflow, each of at most 10,000 cells) are imitated, not replaced by an exact
+queue, because their early stop leaves values that a heap would not.
+"""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.nav.inflation import INSCRIBED, UNKNOWN
+from vastflow.sim.numeric import inner, njit
+
+UNREACHED: Final = np.float32(1e10)
+NEUTRAL: Final = 50
+OBSTACLE: Final = 254
+BUFFER_CELLS: Final = 10_000
+PATH_STEP_CELLS: Final = 0.5
+
+
+def potential(
+    costmap_u8: NDArray[np.uint8],
+    root_cell: tuple[int, int],
+    stop_cell: tuple[int, int] | None = None,
+    allow_unknown: bool = True,
+) -> NDArray[np.float32]:
+    """Potential (H, W) float32 propagated from `root_cell`; unreached cells keep 1e10.
+
+    Args:
+        costmap_u8: (H, W) costmap bytes, row 0 at the lowest y.
+        root_cell, stop_cell: (x, y) cells; propagation ends when `stop_cell` first gets a value.
+    """
+    travel = travel_costs(costmap_u8, allow_unknown)
+    out = new_potential(travel.shape)
+    stop = (-1, -1) if stop_cell is None else stop_cell
+    travel[root_cell[1], root_cell[0]] = NEUTRAL
+    propagate(travel, root_cell[0], root_cell[1], stop[0], stop[1], out, new_scratch(travel.shape))
+    return out
+
+
+def path(
+    costmap_u8: NDArray[np.uint8],
+    start_cell: tuple[int, int],
+    goal_cell: tuple[int, int],
+    allow_unknown: bool = True,
+) -> NDArray[np.float64]:
+    """Path (N, 2) of (x, y) in cell units from start to goal, down the potential; empty when there is none."""
+    travel = travel_costs(costmap_u8, allow_unknown)
+    values = potential(costmap_u8, start_cell, goal_cell, allow_unknown)
+    out = np.empty((4 * max(travel.shape), 2))
+    n = descend(values, travel, float(goal_cell[0]), float(goal_cell[1]), start_cell[0], start_cell[1], out)
+    return out[:n][::-1].copy()
+
+
+def travel_costs(costmap_u8: NDArray[np.uint8], allow_unknown: bool = True) -> NDArray[np.uint8]:
+    """NavFn's own cost (H, W): 50 + 0.8 c where the robot may be, 254 where it may not, unknown 253 or 254."""
+    out = np.empty(costmap_u8.shape, dtype=np.uint8)
+    fill_travel_costs(costmap_u8, allow_unknown, 0, costmap_u8.shape[0], 0, costmap_u8.shape[1], out)
+    out[0], out[-1], out[:, 0], out[:, -1] = OBSTACLE, OBSTACLE, OBSTACLE, OBSTACLE
+    return out
+
+
+def new_potential(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """A potential (H, W) in which nothing is reached yet."""
+    return np.full(shape, UNREACHED, dtype=np.float32)
+
+
+def new_scratch(shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.int64]]:
+    """Scratch of `propagate`: buffers (3, 10000) int64, pending flags (H, W) uint8, extent (4,) int64 of the last flood.
+
+    The extent (rows from, to, columns from, to) spares the clearing of a large map at every flood.
+    """
+    return np.zeros((3, BUFFER_CELLS), dtype=np.int64), np.zeros(shape, dtype=np.uint8), np.zeros(4, dtype=np.int64)
+
+
+@njit
+def fill_travel_costs(costmap: Any, allow_unknown: bool, row0: int, row1: int, col0: int, col1: int, out: Any) -> None:
+    """Travel costs of rows row0..row1 and columns col0..col1 of `costmap` (H, W) into `out` (H, W)."""
+    for row in range(row0, row1):
+        for column in range(col0, col1):
+            cost = costmap[row, column]
+            if cost < INSCRIBED:
+                out[row, column] = min(INSCRIBED, int(NEUTRAL + 0.8 * cost))
+            elif cost == UNKNOWN:
+                out[row, column] = INSCRIBED if allow_unknown else OBSTACLE
+            else:
+                out[row, column] = OBSTACLE
+
+
+@njit
+def propagate(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, out: Any, scratch: Any) -> bool:
+    """Fill `out` (H, W) float32 from the root until the stop cell has a value; whether it has one.
+
+    Args:
+        travel: (H, W) uint8 travel costs; the outer border is an obstacle.
+        out: From `new_potential`, and written by this function alone.
+        scratch: From `new_scratch`, always the same for one `out`.
+    """
+    rows, columns = travel.shape
+    buffers, pending, extent = scratch
+    for row in range(extent[0], extent[1]):
+        for column in range(extent[2], extent[3]):
+            out[row, column] = UNREACHED
+    low_x, high_x, low_y, high_y = root_x, root_x, root_y, root_y
+    out[root_y, root_x] = 0.0
+    current, following, overflow = 0, 1, 2
+    n_current, n_following, n_overflow = 0, 0, 0
+    for k in range(4):
+        x = root_x + (1 if k == 0 else -1 if k == 1 else 0)
+        y = root_y + (1 if k == 2 else -1 if k == 3 else 0)
+        if 0 < x < columns - 1 and 0 < y < rows - 1 and travel[y, x] < OBSTACLE:
+            pending[y, x] = 1
+            buffers[current, n_current] = y * columns + x
+            n_current += 1
+    threshold = np.float32(OBSTACLE)
+    reached = False
+    for _ in range(max(rows * columns // 20, rows + columns)):
+        if n_current == 0 and n_following == 0:
+            break
+        for k in range(n_current):
+            pending[buffers[current, k] // columns, buffers[current, k] % columns] = 0
+        for k in range(n_current):
+            y, x = buffers[current, k] // columns, buffers[current, k] % columns
+            left, right, up, down = out[y, x - 1], out[y, x + 1], out[y - 1, x], out[y + 1, x]
+            across = min(right, left)
+            along = min(down, up)
+            if travel[y, x] >= OBSTACLE:
+                continue
+            cost = np.float32(travel[y, x])
+            difference = across - along
+            if difference < 0:
+                base, difference = across, -difference
+            else:
+                base = along
+            if difference >= cost:
+                value = base + cost
+            else:
+                d = difference / cost
+                v = np.float32(-0.2301) * d * d + np.float32(0.5307) * d + np.float32(0.7040)
+                value = base + cost * v
+            if value >= out[y, x]:
+                continue
+            out[y, x] = value
+            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
+            for side in range(4):
+                nx = x + (1 if side == 1 else -1 if side == 0 else 0)
+                ny = y + (1 if side == 3 else -1 if side == 2 else 0)
+                if nx <= 0 or ny <= 0 or nx >= columns - 1 or ny >= rows - 1:
+                    continue
+                there = travel[ny, nx]
+                if there >= OBSTACLE or pending[ny, nx] != 0:
+                    continue
+                if not out[ny, nx] > value + np.float32(0.707106781) * np.float32(there):
+                    continue
+                if value < threshold:
+                    if n_following < BUFFER_CELLS:
+                        buffers[following, n_following] = ny * columns + nx
+                        n_following += 1
+                        pending[ny, nx] = 1
+                elif n_overflow < BUFFER_CELLS:
+                    buffers[overflow, n_overflow] = ny * columns + nx
+                    n_overflow += 1
+                    pending[ny, nx] = 1
+        current, following = following, current
+        n_current, n_following = n_following, 0
+        if n_current == 0:
+            threshold += np.float32(2 * NEUTRAL)
+            current, overflow = overflow, current
+            n_current, n_overflow = n_overflow, 0
+        if stop_x >= 0 and out[stop_y, stop_x] < UNREACHED:
+            reached = True
+            break
+    for k in range(n_current):
+        pending[buffers[current, k] // columns, buffers[current, k] % columns] = 0
+    for k in range(n_overflow):
+        pending[buffers[overflow, k] // columns, buffers[overflow, k] % columns] = 0
+    extent[0], extent[1], extent[2], extent[3] = low_y, high_y + 1, low_x, high_x + 1
+    return reached
+
+
+@njit
+def descend(values: Any, travel: Any, from_x: float, from_y: float, root_x: int, root_y: int, out: Any) -> int:
+    """Walk down the gradient of `values` (H, W) from a cell to the root in half-cell steps.
+
+    Writes (x, y) in cell units into `out` (M, 2), the root cell last, and returns their number;
+    0 where the walk fails (no gradient, or `out` is full: NavFn's cap on a path's length is M = 4 max(H, W)).
+    """
+    rows, columns = values.shape
+    x, y = int(from_x), int(from_y)
+    dx, dy = from_x - x, from_y - y
+    n = 0
+    while n < out.shape[0]:
+        near_x, near_y = math.floor(x + dx + 0.5), math.floor(y + dy + 0.5)
+        near_x, near_y = min(max(near_x, 0), columns - 1), min(max(near_y, 0), rows - 1)
+        if values[near_y, near_x] < NEUTRAL:
+            out[n, 0], out[n, 1] = root_x, root_y
+            return n + 1
+        if x < 2 or y < 2 or x >= columns - 2 or y >= rows - 2:
+            return 0
+        out[n, 0], out[n, 1] = x + dx, y + dy
+        n += 1
+        oscillates = n > 2 and out[n - 1, 0] == out[n - 3, 0] and out[n - 1, 1] == out[n - 3, 1]
+        rough = oscillates
+        for r in range(y - 1, y + 2):
+            for c in range(x - 1, x + 2):
+                rough = rough or values[r, c] >= UNREACHED
+        if rough:
+            best_x, best_y, best = x, y, values[y, x]
+            for r in range(y - 1, y + 2):
+                for c in range(x - 1, x + 2):
+                    if values[r, c] < best:
+                        best_x, best_y, best = c, r, values[r, c]
+            x, y, dx, dy = best_x, best_y, 0.0, 0.0
+            if best >= UNREACHED:
+                return 0
+            continue
+        gx00, gy00 = _gradient(values, x, y)
+        gx10, gy10 = _gradient(values, x + 1, y)
+        gx01, gy01 = _gradient(values, x, y + 1)
+        gx11, gy11 = _gradient(values, x + 1, y + 1)
+        gx0, gy0 = (1.0 - dx) * gx00 + dx * gx10, (1.0 - dx) * gy00 + dx * gy10
+        gx1, gy1 = (1.0 - dx) * gx01 + dx * gx11, (1.0 - dx) * gy01 + dx * gy11
+        gx, gy = (1.0 - dy) * gx0 + dy * gx1, (1.0 - dy) * gy0 + dy * gy1
+        if gx == 0.0 and gy == 0.0:
+            return 0
+        step = PATH_STEP_CELLS / math.hypot(gx, gy)
+        dx += gx * step
+        dy += gy * step
+        if dx > 1.0:
+            x, dx = x + 1, dx - 1.0
+        if dx < -1.0:
+            x, dx = x - 1, dx + 1.0
+        if dy > 1.0:
+            y, dy = y + 1, dy - 1.0
+        if dy < -1.0:
+            y, dy = y - 1, dy + 1.0
+    return 0
+
+
+@inner
+def _gradient(values: Any, x: int, y: int) -> Any:
+    """Unit vector down the potential at a cell; inside obstacles it points to the side that has a value."""
+    rows, columns = values.shape
+    if x < 1 or y < 1 or x >= columns - 1 or y >= rows - 1:
+        return 0.0, 0.0
+    here = values[y, x]
+    left, right, up, down = values[y, x - 1], values[y, x + 1], values[y - 1, x], values[y + 1, x]
+    gx, gy = 0.0, 0.0
+    if here >= UNREACHED:
+        if left < UNREACHED:
+            gx = -float(OBSTACLE)
+        elif right < UNREACHED:
+            gx = float(OBSTACLE)
+        if up < UNREACHED:
+            gy = -float(OBSTACLE)
+        elif down < UNREACHED:
+            gy = float(OBSTACLE)
+    else:
+        if left < UNREACHED:
+            gx += left - here
+        if right < UNREACHED:
+            gx += here - right
+        if up < UNREACHED:
+            gy += up - here
+        if down < UNREACHED:
+            gy += here - down
+    norm = math.hypot(gx, gy)
+    if norm == 0.0:
+        return 0.0, 0.0
+    return gx / norm, gy / norm
