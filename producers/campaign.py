@@ -1,0 +1,244 @@
+"""The campaign: a `.vast` file, read, checked and ready to be instantiated."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from vastflow.producers.document import Document, read_document
+from vastflow.producers.family import Family, FamilyReader
+from vastflow.producers.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, did_you_mean, path_text
+from vastflow.producers.model_faults import faults_of
+from vastflow.producers.spec import (
+    BUILTIN,
+    DEFAULT_TIMEOUT_S,
+    TOLERATED_IN_FAMILY,
+    CampaignSpec,
+    FamilySpec,
+    unexecuted,
+)
+from vastflow.sim.mission import BUILTIN as MISSIONS
+
+__all__ = ["Campaign", "Family", "OracleRequest", "load_campaign"]
+
+
+@dataclass(frozen=True, slots=True)
+class OracleRequest:
+    """An oracle that the file asks for.
+
+    Attributes:
+        location: Where its parameters stand.
+    """
+
+    name: str
+    parameters: Mapping[str, Any]
+    location: Location
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign file that has no fault.
+
+    Attributes:
+        path: The file as the user named it.
+        abstract: `builtin:…`, or empty where each family's mission follows from its goal.
+        runs: Repetitions of each configuration.
+        seed: Of the runs' noise.
+        timeout_s: Simulated time after which a run ends as timed out.
+        notes: Warnings, and keys that are not executed by this version.
+        unexecutable: Why this version can't run the campaign; empty where it can.
+    """
+
+    path: Path
+    spec: CampaignSpec
+    families: tuple[Family, ...]
+    abstract: str
+    runs: int
+    seed: int
+    timeout_s: float
+    oracles: tuple[OracleRequest, ...]
+    notes: tuple[Note, ...]
+    unexecutable: tuple[Fault, ...]
+    document: Document = field(repr=False)
+
+    def fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> Fault:
+        """A fault at a place of the file that was found elsewhere, such as in an oracle's parameters."""
+        return self.document.fault(location, what, right, at)
+
+
+def load_campaign(path: str | Path) -> Campaign:
+    """Read a campaign file, with its producers' parameters and its maps.
+
+    Maps and `file.py:Class` are relative to the file.
+
+    Raises:
+        CampaignError: every fault of the file.
+    """
+    path = Path(path)
+    document = read_document(path)
+    data, notes = _without_tolerated(document)
+    faults: list[Fault] = []
+    spec = CampaignSpec()
+    try:
+        spec = CampaignSpec.model_validate(data)
+    except ValidationError as error:
+        faults += faults_of(document, (), CampaignSpec, error)
+    abstract, mission = _mission(document, faults)
+    reader = FamilyReader(document, path.parent, mission)
+    families = _families(document, data, reader)
+    faults += [*reader.faults, *_family_set_faults(document), *_oracle_faults(document)]
+    if faults or document.faults:
+        # What could not be read stands as nothing in the data, so the model complains of it a second time.
+        places = {(fault.line, fault.column) for fault in document.faults}
+        raise CampaignError(
+            [*document.faults, *(fault for fault in faults if (fault.line, fault.column) not in places)]
+        )
+    notes += [document.note("not executed", where, NOT_EXECUTED, why) for where, why in unexecuted(spec)]
+    notes += reader.notes
+    unexecutable = list(reader.unexecutable)
+    if mission is None:
+        consequence = "the mission follows from the goal, goal_pose or goal_poses"
+        if not (path.parent / (spec.execution.scenario_file or "")).is_file():
+            consequence += ", and there is no such file"
+        notes.append(document.note("not executed", ("execution", "scenario_file"), NOT_EXECUTED, consequence))
+    if spec.search:
+        right = "scenario families under configuration"
+        unexecutable.append(document.fault(("search",), f"search is {NOT_EXECUTED}", right, "key"))
+    return Campaign(
+        path=path,
+        spec=spec,
+        families=tuple(families),
+        abstract=abstract,
+        runs=spec.execution.runs,
+        seed=spec.execution.seed,
+        timeout_s=spec.execution.timeout or DEFAULT_TIMEOUT_S,
+        oracles=tuple(_oracles(spec)),
+        notes=tuple(sorted([*document.notes, *notes], key=lambda note: (note.line, note.column))),
+        unexecutable=tuple(unexecutable),
+        document=document,
+    )
+
+
+def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Note]]:
+    """The file's data without the keys that version 1 read over, and a warning for each."""
+    families = document.data.get("configuration")
+    if not isinstance(families, list):
+        return document.data, []
+    notes: list[Note] = []
+    kept: list[Any] = []
+    for i, family in enumerate(families):
+        if not isinstance(family, dict):
+            kept.append(family)
+            continue
+        tolerated = [key for key in family if key in TOLERATED_IN_FAMILY and key not in FamilySpec.model_fields]
+        for key in tolerated:
+            right = f"execution.{key} is for all families" if key not in ("description", "title", "metadata") else ""
+            notes.append(document.note("warning", ("configuration", i, key), "has no effect in a family", right))
+        kept.append({key: value for key, value in family.items() if key not in tolerated})
+    return {**document.data, "configuration": kept}, notes
+
+
+def _mission(document: Document, faults: list[Fault]) -> tuple[str, str | None]:
+    """The abstract scenario's builtin name, and the mission whose keys are needed: None for a scenario file."""
+    execution = document.data.get("execution")
+    name = execution.get("scenario_file") if isinstance(execution, dict) else None
+    if not isinstance(name, str):
+        return "", ""
+    if not name.startswith(BUILTIN):
+        return "", None
+    if name not in MISSIONS:
+        right = did_you_mean(name, MISSIONS)
+        faults.append(document.fault(("execution", "scenario_file"), f"found {name!r}", right))
+        return "", None
+    return name, name
+
+
+def _families(document: Document, data: dict[str, Any], reader: FamilyReader) -> list[Family]:
+    """Every family as far as it can be read, whatever is wrong elsewhere in the file."""
+    raw = data.get("configuration")
+    families: list[Family] = []
+    for i, entry in enumerate(raw if isinstance(raw, list) else []):
+        if not isinstance(entry, dict):
+            continue
+        dimensions = entry.get("dimensions")
+        families.append(
+            reader.read(
+                ("configuration", i),
+                str(entry.get("name")),
+                dimensions if isinstance(dimensions, dict) else {},
+            )
+        )
+    return families
+
+
+def _family_set_faults(document: Document) -> list[Fault]:
+    """No families, or families whose configurations would share a name."""
+    raw = document.data.get("configuration")
+    search = document.data.get("search")
+    if raw and search:
+        what, right = "found beside configuration", "search or configuration, not both"
+        return [document.fault(("search",), what, right, "key")]
+    if raw is None and "configuration" not in document.data and search is None:
+        return [
+            Fault(
+                document.file,
+                1,
+                1,
+                path_text(("configuration",)),
+                "an empty campaign",
+                "a list of families, '- name: ...'",
+            )
+        ]
+    if not raw and raw in (None, [], {}) and search is None:
+        return [document.fault(("configuration",), "an empty campaign", "a list of families, '- name: ...'", "key")]
+    faults: list[Fault] = []
+    lines: dict[str, int] = {}
+    for i, entry in enumerate(raw if isinstance(raw, list) else []):
+        name = entry.get("name") if isinstance(entry, dict) else None
+        if not isinstance(name, str):
+            continue
+        where: Location = ("configuration", i, "name")
+        line, _ = document.place(where)
+        clash = next((other for other in lines if _shares_names(name, other)), None)
+        if clash == name:
+            faults.append(
+                document.fault(where, f"a second family {name!r}", f"another name; line {lines[name]} has it")
+            )
+        elif clash is not None:
+            short, long = sorted((name, clash), key=len)
+            what = f"{long!r} is also the name of a configuration of family {short!r}"
+            faults.append(document.fault(where, what, "a name that is not the other's with a number"))
+        lines.setdefault(name, line)
+    return faults
+
+
+def _shares_names(one: str, other: str) -> bool:
+    """Whether one is the other, or the other followed by numbers as its configurations are."""
+    short, long = sorted((one, other), key=len)
+    return re.fullmatch(rf"{re.escape(short)}(-[0-9]+)*", long) is not None
+
+
+def _oracles(spec: CampaignSpec) -> list[OracleRequest]:
+    return [
+        OracleRequest(name, parameters, ("evaluation", "oracles", k, name))
+        for k, entry in enumerate(spec.evaluation.oracles)
+        for name, parameters in entry.items()
+    ]
+
+
+def _oracle_faults(document: Document) -> list[Fault]:
+    """An oracle asked for twice: its verdicts would be told apart by nothing."""
+    evaluation = document.data.get("evaluation")
+    entries = evaluation.get("oracles") if isinstance(evaluation, dict) else None
+    faults: list[Fault] = []
+    seen: set[str] = set()
+    for k, entry in enumerate(entries if isinstance(entries, list) else []):
+        for name in [entry] if isinstance(entry, str) else entry if isinstance(entry, dict) else ():
+            if name in seen:
+                where: Location = ("evaluation", "oracles", k, name)
+                faults.append(document.fault(where, f"a second oracle {name!r}", "one", "key"))
+            seen.add(name)
+    return faults

@@ -1,0 +1,112 @@
+"""The flow of keys through a family: what is needed and what was written before, without producing anything."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from vastflow.producers.document import Document
+from vastflow.producers.faults import Fault, Location, did_you_mean, shown
+from vastflow.producers.ground import MAP_KEY
+from vastflow.producers.producer import Producer
+from vastflow.producers.scenario_values import LOOPS_KEY
+from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY
+
+NEEDED_BY: Final[Mapping[str, tuple[tuple[str, ...], ...]]] = {
+    "": ((MAP_KEY,), (START_KEY,), (GOAL_KEY, GOALS_KEY)),
+    "builtin:navigate_to_pose": ((MAP_KEY,), (START_KEY,), (GOAL_KEY,)),
+    "builtin:navigate_through_poses": ((MAP_KEY,), (START_KEY,), (GOALS_KEY, GOAL_KEY)),
+    "builtin:follow_waypoints": ((MAP_KEY,), (START_KEY,), (GOALS_KEY, GOAL_KEY)),
+}
+"""Mission to the keys it needs, one of each group; the empty name is the mission that follows from the goal."""
+
+
+MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A producer in the chain and where it stands."""
+
+    location: Location
+    producer: Producer[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class DataFlow:
+    """A family's keys.
+
+    Attributes:
+        location: Of the family.
+        fixed: Key to the location of each fixed parameter.
+        links: The producers in order.
+    """
+
+    document: Document
+    location: Location
+    fixed: Mapping[str, Location]
+    links: Sequence[Link]
+
+    @property
+    def written(self) -> set[str]:
+        """Every key that a configuration of this family may have."""
+        return {*self.fixed, *(key for link in self.links for key in link.producer.writes)}
+
+    def faults(self) -> Iterator[Fault]:
+        """Keys that a producer needs and references that nothing writes."""
+        available = set(self.fixed)
+        for k, link in enumerate(self.links):
+            for key in link.producer.needs:
+                if key not in available and not key.startswith("_"):  # provenance is declared nowhere
+                    yield self._needed(k, key)
+            available |= set(link.producer.writes)
+            yield from self._references(link.location, available | set(link.producer.needs))
+
+    def mission_faults(self, mission: str) -> Iterator[Fault]:
+        """Keys that the mission needs and nothing writes."""
+        written = self.written
+        missing = [" or ".join(group) for group in NEEDED_BY[mission] if written.isdisjoint(group)]
+        if not missing:
+            return
+        name = mission or "a navigation mission"
+        misnamed = [
+            (link, key) for link in self.links for key, tag in link.producer.writes.items()
+            if tag == "task" and key not in MISSION_KEYS
+        ]  # fmt: skip
+        if len(missing) == 1 and missing[0] != MAP_KEY and misnamed:
+            link, key = misnamed[-1]
+            unread = f"writes {key!r}, which no mission reads"
+            needed = f"{missing[0]}, which {name} needs"
+            yield self.document.fault(self._mention(link, key), unread, needed)
+        else:
+            what = f"{name} needs {', '.join(missing)}, which nothing writes"
+            right = "a fixed parameter, or a producer that writes it"
+            yield self.document.fault((*self.location, "name"), what, right)
+
+    def _mention(self, link: Link, key: str) -> Location:
+        """Where a producer's parameters name the key, or else the producer."""
+        given = self.document.value(link.location)
+        for name, value in given.items() if isinstance(given, dict) else ():
+            if isinstance(value, str) and value.removeprefix("@") == key:
+                return (*link.location, name)
+        return link.location
+
+    def _needed(self, k: int, key: str) -> Fault:
+        link = self.links[k]
+        later = [other for other in self.links[k + 1 :] if key in other.producer.writes]
+        right = (
+            f"{later[0].location[-1]} before {link.location[-1]}"
+            if later
+            else f"{key} among the family's parameters, or a producer before this one that writes it"
+        )
+        what = f"needs {key!r}, which nothing before it writes"
+        where = self._mention(link, key)
+        return self.document.fault(where, what, right, at="key" if where == link.location else "value")
+
+    def _references(self, location: Location, available: set[str]) -> Iterator[Fault]:
+        value = self.document.value(location)
+        items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+        for key, item in items:
+            if isinstance(item, str) and item.startswith("@") and item[1:] not in available:
+                what = f"found {shown(item)}, a reference to a parameter that nothing before writes"
+                yield self.document.fault((*location, key), what, did_you_mean(item[1:], available))
+            yield from self._references((*location, key), available)

@@ -1,0 +1,286 @@
+"""A YAML file as plain data, and where each key and value of it stands."""
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+
+import yaml
+from yaml.constructor import SafeConstructor
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from vastflow.producers.faults import CampaignError, Fault, Location, Note, path_text, shown
+
+Place: TypeAlias = tuple[int, int]
+"""Line and column, from 1."""
+
+MAX_DEPTH: Final = 100  # the C composer recurses without a limit of its own and ends the process
+MAX_VALUES: Final = 300_000  # aliases of aliases grow exponentially
+
+TAG: Final = "tag:yaml.org,2002:"
+EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")
+OCTAL_OR_BASE_60: Final = re.compile(r"[-+]?(0[0-7_]+|[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)")
+MEANING: Final = {"bool": "true or false", "int": "a whole number", "float": "a number"}
+NOT_YAML: Final = "a YAML mapping; look for a missing colon, quote or bracket, tabs and uneven indentation"
+
+
+@dataclass(frozen=True)
+class Document:
+    """The first document of a YAML file.
+
+    Attributes:
+        file: The file's name as the user gave it.
+        data: Mappings with text keys, lists, text, whole numbers of 64 bits, finite floats, booleans, None.
+        keys, values: Where they stand.
+        faults: What was found and could be stepped over: duplicate keys, values that can't be read.
+        notes: Values that YAML 1.1 reads otherwise than one would think.
+    """
+
+    file: str
+    data: dict[str, Any]
+    keys: Mapping[Location, Place]
+    values: Mapping[Location, Place]
+    faults: tuple[Fault, ...] = ()
+    notes: tuple[Note, ...] = ()
+
+    def known(self, location: Location) -> Location:
+        """The part of `location` that the file has; elements that lead nowhere, as unions add them, are left out."""
+        found: Location = ()
+        for part in location:
+            if (*found, part) in self.values:
+                found = (*found, part)
+        return found
+
+    def value(self, location: Location) -> Any:
+        """What stands at a location that the file has."""
+        found: Any = self.data
+        for part in location:
+            found = found[part]
+        return found
+
+    def place(self, location: Location, at: Literal["key", "value"] = "value") -> Place:
+        """Line and column of the value or its key, or of the nearest thing above that the file has."""
+        found = self.known(location)
+        return (self.keys.get(found) if at == "key" else None) or self.values[found]
+
+    def fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> Fault:
+        """A fault at a location of this file."""
+        return Fault(self.file, *self.place(location, at), path_text(location), what, right)
+
+    def note(self, kind: Literal["warning", "not executed"], location: Location, what: str, right: str = "") -> Note:
+        """A note on the key at a location of this file."""
+        return Note(kind, self.file, *self.place(location, "key"), path_text(location), what, right)
+
+
+def read_document(path: str | Path) -> Document:
+    """Read the first document of a YAML 1.1 file with its positions.
+
+    Numbers such as `1e3`, which YAML 1.1 takes for text, are numbers; dates stay text as they are written.
+
+    Raises:
+        CampaignError: no such file, not YAML, empty, not a mapping.
+    """
+    file = str(path)
+    text = _text(path, file)
+    try:
+        _check_depth(text, file)
+        loader = yaml.CSafeLoader(text)
+        try:
+            node = loader.get_node() if loader.check_node() else None
+        finally:
+            loader.dispose()
+    except yaml.YAMLError as error:
+        raise CampaignError([_syntax_fault(error, text, file)]) from None
+    if node is None or (isinstance(node, ScalarNode) and node.tag == f"{TAG}null"):
+        raise CampaignError([Fault(file, 1, 1, "file", "empty", "a campaign, at least its configuration")])
+    if not isinstance(node, MappingNode):
+        found = "a list" if isinstance(node, SequenceNode) else shown(node.value)
+        right = "a mapping with the sections of a campaign, such as configuration and execution"
+        raise CampaignError([Fault(file, *_place(node), "file", f"found {found}", right)])
+    walk = _Walk(file)
+    data = walk.value(node, ())
+    return Document(file, data, walk.keys, walk.values, tuple(walk.faults), tuple(walk.notes))
+
+
+def _text(path: str | Path, file: str) -> str:
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise CampaignError([Fault(file, 1, 1, "file", "no such file", "the path of a .vast file")]) from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise CampaignError([Fault(file, 1, 1, "file", f"can't be read: {reason}", "a .vast file")]) from None
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line, column = _place_at(content[: error.start].decode("utf-8-sig", "replace"))
+        fault = Fault(file, line, column, "file", "not YAML: not UTF-8 text", "a text file encoded as UTF-8")
+        raise CampaignError([fault]) from None
+
+
+def _check_depth(text: str, file: str) -> None:
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        if isinstance(event, yaml.DocumentEndEvent):
+            return
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MAX_DEPTH:
+                what = f"more than {MAX_DEPTH} levels deep"
+                raise CampaignError([Fault(file, *_place(event), "file", what, "fewer levels")])
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
+def _syntax_fault(error: yaml.YAMLError, text: str, file: str) -> Fault:
+    if isinstance(error, yaml.MarkedYAMLError):
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        what = ", ".join(filter(None, (error.context, error.problem)))
+    else:  # ReaderError: a character that YAML has not
+        position = getattr(error, "position", 0)
+        line, column = _place_at(text.encode()[:position].decode(errors="replace"))
+        what = str(getattr(error, "reason", error))
+    return Fault(file, line, column, "file", f"not YAML: {what}", NOT_YAML)
+
+
+def _place_at(before: str) -> Place:
+    lines = before.split("\n")
+    return len(lines), len(lines[-1]) + 1
+
+
+def _place(node: Node | yaml.Event) -> Place:
+    mark = node.start_mark
+    return (mark.line + 1, mark.column + 1) if mark else (1, 1)
+
+
+class _Walk:
+    """One walk over a composed node graph; `value` of the root fills the positions, faults and notes."""
+
+    def __init__(self, file: str) -> None:
+        self.keys: dict[Location, Place] = {}
+        self.values: dict[Location, Place] = {}
+        self.faults: list[Fault] = []
+        self.notes: list[Note] = []
+        self._file = file
+        self._open: set[int] = set()
+        self._constructor = SafeConstructor()
+
+    def value(self, node: Node, location: Location) -> Any:
+        if len(self.values) > MAX_VALUES or len(location) > MAX_DEPTH:
+            what = f"aliases that grow to more than {MAX_VALUES} values or {MAX_DEPTH} levels"
+            raise CampaignError([Fault(self._file, *_place(node), path_text(location), what, "fewer aliases")])
+        self.values[location] = _place(node)
+        if isinstance(node, ScalarNode):
+            return self._scalar(node, location)
+        if id(node) in self._open:
+            self._fault(node, location, "found an alias inside of what it stands for", "an alias of something else")
+            return None
+        self._open.add(id(node))
+        try:
+            if isinstance(node, MappingNode) and node.tag == f"{TAG}map":
+                return self._mapping(node, location)
+            if isinstance(node, SequenceNode) and node.tag == f"{TAG}seq":
+                return [self.value(item, (*location, i)) for i, item in enumerate(node.value)]
+        finally:
+            self._open.remove(id(node))
+        self._fault(node, location, f"found the tag {_tag(node)}", "no tag")
+        return None
+
+    def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            if key_node.tag == f"{TAG}merge":
+                continue
+            key = self._key(key_node, location)
+            if key is None:
+                continue
+            if key in data:
+                first, _ = self.keys[(*location, key)]
+                self._fault(
+                    key_node, (*location, key), "a second time the same key", f"one; the first is in line {first}"
+                )
+                continue
+            self._enter(data, key, key_node, value_node, location)
+        for key_node, value_node in self._merged(node, location):
+            key = self._key(key_node, location)
+            if key is not None and key not in data:
+                self._enter(data, key, key_node, value_node, location)
+        return data
+
+    def _enter(self, data: dict[str, Any], key: str, key_node: Node, value_node: Node, location: Location) -> None:
+        self.keys[(*location, key)] = _place(key_node)
+        data[key] = self.value(value_node, (*location, key))
+
+    def _merged(self, node: MappingNode, location: Location) -> Iterator[tuple[Node, Node]]:
+        """Pairs that `<<` brings in, the nearest first."""
+        for key_node, value_node in node.value:
+            if key_node.tag != f"{TAG}merge":
+                continue
+            for source in value_node.value if isinstance(value_node, SequenceNode) else [value_node]:
+                if not isinstance(source, MappingNode) or id(source) in self._open:
+                    self._fault(
+                        value_node, (*location, "<<"), "found no mapping to merge", "an alias of another mapping"
+                    )
+                    continue
+                self._open.add(id(source))
+                try:
+                    yield from (pair for pair in source.value if pair[0].tag != f"{TAG}merge")
+                    yield from self._merged(source, location)
+                finally:
+                    self._open.discard(id(source))
+
+    def _key(self, node: Node, location: Location) -> str | None:
+        """The key as it is written: `on`, `1` and `2024-01-01` are text here."""
+        if isinstance(node, ScalarNode) and node.value and node.tag.startswith(TAG):
+            return str(node.value)
+        found = shown(node.value) if isinstance(node, ScalarNode) else "a list or mapping"
+        self._fault(node, location, f"found {found} as a key", "a key is text")
+        return None
+
+    def _scalar(self, node: ScalarNode, location: Location) -> Any:
+        kind, text = node.tag.removeprefix(TAG), node.value
+        plain = not node.style
+        if kind in ("str", "timestamp", "value", "merge"):
+            return float(text) if plain and EXPONENT.fullmatch(text) and math.isfinite(float(text)) else text
+        if kind == "null":
+            return None
+        try:
+            if kind == "bool":
+                return self._constructor.construct_yaml_bool(node)
+            if kind in ("int", "float"):
+                return self._number(node, kind, location)
+        except (ValueError, KeyError, IndexError, OverflowError):
+            pass
+        else:
+            self._fault(node, location, f"found the tag {_tag(node)}", "no tag")
+            return None
+        self._fault(node, location, f"found {shown(text)}", f"{MEANING[kind]}, or quotes round a text")
+        return None
+
+    def _number(self, node: ScalarNode, kind: str, location: Location) -> int | float | None:
+        number = (
+            self._constructor.construct_yaml_int(node)
+            if kind == "int"
+            else self._constructor.construct_yaml_float(node)
+        )
+        if isinstance(number, float) and not math.isfinite(number):
+            self._fault(node, location, f"found {node.value}", "a finite number")
+            return None
+        if isinstance(number, int) and not -(2**63) <= number < 2**63:
+            self._fault(node, location, f"found {shown(node.value)}", "a whole number of at most 64 bits")
+            return None
+        if OCTAL_OR_BASE_60.fullmatch(node.value):
+            what = f"found {node.value}, which YAML 1.1 reads as {number}"
+            place, where = _place(node), path_text(location)
+            self.notes.append(Note("warning", self._file, *place, where, what, f"write {number}, or quotes for a text"))
+        return number
+
+    def _fault(self, node: Node, location: Location, what: str, right: str) -> None:
+        self.faults.append(Fault(self._file, *_place(node), path_text(location), what, right))
+
+
+def _tag(node: Node) -> str:
+    return str(node.tag).replace(TAG, "!!")

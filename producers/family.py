@@ -1,0 +1,229 @@
+"""One scenario family of a campaign file, read and checked."""
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from vastflow.producers.configuration import Fragment
+from vastflow.producers.dataflow import DataFlow, Link
+from vastflow.producers.document import Document
+from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, did_you_mean, shown
+from vastflow.producers.ground import MAP_KEY
+from vastflow.producers.model_faults import faults_of
+from vastflow.producers.one_of import OneOfVariation
+from vastflow.producers.producer import Producer, UnknownProducer, draws_of, find_producer
+from vastflow.producers.scenario_values import combined_complaint, complaint_of, dimension_of, unread_keys
+from vastflow.producers.spec import TOLERATED_IN_FAMILY, FamilySpec
+from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.maps import map_content
+from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
+
+MAX_CHECKED_VALUES: Final = 10_000
+"""Values of one producer that are looked at in advance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A scenario family F, ready to be instantiated.
+
+    Attributes:
+        values: K: the fixed parameters, maps as `FileContent`.
+        dimensions: Dimension of each fixed parameter that differs from the usual one of its key.
+        producers: Π, in order.
+    """
+
+    name: str
+    values: Mapping[str, Value]
+    dimensions: Mapping[str, Dimension]
+    producers: tuple[Producer[Any], ...]
+
+
+class FamilyReader:
+    """Reads the families of one file and gathers what there is to say about them.
+
+    Attributes:
+        faults: Everything wrong.
+        unexecutable: Why a family that is right can't be executed by this version.
+    """
+
+    def __init__(self, document: Document, base: Path, mission: str | None) -> None:
+        """Read families of `document`, whose file names are relative to `base`.
+
+        Args:
+            mission: `builtin:…`, empty where it follows from the goal, None where it is not known which keys
+                it needs.
+        """
+        self.faults: list[Fault] = []
+        self.notes: list[Note] = []
+        self.unexecutable: list[Fault] = []
+        self._document = document
+        self._base = base
+        self._mission = mission
+        self._maps: dict[str, FileContent] = {}
+
+    def read(self, location: Location, name: str, dimensions: Mapping[str, Dimension]) -> Family:
+        """The family at `location`, with all that is right of it; what is not is among the faults."""
+        known_faults = len(self.faults)
+        places, values = self._fixed((*location, "parameters"))
+        tags = {key: dimension_of(key, value, dimensions.get(key)) for key, value in values.items()}
+        for key in set(dimensions) - set(places):
+            where = (*location, "dimensions", key)
+            self._fault(where, f"{key!r} is no fixed parameter of this family", did_you_mean(key, places), at="key")
+        links, whole = self._chain((*location, "variations"))
+        flow = DataFlow(self._document, location, places, links)
+        self._check_fixed(flow, values, tags)
+        slips = self._document.value(location).keys() - FamilySpec.model_fields.keys() - TOLERATED_IN_FAMILY
+        if whole and not slips:  # what could not be read may write anything
+            self.faults += flow.faults()
+            self._check_mission(flow, location)
+        if len(self.faults) == known_faults:
+            self._note_unread(places, tags, links)
+        given = {key: tag for key, tag in tags.items() if tag != DIMENSION_OF_KEY.get(key, "system")}
+        return Family(name, values, given, tuple(link.producer for link in links))
+
+    def _fault(self, location: Location, what: str, right: str, *, at: Any = "value") -> None:
+        self.faults.append(self._document.fault(location, what, right, at))
+
+    def _listed(self, location: Location) -> list[Any]:
+        """The list at `location`, or an empty one; the model has said so where something else stands there."""
+        found = self._document.value(location) if self._document.known(location) == location else None
+        return found if isinstance(found, list) else []
+
+    def _entries(self, location: Location) -> Iterator[tuple[Location, str, Any]]:
+        for k, entry in enumerate(self._listed(location)):
+            for key, value in entry.items() if isinstance(entry, dict) else ():
+                yield (*location, k, key), key, value
+
+    def _fixed(self, location: Location) -> tuple[dict[str, Location], dict[str, Value]]:
+        places: dict[str, Location] = {}
+        values: dict[str, Value] = {}
+        for where, key, value in self._entries(location):
+            if key in places:
+                line, _ = self._document.place(places[key], "key")
+                self._fault(where, f"a second {key!r}", f"one; the first is in line {line}", at="key")
+                continue
+            if key.startswith("_"):
+                self._fault(where, f"found {key!r}", "a name without a leading underscore", at="key")
+            places[key] = where
+            if key != MAP_KEY:
+                values[key] = value
+            elif content := self._map(where, value):
+                values[key] = content
+        return places, values
+
+    def _map(self, location: Location, value: Any) -> FileContent | None:
+        if not isinstance(value, str):
+            self._fault(location, f"found {shown(value)}", "the path of a map_server YAML file")
+            return None
+        if value not in self._maps:
+            try:
+                self._maps[value] = map_content(self._base / value)
+            except ValueError as error:  # MapError; ValueError for a NUL in the path
+                what, _, right = str(error).partition("; ")
+                self._fault(location, what, right or "a map_server YAML file and its picture")
+        return self._maps.get(value)
+
+    def _check_fixed(self, flow: DataFlow, values: Mapping[str, Value], tags: Mapping[str, Dimension]) -> None:
+        complaints = {key: complaint_of(key, value, tags[key]) for key, value in values.items()}
+        for key, complaint in complaints.items():
+            if complaint:
+                what, right = complaint
+                value = values[key]
+                if isinstance(value, str) and value.startswith("@"):
+                    known = value[1:] in flow.written
+                    what += ", a reference" if known else ", a reference to a parameter that nothing writes"
+                    right += "; references are for producers"
+                self._fault(flow.fixed[key], what, right)
+        good = {key: value for key, value in values.items() if tags[key] == "system" and not complaints[key]}
+        if complaint := combined_complaint(good):
+            self._fault((*flow.location, "parameters"), *complaint, at="key")
+
+    def _chain(self, location: Location) -> tuple[list[Link], bool]:
+        """The producers that could be made, and whether these are all."""
+        links: list[Link] = []
+        raw = self._listed(location)
+        for k, entry in enumerate(raw):
+            if isinstance(entry, dict) and len(entry) == 1:
+                ((name, given),) = entry.items()
+                where = (*location, k, name)
+                if producer := self._producer(where, name, given):
+                    links.append(Link(where, producer))
+        return links, len(links) == len(raw)
+
+    def _producer(self, location: Location, name: str, given: Any) -> Producer[Any] | None:
+        try:
+            kind = find_producer(name, self._base)
+        except UnknownProducer as error:
+            right = did_you_mean(name, error.known) if error.known else "file.py:Class, a subclass of Producer"
+            self._fault(location, str(error), right, at="key")
+            return None
+        except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
+            what = f"{name!r} can't be imported: {type(error).__name__}: {error}"
+            self._fault(location, what, "a producer that can be imported", at="key")
+            return None
+        if given is not None and not isinstance(given, dict):
+            self._fault(location, f"found {shown(given)}", f"the parameters of {name} as a mapping")
+            return None
+        try:
+            producer = kind(kind.Parameters.model_validate(given or {}, context={"base": self._base}))
+            self._check_produced(location, producer)
+        except ValidationError as error:
+            self.faults += faults_of(self._document, location, kind.Parameters, error)
+            return None
+        except Exception as error:  # noqa: BLE001 - a user's class
+            what = f"{name!r} raised {type(error).__name__}: {error}"
+            self._fault(location, what, "a producer that follows vastflow.producers.producer.Producer", at="key")
+            return None
+        self._check_executed(location, producer)
+        return producer
+
+    def _check_produced(self, location: Location, producer: Producer[Any]) -> None:
+        """Look at the values of a producer that depends on nothing, such as a list of them."""
+        tags = {key: tag or DIMENSION_OF_KEY.get(key, "system") for key, tag in producer.writes.items()}
+        if producer.reads or "environment" in tags.values():
+            return
+        fragments = itertools.islice(producer.produce({}, draws_of(producer, {})), MAX_CHECKED_VALUES)
+        reported: set[tuple[Location, str]] = set()
+        for k, fragment in enumerate(fragments):
+            for key, value in fragment.values.items() if isinstance(fragment, Fragment) else ():
+                complaint = complaint_of(key, value, tags.get(key, "system"))
+                where = self._document.known((*location, "values", k))
+                if complaint and (where, complaint[1]) not in reported:
+                    reported.add((where, complaint[1]))
+                    self._fault(where, *complaint)
+
+    def _check_executed(self, location: Location, producer: Producer[Any]) -> None:
+        if isinstance(producer, OneOfVariation):
+            for k, child in enumerate(producer.children):
+                (name,) = self._document.value((*location, "variations", k))
+                self._check_executed((*location, "variations", k, name), child)
+        elif not producer.executed:
+            name = str(location[-1])
+            self.notes.append(self._document.note("not executed", location, NOT_EXECUTED))
+            right = f"a campaign without {name}; what it writes can be given as fixed parameters"
+            self.unexecutable.append(self._document.fault(location, f"{name} is {NOT_EXECUTED}", right, "key"))
+
+    def _check_mission(self, flow: DataFlow, location: Location) -> None:
+        if self._mission is not None:
+            self.faults += flow.mission_faults(self._mission)
+        else:
+            self.unexecutable += flow.mission_faults("")
+
+    def _note_unread(self, places: Mapping[str, Location], tags: Mapping[str, Dimension], links: list[Link]) -> None:
+        read = {key for link in links for key in link.producer.reads}
+        system = {key: places[key] for key, tag in tags.items() if tag == "system"}
+        for link in links:
+            for key, tag in link.producer.writes.items():
+                if (tag or DIMENSION_OF_KEY.get(key, "system")) == "system":
+                    system.setdefault(key, link.location)
+        for key in unread_keys(system):
+            if key not in read:
+                what = f"nothing in this version's simulator reads {key!r}"
+                self.notes.append(self._document.note("warning", system[key], what))
+        if "mesh_file" in places:
+            where, consequence = places["mesh_file"], "the map alone is the world"
+            self.notes.append(self._document.note("not executed", where, NOT_EXECUTED, consequence))

@@ -1,0 +1,96 @@
+"""What is wrong with a campaign file, and what is worth knowing of it, each with its place."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Literal, TypeAlias
+
+Location: TypeAlias = tuple[str | int, ...]
+"""Path of a value from the top of the file: keys of mappings and indices of lists."""
+
+NOT_EXECUTED = "not executed by this version"
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A user's mistake in a file.
+
+    Attributes:
+        line, column: From 1, as editors count.
+        where: Path of the value, such as `configuration[0].name`.
+        what: What was found.
+        right: What would be right.
+    """
+
+    file: str
+    line: int
+    column: int
+    where: str
+    what: str
+    right: str
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}: {self.where}: {self.what}; {self.right}"
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """Something a user should know about a file that is valid.
+
+    Attributes:
+        kind: `not executed` where the format knows the key and this version does nothing with it.
+        what: What was found.
+        right: What follows from it or would be right; may be empty.
+    """
+
+    kind: Literal["warning", "not executed"]
+    file: str
+    line: int
+    column: int
+    where: str
+    what: str
+    right: str = ""
+
+    def __str__(self) -> str:
+        place = f"{self.file}:{self.line}:{self.column}: {'warning: ' if self.kind == 'warning' else ''}{self.where}"
+        return f"{place}: {self.what}; {self.right}" if self.right else f"{place}: {self.what}"
+
+
+class CampaignError(Exception):
+    """A campaign file that can't be used; holds every fault that was found, in the order of the file."""
+
+    def __init__(self, faults: Iterable[Fault]) -> None:
+        self.faults = tuple(sorted(dict.fromkeys(faults), key=lambda fault: (fault.line, fault.column)))
+        super().__init__(self.faults)  # as argument, so that it can be pickled
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.faults))
+
+
+def path_text(location: Location) -> str:
+    """`configuration[0].name` for `("configuration", 0, "name")`; `file` for the top."""
+    text = ""
+    for part in location:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text or "file"
+
+
+def did_you_mean(found: str, known: Iterable[str]) -> str:
+    """What to write in place of an unknown name: the nearest known one, or all of them."""
+    names = sorted(known)
+    if near := get_close_matches(found, names, n=1):
+        return f"did you mean {near[0]!r}?"
+    # Upper and lower case are far apart to difflib, and a frequent slip.
+    if same := [name for name in names if name.casefold() == found.casefold()]:
+        return f"did you mean {same[0]!r}?"
+    return f"known: {', '.join(names)}" if names else "nothing can stand here"
+
+
+def shown(value: object, limit: int = 60) -> str:
+    """`value` as a YAML author would recognise it, in at most `limit` characters."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    text = repr(value)
+    return text if len(text) <= limit else f"{text[: limit - 1]}…"

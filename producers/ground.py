@@ -1,0 +1,127 @@
+"""Where a robot of given size can stand on a configuration's map."""
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic_core import PydanticCustomError
+from scipy import ndimage
+
+from vastflow.producers.configuration import Rejection
+from vastflow.sim import octile
+from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.maps import MapError, OccupancyMap, load_map, map_content
+
+MAP_KEY: Final = "map_file"
+EIGHT_NEIGHBOURS: Final = np.ones((3, 3), dtype=np.int8)
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The cells of a map on which a robot's centre may be.
+
+    Attributes:
+        passable: (H, W), True where the robot fits.
+        cells: (N, 2) row and column of each passable cell, in reading order.
+        component: (N,) number of the connected component of each of `cells`, from 1.
+        component_cells: (N,) how many cells that component has.
+    """
+
+    occupancy: OccupancyMap
+    robot_diameter_m: float
+    passable: NDArray[np.bool_]
+    cells: NDArray[np.int64]
+    component: NDArray[np.int64]
+    component_cells: NDArray[np.int64]
+
+    def stands(self, x_m: float, y_m: float) -> bool:
+        """Whether the robot can stand at a map position."""
+        row, column = self.occupancy.cell_of(x_m, y_m)
+        return self.occupancy.contains(row, column) and bool(self.passable[row, column])
+
+
+@functools.lru_cache(maxsize=4)
+def ground_of(map_file: FileContent, robot_diameter_m: float) -> Ground:
+    """The ground of a robot on a map; kept for the next evaluation, a large map costs half a second.
+
+    Raises:
+        MapError: the file can't be read any more, or holds another map than when the campaign was read.
+    """
+    occupancy = _occupancy_of(map_file)
+    passable = octile.passable(occupancy, robot_diameter_m / 2)
+    labels, _ = ndimage.label(passable, EIGHT_NEIGHBOURS)
+    component = labels[passable].astype(np.int64)
+    return Ground(
+        occupancy, robot_diameter_m, passable, np.argwhere(passable), component, np.bincount(component)[component]
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def _occupancy_of(map_file: FileContent) -> OccupancyMap:
+    occupancy = load_map(map_file.path)
+    if occupancy.digest != map_file.digest:
+        raise MapError(f"{map_file.path}: was changed while the campaign ran; start it again")
+    return occupancy
+
+
+def map_of(inputs: Mapping[str, Value], parameter: FileContent | str | None) -> FileContent | Rejection:
+    """The map a producer works on: its own parameter, the key that names, or the configuration's `map_file`."""
+    if isinstance(parameter, FileContent):
+        return parameter
+    key = map_key(parameter)
+    found = inputs.get(key)
+    if isinstance(found, FileContent):
+        return found
+    return Rejection(f"the configuration's {key} is {found!r}, not a map file", {})
+
+
+def map_key(parameter: FileContent | str | None) -> str:
+    """The configuration's key that holds the map."""
+    return parameter.removeprefix("@") if isinstance(parameter, str) else MAP_KEY
+
+
+def map_value(value: Any, info: ValidationInfo) -> FileContent:
+    """Read a path, relative to the validation context's `base` (the campaign file's folder), as a map.
+
+    Raises:
+        PydanticCustomError: no text, or no map there.
+    """
+    if isinstance(value, FileContent):
+        return value
+    if not isinstance(value, str):
+        raise PydanticCustomError(
+            "map_file", "found {found}; the path of a map_server YAML file", {"found": repr(value)}
+        )
+    try:
+        return map_content(Path((info.context or {}).get("base", "."), value))
+    except MapError as error:
+        raise PydanticCustomError("map_file", "{error}", {"error": str(error)}) from None
+
+
+def _map_parameter(value: Any, info: ValidationInfo) -> FileContent | str | None:
+    if value is None or (isinstance(value, str) and value.startswith("@")):
+        return value
+    return map_value(value, info)
+
+
+def plain(value: Value) -> Value:
+    """`value` for JSON, files as `{"file": digest}`."""
+    if isinstance(value, FileContent):
+        return {"file": value.digest}
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+MapParameter: TypeAlias = Annotated[
+    FileContent | str | None,
+    PlainValidator(_map_parameter),
+    PlainSerializer(plain, return_type=Any),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "null"}]}),
+]
+"""A map file, or `@key` of the configuration's key that holds one, or nothing: the configuration's `map_file`."""

@@ -1,0 +1,222 @@
+"""Producers of plain values: listed, or drawn from a distribution.
+
+They read nothing, so that their values are drawn once and shared by every parent configuration.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, Self, TypeAlias
+
+import numpy as np
+from pydantic import BeforeValidator, Field, JsonValue, PlainSerializer, TypeAdapter, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
+
+from vastflow.producers import producer
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.ground import MAP_KEY, map_value, plain
+from vastflow.producers.producer import Draws, Producer
+from vastflow.producers.quantities import Count, NotNegative, Number, Seed
+from vastflow.sim.digest import Value, digest
+from vastflow.sim.scenario import Dimension
+
+Name: TypeAlias = Annotated[str, Field(min_length=1)]
+Kind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]
+WHOLE = ("int", "integer")
+FLAG = ("bool", "boolean")
+
+_json_value: TypeAdapter[JsonValue] = TypeAdapter(JsonValue)
+
+
+def _listed_value(value: Any, info: ValidationInfo) -> Any:
+    name = info.data.get("name")
+    if not isinstance(name, list):
+        return _value(name, value, info)
+    if not isinstance(value, list) or len(value) != len(name):
+        raise PydanticCustomError(
+            "lockstep",
+            "found {found}; a list of {length}, one for each of {names}",
+            {"found": repr(value), "length": len(name), "names": ", ".join(name)},
+        )
+    return [_value(key, item, info) for key, item in zip(name, value, strict=True)]
+
+
+def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
+    if name == MAP_KEY:
+        return map_value(value, info)
+    if value is None:
+        raise PydanticCustomError("value", "found nothing; text, a number, true or false, a list or a map")
+    _json_value.validate_python(value)
+    try:
+        digest(value)
+    except ValueError as error:
+        raise PydanticCustomError("value", "{error}", {"error": str(error)}) from None
+    return value
+
+
+class ListParameters(producer.Parameters):
+    """Of `ParameterVariationList`.
+
+    Attributes:
+        name: Key to vary, or several that vary in lockstep.
+        values: The values in turn; with several names each value is a list, one item for each name.
+            Values of `map_file` are paths of maps.
+    """
+
+    name: Name | Annotated[list[Name], Field(min_length=1)]
+    values: Annotated[
+        list[Annotated[Any, BeforeValidator(_listed_value), PlainSerializer(plain, return_type=Any)]],
+        Field(min_length=1),
+    ]
+
+
+class ParameterVariationList(Producer[ListParameters]):
+    """One configuration for each listed value."""
+
+    Parameters = ListParameters
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Nothing."""
+        return ()
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """The named keys."""
+        name = self.parameters.name
+        return dict.fromkeys([name] if isinstance(name, str) else name, self.parameters.dimension)
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield the values in the order of the file; draws nothing."""
+        name = self.parameters.name
+        for value in self.parameters.values:
+            yield Fragment({name: value} if isinstance(name, str) else dict(zip(name, value, strict=True)))
+
+
+class UniformParameters(producer.Parameters):
+    """Of `ParameterVariationDistributionUniform`.
+
+    Attributes:
+        num_variations: How many values are drawn.
+        min, max: Bounds, both included for whole numbers. For `bool`, `max` is the probability of true.
+        type: What the values are; `str` writes the drawn number as text.
+    """
+
+    name: Name
+    num_variations: Count
+    min: Number
+    max: Number
+    type: Kind = "float"
+    seed: Seed | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _check_order(self.min, self.max)
+        _check_whole(self.type, min=self.min, max=self.max)
+        if self.type in FLAG and not 0 <= self.min <= self.max <= 1:
+            raise PydanticCustomError(
+                "probability", "max {max} is the probability of true for a bool; 0 to 1, as is min", {"max": self.max}
+            )
+        return self
+
+
+class ParameterVariationDistributionUniform(Producer[UniformParameters]):
+    """One configuration for each value drawn uniformly between bounds."""
+
+    Parameters = UniformParameters
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Nothing."""
+        return ()
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """The named key."""
+        return {self.parameters.name: self.parameters.dimension}
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield `num_variations` values; the k-th is the same however many there are."""
+        for k in range(self.parameters.num_variations):
+            yield Fragment({self.parameters.name: self._draw(draws(k))})
+
+    def _draw(self, rng: np.random.Generator) -> Value:
+        asked = self.parameters
+        if asked.type in WHOLE:
+            return int(rng.integers(int(asked.min), int(asked.max), endpoint=True))
+        if asked.type in FLAG:
+            return bool(rng.random() < asked.max)
+        value = float(rng.uniform(asked.min, asked.max))
+        return str(value) if asked.type in ("str", "string") else value
+
+
+class GaussianParameters(producer.Parameters):
+    """Of `ParameterVariationDistributionGaussian`.
+
+    Attributes:
+        mean, std: Of the normal distribution, in the unit of the value.
+        min, max: Values beyond are set to the bound, not drawn again.
+        type: What the values are. Whole numbers are rounded; a `bool` is true from the mean upwards.
+    """
+
+    name: Name
+    num_variations: Count
+    mean: Number
+    std: NotNegative
+    min: Number | None = None
+    max: Number | None = None
+    type: Kind = "float"
+    seed: Seed
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.min is not None and self.max is not None:
+            _check_order(self.min, self.max)
+        _check_whole(self.type, min=self.min, max=self.max)
+        return self
+
+
+class ParameterVariationDistributionGaussian(Producer[GaussianParameters]):
+    """One configuration for each value drawn from a normal distribution."""
+
+    Parameters = GaussianParameters
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Nothing."""
+        return ()
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """The named key."""
+        return {self.parameters.name: self.parameters.dimension}
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield `num_variations` values; the k-th is the same however many there are."""
+        for k in range(self.parameters.num_variations):
+            yield Fragment({self.parameters.name: self._draw(draws(k))})
+
+    def _draw(self, rng: np.random.Generator) -> Value:
+        asked = self.parameters
+        value = float(rng.normal(asked.mean, asked.std))
+        value = max(value, -math.inf if asked.min is None else asked.min)
+        value = min(value, math.inf if asked.max is None else asked.max)
+        if asked.type in WHOLE:
+            return round(value)
+        if asked.type in FLAG:
+            return value >= asked.mean
+        return str(value) if asked.type in ("str", "string") else value
+
+
+def _check_order(low: float, high: float) -> None:
+    if low > high:
+        raise PydanticCustomError("order", "min {min} is greater than max {max}; min <= max", {"min": low, "max": high})
+
+
+def _check_whole(kind: Kind, **bounds: float | None) -> None:
+    if kind not in WHOLE:
+        return
+    for name, bound in bounds.items():
+        if bound is not None and not bound.is_integer():
+            raise PydanticCustomError(
+                "whole", "{name} is {found} for type int; a whole number", {"name": name, "found": bound}
+            )

@@ -1,0 +1,185 @@
+"""Placing obstacles along a path so that none overlaps anything and a way remains."""
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from shapely.geometry import Point, Polygon
+from shapely.geometry.polygon import orient
+
+from vastflow.producers.ground import EIGHT_NEIGHBOURS, Ground
+from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.pose import Pose
+
+MARGIN_M: Final = 0.05
+"""Least gap between two obstacles, and between an obstacle and the robot at its stops."""
+MAX_TRIES: Final = 100
+"""Places tried for an obstacle before the whole set is drawn again."""
+MAX_ATTEMPTS: Final = 10
+"""Sets drawn before a placement is given up."""
+NEIGHBOURHOOD_M: Final = 5.0
+"""How far round the path a way is looked for before the whole map is."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where obstacles are placed.
+
+    Attributes:
+        path_xy_m: (N, 2) the polyline they are placed along.
+        stops_xy_m: Start and goals, which stay clear and connected.
+    """
+
+    ground: Ground
+    path_xy_m: NDArray[np.float64]
+    stops_xy_m: Sequence[tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A number of like obstacles.
+
+    Attributes:
+        pattern: One of them, wherever it stands.
+        max_distance_m: Greatest distance of a centre from the path.
+    """
+
+    amount: int
+    pattern: Obstacle
+    max_distance_m: float
+
+
+def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> list[Obstacle] | str:
+    """Draw a place for every obstacle in turn; or say why there is no room.
+
+    A centre lies uniformly along the path and uniformly to its left or right, its yaw is uniform. Places that
+    won't do are drawn again, `MAX_TRIES` times for each obstacle and `MAX_ATTEMPTS` times for the whole set.
+    """
+    refusals: Counter[str] = Counter()
+    most = 0
+    for _ in range(MAX_ATTEMPTS):
+        layout = _Layout(site, refusals)
+        if all(layout.add(pattern, rng) for pattern in _each(wanted)):
+            return layout.obstacles
+        most = max(most, len(layout.obstacles))
+    total = refusals.total()
+    causes = ", ".join(f"{round(100 * n / total)} % {cause}" for cause, n in refusals.most_common())
+    return (
+        f"at most {most} of {sum(w.amount for w in wanted)} obstacles found room in {MAX_ATTEMPTS} attempts of "
+        f"{MAX_TRIES} tries each; of the places tried {causes}"
+    )
+
+
+def _each(wanted: Sequence[Wanted]) -> Iterable[Wanted]:
+    return itertools.chain.from_iterable(itertools.repeat(w, w.amount) for w in wanted)
+
+
+class _Layout:
+    """The obstacles placed so far, and where the robot can still be."""
+
+    def __init__(self, site: Site, refusals: Counter[str]) -> None:
+        self.obstacles: list[Obstacle] = []
+        self._site = site
+        self._refusals = refusals
+        self._footprints: list[Polygon] = []
+        self._passable = site.ground.passable
+
+    def add(self, wanted: Wanted, rng: np.random.Generator) -> bool:
+        """Place one more; False where no place was found."""
+        for _ in range(MAX_TRIES):
+            obstacle = replace(wanted.pattern, pose=draw_pose(self._site.path_xy_m, wanted.max_distance_m, rng))
+            refusal = self._refusal(obstacle.footprint())
+            if refusal is None:
+                self.obstacles.append(obstacle)
+                return True
+            self._refusals[refusal] += 1
+        return False
+
+    def _refusal(self, footprint: Polygon) -> str | None:
+        ground = self._site.ground
+        if any(
+            footprint.distance(Point(stop)) < ground.robot_diameter_m / 2 + MARGIN_M for stop in self._site.stops_xy_m
+        ):
+            return "left no room for the robot at its start or goals"
+        if any(footprint.distance(other) < MARGIN_M for other in self._footprints):
+            return "came too close to another obstacle"
+        covered = covered_cells(ground, footprint)
+        if covered is None:
+            return "lay on walls or unknown space"
+        passable = without(self._passable, covered, ground.robot_diameter_m / 2 / ground.occupancy.resolution_m)
+        if not self._connected(passable):
+            return "left no way to the goals"
+        self._footprints.append(footprint)
+        self._passable = passable
+        return None
+
+    def _connected(self, passable: NDArray[np.bool_]) -> bool:
+        occupancy = self._site.ground.occupancy
+        stops = np.array([occupancy.cell_of(*stop) for stop in self._site.stops_xy_m])
+        margin = math.ceil(NEIGHBOURHOOD_M / occupancy.resolution_m)
+        near = np.array([occupancy.cell_of(*point) for point in self._site.path_xy_m.tolist()])
+        corner = np.maximum(np.minimum(near.min(axis=0), stops.min(axis=0)) - margin, 0)
+        far_corner = np.maximum(near.max(axis=0), stops.max(axis=0)) + margin
+        window = passable[corner[0] : far_corner[0], corner[1] : far_corner[1]]
+        return _joined(window, stops - corner) or _joined(passable, stops)
+
+
+def _joined(passable: NDArray[np.bool_], cells: NDArray[np.int64]) -> bool:
+    labels, _ = ndimage.label(passable, EIGHT_NEIGHBOURS)
+    numbers = labels[cells[:, 0], cells[:, 1]]
+    return bool(numbers[0] > 0 and np.all(numbers == numbers[0]))
+
+
+def draw_pose(path_xy_m: NDArray[np.float64], max_distance_m: float, rng: np.random.Generator) -> Pose:
+    """A pose within `max_distance_m` of a polyline (N, 2), uniform along it, across it and in yaw."""
+    steps = np.diff(path_xy_m, axis=0)
+    along_m = np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
+    at_m = rng.uniform(0.0, along_m[-1])
+    across_m = rng.uniform(-max_distance_m, max_distance_m)
+    yaw_rad = rng.uniform(-math.pi, math.pi)
+    x_m, y_m = path_xy_m[0]
+    heading_rad = yaw_rad  # where the path is a single point
+    if along_m[-1] > 0.0:
+        i = min(int(np.searchsorted(along_m, at_m, side="right")) - 1, len(steps) - 1)
+        x_m, y_m = path_xy_m[i] + steps[i] * ((at_m - along_m[i]) / (along_m[i + 1] - along_m[i]))
+        heading_rad = math.atan2(steps[i, 1], steps[i, 0])
+    x_m, y_m = x_m - across_m * math.sin(heading_rad), y_m + across_m * math.cos(heading_rad)
+    return Pose(round(float(x_m), 6), round(float(y_m), 6), round(float(yaw_rad), 6))
+
+
+def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | None:
+    """(K, 2) row and column of the cells that a convex `footprint` touches; None where one is not known to be free."""
+    occupancy = ground.occupancy
+    left, bottom, right, top = footprint.bounds
+    first, last = occupancy.cell_of(left, bottom), occupancy.cell_of(right, top)
+    if not (occupancy.contains(*first) and occupancy.contains(*last)):
+        return None
+    rows, columns = np.mgrid[first[0] : last[0] + 1, first[1] : last[1] + 1]
+    cells = np.column_stack((rows.ravel(), columns.ravel()))
+    centres = (cells[:, ::-1] + 0.5) * occupancy.resolution_m + occupancy.origin_xy_m
+    outline = np.array(orient(footprint).exterior.coords)
+    sides = np.diff(outline, axis=0)
+    normals = np.column_stack((sides[:, 1], -sides[:, 0]))
+    # Separating axes: the grid's own are the bounds above. A tenth of the time of one shapely box a cell.
+    beyond = centres @ normals.T - np.sum(outline[:-1] * normals, axis=1)
+    cells = cells[~np.any(beyond > np.abs(normals).sum(axis=1) * occupancy.resolution_m / 2, axis=1)]
+    return cells if occupancy.free[cells[:, 0], cells[:, 1]].all() else None
+
+
+def without(passable: NDArray[np.bool_], covered: NDArray[np.int64], radius_cells: float) -> NDArray[np.bool_]:
+    """`passable` (H, W) less the cells within `radius_cells` of `covered` (K, 2): as `octile.inflated_free` has it."""
+    margin = math.ceil(radius_cells) + 1
+    corner = np.maximum(covered.min(axis=0) - margin, 0)
+    far_corner = np.minimum(covered.max(axis=0) + margin + 1, passable.shape)
+    window = (slice(corner[0], far_corner[0]), slice(corner[1], far_corner[1]))
+    uncovered = np.ones(tuple(far_corner - corner), dtype=np.bool_)
+    uncovered[covered[:, 0] - corner[0], covered[:, 1] - corner[1]] = False
+    less = passable.copy()
+    less[window] &= ndimage.distance_transform_edt(uncovered) > radius_cells
+    return less

@@ -1,0 +1,42 @@
+"""The kinds of number a producer's parameters are made of, with their ranges."""
+
+from typing import Annotated, Any, Final, TypeAlias
+
+from pydantic import BeforeValidator, Field, Strict
+from pydantic_core import PydanticCustomError
+
+DEFAULT_ROBOT_DIAMETER_M: Final = 0.35
+"""Outer diameter of the TurtleBot 4 to the nearest 0.05 m; the paper's paths were drawn with it."""
+
+
+def _no_flag(value: Any) -> Any:
+    """Refuse true and false, which pydantic would read as 1.0 and 0.0."""
+    if isinstance(value, bool):
+        raise PydanticCustomError("number", "found {found}; a number", {"found": str(value).lower()})
+    return value
+
+
+def _listed(value: Any) -> Any:
+    values = value if isinstance(value, list | tuple) else [value]
+    if not values:
+        raise PydanticCustomError("empty", "found an empty list; at least one value")
+    return values
+
+
+Number: TypeAlias = Annotated[float, BeforeValidator(_no_flag), Field(allow_inf_nan=False)]
+"""A finite number; text such as `5e-2`, which YAML 1.1 does not take for a number, is read as one."""
+Positive: TypeAlias = Annotated[Number, Field(gt=0)]
+NotNegative: TypeAlias = Annotated[Number, Field(ge=0)]
+Count: TypeAlias = Annotated[int, Strict(), Field(ge=1)]
+Amount: TypeAlias = Annotated[int, Strict(), Field(ge=0)]
+Seed: TypeAlias = Annotated[int, Strict(), Field(ge=0)]
+"""η: any whole number from 0."""
+
+Positives: TypeAlias = Annotated[
+    tuple[Positive, ...], BeforeValidator(_listed, json_schema_input_type=Positive | list[Positive])
+]
+"""A number > 0 or a list of at least one; a tuple once read."""
+NotNegatives: TypeAlias = Annotated[
+    tuple[NotNegative, ...], BeforeValidator(_listed, json_schema_input_type=NotNegative | list[NotNegative])
+]
+"""A number >= 0 or a list of at least one; a tuple once read."""

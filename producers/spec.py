@@ -1,0 +1,243 @@
+"""The campaign file, version 1 of the format, as pydantic models: its sections, their keys and their rules."""
+
+from collections.abc import Iterator
+from pathlib import PurePosixPath
+from typing import Annotated, Any, Final, Literal, TypeAlias
+
+from pydantic import AfterValidator, BaseModel, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from vastflow.producers.faults import Location
+from vastflow.producers.quantities import Amount, Count, Positive, Seed
+from vastflow.producers.search import SearchSpec
+from vastflow.producers.section import EmptyIsList, EmptyIsMap, FreeForm, NamedSteps, Section, SingleKeys, Unexecuted
+from vastflow.sim.scenario import Dimension
+
+DEFAULT_TIMEOUT_S: Final = 360.0
+"""Simulated time after which a run ends where the file says nothing: the timeout of the paper's scenario file."""
+BUILTIN: Final = "builtin:"
+RESERVED_ENV: Final = ("CAMPAIGN_ID", "ROS_LOG_DIR", "PRE_COMMAND", "POST_COMMAND")
+MAX_NAME: Final = 100
+
+
+def _family_name(name: str) -> str:
+    """Names become names of files, so besides the format's rules none may hold a separator."""
+    wrong = sorted({c for c in name if c in '_./\\:*?"<>|' or c.isspace() or not c.isprintable() or c != c.lower()})
+    if wrong or not name or name.startswith("-") or len(name) > MAX_NAME:
+        raise PydanticCustomError(
+            "family_name",
+            "found {found}; lowercase letters, digits and hyphens, such as 'rooms-noise', at most 100",
+            {"found": repr(name[:MAX_NAME])},
+        )
+    return name
+
+
+def _inside(path: str) -> str:
+    depth = 0
+    for part in PurePosixPath(path).parts:
+        depth += -1 if part == ".." else 1
+        if part == "/" or depth < 0:
+            raise PydanticCustomError(
+                "outside", "found {found}; a path below the campaign file's folder", {"found": repr(path)}
+            )
+    return path
+
+
+def _one_env(entry: dict[str, Any]) -> dict[str, Any]:
+    for name in entry:
+        if name in RESERVED_ENV:
+            raise PydanticCustomError(
+                "reserved", "{name} is set for every run; another name", {"name": name, "at": name}
+            )
+    return entry
+
+
+PerCluster: TypeAlias = list[dict[str, Count]]
+
+
+class Resources(Section):
+    """What a container asks of its node; a list gives each cluster (kubeconfig context) its own."""
+
+    cpu: Count | PerCluster | None = None
+    memory: str | list[dict[str, str]] | None = None
+    gpu: Amount | None = None
+
+
+class SecondaryContainer(Section):
+    """A container beside the main one: `name`, or `{name: , resources: {...}}`."""
+
+    name: str
+    resources: Resources | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            return {"name": value}
+        if isinstance(value, dict):
+            names = [key for key in value if key != "resources"]
+            if len(names) == 1 and names[0] != "name" and value[names[0]] is None:
+                return {"name": names[0], **{key: value[key] for key in ("resources",) if key in value}}
+        return value
+
+
+class Local(Section):
+    """Settings of runs on the user's own machine."""
+
+    parameter_overrides: SingleKeys = Field(default_factory=list)
+
+
+class Nodes(Section):
+    """Which nodes of a cluster are chosen."""
+
+    node_labels: FreeForm = Field(default_factory=dict)
+
+
+class Kubernetes(Section):
+    """Settings of runs in a cluster."""
+
+    jobs: Nodes | None = None
+    control: Nodes | None = None
+
+
+class ExecutionSpec(Section):
+    """How often and in what each configuration is executed."""
+
+    image: Annotated[str | None, Unexecuted("the simulator in this package runs every configuration")] = None
+    """Container image of the system under test."""
+    runs: Count = 1
+    """Repetitions of each configuration."""
+    seed: Seed = 0
+    """Seed of the runs' noise. Not part of version 1 elsewhere."""
+    scenario_file: Annotated[str, AfterValidator(_inside)] | None = None
+    """The abstract scenario: `builtin:navigate_to_pose`, `builtin:navigate_through_poses`,
+    `builtin:follow_waypoints`, or an OpenSCENARIO DSL file below the campaign file's folder. Without it the
+    mission follows from the goal: goal_pose or goal_poses."""
+    timeout: Positive | None = None
+    """Simulated seconds after which a run ends as timed out; 360 where nothing is given."""
+    nav2_params: Annotated[str | None, Unexecuted("the navigation stack keeps Nav2's default parameters")] = None
+    """Nav2 parameter file. Not part of version 1 elsewhere."""
+    simulation: Annotated[
+        Annotated[str, Field(pattern=r"^[\w.]+:\w+$")] | None, Unexecuted("the simulator in this package is used")
+    ] = None
+    """`module:Class` of another simulation."""
+    resources: Annotated[Resources | None, Unexecuted("a run takes one core of this machine")] = None
+    """What the main container asks of its node."""
+    secondary_containers: Annotated[
+        Annotated[list[SecondaryContainer], EmptyIsList], Unexecuted("no containers are started")
+    ] = Field(default_factory=list)
+    """Containers beside the main one, of the same image."""
+    env: Annotated[
+        Annotated[list[Annotated[dict[str, Any], AfterValidator(_one_env)]], EmptyIsList],
+        Unexecuted("no process is started that could read it"),
+    ] = Field(default_factory=list)
+    """Environment variables of the containers, `- NAME: value`."""
+    run_files: Annotated[Annotated[list[str], EmptyIsList], Unexecuted("no container is given them")] = Field(
+        default_factory=list
+    )
+    """Files each run needs, as glob patterns."""
+    runs_per_job: Annotated[Count, Unexecuted("runs are shared out over this machine's cores")] = 1
+    """Runs that share one job of a cluster."""
+    pre_command: Annotated[str | None, Unexecuted()] = None
+    """Path, in the container, of a script that is sourced before a run."""
+    post_command: Annotated[str | None, Unexecuted()] = None
+    """Path, in the container, of a script that runs after a run."""
+    run_as_user: Annotated[Amount, Unexecuted()] = 1000
+    """User id in the container."""
+    local: Annotated[Local | None, Unexecuted("parameters are those of the families")] = None
+    """Settings of runs on the user's own machine."""
+    kubernetes: Annotated[Kubernetes | None, Unexecuted("runs stay on this machine")] = None
+    """Settings of runs in a cluster."""
+
+
+class FamilySpec(Section):
+    """A scenario family: fixed parameters and the ordered producers that vary the rest."""
+
+    name: Annotated[str, AfterValidator(_family_name)]
+    """Lowercase letters, digits and hyphens; configurations are called `<name>-1`, `<name>-1-2` and so on."""
+    parameters: SingleKeys = Field(default_factory=list)
+    """Fixed parameters, `- name: value`."""
+    variations: SingleKeys = Field(default_factory=list)
+    """Producers in order, `- Producer: {parameters}`; a producer is a known name or `file.py:Class`."""
+    dimensions: Annotated[dict[str, Dimension], EmptyIsMap] = Field(default_factory=dict)
+    """Dimension of a fixed parameter where it is not the usual one. Not part of version 1 elsewhere."""
+    design: Annotated[Any, Unexecuted("every combination is a configuration")] = None
+    """Which combinations become configurations. Not part of version 1 elsewhere."""
+    constraints: Annotated[Any, Unexecuted("no configuration is excluded by it")] = None
+    """Which combinations are excluded. Not part of version 1 elsewhere."""
+
+
+class ResultsProcessingSpec(Section):
+    """What is done with the results."""
+
+    postprocessing: Annotated[NamedSteps, Unexecuted("recordings are columns already")] = Field(default_factory=list)
+    metadata_processing: Annotated[NamedSteps, Unexecuted()] = Field(default_factory=list)
+    publication: Annotated[NamedSteps, Unexecuted("results stay in the campaign directory")] = Field(
+        default_factory=list
+    )
+
+
+class Notebooks(Section):
+    """Notebooks of one tab."""
+
+    run: str | None = None
+    config: str | None = None
+    batch: str | None = None
+    campaign: str | None = None
+
+
+def _one_tab(entry: dict[str, Notebooks]) -> dict[str, Notebooks]:
+    if len(entry) != 1:
+        raise PydanticCustomError("tab", "found {found} tabs in one entry; one, as 'Tab: ...'", {"found": len(entry)})
+    return entry
+
+
+class EvaluationSpec(Section):
+    """How runs are judged and shown."""
+
+    oracles: NamedSteps = Field(default_factory=list)
+    """Oracles that judge each run, `- name` or `- name: {parameters}`. Not part of version 1 elsewhere."""
+    visualization: Annotated[
+        Annotated[list[Annotated[dict[str, Notebooks], AfterValidator(_one_tab)]], EmptyIsList],
+        Unexecuted("report.html shows the results"),
+    ] = Field(default_factory=list)
+    """Notebooks over the results, `- Tab: {run, config, batch, campaign}`."""
+
+
+class CampaignSpec(Section):
+    """A campaign file (`.vast`), version 1."""
+
+    version: Literal[1] = 1
+    """Version of the format."""
+    metadata: FreeForm = Field(default_factory=dict)
+    """Free-form; `name` begins the name of the campaign directory."""
+    general: Annotated[FreeForm, Unexecuted("no producer of this version reads it")] = Field(default_factory=dict)
+    """Free-form, for every producer."""
+    configuration: Annotated[list[FamilySpec], EmptyIsList] = Field(default_factory=list)
+    """The scenario families."""
+    search: Annotated[SearchSpec | None, Unexecuted()] = None
+    """Families that an optimiser proposes, in place of `configuration`."""
+    constraints: Annotated[Any, Unexecuted("no configuration is excluded by it")] = None
+    """Which combinations are excluded in every family. Not part of version 1 elsewhere."""
+    execution: Annotated[ExecutionSpec, EmptyIsMap] = Field(default_factory=ExecutionSpec)
+    results_processing: Annotated[ResultsProcessingSpec, EmptyIsMap] = Field(default_factory=ResultsProcessingSpec)
+    evaluation: Annotated[EvaluationSpec, EmptyIsMap] = Field(default_factory=EvaluationSpec)
+
+
+TOLERATED_IN_FAMILY: Final = frozenset({*ExecutionSpec.model_fields, "description", "title", "metadata"})
+"""Keys that stand in families of existing files and that version 1 read over; other unknown keys are taken for slips."""
+
+
+def unexecuted(section: BaseModel, location: Location = ()) -> Iterator[tuple[Location, str]]:
+    """Every key that the file gives and this version does nothing with, and what follows from that."""
+    for name in sorted(section.model_fields_set):
+        field, value = type(section).model_fields[name], getattr(section, name)
+        marks = [mark for mark in field.metadata if isinstance(mark, Unexecuted)]
+        if marks:
+            yield (*location, name), marks[0].consequence
+        elif isinstance(value, BaseModel):
+            yield from unexecuted(value, (*location, name))
+        elif isinstance(value, list):
+            for i, item in enumerate(value):
+                if isinstance(item, BaseModel):
+                    yield from unexecuted(item, (*location, name, i))

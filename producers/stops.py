@@ -1,0 +1,93 @@
+"""Start and goals of a configuration: which keys hold them, and what is there already."""
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Final, TypeAlias
+
+from pydantic import BeforeValidator
+from pydantic_core import PydanticCustomError
+
+from vastflow.sim.digest import Value
+from vastflow.sim.pose import Pose, pose_of
+
+START_KEY: Final = "start_pose"
+GOAL_KEY: Final = "goal_pose"
+GOALS_KEY: Final = "goal_poses"
+
+
+def _start(value: Any) -> Any:
+    return _key(value) if isinstance(value, str) else _pose(value)
+
+
+def _goals(value: Any) -> Any:
+    if isinstance(value, str):
+        return _key(value)
+    if not isinstance(value, list) or not value:
+        raise PydanticCustomError(
+            "goals", "found {found}; a key such as '@goal_poses', or a list of poses", {"found": repr(value)}
+        )
+    return tuple(_pose(item) for item in value)
+
+
+def _key(value: str) -> str:
+    key = value.removeprefix("@")
+    if not key or key.startswith("_"):
+        raise PydanticCustomError(
+            "key", "found {found}; the name of a parameter, such as '@start_pose'", {"found": repr(value)}
+        )
+    return key
+
+
+def _pose(value: Any) -> Pose:
+    if isinstance(value, Pose):
+        return value
+    try:
+        return pose_of(value)
+    except ValueError as error:
+        raise PydanticCustomError("pose", "{error}", {"error": str(error)}) from None
+
+
+StartParameter: TypeAlias = Annotated[str | Pose, BeforeValidator(_start, json_schema_input_type=str | dict[str, Any])]
+"""`@key` of the configuration's key that holds the start (without the @ once read), or the pose itself."""
+GoalsParameter: TypeAlias = Annotated[
+    str | tuple[Pose, ...], BeforeValidator(_goals, json_schema_input_type=str | list[dict[str, Any]])
+]
+"""`@key` of the configuration's key that holds the goals (without the @ once read), or the poses themselves."""
+
+
+def start_key(parameter: str | Pose) -> str:
+    """The key that holds the start."""
+    return parameter if isinstance(parameter, str) else START_KEY
+
+
+def goals_key(parameter: str | tuple[Pose, ...]) -> str:
+    """The key that holds the goals; `goal_pose` holds one pose, any other key a list."""
+    return parameter if isinstance(parameter, str) else GOALS_KEY
+
+
+def given_start(inputs: Mapping[str, Value], parameter: str | Pose) -> Pose | None:
+    """The start that was written before; None where there is none.
+
+    Raises:
+        ValueError: what is there is no pose.
+    """
+    if isinstance(parameter, Pose):
+        return parameter
+    return pose_of(inputs[parameter], parameter) if parameter in inputs else None
+
+
+def given_goals(inputs: Mapping[str, Value], parameter: str | tuple[Pose, ...]) -> tuple[Pose, ...]:
+    """The goals that were written before, in order; empty where there are none.
+
+    Raises:
+        ValueError: what is there is no pose, or no list of poses.
+    """
+    if isinstance(parameter, tuple):
+        return parameter
+    if parameter not in inputs:
+        return ()
+    value = inputs[parameter]
+    if isinstance(value, Mapping):
+        return (pose_of(value, parameter),)
+    if not isinstance(value, Sequence) or isinstance(value, str) or not value:
+        raise ValueError(f"{parameter}: found {value!r}; a list of poses")
+    return tuple(pose_of(item, f"{parameter}[{i}]") for i, item in enumerate(value))

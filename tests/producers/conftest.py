@@ -1,0 +1,45 @@
+"""Maps drawn in text, for producers that need one."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import map_content
+
+GREY = {".": 254, "#": 0, "?": 205}
+
+SHARED_MAPS = Path(__file__).parents[3] / "shared" / "maps"
+
+
+@pytest.fixture(scope="session")
+def drawn_map(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., FileContent]:
+    """Write a map of rows of text, the top row first: `.` free, `#` wall, `?` unknown, `cells` each way a letter."""
+
+    def write(*rows: str, cells: int = 1, resolution_m: float = 0.05) -> FileContent:
+        folder = tmp_path_factory.mktemp("map")
+        grey = np.array([[GREY[letter] for letter in row] for row in rows], dtype=np.uint8)
+        Image.fromarray(np.kron(grey, np.ones((cells, cells), dtype=np.uint8))).save(folder / "map.pgm")
+        (folder / "map.yaml").write_text(
+            f"image: map.pgm\nresolution: {resolution_m}\norigin: [-1.0, -2.0, 0.0]\n"
+            "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        )
+        return map_content(folder / "map.yaml")
+
+    return write
+
+
+@pytest.fixture
+def shared_map() -> Callable[[str], FileContent]:
+    """One of the five maps of the paper's dataset, which lie beside the repository where they are."""
+
+    def find(name: str) -> FileContent:
+        file = SHARED_MAPS / name / f"{name}.yaml"
+        if not file.is_file():
+            pytest.skip(f"the dataset's map {name!r} is not beside the repository")
+        return map_content(file)
+
+    return find

@@ -1,0 +1,462 @@
+"""Campaign files as a whole: producers, maps, the flow of data, and every kind of mistake with its place."""
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from vastflow.producers.campaign import Campaign, load_campaign
+from vastflow.producers.faults import CampaignError
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import load_map
+
+FIXED = """\
+configuration:
+- name: a
+  parameters:
+  - map_file: maps/room.yaml
+  - start_pose: {x: 0.5, y: 0.5, yaw: 0.0}
+  - goal_pose: {x: 1.5, y: 0.5}
+"""
+
+PAPER = """\
+configuration:
+- name: example
+  variations:
+  - FloorplanGeneration:
+      floorplans:
+      - environments/rooms/rooms.fpm
+  - PathVariationRandom:
+      num_goal_poses: 2
+      path_length: 15.0
+      seed: 20
+  - ObstacleVariation:
+      name: static_objects
+      obstacle_configs:
+      - amount_per_m: [0.4]
+        max_distance: [0.0]
+        args: width:=0.8, length:=0.8, height:=1.0
+      seed: 42
+"""
+
+OWN = """\
+from vastflow.producers import producer
+from vastflow.producers.configuration import Fragment
+
+class OwnParameters(producer.Parameters):
+    sizes: list[int]
+
+class Own(producer.Producer[OwnParameters]):
+    Parameters = OwnParameters
+    reads = ("density",)
+    needs = ("density",)
+    writes = {"goal_pose": None}
+
+    def produce(self, inputs, draws):
+        yield Fragment({"goal_pose": {"x": 1.0, "y": 1.0}})
+"""
+
+Load = Callable[[str], Campaign]
+Faults = Callable[[str], list[str]]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with a good map, one whose picture is missing, and a producer of one's own."""
+    maps = tmp_path / "maps"
+    maps.mkdir()
+    header = "resolution: 0.05\norigin: [0.0, 0.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    (maps / "room.yaml").write_text(f"image: room.pgm\n{header}")
+    (maps / "room.pgm").write_bytes(b"P5\n40 20\n255\n" + bytes([255]) * 800)
+    (maps / "blind.yaml").write_text(f"image: none.pgm\n{header}")
+    (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "broken.py").write_text("import nothing_of_this_name\n")
+    return tmp_path
+
+
+@pytest.fixture
+def load(folder: Path) -> Load:
+    def load_text(text: str) -> Campaign:
+        (folder / "c.vast").write_text(text)
+        return load_campaign(folder / "c.vast")
+
+    return load_text
+
+
+@pytest.fixture
+def faults(folder: Path, load: Load) -> Faults:
+    def faults_of_text(text: str) -> list[str]:
+        with pytest.raises(CampaignError) as caught:
+            load(text)
+        return [str(fault).replace(f"{folder}/", "").removeprefix("c.vast:") for fault in caught.value.faults]
+
+    return faults_of_text
+
+
+def varied(*producers: str) -> str:
+    """A family with a map and these producers, the first in line 7."""
+    lines = "".join(f"  - {line}\n" for line in producers)
+    return f"configuration:\n- name: a\n  parameters:\n  - map_file: maps/room.yaml\n\n  variations:\n{lines}"
+
+
+def test_a_campaign_has_its_families_with_fixed_values_and_producers(load: Load) -> None:
+    campaign = load(
+        FIXED + "  - robot_radius: 0.3\n  variations:\n"
+        "  - ParameterVariationList: {name: inflation_radius, values: [0.5, 0.7]}\n"
+        "execution: {runs: 5, seed: 3, timeout: 60}\nevaluation: {oracles: [safety, {performance: {x: 1}}]}\n"
+    )
+    (family,) = campaign.families
+    assert (family.name, family.values["robot_radius"]) == ("a", 0.3)
+    assert [type(producer).__name__ for producer in family.producers] == ["ParameterVariationList"]
+    assert (campaign.runs, campaign.seed, campaign.timeout_s, campaign.abstract) == (5, 3, 60.0, "")
+    assert [(oracle.name, oracle.parameters) for oracle in campaign.oracles] == [
+        ("safety", {}),
+        ("performance", {"x": 1}),
+    ]
+    assert campaign.unexecutable == ()
+    assert campaign.notes == ()
+
+
+def test_a_map_is_a_value_of_its_content_and_is_found_beside_the_file(load: Load, folder: Path) -> None:
+    value = load(FIXED).families[0].values["map_file"]
+    assert isinstance(value, FileContent)
+    assert value.digest == load_map(folder / "maps/room.yaml").digest
+
+
+def test_nothing_given_is_one_run_with_seed_0_and_the_papers_timeout(load: Load) -> None:
+    campaign = load(FIXED)
+    assert (campaign.runs, campaign.seed, campaign.timeout_s) == (1, 0, 360.0)
+
+
+def test_the_papers_listing_is_valid_and_says_what_keeps_it_from_running(load: Load, folder: Path) -> None:
+    campaign = load(PAPER)
+    assert [str(note).replace(f"{folder}/", "") for note in campaign.notes] == [
+        "c.vast:4:5: configuration[0].variations[0].FloorplanGeneration: not executed by this version"
+    ]
+    (reason,) = campaign.unexecutable
+    assert (reason.line, reason.what) == (4, "FloorplanGeneration is not executed by this version")
+
+
+def test_a_producer_inside_of_one_of_is_found_that_keeps_it_from_running(load: Load) -> None:
+    (reason,) = load(
+        varied(
+            "PathVariationRandom: {path_length: 1}",
+            "OneOfVariation:",
+            "    variations:",
+            "    - ObstacleVariationWithDistanceTrigger: {obstacle_configs: [{amount: 1, max_distance: 0}], "
+            "spawn_trigger_point: p, spawn_trigger_threshold: t, trigger_distance: 1}",
+        ).replace("  -     ", "      ")
+    ).unexecutable
+    assert (reason.line, reason.column) == (10, 9)
+
+
+def test_own_producers_stand_beside_the_file(load: Load) -> None:
+    campaign = load(
+        FIXED.replace(
+            "  - goal_pose: {x: 1.5, y: 0.5}\n", "  - density: 1\n  variations:\n  - own.py:Own: {sizes: [1]}\n"
+        )
+    )
+    assert type(campaign.families[0].producers[0]).__name__ == "Own"  # fmt: skip
+
+
+@pytest.mark.parametrize("mission", ["navigate_to_pose", "navigate_through_poses", "follow_waypoints"])
+def test_the_scenario_file_names_a_builtin_mission(load: Load, mission: str) -> None:
+    campaign = load(f"{FIXED}execution: {{scenario_file: 'builtin:{mission}'}}\n")
+    assert campaign.abstract == f"builtin:{mission}"
+
+
+def test_lists_of_obstacles_among_the_parameters_belong_to_the_environment(load: Load) -> None:
+    campaign = load(FIXED + "  - crates: [{spawn_pose: {x: 1, y: 1}, model: box}]\n")
+    assert campaign.families[0].dimensions == {"crates": "environment"}
+
+
+def test_the_file_overrides_a_dimension(load: Load) -> None:
+    campaign = load(FIXED + "  - colour: red\n  dimensions: {colour: environment}\n")
+    assert campaign.families[0].dimensions == {"colour": "environment"}
+
+
+def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, folder: Path) -> None:
+    campaign = load(FIXED + "  scenario_file: other.osc\n")
+    assert [str(note).replace(f"{folder}/", "") for note in campaign.notes] == [
+        (
+            "c.vast:7:3: warning: configuration[0].scenario_file: has no effect in a family; "
+            "execution.scenario_file is for all families"
+        )
+    ]
+
+
+def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
+    campaign = load(
+        FIXED + "  design: cartesian\nexecution: {image: i, scenario_file: s.osc, nav2_params: n.yaml}\n"
+        "results_processing: {postprocessing: [own]}\nevaluation: {visualization: [{Tab: {run: r.ipynb}}]}\n"
+    )
+    assert {note.kind for note in campaign.notes} == {"not executed"}
+    assert {note.where for note in campaign.notes} == {
+        "configuration[0].design",
+        "execution.image",
+        "execution.scenario_file",
+        "execution.nav2_params",
+        "results_processing.postprocessing",
+        "evaluation.visualization",
+    }
+    assert all("not executed by this version" in str(note) for note in campaign.notes)
+
+
+def test_a_parameter_that_nothing_reads_is_a_warning(load: Load) -> None:
+    (note,) = load(FIXED + "  - robot_colour: red\n").notes
+    assert (note.kind, note.line, note.what) == (
+        "warning",
+        7,
+        "nothing in this version's simulator reads 'robot_colour'",
+    )
+
+
+def test_a_campaign_of_a_search_is_valid_and_not_executed(load: Load) -> None:
+    campaign = load("search:\n  strategy: random\n  search_space: {a: {type: bool}}\n  budget: {batches: 1}\n")
+    assert [fault.what for fault in campaign.unexecutable] == ["search is not executed by this version"]
+
+
+def test_a_scenario_file_without_a_robot_is_valid_and_not_executed(load: Load) -> None:
+    campaign = load(
+        "configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n"
+    )
+    assert [fault.line for fault in campaign.unexecutable] == [2]
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("a: [\n", "2:1: file: not YAML: while parsing a flow node, did not find expected node content; "),
+        (f"{FIXED}extra: 1\n", "7:1: file: unknown key 'extra'; known: configuration, "),
+        (f"{FIXED}execution:\n  runs: many\n", "8:9: execution.runs: found 'many'; a whole number"),
+        (
+            FIXED.replace("room", "none"),
+            "4:15: configuration[0].parameters[0].map_file: maps/none.yaml: no such file; a map is",
+        ),
+        (
+            FIXED.replace("room", "blind"),
+            "4:15: configuration[0].parameters[0].map_file: maps/blind.yaml: image: no file ",
+        ),
+        (
+            FIXED.replace("maps/room.yaml", "3"),
+            "4:15: configuration[0].parameters[0].map_file: found 3; the path of a map_server YAML file",
+        ),
+        (
+            varied("PathVariationRandm: {path_length: 1}"),
+            ("7:5: configuration[0].variations[0].PathVariationRandm: no producer 'PathVariationRandm'; "
+            "did you mean 'PathVariationRandom'?"),
+        ),
+        (
+            varied("none.py:Own: {}"),
+            "7:5: configuration[0].variations[0].none.py:Own: no class 'Own' in 'none.py'; file.py:Class",
+        ),
+        (varied("broken.py:Own: {}"), "7:5: configuration[0].variations[0].broken.py:Own: 'broken.py:Own' can't be"),
+        (
+            varied("PathVariationRandom: {path_length: -1}"),
+            "7:40: configuration[0].variations[0].PathVariationRandom.path_length: found -1; greater than 0",
+        ),
+        (
+            varied("PathVariationRandom: {path_length: [1, 2, x]}"),
+            "7:47: configuration[0].variations[0].PathVariationRandom.path_length[2]: found 'x'; a number",
+        ),
+        (
+            varied("PathVariationRandom: {path_lenth: 1, path_length: 1}"),
+            ("7:27: configuration[0].variations[0].PathVariationRandom: unknown key 'path_lenth'; "
+            "did you mean 'path_length'?"),
+        ),
+        (varied("PathVariationRandom:"), "7:5: configuration[0].variations[0].PathVariationRandom: no 'path_length'; "),
+        (
+            varied("OneOfVariation: {variations: [{PathVariationRandom: {path_length: 1, num_paths: 0}}]}"),
+            ("7:85: configuration[0].variations[0].OneOfVariation.variations[0].PathVariationRandom.num_paths: "
+            "found 0; 1 or more"),
+        ),
+        (
+            varied("ParameterVariationList: {name: map_file, values: [maps/room.yaml, maps/none.yaml]}"),
+            "7:71: configuration[0].variations[0].ParameterVariationList.values[1]: maps/none.yaml: no such file; ",
+        ),
+        (
+            varied("PathVariationRandom: {path_length: 1}", "ParameterVariationList: {name: robot_radius, values: [0.2, -3]}"),
+            ("8:64: configuration[0].variations[1].ParameterVariationList.values[1]: found -3; "
+            "robot_radius must lie in [0.01, 10]"),
+        ),
+        (
+            FIXED.replace("{x: 1.5, y: 0.5}", "'@nowhere'"),
+            ("6:16: configuration[0].parameters[2].goal_pose: found '@nowhere', "
+            "a reference to a parameter that nothing writes; a pose, {x, y, yaw}"),
+        ),
+        (
+            varied("PathVariationRandom: {path_length: 1, map_file: '@plan'}"),
+            "7:53: configuration[0].variations[0].PathVariationRandom.map_file: needs 'plan', which nothing before it writes; ",
+        ),
+        (
+            varied("PathVariationRandom: {path_length: 1, goal_poses: '@target'}"),
+            ("7:55: configuration[0].variations[0].PathVariationRandom.goal_poses: writes 'target', "
+            "which no mission reads; goal_pose or goal_poses, which a navigation mission needs"),
+        ),
+        (
+            varied("ParameterVariationList: {name: start_pose, values: [{x: 1, y: 1}]}"),
+            "2:9: configuration[0].name: a navigation mission needs goal_pose or goal_poses, which nothing writes; ",
+        ),
+        (
+            FIXED.replace("parameters:", "variations:\n  - PathVariationRandom: {path_length: 1}\n  parametres:"),
+            "5:3: configuration[0]: unknown key 'parametres'; did you mean 'parameters'?",
+        ),
+        ("configuration:\n", "1:1: configuration: an empty campaign; a list of families, '- name: ...'"),
+        ("configuration: []\n", "1:1: configuration: an empty campaign; "),
+        ("version: 1\n", "1:1: configuration: an empty campaign; "),
+        (
+            f"{FIXED}execution:\n  scenario_file: builtin:navigate_to\n",
+            "8:18: execution.scenario_file: found 'builtin:navigate_to'; did you mean 'builtin:navigate_to_pose'?",
+        ),
+        (
+            f"{FIXED}execution:\n  scenario_file: builtin:navigate_to_pose\n".replace("goal_pose", "goal_poses", 1).replace(
+                "{x: 1.5, y: 0.5}", "[{x: 1, y: 1}]"
+            ),
+            "2:9: configuration[0].name: builtin:navigate_to_pose needs goal_pose, which nothing writes; ",
+        ),
+        (f"{FIXED}  - robot_radius: wide\n", "7:19: configuration[0].parameters[3].robot_radius: found 'wide'; robot_radius"),
+        (f"{FIXED}  - number_of_loops: -1\n", "7:22: configuration[0].parameters[3].number_of_loops: found -1; a whole"),
+        (f"{FIXED}  - goal_poses: []\n", "7:17: configuration[0].parameters[3].goal_poses: found []; a list of one pose"),
+        (
+            f"{FIXED}  - crates: [{{spawn_pose: {{x: 1}}}}]\n",
+            "7:13: configuration[0].parameters[3].crates: obstacle.spawn_pose: found {'x': 1}; a pose is",
+        ),
+        (f"{FIXED}  - goal_pose: {{x: 1, y: 2}}\n", "7:5: configuration[0].parameters[3].goal_pose: a second 'goal_pose'; "),
+        (f"{FIXED}  - _path: 1\n", "7:5: configuration[0].parameters[3]._path: found '_path'; a name without"),
+        (
+            f"{FIXED}  - min_particles: 3000\n",
+            "3:3: configuration[0].parameters: found parameters that contradict each other: ",
+        ),
+        (
+            f"{FIXED}  dimensions: {{goal_pos: task}}\n",
+            "7:16: configuration[0].dimensions.goal_pos: 'goal_pos' is no fixed parameter of this family; did you",
+        ),
+        (f"{FIXED}search:\n  strategy: random\n  search_space: {{}}\n  budget: {{batches: 1}}\n", "7:1: search: found beside"),
+        (f"{FIXED}evaluation:\n  oracles: [safety, safety]\n", "8:21: evaluation.oracles[1].safety: a second oracle"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_fault_at_its_place(faults: Faults, text: str, fault: str) -> None:
+    (found,) = faults(text)
+    assert found.startswith(fault)
+
+
+@pytest.mark.parametrize(
+    ("second", "fault"),
+    [
+        ("a", "a second family 'a'; another name; line 2 has it"),
+        (
+            "a-1",
+            "'a-1' is also the name of a configuration of family 'a'; a name that is not the other's with a number",
+        ),
+        ("a-3-12", "'a-3-12' is also the name of a configuration of family 'a'; "),
+    ],
+)
+def test_names_of_configurations_are_unique_by_construction(faults: Faults, second: str, fault: str) -> None:
+    other = FIXED.removeprefix("configuration:\n").replace("name: a", f"name: {second}")
+    (found,) = faults(FIXED + other)
+    assert found.startswith(f"7:9: configuration[1].name: {fault}")
+
+
+@pytest.mark.parametrize("second", ["b", "a-b", "a1", "a-1x"])
+def test_names_that_only_look_alike_are_good(load: Load, second: str) -> None:
+    other = FIXED.removeprefix("configuration:\n").replace("name: a", f"name: {second}")
+    assert len(load(FIXED + other).families) == 2
+
+
+def test_a_producer_before_the_one_it_needs_is_told_the_right_order(faults: Faults) -> None:
+    (found,) = faults(
+        "configuration:\n- name: a\n  variations:\n  - PathVariationRandom: {path_length: 1}\n"
+        "  - ParameterVariationList: {name: map_file, values: [maps/room.yaml]}\n"
+    )
+    assert found == (
+        "4:5: configuration[0].variations[0].PathVariationRandom: needs 'map_file', which nothing before it writes; "
+        "ParameterVariationList before PathVariationRandom"
+    )
+
+
+def test_all_mistakes_of_a_file_are_reported_at_once_in_the_order_of_the_file(faults: Faults) -> None:
+    found = faults(
+        "version: 3\n"
+        "execution: {runs: 0, runs: 2, timout: 5}\n"
+        "configuration:\n"
+        "- name: A\n"
+        "  parameters:\n"
+        "  - map_file: maps/none.yaml\n"
+        "  - start_pose: here\n"
+        "  variations:\n"
+        "  - Unknown: {}\n"
+        "  - PathVariationRandom: {path_length: 0, sed: 1}\n"
+        "- name: b\n"
+        "  parameters:\n"
+        "  - map_file: maps/blind.yaml\n"
+        "evaluation: {oracle: []}\n"
+    )
+    assert [complaint.split(": ")[0] for complaint in found] == [
+        "1:10",
+        "2:19",
+        "2:22",
+        "2:31",
+        "4:9",
+        "6:15",
+        "7:17",
+        "9:5",
+        "10:40",
+        "10:43",
+        "11:9",
+        "13:15",
+        "14:14",
+    ]
+
+
+def test_a_fault_found_elsewhere_is_reported_at_its_place(load: Load, folder: Path) -> None:
+    campaign = load(f"{FIXED}evaluation:\n  oracles:\n  - safety:\n      margin: -1\n")
+    fault = campaign.fault((*campaign.oracles[0].location, "margin"), "found -1", "0 or more")
+    assert str(fault).replace(f"{folder}/", "") == (
+        "c.vast:10:15: evaluation.oracles[0].safety.margin: found -1; 0 or more"
+    )
+
+
+def test_an_error_comes_whole_from_another_process(load: Load) -> None:
+    with pytest.raises(CampaignError) as caught:
+        load("version: 2\n")
+    assert pickle.loads(pickle.dumps(caught.value)).faults == caught.value.faults
+
+
+WORDS = st.sampled_from(
+    [
+        "", " ", "\n", "\n  - ", "- ", ": ", "{", "}", "[", "]", "&a ", "*a", "<<: *a", "null", "yes", "1e3", ".nan", "'@x'", '"\\0"',
+        "0x" + "f" * 30, "-1", "!!set ", "!x ", "name", "map_file", "goal_poses", "start_pose", "values", "PathVariationRandom", "own.py:Own",
+        "OneOfVariation", "variations", "configuration", "execution", "seed", "ä", "#", "|", "%",
+    ]
+)  # fmt: skip
+SEEDS = (
+    PAPER,
+    FIXED + "  variations:\n  - ParameterVariationList: {name: [a, robot_radius], values: [[1, 0.2], [2, 0.3]]}\n"
+    "  - ParameterVariationDistributionUniform: {name: b, num_variations: 2, min: 0, max: 1}\n"
+    "  - OneOfVariation: {variations: [{ParameterVariationList: {name: map_file, values: [maps/room.yaml]}}]}\n"
+    "execution: {runs: 2, resources: {cpu: [{a: 1}]}, secondary_containers: [x], env: [{A: 1}]}\n"
+    "evaluation: {oracles: [safety], visualization: [{T: {run: r}}]}\nsearch:\n",
+)
+
+
+@settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    text=st.sampled_from(SEEDS),
+    edits=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 12), WORDS), min_size=1, max_size=4),
+)
+def test_a_mutated_file_is_a_campaign_or_a_campaign_error(
+    load: Load, text: str, edits: list[tuple[float, int, str]]
+) -> None:
+    for share, length, word in edits:
+        at = round(share * len(text))
+        text = text[:at] + word + text[at + length :]
+    try:
+        campaign = load(text)
+    except CampaignError as error:
+        assert error.faults
+        assert all(fault.line >= 1 and fault.column >= 1 and fault.what and fault.right for fault in error.faults)
+    else:
+        assert campaign.families or campaign.spec.search

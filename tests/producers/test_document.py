@@ -1,0 +1,144 @@
+"""A YAML file as data with positions."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from vastflow.producers.document import Document, read_document
+from vastflow.producers.faults import CampaignError
+
+
+def read(folder: Path, content: str | bytes) -> Document:
+    file = folder / "c.vast"
+    file.write_bytes(content.encode() if isinstance(content, str) else content)
+    return read_document(file)
+
+
+def fatal(folder: Path, content: str | bytes) -> str:
+    """What the error says, without the folder."""
+    with pytest.raises(CampaignError) as caught:
+        read(folder, content)
+    return str(caught.value).replace(f"{folder}/", "")
+
+
+def test_keys_and_values_have_line_and_column_from_one(tmp_path: Path) -> None:
+    document = read(tmp_path, "execution:\n  runs: 5\nconfiguration:\n- name: a\n")
+    assert document.keys["execution", "runs"] == (2, 3)
+    assert document.values["execution", "runs"] == (2, 9)
+    assert document.values["configuration", 0, "name"] == (4, 9)
+
+
+def test_columns_count_characters_and_not_bytes(tmp_path: Path) -> None:
+    assert read(tmp_path, "{büro: 1, b: 2}").keys[("b",)] == (1, 11)
+
+
+def test_a_location_with_elements_that_are_not_in_the_file_finds_the_nearest_place(tmp_path: Path) -> None:
+    document = read(tmp_path, "a:\n  b:\n    c: 1\n")
+    assert document.place(("a", "function-after", "b", "float", "c")) == (3, 8)
+    assert document.place(("a", "b", "missing"), "key") == (2, 3)
+
+
+def test_only_the_first_document_is_read(tmp_path: Path) -> None:
+    assert read(tmp_path, "a: 1\n---\nb: [\n").data == {"a": 1}
+
+
+def test_a_second_time_the_same_key_is_a_fault_at_the_second(tmp_path: Path) -> None:
+    document = read(tmp_path, "a: 1\nb:\n  c: 1\n  c: 2\n")
+    assert document.data == {"a": 1, "b": {"c": 1}}
+    assert [str(fault).replace(f"{tmp_path}/", "") for fault in document.faults] == [
+        "c.vast:4:3: b.c: a second time the same key; one; the first is in line 3"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("a: [1, 2\n", "c.vast:2:1: file: not YAML: while parsing a flow sequence, did not find expected ',' or ']'; "),
+        ("a: b: c\n", "c.vast:1:5: file: not YAML: mapping values are not allowed in this context; "),
+        ("a:\n\t- b\n", "c.vast:2:1: file: not YAML: while scanning for the next token, found character"),
+        ("ok: 1\nä: \x01\n", "c.vast:2:4: file: not YAML: control characters are not allowed; "),
+        (b"ok: 1\na: \xff\n", "c.vast:2:4: file: not YAML: not UTF-8 text; a text file encoded as UTF-8"),
+        ("", "c.vast:1:1: file: empty; a campaign, at least its configuration"),
+        ("# nothing\n", "c.vast:1:1: file: empty; "),
+        ("\n- a\n", "c.vast:2:1: file: found a list; a mapping with the sections of a campaign"),
+        ("just text\n", "c.vast:1:1: file: found 'just text'; a mapping"),
+    ],
+)
+def test_what_is_no_mapping_is_one_fault_with_its_place(tmp_path: Path, content: str | bytes, message: str) -> None:
+    assert fatal(tmp_path, content).startswith(message)
+
+
+def test_a_file_that_is_not_there_is_a_fault(tmp_path: Path) -> None:
+    with pytest.raises(CampaignError, match=r"none\.vast:1:1: file: no such file; the path of a \.vast file"):
+        read_document(tmp_path / "none.vast")
+
+
+def test_a_folder_in_place_of_a_file_is_a_fault(tmp_path: Path) -> None:
+    with pytest.raises(CampaignError, match="can't be read"):
+        read_document(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1e3", 1000.0), ("-2.5E-2", -0.025), ("1.5e+3", 1500.0), ("'1e3'", "1e3"), ("2024-01-01", "2024-01-01")],
+)
+def test_numbers_with_an_exponent_are_numbers_and_dates_are_text(tmp_path: Path, text: str, value: Any) -> None:
+    assert read(tmp_path, f"a: {text}").data == {"a": value}
+
+
+@pytest.mark.parametrize(("text", "value"), [("012", 10), ("12:30", 750)])
+def test_numbers_that_yaml_1_1_reads_oddly_come_with_a_warning(tmp_path: Path, text: str, value: int) -> None:
+    document = read(tmp_path, f"a: {text}")
+    assert document.data == {"a": value}
+    assert [note.what for note in document.notes] == [f"found {text}, which YAML 1.1 reads as {value}"]
+
+
+@pytest.mark.parametrize("text", [".nan", ".inf", "0x_", "!!int x", "!!python/name:os.system x", "0x1" + "0" * 20])
+def test_values_that_no_campaign_can_hold_are_faults_at_their_place(tmp_path: Path, text: str) -> None:
+    document = read(tmp_path, f"a: {text}")
+    assert [(fault.line, fault.column) for fault in document.faults] == [(1, 4)]
+
+
+def test_keys_are_the_text_that_is_written(tmp_path: Path) -> None:
+    assert read(tmp_path, "on: 1\n2: 2\n2024-01-01: 3\n").data == {"on": 1, "2": 2, "2024-01-01": 3}
+
+
+def test_a_key_that_is_no_text_is_a_fault(tmp_path: Path) -> None:
+    assert [fault.what for fault in read(tmp_path, "a: 1\n[b]: 2\n").faults] == ["found a list or mapping as a key"]
+
+
+def test_merged_keys_yield_to_own_keys_and_stand_where_they_are_written(tmp_path: Path) -> None:
+    document = read(tmp_path, "base: &base {a: 1, b: 2}\nchild:\n  <<: *base\n  b: 3\n")
+    assert document.data["child"] == {"b": 3, "a": 1}
+    assert document.keys["child", "a"] == (1, 14)
+    assert document.faults == ()
+
+
+def test_an_alias_inside_of_what_it_stands_for_is_a_fault(tmp_path: Path) -> None:
+    whats = [fault.what for fault in read(tmp_path, "a: &a [*a]\nb: &b {<<: *b}\n").faults]
+    assert whats == ["found an alias inside of what it stands for", "found no mapping to merge"]
+
+
+def test_aliases_that_grow_exponentially_are_a_fault(tmp_path: Path) -> None:
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 9)]
+    assert "aliases that grow" in fatal(tmp_path, "\n".join(lines))
+
+
+@pytest.mark.timeout(20)
+def test_nesting_that_would_end_the_process_is_a_fault(tmp_path: Path) -> None:
+    assert fatal(tmp_path, "a: " + "[" * 200_000).startswith("c.vast:1:103: file: more than 100 levels deep")
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=st.binary(max_size=60) | st.text(alphabet="ab:-[]{}&*<!'\"\n\t #|>1.e%@?,", max_size=60))
+def test_whatever_stands_in_a_file_it_is_a_document_or_a_campaign_error(tmp_path: Path, content: str | bytes) -> None:
+    try:
+        document = read(tmp_path, content)
+    except CampaignError as error:
+        assert error.faults
+    else:
+        assert all(document.place(location) for location in document.keys)

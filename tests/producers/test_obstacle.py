@@ -1,0 +1,281 @@
+"""Obstacles along a path."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from shapely.geometry import LineString, Point, box
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.conformance import check_producer
+from vastflow.producers.ground import ground_of
+from vastflow.producers.obstacle import ObstacleVariation
+from vastflow.producers.path import PathVariationRandom
+from vastflow.producers.placement import covered_cells, draw_pose, without
+from vastflow.producers.producer import evaluate
+from vastflow.sim import octile
+from vastflow.sim.maps import load_map
+from vastflow.sim.obstacle import obstacle_of, obstacles_of
+
+PILLARS = [
+    "????????????????????????",
+    "?......................?",
+    "?......................?",
+    "?....##..........##....?",
+    "?....##..........##....?",
+    "?......................?",
+    "?.........##...........?",
+    "?.........##...........?",
+    "?......................?",
+    "????????????????????????",
+]
+
+
+def obstacle_variation(*configs, **parameters):
+    return ObstacleVariation(
+        ObstacleVariation.Parameters.model_validate({"obstacle_configs": list(configs), **parameters})
+    )
+
+
+@pytest.fixture(scope="module")
+def site(drawn_map):
+    """A drawn path of 9 m between pillars: the map and what the path producer wrote."""
+    content = drawn_map(*PILLARS, cells=10)
+    asked = PathVariationRandom.Parameters(path_length=9, num_goal_poses=2, seed=5)
+    (item,) = evaluate(PathVariationRandom(asked), {"map_file": content})
+    return {"map_file": content, **item.values}
+
+
+def placed(item, key="static_objects"):
+    return obstacles_of({key: item.values[key]})
+
+
+@given(
+    amount=st.integers(0, 7),
+    max_distance=st.floats(0.0, 1.5),
+    size=st.sampled_from(["width:=0.2, length:=0.6", "width:=0.5", "width:=0.8 length:=0.8"]),
+    model=st.sampled_from(["box", "models/cylinder.sdf.xacro"]),
+    robot_diameter=st.sampled_from([0.35, 0.5]),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_every_obstacle_stands_free_near_the_path_and_a_way_remains(
+    site, amount, max_distance, size, model, robot_diameter, seed
+):
+    config = {"amount": amount, "max_distance": max_distance, "model": model, "xacro_arguments": size}
+    (item,) = evaluate(obstacle_variation(config, seed=seed, robot_diameter=robot_diameter), site)
+    if isinstance(item, Rejection):
+        assert f"of {amount} obstacles found room" in item.reason
+        return
+    occupancy = load_map(site["map_file"].path)
+    obstacles = placed(item)
+    footprints = [obstacle.footprint() for obstacle in obstacles]
+    assert len(obstacles) == amount
+    path = LineString(site["_path"])
+    assert all(path.distance(Point(o.pose.x_m, o.pose.y_m)) <= max_distance + 1e-5 for o in obstacles)
+    assert all(one.distance(other) >= 0.05 for one, other in itertools.combinations(footprints, 2))
+    stops = [pose["position"] for pose in (site["start_pose"], *site["goal_poses"])]
+    gaps = [footprint.distance(Point(stop["x"], stop["y"])) for stop in stops for footprint in footprints]
+    assert all(gap >= robot_diameter / 2 + 0.05 for gap in gaps)
+    free = occupancy.free.copy()
+    for footprint in footprints:
+        first, last = occupancy.cell_of(*footprint.bounds[:2]), occupancy.cell_of(*footprint.bounds[2:])
+        for row, column in itertools.product(range(first[0], last[0] + 1), range(first[1], last[1] + 1)):
+            x, y = occupancy.centre_of(row, column)
+            if footprint.intersects(box(x - 0.025, y - 0.025, x + 0.025, y + 0.025)):
+                assert occupancy.free[row, column]
+                free[row, column] = False
+    passable = octile.inflated_free(free, robot_diameter / 2 / occupancy.resolution_m)
+    way = octile.shortest_path(occupancy, passable, np.array([(stop["x"], stop["y"]) for stop in stops]))
+    assert way is not None
+
+
+@given(
+    x=st.floats(0.0, 1.5),
+    y=st.floats(-1.0, 0.5),
+    yaw=st.floats(-4, 4),
+    length=st.floats(0.02, 1.0),
+    width=st.floats(0.02, 1.0),
+)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_covered_cells_are_those_whose_square_meets_the_footprint(drawn_map, x, y, yaw, length, width):
+    ground = _open_ground(drawn_map)
+    entry = {"spawn_pose": {"x": x, "y": y, "yaw": yaw}, "xacro_arguments": f"length:={length} width:={width}"}
+    footprint = obstacle_of(entry).footprint()
+    found = {tuple(cell) for cell in covered_cells(ground, footprint).tolist()}
+    for row, column in np.ndindex(ground.occupancy.shape):
+        x0, y0 = ground.occupancy.centre_of(row, column)
+        square = box(x0 - 0.05, y0 - 0.05, x0 + 0.05, y0 + 0.05)
+        if footprint.distance(square) > 1e-9:
+            assert (row, column) not in found
+        elif footprint.intersection(square).area > 1e-9:
+            assert (row, column) in found
+
+
+def _open_ground(drawn_map, cache={}):  # noqa: B006 - one map for all examples
+    if not cache:
+        cache["ground"] = ground_of(drawn_map(*["." * 35] * 35, resolution_m=0.1), 0.35)
+    return cache["ground"]
+
+
+@given(st.lists(st.tuples(st.integers(0, 19), st.integers(0, 19)), min_size=1, max_size=6), st.floats(0.0, 6.0))
+@settings(max_examples=60, deadline=None)
+def test_taking_cells_away_later_is_inflating_without_them(cells, radius_cells):
+    free = np.random.default_rng(1).random((20, 20)) > 0.1
+    covered = np.array(cells)
+    less = free.copy()
+    less[covered[:, 0], covered[:, 1]] = False
+    found = without(octile.inflated_free(free, radius_cells), covered, radius_cells)
+    np.testing.assert_array_equal(found, octile.inflated_free(less, radius_cells))
+
+
+@given(st.floats(0.0, 2.0), st.integers(0, 1000))
+def test_poses_are_drawn_within_max_distance_of_the_path(max_distance, seed):
+    path = np.array([[0.0, 0.0], [3.0, 0.0], [4.0, 1.0], [4.0, 5.0]])
+    pose = draw_pose(path, max_distance, np.random.default_rng(seed))
+    assert LineString(path).distance(Point(pose.x_m, pose.y_m)) <= max_distance + 1e-5
+    assert -math.pi <= pose.yaw_rad <= math.pi + 1e-6
+
+
+def test_a_path_of_a_single_point_has_obstacles_round_it():
+    pose = draw_pose(np.array([[1.0, 2.0]]), 0.5, np.random.default_rng(0))
+    assert math.dist((pose.x_m, pose.y_m), (1.0, 2.0)) <= 0.5 + 1e-5
+
+
+def test_an_amount_per_metre_is_rounded_down(site):
+    length = site["_path_length"]
+    (item,) = evaluate(obstacle_variation({"amount_per_m": 0.3, "max_distance": 1}), site)
+    assert len(placed(item)) == math.floor(0.3 * length)
+
+
+def test_listed_amounts_and_distances_are_combined_and_each_placed_count_times(site):
+    producer = obstacle_variation(
+        {"amount_per_m": [0, 0.2], "max_distance": [0.5, 1.0]}, {"amount": 1, "max_distance": [0.8, 1.2]}, count=2
+    )
+    items = evaluate(producer, site)
+    assert len(items) == 2 * 2 * 2 * 2
+    per_m = math.floor(0.2 * site["_path_length"])
+    assert [len(placed(item)) for item in items] == [1] * 8 + [1 + per_m] * 8
+
+
+def test_no_obstacles_placed_three_times_are_three_equal_fragments(site):
+    items = evaluate(obstacle_variation({"amount_per_m": 0, "max_distance": 0.3}, count=3), site)
+    assert items == [Fragment({"static_objects": []})] * 3
+
+
+def test_placements_of_one_combination_differ(site):
+    items = evaluate(obstacle_variation({"amount": 1, "max_distance": 1}, count=3), site)
+    assert len({str(item.values) for item in items}) == 3
+
+
+def test_one_more_amount_leaves_the_other_placements_as_they_are(site):
+    few = evaluate(obstacle_variation({"amount_per_m": 0.2, "max_distance": 1}, count=2), site)
+    more = evaluate(obstacle_variation({"amount_per_m": [0.1, 0.2], "max_distance": 1}, count=3), site)
+    assert more[3:5] == few
+
+
+def test_entries_are_written_as_the_scenario_reads_them(site):
+    producer = obstacle_variation({"amount": 2, "max_distance": 1, "args": "width:=0.3"}, name="things")
+    (item,) = evaluate(producer, site)
+    entries = item.values["things"]
+    assert [entry["entity_name"] for entry in entries] == ["obstacle_0", "obstacle_1"]
+    assert {entry["model"] for entry in entries} == {"box"}
+    assert {entry["xacro_arguments"] for entry in entries} == {"width:=0.3"}
+    assert producer.writes == {"things": "environment"}
+
+
+def test_without_a_drawn_path_the_shortest_one_from_start_to_goal_counts(drawn_map):
+    inputs = {
+        "map_file": drawn_map("." * 30, "." * 30, "." * 30, cells=10),
+        "start_pose": {"x": 0.0, "y": -1.28},
+        "goal_pose": {"x": 10.0, "y": -1.28},
+    }
+    (item,) = evaluate(obstacle_variation({"amount_per_m": 0.2, "max_distance": 0, "args": "width:=0.2"}), inputs)
+    assert len(placed(item)) == 2
+    assert all(abs(obstacle.pose.y_m + 1.275) < 1e-6 for obstacle in placed(item))
+
+
+def test_obstacles_that_would_close_a_corridor_are_rejected_with_the_reason(drawn_map):
+    inputs = {
+        "map_file": drawn_map("." * 30, "." * 30, cells=10),
+        "start_pose": {"x": 0.0, "y": -1.5},
+        "goal_pose": {"x": 10.0, "y": -1.5},
+    }
+    (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 0, "args": "width:=0.6"}), inputs)
+    assert isinstance(item, Rejection)
+    assert item.reason.startswith("at most 0 of 1 obstacles found room in 10 attempts of 100 tries each")
+    assert "left no way to the goals" in item.reason
+    assert item.requested["obstacle_configs"][0]["max_distance"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("without_keys", "extra", "reason"),
+    [
+        (("_path", "start_pose"), {}, "there is no path to place obstacles at: no start_pose with goal_pose"),
+        (("_path",), {"start_pose": {"x": -0.9, "y": -1.9}}, "there is no way from the start to the goals"),
+        ((), {"start_pose": 3}, "start_pose: found 3; a pose"),
+        (("map_file",), {}, "map_file is None, not a map file"),
+    ],
+)
+def test_a_configuration_without_a_path_is_rejected_with_the_reason(site, without_keys, extra, reason):
+    inputs = {key: value for key, value in {**site, **extra}.items() if key not in without_keys}
+    items = evaluate(obstacle_variation({"amount": 1, "max_distance": 0}, count=2), inputs)
+    assert [type(item) for item in items] == [Rejection, Rejection]
+    assert reason in items[0].reason
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({"max_distance": 0}, "neither amount nor amount_per_m is given; one of them"),
+        ({"amount": 1, "amount_per_m": 1, "max_distance": 0}, "amount and amount_per_m are both given; one of them"),
+        ({"amount": -1, "max_distance": 0}, "greater than or equal to 0"),
+        ({"amount": 1.5, "max_distance": 0}, "valid integer"),
+        ({"amount_per_m": [0.1, -0.1], "max_distance": 0}, r"amount_per_m\.1\n.*greater than or equal to 0"),
+        ({"amount_per_m": [], "max_distance": 0}, "found an empty list; at least one value"),
+        ({"amount": 1, "max_distance": -1}, "greater than or equal to 0"),
+        ({"amount": 1}, "Field required"),
+        ({"amount": 1, "max_distance": 0, "args": "width=2"}, "found argument 'width=2'; a size is written like"),
+        ({"amount": 1, "max_distance": 0, "distance": 2}, "Extra inputs are not permitted"),
+    ],
+)
+def test_a_kind_of_obstacle_out_of_range_is_refused(config, message):
+    with pytest.raises(ValidationError, match=message):
+        obstacle_variation(config)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"count": 0}, "greater than or equal to 1"),
+        ({"robot_diameter": 0}, "greater than 0"),
+        ({"obstacle_configs": []}, "at least 1 item"),
+        ({"name": ""}, "at least 1 character"),
+        ({"seed": -1}, "greater than or equal to 0"),
+    ],
+)
+def test_a_parameter_out_of_range_is_refused(parameters, message):
+    with pytest.raises(ValidationError, match=message):
+        obstacle_variation({"amount": 1, "max_distance": 0}, **parameters)
+
+
+def test_the_papers_listing_is_complete(site):
+    config = {"amount_per_m": [0.4], "max_distance": [0.0], "args": "width:=0.8, length:=0.8, height:=1.0"}
+    (item,) = evaluate(obstacle_variation(config, name="static_objects", seed=42), site)
+    assert isinstance(item, Fragment | Rejection)
+
+
+def test_the_schema_for_editors_knows_the_short_name_of_the_arguments():
+    schema = ObstacleVariation.Parameters.model_json_schema()
+    assert {"args", "xacro_arguments"} <= set(schema["$defs"]["ObstacleConfig"]["properties"])
+
+
+def test_obstacle_producers_keep_the_contract(site):
+    producer = obstacle_variation(
+        {"amount_per_m": [0.2, 0.5], "max_distance": 0.5}, {"amount": 1, "max_distance": 0, "args": "width:=9"}
+    )
+    check_producer(producer, [{**site, "noise": 0.1}, {"noise": 1}])

@@ -1,0 +1,96 @@
+"""Alternatives."""
+
+import pytest
+from pydantic import ValidationError
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.conformance import check_producer
+from vastflow.producers.one_of import OneOfVariation
+from vastflow.producers.parameter import ParameterVariationDistributionUniform
+from vastflow.producers.producer import evaluate
+
+LIST = {"ParameterVariationList": {"name": "a", "values": [1, 2]}}
+UNIFORM = {"ParameterVariationDistributionUniform": {"name": "b", "num_variations": 3, "min": 0, "max": 1, "seed": 7}}
+OBSTACLES = {"ObstacleVariation": {"obstacle_configs": [{"amount": 1, "max_distance": 0.3}]}}
+
+
+def one_of(*children, **others):
+    parameters = {"variations": list(children), **others}
+    return OneOfVariation(OneOfVariation.Parameters.model_validate(parameters))
+
+
+def test_children_are_joined_one_after_the_other():
+    keys = [tuple(fragment.values) for fragment in evaluate(one_of(UNIFORM, LIST), {})]
+    assert keys == [("b",)] * 3 + [("a",)] * 2
+
+
+def test_a_child_yields_what_it_yields_alone():
+    alone = ParameterVariationDistributionUniform(
+        ParameterVariationDistributionUniform.Parameters.model_validate(
+            UNIFORM["ParameterVariationDistributionUniform"]
+        )
+    )
+    assert evaluate(one_of(LIST, UNIFORM), {})[2:] == evaluate(alone, {})
+
+
+def test_it_reads_needs_and_writes_what_its_children_do():
+    producer = one_of(LIST, OBSTACLES)
+    assert set(producer.writes) == {"a", "static_objects"}
+    assert producer.needs == ("map_file",)
+    assert "_path" in producer.reads
+
+
+def test_its_dimension_goes_for_all_children():
+    assert one_of(LIST, OBSTACLES, dimension="task").writes == {"a": "task", "static_objects": "task"}
+
+
+def test_a_childs_rejection_says_whose_it_is():
+    (rejection,) = evaluate(one_of(OBSTACLES), {"map_file": "x"})
+    assert isinstance(rejection, Rejection)
+    assert rejection.reason.startswith("ObstacleVariation: ")
+
+
+def test_alternatives_may_be_nested():
+    nested = one_of({"OneOfVariation": {"variations": [LIST]}}, LIST)
+    assert evaluate(nested, {}) == [Fragment({"a": value}) for value in (1, 2, 1, 2)]
+
+
+def test_a_child_may_be_a_class_of_a_file_beside_the_campaign(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "from vastflow.producers.parameter import ParameterVariationList\n\n\n"
+        "class Mine(ParameterVariationList):\n    pass\n"
+    )
+    parameters = OneOfVariation.Parameters.model_validate(
+        {"variations": [{"mine.py:Mine": {"name": "c", "values": [1]}}]}, context={"base": tmp_path}
+    )
+    assert evaluate(OneOfVariation(parameters), {}) == [Fragment({"c": 1})]
+
+
+@pytest.mark.parametrize(
+    ("child", "message"),
+    [
+        ({"ParameterVariationList": {"name": "a", "values": []}}, r"variations\.0\.ParameterVariationList\.values\n"),
+        ({"ParameterVariationList": {"nam": "a", "values": [1]}}, r"unknown key 'nam'; did you mean 'name'\?"),
+        ({"ParameterVariationList": {"values": [1]}}, "no 'name'"),
+        ({"ParameterList": {}}, "no producer 'ParameterList'; did you mean 'ParameterVariationList'"),
+        ({"nowhere.py:Mine": {}}, "no class 'Mine'"),
+        ({**LIST, **UNIFORM}, "one 'Producer: {parameters}'"),
+    ],
+)
+def test_a_childs_fault_is_reported_at_its_place(child, message):
+    with pytest.raises(ValidationError, match=message):
+        one_of(child)
+
+
+def test_no_alternatives_are_refused():
+    with pytest.raises(ValidationError, match="at least 1 item"):
+        one_of()
+
+
+def test_alternatives_keep_the_contract():
+    check_producer(one_of(LIST, UNIFORM), [{}, {"z": 1}])
+
+
+def test_the_parameters_can_be_written_down_with_their_childrens():
+    written = one_of(LIST).parameters.model_dump(mode="json")
+    assert written["variations"] == [{"ParameterVariationList": {"dimension": None, **LIST["ParameterVariationList"]}}]

@@ -1,0 +1,167 @@
+"""Listed and drawn values."""
+
+import statistics
+
+import pytest
+from pydantic import ValidationError
+
+from vastflow.producers.conformance import check_producer
+from vastflow.producers.parameter import (
+    ParameterVariationDistributionGaussian,
+    ParameterVariationDistributionUniform,
+    ParameterVariationList,
+)
+from vastflow.producers.producer import evaluate
+from vastflow.sim.digest import FileContent, digest
+
+
+def listed(**parameters):
+    return ParameterVariationList(ParameterVariationList.Parameters.model_validate(parameters))
+
+
+def uniform(**parameters):
+    parameters = {"name": "a", "num_variations": 5, "min": 0.0, "max": 1.0, **parameters}
+    return ParameterVariationDistributionUniform(
+        ParameterVariationDistributionUniform.Parameters.model_validate(parameters)
+    )
+
+
+def gaussian(**parameters):
+    parameters = {"name": "a", "num_variations": 5, "mean": 0.0, "std": 1.0, "seed": 3, **parameters}
+    return ParameterVariationDistributionGaussian(
+        ParameterVariationDistributionGaussian.Parameters.model_validate(parameters)
+    )
+
+
+def values(producer):
+    return [fragment.values["a"] for fragment in evaluate(producer, {})]
+
+
+def test_listed_values_keep_their_order_and_their_types():
+    asked = ["text", 1, 1.5, True, {"x": 1}, [1, 2]]
+    assert values(listed(name="a", values=asked)) == asked
+    assert [type(value) for value in values(listed(name="a", values=asked))] == [type(value) for value in asked]
+
+
+def test_several_names_vary_in_lockstep():
+    fragments = evaluate(listed(name=["a", "b"], values=[[1, 2], [3, 4]]), {})
+    assert [fragment.values for fragment in fragments] == [{"a": 1, "b": 2}, {"a": 3, "b": 4}]
+
+
+def test_a_lockstep_value_of_the_wrong_length_is_named_with_its_place():
+    with pytest.raises(ValidationError, match=r"values\.1\n.*found \[3\]; a list of 2, one for each of a, b"):
+        listed(name=["a", "b"], values=[[1, 2], [3]])
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ([], "at least 1 item"),
+        ([None], "found nothing"),
+        ([float("nan")], "NaN has no digest"),
+        ([{1: 2}], "valid string"),
+        ("abc", "valid list"),
+    ],
+)
+def test_values_that_are_none_are_refused(asked, message):
+    with pytest.raises(ValidationError, match=message):
+        listed(name="a", values=asked)
+
+
+def test_values_of_map_file_are_maps_relative_to_the_campaign_file(drawn_map):
+    content = drawn_map("..", "..")
+    folder = content.path.rpartition("/")[0]
+    parameters = ParameterVariationList.Parameters.model_validate(
+        {"name": "map_file", "values": ["map.yaml"]}, context={"base": folder}
+    )
+    assert parameters.values == [FileContent(content.path, content.digest)]
+    assert parameters.model_dump(mode="json")["values"] == [{"file": content.digest}]
+
+
+def test_a_map_file_that_is_missing_is_refused():
+    with pytest.raises(ValidationError, match=r"values\.0\n.*no such file"):
+        listed(name="map_file", values=["nowhere.yaml"])
+
+
+def test_uniform_values_lie_between_the_bounds():
+    assert all(2.0 <= value <= 3.0 for value in values(uniform(min=2.0, max=3.0, num_variations=200)))
+
+
+def test_uniform_whole_numbers_reach_both_bounds():
+    assert set(values(uniform(min=1, max=3, type="int", num_variations=100))) == {1, 2, 3}
+
+
+def test_a_uniform_bool_is_true_with_probability_max():
+    assert not any(values(uniform(max=0.0, type="bool", num_variations=50)))
+    assert all(values(uniform(max=1.0, type="bool", num_variations=50)))
+    assert statistics.mean(values(uniform(max=0.2, type="bool", num_variations=500))) == pytest.approx(0.2, abs=0.06)
+
+
+def test_uniform_text_is_the_number_as_text():
+    assert [float(value) for value in values(uniform(type="str"))] == values(uniform())
+
+
+def test_gaussian_values_have_the_mean_and_deviation_asked_for():
+    drawn = values(gaussian(mean=5.0, std=2.0, num_variations=2000))
+    assert statistics.mean(drawn) == pytest.approx(5.0, abs=0.2)
+    assert statistics.stdev(drawn) == pytest.approx(2.0, abs=0.15)
+
+
+def test_gaussian_values_beyond_a_bound_are_set_to_it_and_the_others_stay():
+    free, clipped = values(gaussian(num_variations=100)), values(gaussian(num_variations=100, min=-0.5, max=0.5))
+    assert clipped == [min(max(value, -0.5), 0.5) for value in free]
+
+
+def test_gaussian_whole_numbers_are_rounded():
+    assert values(gaussian(std=10.0, type="int")) == [round(value) for value in values(gaussian(std=10.0))]
+
+
+def test_a_gaussian_bool_is_true_from_the_mean_upwards():
+    assert values(gaussian(std=0.0, type="bool")) == [True] * 5
+    assert values(gaussian(type="bool")) == [value >= 0.0 for value in values(gaussian())]
+
+
+def test_more_variations_leave_the_first_ones_as_they_are():
+    assert values(uniform(num_variations=9))[:5] == values(uniform())
+    assert values(gaussian(num_variations=9))[:5] == values(gaussian())
+
+
+def test_the_seed_changes_what_is_drawn():
+    assert values(uniform(seed=1)) != values(uniform(seed=2))
+
+
+def test_two_keys_with_one_seed_draw_different_numbers():
+    other = [fragment.values["b"] for fragment in evaluate(uniform(name="b"), {})]
+    assert other != values(uniform())
+
+
+@pytest.mark.parametrize(
+    ("make", "parameters", "message"),
+    [
+        (uniform, {"num_variations": 0}, "greater than or equal to 1"),
+        (uniform, {"min": 2}, "min 2.0 is greater than max 1.0; min <= max"),
+        (uniform, {"max": 2, "type": "bool"}, "max 2.0 is the probability of true for a bool; 0 to 1"),
+        (uniform, {"max": 1.5, "type": "int"}, "max is 1.5 for type int; a whole number"),
+        (uniform, {"max": float("inf")}, "finite number"),
+        (uniform, {"max": True}, "found true; a number"),
+        (uniform, {"type": "complex"}, "'int', 'integer'"),
+        (uniform, {"seed": -1}, "greater than or equal to 0"),
+        (gaussian, {"std": -0.1}, "greater than or equal to 0"),
+        (gaussian, {"min": 2, "max": 1}, "min 2.0 is greater than max 1.0; min <= max"),
+        (gaussian, {"seed": None}, "valid integer"),
+        (gaussian, {"sigma": 1}, "Extra inputs are not permitted"),
+    ],
+)
+def test_a_parameter_out_of_range_is_refused(make, parameters, message):
+    with pytest.raises(ValidationError, match=message):
+        make(**parameters)
+
+
+@pytest.mark.parametrize("producer", [listed(name="a", values=[1]), uniform(), gaussian()])
+def test_parameter_producers_keep_the_contract(producer):
+    check_producer(producer, [{}, {"a": 3, "b": 4}])
+
+
+def test_drawn_values_are_pinned():
+    assert digest(values(uniform(seed=42))) == "944f18bbbdb8f995be15a6b2f74b94b0567339f30b72835b27e1a3312626656b"
+    assert digest(values(gaussian(seed=42))) == "e35e49b833cdcad4ec7aaec1fdfae34d7f8c2d4285e089c63af54f7902b369ca"

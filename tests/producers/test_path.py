@@ -1,0 +1,352 @@
+"""Paths of promised length."""
+
+import itertools
+import math
+import re
+import time
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from pydantic import ValidationError
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.conformance import check_producer
+from vastflow.producers.path import PathVariationRandom
+from vastflow.producers.producer import evaluate
+from vastflow.sim.maps import load_map
+from vastflow.sim.pose import pose_of
+
+HALL = ["#" * 32, *["#" + "." * 30 + "#"] * 30, "#" * 32]
+"""A square hall; with 10 cells of 0.05 m a letter it is 15 m wide inside."""
+
+
+def path_variation(**parameters):
+    return PathVariationRandom(PathVariationRandom.Parameters.model_validate(parameters))
+
+
+@pytest.fixture(scope="module")
+def hall(drawn_map):
+    return drawn_map(*HALL, cells=10)
+
+
+def lengths(path):
+    return [math.dist(one, other) for one, other in itertools.pairwise(path)]
+
+
+def passable_by_hand(occupancy, robot_diameter):
+    """Cells whose centre is farther than the radius from every centre of a cell that is not free, one by one."""
+    rows, columns = occupancy.shape
+    blocked = [
+        (r, c)
+        for r in range(-1, rows + 1)
+        for c in range(-1, columns + 1)
+        if not occupancy.contains(r, c) or occupancy.cells[r, c] != 0
+    ]
+    radius = robot_diameter / 2 / occupancy.resolution_m
+    passable = np.zeros((rows, columns), dtype=bool)
+    for r, c in np.ndindex(rows, columns):
+        passable[r, c] = all(math.dist((r, c), other) > radius for other in blocked)
+    return passable
+
+
+def all_distances_m(passable, resolution_m):
+    """Octile distance (N, N) between all passable cells, and the cells (N, 2), without our own planner."""
+    cells = np.argwhere(passable)
+    number = {tuple(cell): i for i, cell in enumerate(cells.tolist())}
+    steps = [
+        (i, number[near], math.hypot(dr, dc))
+        for (r, c), i in number.items()
+        for dr, dc in itertools.product((-1, 0, 1), repeat=2)
+        if (dr or dc) and (near := (r + dr, c + dc)) in number
+    ]
+    one, other, cost = zip(*steps, strict=True) if steps else ((), (), ())
+    graph = csr_array((np.array(cost, float), (np.array(one, int), np.array(other, int))), shape=(len(cells),) * 2)
+    return dijkstra(graph) * resolution_m, cells
+
+
+@pytest.fixture(scope="module")
+def grid_map(drawn_map):
+    def write(walls):
+        return drawn_map(*("".join("#" if wall else "." for wall in row) for row in walls[::-1]), resolution_m=0.5)
+
+    return write
+
+
+@given(
+    walls=arrays(bool, st.tuples(st.integers(3, 9), st.integers(3, 9)), elements=st.sampled_from([False, False, True])),
+    length=st.floats(0.5, 6.0),
+    tolerance=st.floats(0.0, 0.8),
+    min_distance=st.floats(0.0, 3.0),
+    robot_diameter=st.sampled_from([0.3, 0.9, 1.2]),
+    seed=st.integers(0, 9),
+)
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_path_is_as_promised_or_no_such_path_exists(
+    grid_map, walls, length, tolerance, min_distance, robot_diameter, seed
+):
+    content = grid_map(walls)
+    occupancy = load_map(content.path)
+    passable = passable_by_hand(occupancy, robot_diameter)
+    distance_m, cells = all_distances_m(passable, 0.5)
+    producer = path_variation(
+        path_length=length,
+        path_length_tolerance=tolerance,
+        min_distance=min_distance,
+        robot_diameter=robot_diameter,
+        seed=seed,
+    )
+    (item,) = evaluate(producer, {"map_file": content})
+    if isinstance(item, Rejection):
+        assume("nor proved impossible" not in item.reason)
+        straight_m = np.hypot(*(cells[:, None, :] - cells[None, :, :]).transpose(2, 0, 1)) * 0.5
+        met = (np.abs(distance_m - length) <= tolerance) & (straight_m >= min_distance)
+        assert not met.any()
+        return
+    path = np.array(item.values["_path"])
+    start, goal = pose_of(item.values["start_pose"]), pose_of(item.values["goal_poses"][0])
+    assert [start.x_m, start.y_m] == pytest.approx(path[0])
+    assert [goal.x_m, goal.y_m] == pytest.approx(path[-1])
+    for (x0, y0), (x1, y1) in itertools.pairwise(path):
+        for t in np.linspace(0.0, 1.0, round(max(abs(x1 - x0), abs(y1 - y0)) / 0.5) + 1):
+            assert passable[occupancy.cell_of(x0 + t * (x1 - x0), y0 + t * (y1 - y0))]
+    ends = [cells.tolist().index(list(occupancy.cell_of(*path[i]))) for i in (0, -1)]
+    assert sum(lengths(path)) == pytest.approx(distance_m[ends[0], ends[1]])
+    assert item.values["_path_length"] == pytest.approx(sum(lengths(path)))
+    assert abs(item.values["_path_length"] - length) <= tolerance + 1e-6
+    assert math.dist(path[0], path[-1]) >= min_distance - 1e-6
+
+
+@given(n_goals=st.integers(1, 6), length=st.floats(6.0, 40.0), seed=st.integers(0, 99))
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_several_goals_share_the_length_equally(hall, n_goals, length, seed):
+    producer = path_variation(path_length=length, num_goal_poses=n_goals, seed=seed, path_length_tolerance=0.6)
+    (item,) = evaluate(producer, {"map_file": hall})
+    assume(isinstance(item, Fragment))
+    stops = [pose_of(pose) for pose in (item.values["start_pose"], *item.values["goal_poses"])]
+    assert len(stops) == n_goals + 1
+    for one, other in itertools.pairwise(stops):
+        dx, dy = abs(one.x_m - other.x_m), abs(one.y_m - other.y_m)
+        assert math.hypot(dx, dy) >= 1.0 - 1e-6
+        assert max(dx, dy) + (math.sqrt(2.0) - 1.0) * min(dx, dy) <= (length + 0.6) / n_goals + 1e-6
+    assert sum(lengths(item.values["_path"])) == pytest.approx(item.values["_path_length"])
+    assert abs(item.values["_path_length"] - length) <= 0.6 + 1e-6
+
+
+def test_a_path_of_200_m_in_a_map_of_15_m_is_rejected_with_the_longest_there_is(hall):
+    items = evaluate(path_variation(path_length=200, num_paths=2), {"map_file": hall})
+    assert [type(item) for item in items] == [Rejection, Rejection]
+    assert items[0].reason == items[1].reason
+    assert items[0].reason.startswith("this map has no path of 200 m ± 0.5 m")
+    # From corner to corner along the diagonal, less the inflation: 293 cells of 0.05 m.
+    assert items[0].reason.endswith("the longest shortest path found is 20.72 m")
+    assert [item.requested["path"] for item in items] == [1, 2]
+
+
+def test_a_request_that_only_the_far_corners_meet_is_met(hall):
+    (item,) = evaluate(path_variation(path_length=20.7, path_length_tolerance=0.05), {"map_file": hall})
+    assert item.values["_path_length"] == pytest.approx(20.7, abs=0.05)
+
+
+def test_a_straight_distance_that_no_path_of_this_length_spans_is_rejected(hall):
+    (item,) = evaluate(path_variation(path_length=5, min_distance=6), {"map_file": hall})
+    assert item.reason == "a path of 5 m ± 0.5 m can't lead 6 m away in a straight line"
+
+
+def test_a_search_that_ends_without_a_proof_says_so(drawn_map):
+    # No sum of steps of 0.05 m and 0.0707 m is 3.01 m to the nanometre, but many come close.
+    producer = path_variation(path_length=3.01, path_length_tolerance=0, num_paths=2)
+    items = evaluate(producer, {"map_file": drawn_map(".", cells=100)})
+    assert [item.reason for item in items] == [items[0].reason] * 2
+    assert "from 200 starts, nor proved impossible" in items[0].reason
+
+
+@pytest.mark.parametrize("rows", [["." * 12], ["?" * i + "." + "?" * (11 - i) for i in range(12)]])
+def test_the_way_from_end_to_end_of_a_corridor_is_found(drawn_map, rows):
+    corridor = drawn_map(*rows, resolution_m=0.5)
+    length = 5.5 * (1.0 if len(rows) == 1 else math.sqrt(2.0))
+    producer = path_variation(path_length=length, path_length_tolerance=1e-6, robot_diameter=0.3)
+    (item,) = evaluate(producer, {"map_file": corridor})
+    assert item.values["_path_length"] == pytest.approx(length)
+
+
+def test_a_robot_that_fits_nowhere_is_rejected(drawn_map):
+    (item,) = evaluate(path_variation(path_length=5, robot_diameter=3), {"map_file": drawn_map("..", "..", cells=10)})
+    assert isinstance(item, Rejection)
+
+
+def test_unknown_space_is_no_place_to_be(drawn_map):
+    content = drawn_map("????", "?..?", "?..?", "????", cells=40)
+    occupancy = load_map(content.path)
+    for item in evaluate(path_variation(path_length=2, num_paths=20), {"map_file": content}):
+        assert all(occupancy.free[occupancy.cell_of(x, y)] for x, y in item.values["_path"])
+
+
+def test_starts_are_spread_over_the_whole_map(hall):
+    items = evaluate(path_variation(path_length=3, num_paths=200), {"map_file": hall})
+    starts = np.array([(pose.x_m, pose.y_m) for pose in (pose_of(item.values["start_pose"]) for item in items)])
+    quarters = {(bool(x), bool(y)): 0 for x, y in itertools.product((0, 1), repeat=2)}
+    for x, y in starts > np.array([7.0, 6.0]):  # the hall's centre
+        quarters[bool(x), bool(y)] += 1
+    assert all(30 <= n <= 70 for n in quarters.values())
+
+
+def test_the_single_goal_reference_writes_one_pose(hall):
+    (item,) = evaluate(path_variation(path_length=5, goal_poses="@goal_pose"), {"map_file": hall})
+    assert pose_of(item.values["goal_pose"])
+    assert "goal_poses" not in item.values
+
+
+def test_references_name_the_keys_that_are_written(hall):
+    producer = path_variation(path_length=5, start_pose="@from", goal_poses="@to")
+    (item,) = evaluate(producer, {"map_file": hall})
+    assert set(item.values) == {"from", "to", "_path", "_path_length"}
+    assert producer.writes == {"from": "task", "to": "task"}
+
+
+def test_a_goals_yaw_is_the_direction_of_arrival(drawn_map):
+    corridor = drawn_map("#" * 40, "." * 40, "#" * 40, cells=10)
+    (item,) = evaluate(path_variation(path_length=10, goal_poses="@goal_pose"), {"map_file": corridor})
+    start, goal = pose_of(item.values["start_pose"]), pose_of(item.values["goal_pose"])
+    assert math.cos(goal.yaw_rad) == pytest.approx(math.copysign(1.0, goal.x_m - start.x_m), abs=0.2)
+
+
+def test_goals_per_metre_are_rounded_and_at_least_one(hall):
+    producer = path_variation(path_length=[4, 12], num_goal_poses_per_m=[0.1, 0.3])
+    counts = [len(item.values["goal_poses"]) for item in evaluate(producer, {"map_file": hall})]
+    assert counts == [1, 1, 1, 4]
+
+
+def test_one_more_length_leaves_the_other_paths_as_they_are(hall):
+    few = evaluate(path_variation(path_length=[5, 10], num_paths=2, seed=3), {"map_file": hall})
+    more = evaluate(path_variation(path_length=[300, 8, 5, 10], num_paths=3, seed=3), {"map_file": hall})
+    assert [item.values for item in few] == [more[i].values for i in (6, 7, 9, 10)]
+
+
+def test_another_seed_draws_other_paths(hall):
+    one, other = (evaluate(path_variation(path_length=5, seed=seed), {"map_file": hall}) for seed in (1, 2))
+    assert one != other
+
+
+def test_a_given_start_is_kept_and_the_goal_drawn_from_there(hall):
+    given_start = {"x": 3.0, "y": 3.0, "yaw": 1.0}
+    items = evaluate(path_variation(path_length=6, num_paths=5), {"map_file": hall, "start_pose": given_start})
+    assert all("start_pose" not in item.values for item in items)
+    assert all(math.dist(item.values["_path"][0], (3.0, 3.0)) < 0.05 for item in items)
+    assert len({str(item.values["goal_poses"]) for item in items}) == 5
+
+
+def test_given_goals_are_kept_and_the_start_drawn_to_them(hall):
+    goals = [{"x": 3.0, "y": 3.0}, {"x": 5.0, "y": 3.0}]
+    (item,) = evaluate(path_variation(path_length=6), {"map_file": hall, "goal_poses": goals})
+    assert "goal_poses" not in item.values
+    assert math.dist(item.values["_path"][-1], (5.0, 3.0)) < 0.05
+    assert abs(item.values["_path_length"] - 6.0) <= 0.5
+
+
+def test_poses_in_the_parameters_are_written(hall):
+    producer = path_variation(path_length=2, start_pose={"x": 3, "y": 3}, goal_poses=[{"x": 5, "y": 3}])
+    (item,) = evaluate(producer, {"map_file": hall})
+    assert pose_of(item.values["start_pose"]) == pose_of({"x": 3.0, "y": 3.0})
+    assert [pose_of(pose) for pose in item.values["goal_poses"]] == [pose_of({"x": 5.0, "y": 3.0})]
+
+
+@pytest.mark.parametrize(
+    ("inputs", "reason"),
+    [
+        ({"start_pose": {"x": 90, "y": 0}}, r"the given start \(90, 0\) is no place for a robot 0.35 m across"),
+        ({"start_pose": "here"}, "start_pose: found 'here'; a pose"),
+        ({"goal_poses": []}, r"goal_poses: found \[\]; a list of poses"),
+        ({"start_pose": {"x": 3, "y": 3}, "goal_poses": [{"x": 9, "y": 3}]}, "given poses are 6.00 m apart, not 4 m"),
+        ({"goal_poses": [{"x": 3, "y": 3}, {"x": 9, "y": 3}]}, "given goals alone are 6.00 m apart"),
+        ({"map_file": "m.yaml"}, "map_file is 'm.yaml', not a map file"),
+    ],
+)
+def test_what_is_given_and_does_not_fit_is_a_rejection_with_its_reason(hall, inputs, reason):
+    (item,) = evaluate(path_variation(path_length=4), {"map_file": hall, **inputs})
+    assert isinstance(item, Rejection)
+    assert re.search(reason, item.reason)
+
+
+def test_goals_that_are_not_connected_are_rejected(drawn_map):
+    rooms = drawn_map(".#.", cells=40)
+    given_poses = {"start_pose": {"x": 0, "y": -1}, "goal_poses": [{"x": 4, "y": -1}]}
+    (item,) = evaluate(path_variation(path_length=4), {"map_file": rooms, **given_poses})
+    assert "no way" in item.reason
+
+
+def test_a_map_of_its_own_becomes_the_configurations_map(hall):
+    producer = path_variation(path_length=5, map_file=hall.path)
+    (item,) = evaluate(producer, {})
+    assert item.values["map_file"] == hall
+    assert producer.needs == ()
+    assert producer.writes["map_file"] == "environment"
+
+
+def test_the_papers_listing_is_complete(hall):
+    (item,) = evaluate(path_variation(num_goal_poses=2, path_length=15.0, seed=20), {"map_file": hall})
+    assert len(item.values["goal_poses"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({}, "Field required"),
+        ({"path_length": 0}, "greater than 0"),
+        ({"path_length": [5, -1]}, r"path_length\.1\n.*greater than 0"),
+        ({"path_length": []}, "found an empty list; at least one value"),
+        ({"path_length": 5, "path_length_tolerance": -0.1}, "greater than or equal to 0"),
+        ({"path_length": 5, "num_paths": 0}, "greater than or equal to 1"),
+        ({"path_length": 5, "num_paths": 1.5}, "valid integer"),
+        ({"path_length": 5, "min_distance": -1}, "greater than or equal to 0"),
+        ({"path_length": 5, "robot_diameter": 0}, "greater than 0"),
+        ({"path_length": 5, "num_goal_poses": 0}, "greater than or equal to 1"),
+        ({"path_length": 5, "num_goal_poses": 2, "num_goal_poses_per_m": 1}, "both given; one of them"),
+        (
+            {"path_length": 5, "num_goal_poses": 2, "goal_poses": "@goal_pose"},
+            "holds one goal; '@goal_poses' for several",
+        ),
+        ({"path_length": 5, "start_pose": {"x": 1}}, "a pose is {x, y, yaw}"),
+        ({"path_length": 5, "goal_poses": []}, r"found \[\]; a key such as '@goal_poses', or a list of poses"),
+        ({"path_length": 5, "map_file": "nowhere.yaml"}, "no such file"),
+        ({"path_length": 5, "seed": -1}, "greater than or equal to 0"),
+    ],
+)
+def test_a_parameter_out_of_range_is_refused(parameters, message):
+    with pytest.raises(ValidationError, match=message):
+        path_variation(**parameters)
+
+
+def test_path_producers_keep_the_contract(hall, drawn_map):
+    small = drawn_map("....", "....", cells=10)
+    producer = path_variation(path_length=[3, 200], num_paths=2)
+    check_producer(producer, [{"map_file": hall, "noise": 0.1}, {"map_file": small}])
+
+
+def test_whatever_else_a_configuration_holds_the_paths_are_the_same(hall):
+    producer = path_variation(path_length=5, num_paths=2)
+    assert "noise" not in producer.reads
+    values = {"map_file": hall, "noise": 0.1}
+    assert evaluate(producer, {key: values[key] for key in producer.reads if key in values}) == evaluate(
+        producer, {"map_file": hall}
+    )
+
+
+def test_a_path_of_20_m_in_a_large_building_takes_tens_of_milliseconds(shared_map):
+    inputs = {"map_file": shared_map("university")}
+    evaluate(path_variation(path_length=20), inputs)  # the map is read and inflated once
+    began = time.process_time()
+    items = evaluate(path_variation(path_length=20, num_paths=10, seed=1), inputs)
+    assert (time.process_time() - began) / 10 < 0.1
+    assert all(isinstance(item, Fragment) for item in items)
+
+
+@pytest.mark.parametrize(("name", "longest_m"), [("rooms", 18.7), ("hallways", 49.1)])
+def test_a_building_without_such_a_path_is_proved_to_have_none(shared_map, name, longest_m):
+    (item,) = evaluate(path_variation(path_length=60), {"map_file": shared_map(name)})
+    assert item.reason.startswith("this map has no path of 60 m")
+    assert float(item.reason.split()[-2]) == pytest.approx(longest_m, abs=0.1)

@@ -1,0 +1,214 @@
+"""The keys of version 1 of the format and their rules."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from vastflow.producers.document import read_document
+from vastflow.producers.model_faults import faults_of
+from vastflow.producers.schema import campaign_schema
+from vastflow.producers.spec import CampaignSpec, unexecuted
+
+EVERY_KEY = """
+version: 1
+metadata: {name: study, dataset_iri: https://example.org/, agents: [{name: a, type: b}]}
+general: {anything: 1}
+configuration:
+- name: rooms-1
+  parameters: [{map_file: maps/rooms.yaml}, {start_pose: {x: 1, y: 2}}]
+  variations: [{ParameterVariationList: {name: a, values: [1]}}, {'own.py:Class': }]
+  dimensions: {map_file: environment}
+  design: cartesian
+  constraints: [a < b]
+constraints: [a < b]
+execution:
+  image: ghcr.io/example/robot:1
+  runs: 20
+  seed: 7
+  scenario_file: scenario.osc
+  nav2_params: nav2.yaml
+  timeout: 300
+  simulation: own.module:Simulation
+  resources: {cpu: [{here: 4}, {there: 8}], memory: [{here: 4Gi}]}
+  secondary_containers: [nav, {sim: , resources: {cpu: 2, memory: 2Gi, gpu: 1}}, {name: third}]
+  env: [{LANGUAGE: en}, {COUNT: 2}]
+  run_files: ['files/**', '*.xml']
+  runs_per_job: 4
+  pre_command: /pre.sh
+  post_command: /post.sh
+  run_as_user: 0
+  local: {parameter_overrides: [{headless: false}]}
+  kubernetes: {jobs: {node_labels: {pool: jobs}}, control: {node_labels: {pool: control}}}
+results_processing:
+  postprocessing: [rosbags_bt_to_csv, {rosbags_tf_to_csv: {frames: [base_link]}}]
+  metadata_processing: [own]
+  publication: [{zip: {destination: out}}]
+evaluation:
+  oracles: [safety, {performance: {threshold: 0.22}}]
+  visualization: [{Overview: {run: run.ipynb, config: c.ipynb, batch: b.ipynb, campaign: all.ipynb}}]
+"""
+
+SEARCH = """
+search:
+  strategy: optuna
+  search_space:
+    speed: {type: float, low: 0.1, high: 1.0, log: true}
+    size: {type: int, low: 1, high: 9, step: 2}
+    kind: {type: choice, values: [box, cylinder]}
+    flag: {type: bool}
+  extract: {plugin: failure_rate, params: {}}
+  objectives: [{name: failures, direction: maximize}]
+  per_batch: 4
+  budget: {batches: 10, time: 2h}
+  stopping: {target_objective: 0.5, no_improvement: {patience: 3, min_delta: 0.01}, metric: {name: m, op: '>', value: 1}}
+  seed: 1
+  variations: [{ParameterVariationList: {name: speed, values: [$speed]}}]
+  parameters: [{a: 1}]
+  postprocessing: [own]
+  strategy_parameters: {sampler: tpe}
+"""
+
+
+def spec_of(text: str) -> CampaignSpec:
+    return CampaignSpec.model_validate(yaml.safe_load(text))
+
+
+def complaints(folder: Path, text: str) -> list[str]:
+    """Every fault of a file, without its name."""
+    file = folder / "c.vast"
+    file.write_text(text)
+    document = read_document(file)
+    with pytest.raises(ValidationError) as caught:
+        CampaignSpec.model_validate(document.data)
+    return [str(fault).removeprefix(f"{file}:") for fault in faults_of(document, (), CampaignSpec, caught.value)]
+
+
+def test_every_key_of_version_1_and_of_ours_is_known() -> None:
+    spec = spec_of(EVERY_KEY)
+    assert spec.execution.runs == 20
+    assert [container.name for container in spec.execution.secondary_containers] == ["nav", "sim", "third"]
+    assert spec.evaluation.oracles == [{"safety": {}}, {"performance": {"threshold": 0.22}}]
+
+
+def test_every_key_of_a_search_is_known() -> None:
+    search = spec_of(SEARCH).search
+    assert search is not None
+    assert sorted(search.search_space) == ["flag", "kind", "size", "speed"]
+
+
+def test_what_is_left_out_has_the_documented_default() -> None:
+    spec = spec_of("configuration: [{name: a}]")
+    assert (spec.version, spec.execution.runs, spec.execution.seed, spec.execution.timeout) == (1, 1, 0, None)
+
+
+@pytest.mark.parametrize("section", ["metadata", "general", "execution", "results_processing", "evaluation"])
+def test_a_section_with_nothing_below_it_is_as_if_left_out(section: str) -> None:
+    assert spec_of(f"configuration: [{{name: a}}]\n{section}:\n").execution.runs == 1
+
+
+@pytest.mark.parametrize("name", ["a", "rooms-10m", "2d", "büro"])
+def test_a_family_may_be_called(name: str) -> None:
+    assert spec_of(f"configuration: [{{name: {name}}}]").configuration[0].name == name
+
+
+@pytest.mark.parametrize("name", ["Rooms", "a_b", "a b", "a.b", "a/b", "-a", "", "a" * 101])
+def test_a_family_may_not_be_called(tmp_path: Path, name: str) -> None:
+    (complaint,) = complaints(tmp_path, f"configuration:\n- name: '{name}'\n")
+    assert complaint.startswith("2:9: configuration[0].name: found ")
+    assert complaint.endswith("; lowercase letters, digits and hyphens, such as 'rooms-noise', at most 100")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("version: 2", "1:10: version: found 2; 1"),
+        ("metdata: {}", "1:1: file: unknown key 'metdata'; did you mean 'metadata'?"),
+        ("execution:\n  timout: 3", "2:3: execution: unknown key 'timout'; did you mean 'timeout'?"),
+        ("execution:\n  Runs: 3", "2:3: execution: unknown key 'Runs'; did you mean 'runs'?"),
+        ("execution:\n  runs: five", "2:9: execution.runs: found 'five'; a whole number"),
+        ("execution:\n  runs: 0", "2:9: execution.runs: found 0; 1 or more"),
+        ("execution:\n  runs: yes", "2:9: execution.runs: found true; a whole number"),
+        ("execution:\n  runs: {min: 2}", "2:9: execution.runs: found {'min': 2}; a whole number"),
+        ("execution:\n  seed: -1", "2:9: execution.seed: found -1; 0 or more"),
+        ("execution:\n  timeout: 0", "2:12: execution.timeout: found 0; greater than 0"),
+        ("execution: 3", "1:12: execution: found 3; a mapping"),
+        ("execution:\n  image: 3", "2:10: execution.image: found 3; text; put it in quotes"),
+        (
+            "execution:\n  scenario_file: ../a.osc",
+            "2:18: execution.scenario_file: found '../a.osc'; a path below the campaign file's folder",
+        ),
+        (
+            "execution:\n  resources: {cpu: [{a: x}]}",
+            "2:25: execution.resources.cpu[0].a: found 'x'; a whole number",
+        ),
+        (
+            "execution:\n  resources: {memory: 4}",
+            "2:23: execution.resources.memory: found 4; text; put it in quotes or a list",
+        ),
+        (
+            "execution:\n  secondary_containers:\n  - sim:\n    resources: {mem: 1}",
+            "4:17: execution.secondary_containers[0].resources: unknown key 'mem'; did you mean 'memory'?",
+        ),
+        (
+            "execution:\n  env:\n  - CAMPAIGN_ID: 1",
+            "3:18: execution.env[0].CAMPAIGN_ID: CAMPAIGN_ID is set for every run; another name",
+        ),
+        ("configuration: rooms", "1:16: configuration: found 'rooms'; a list"),
+        ("configuration:\n- parameters: []", "2:3: configuration[0]: no 'name'; name: lowercase letters, digits and hyphens"),
+        (
+            "configuration:\n- name: a\n  variatons: []",
+            "3:3: configuration[0]: unknown key 'variatons'; did you mean 'variations'?",
+        ),
+        (
+            "configuration:\n- name: a\n  variations:\n  - Path:\n    seed: 2",
+            ("5:5: configuration[0].variations[0].seed: a second key in an entry of one; "
+            "indent it below 'Path', or begin its own entry with '- '"),
+        ),
+        ("configuration:\n- name: a\n  parameters:\n  - 3", "4:5: configuration[0].parameters[0]: found 3; 'name: value'"),
+        ("evaluation:\n  oracles: [{safety: 3}]", "2:22: evaluation.oracles[0].safety: found 3; its parameters as a mapping"),
+        ("a:\n", "1:1: file: unknown key 'a'; known: configuration, constraints, evaluation, execution, general, metadata, results_processing, search, version"),
+        ("search:\n  strategy: random\n  search_space: {}", "1:1: search: neither budget nor stopping; at least one of them"),
+    ],
+)  # fmt: skip
+def test_a_slip_is_one_fault_with_its_place_and_what_would_be_right(tmp_path: Path, text: str, complaint: str) -> None:
+    assert complaints(tmp_path, text) == [complaint]
+
+
+def test_everything_without_an_effect_is_found_and_nothing_else() -> None:
+    found = {".".join(map(str, location)) for location, _ in unexecuted(spec_of(EVERY_KEY + SEARCH))}
+    execution = set(yaml.safe_load(EVERY_KEY)["execution"]) - {"runs", "seed", "timeout", "scenario_file"}
+    assert found == {
+        *(f"execution.{key}" for key in execution),
+        *(f"results_processing.{key}" for key in ("postprocessing", "metadata_processing", "publication")),
+        *("general", "constraints", "search", "evaluation.visualization"),
+        *("configuration.0.design", "configuration.0.constraints"),
+    }
+
+
+def test_the_schema_offers_the_parameters_of_known_producers() -> None:
+    schema = campaign_schema()
+    offered = schema["$defs"]["FamilySpec"]["properties"]["variations"]["items"]["properties"]
+    assert {"PathVariationRandom", "ObstacleVariation", "FloorplanGeneration"} <= set(offered)
+    parameters = schema["$defs"][offered["PathVariationRandom"]["anyOf"][0]["$ref"].rsplit("/", 1)[-1]]
+    assert "path_length" in parameters["properties"]
+
+
+def test_every_reference_in_the_schema_leads_somewhere() -> None:
+    schema = campaign_schema()
+
+    def references(value: Any) -> list[str]:
+        if isinstance(value, dict):
+            own = [value["$ref"]] if isinstance(value.get("$ref"), str) else []
+            return own + [found for item in value.values() for found in references(item)]
+        return [found for item in value for found in references(item)] if isinstance(value, list) else []
+
+    assert {reference.removeprefix("#/$defs/") for reference in references(schema)} <= set(schema["$defs"])
+
+
+def test_the_schema_describes_keys_in_words_and_marks_those_without_effect() -> None:
+    execution = campaign_schema()["$defs"]["ExecutionSpec"]["properties"]
+    assert execution["runs"]["description"] == "Repetitions of each configuration."
+    assert execution["image"]["$comment"] == "not executed by this version"
