@@ -2,11 +2,38 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.recording import Run
+from vastflow.sim.recording import Recording, Run, si
+
+SI_SUFFIX: Mapping[str, str] = {"mmps": "mps", "mradps": "radps", "mrad": "rad", "mm": "m", "ms": "s"}
+"""Suffix of a stored column of thousandths to that of the signal in SI units."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The path a run is compared with.
+
+    Attributes:
+        points_xy_m: (M >= 1, 2) its corners in the map frame, in order of travel, in whole millimetres.
+        length_m: Octile length on the grid (not of the rounded corners), in whole millimetres.
+    """
+
+    points_xy_m: NDArray[np.float64] = field(repr=False)
+    length_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoReference:
+    """There is no reference path; `reason` says why in one sentence."""
+
+    reason: str
+
+
+MaybeReference: TypeAlias = Reference | NoReference
 
 
 @dataclass(frozen=True)
@@ -17,14 +44,59 @@ class Trace:
         run: How the run ended.
         columns: Name to (N,) float64. From the recording: `t_s x_m y_m yaw_rad estimated_x_m estimated_y_m
             estimated_yaw_rad speed_mps yaw_rate_radps command_speed_mps command_yaw_rate_radps localized`.
-            Derived: `localization_error_m`, `wall_clearance_m` (robot centre to the nearest wall),
-            `deviation_m` (to the reference path; absent without one) and
+            Derived: `localization_error_m`, `wall_clearance_m` (robot centre to the nearest wall; absent without
+            walls), `deviation_m` (to the reference path; absent without one) and
             `separation_m/<size class>` (robot centre to the nearest centre of obstacles of that class).
+        reference: The path the mission should take at best, see `vastflow.oracles.reference`.
     """
 
     run: Run
     columns: Mapping[str, NDArray[np.float64]] = field(repr=False)
+    reference: MaybeReference
 
     def __getitem__(self, column: str) -> NDArray[np.float64]:
         """The signal called `column`."""
         return self.columns[column]
+
+    def __len__(self) -> int:
+        """Number of rows N."""
+        return len(self.columns["t_s"])
+
+    @property
+    def xy_m(self) -> NDArray[np.float64]:
+        """(N, 2) true positions of the robot's centre."""
+        return np.column_stack((self["x_m"], self["y_m"]))
+
+
+def trace_of(recording: Recording, row: Mapping[str, Any], derived: Mapping[str, NDArray[np.int32]]) -> Trace:
+    """A recording and what `vastflow.oracles.observe` stored of it, joined."""
+    stored = {**recording.columns, **derived}
+    columns = {signal_name(name): _signal(name, column) for name, column in stored.items()}
+    return Trace(recording.run, columns, reference_of_row(row))
+
+
+def signal_name(stored: str) -> str:
+    """Name in SI units of a stored column: `x_mm` → `x_m`, `separation_mm/box` → `separation_m/box`."""
+    name, slash, group = stored.partition("/")
+    stem, _, suffix = name.rpartition("_")
+    return f"{stem}_{SI_SUFFIX[suffix]}{slash}{group}" if suffix in SI_SUFFIX else stored
+
+
+def reference_row(reference: MaybeReference) -> dict[str, Any]:
+    """`reference` as JSON values, to stand in a trace's row."""
+    if isinstance(reference, NoReference):
+        return {"no_reference": reference.reason}
+    points_mm = np.rint(reference.points_xy_m * 1000.0).astype(int)
+    return {"reference": {"points_mm": points_mm.tolist(), "length_mm": round(reference.length_m * 1000.0)}}
+
+
+def reference_of_row(row: Mapping[str, Any]) -> MaybeReference:
+    """The reference that `reference_row` wrote."""
+    if "reference" not in row:
+        return NoReference(row["no_reference"])
+    points_mm = np.array(row["reference"]["points_mm"], dtype=np.float64)
+    return Reference(points_mm * 1e-3, row["reference"]["length_mm"] * 1e-3)
+
+
+def _signal(stored: str, column: NDArray[np.int32]) -> NDArray[np.float64]:
+    return column.astype(np.float64) if signal_name(stored) == stored else si(column)

@@ -1,7 +1,8 @@
 """Verdicts: what an oracle says of one run."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Literal, TypeAlias
 
 Judgement: TypeAlias = Literal["pass", "fail", "not judged"]
@@ -30,3 +31,29 @@ class Verdict:
     judgement: Judgement
     reason: str = ""
     metrics: Mapping[str, Metric] = field(default_factory=dict)
+
+
+def run_judgement(judgements: Iterable[Judgement]) -> Judgement:
+    """What all oracles together say of a run: `fail` if one does, `pass` if all do, else `not judged`."""
+    said = set(judgements)
+    if "fail" in said:
+        return "fail"
+    return "pass" if said == {"pass"} else "not judged"
+
+
+def write_verdicts(verdicts: Sequence[Verdict]) -> bytes:
+    """`verdicts` as canonical JSON: equal verdicts give equal bytes.
+
+    Raises:
+        ValueError: a metric that is infinite or not a number; a metric that can't be had is None.
+    """
+    rows = [asdict(verdict) for verdict in verdicts]
+    return json.dumps(rows, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+
+
+def read_verdicts(content: bytes) -> list[Verdict]:
+    """What `write_verdicts` wrote."""
+    return [
+        Verdict(**{**row, "metrics": {name: Metric(**metric) for name, metric in row["metrics"].items()}})
+        for row in json.loads(content)
+    ]

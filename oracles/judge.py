@@ -1,0 +1,35 @@
+"""Oracle: traces to verdicts."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from vastflow.oracles.oracle import Oracle
+from vastflow.oracles.situation import situation_of
+from vastflow.oracles.trace import trace_of
+from vastflow.oracles.verdict import Verdict
+from vastflow.sim.blocks import read_block, read_recordings
+from vastflow.sim.scenario import Scenario
+
+
+def judge_block(
+    scenario: Scenario, recording_block: bytes, trace_block: bytes, oracles: Sequence[Oracle[Any]]
+) -> list[Verdict]:
+    """Every oracle's verdict on every run of a block: run by run, oracles in their order.
+
+    Args:
+        recording_block: Runs of `scenario`, by `vastflow.sim.blocks.write_recordings`.
+        trace_block: The same runs, by `vastflow.oracles.observe.observe_block`.
+
+    Raises:
+        ValueError: the blocks are not of the same runs.
+    """
+    situation = situation_of(scenario)
+    recordings, observed = read_recordings(recording_block), read_block(trace_block)
+    recorded = [recording.run.run_index for recording in recordings]
+    if recorded != (traced := [row["run_index"] for row, _ in observed]):
+        raise ValueError(f"recordings of runs {recorded} and traces of runs {traced} do not belong together")
+    return [
+        oracle.judge(trace_of(recording, row, columns), situation)
+        for recording, (row, columns) in zip(recordings, observed, strict=True)
+        for oracle in oracles
+    ]

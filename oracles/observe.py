@@ -1,0 +1,131 @@
+"""Obs: a recording's derived signals, in whole millimetres.
+
+Only what follows from recording and scenario together is stored; a trace is both joined
+(`vastflow.oracles.trace.trace_of`).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from vastflow.oracles.reference import reference_path
+from vastflow.oracles.situation import situation_of
+from vastflow.oracles.trace import MaybeReference, Reference, reference_row
+from vastflow.sim.blocks import read_recordings, write_block
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.nav.parameters import parameters_of
+from vastflow.sim.recording import Recording, si
+from vastflow.sim.scenario import Scenario
+
+_CANDIDATES: Final = 9
+"""Cells looked at for the nearest wall: the nearest square is among the nine nearest centres, or at most a
+fifth of a cell nearer than the best of them."""
+
+
+@dataclass(frozen=True)
+class Observer:
+    """What the observation of a scenario's runs has in common; prepared once, then used for each.
+
+    Attributes:
+        occupancy: The robot's map; None where the scenario has none.
+        wall_cells: Tree of the centres of occupied cells at the walls' surface, in cells (row, column).
+        centres_xy_m: Size class to (n, 2) centres of its obstacles.
+        reference: See `vastflow.oracles.reference`.
+    """
+
+    occupancy: OccupancyMap | None
+    wall_cells: cKDTree | None = field(repr=False)
+    centres_xy_m: Mapping[str, NDArray[np.float64]]
+    reference: MaybeReference
+
+    def columns(self, recording: Recording) -> dict[str, NDArray[np.int32]]:
+        """Derived columns (N,) of one run.
+
+        `localization_error_mm`: distance of the estimated to the true position, at each row.
+        `wall_clearance_mm`: distance of the robot's centre to the nearest occupied cell's square (unknown cells
+        are no walls), 0 inside one. `deviation_mm`: distance of the robot's centre to the nearest point of
+        the reference path. `separation_mm/<size class>`: between the centres of robot and nearest obstacle.
+        """
+        x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
+        estimated_x_m, estimated_y_m = si(recording.columns["estimated_x_mm"]), si(recording.columns["estimated_y_mm"])
+        derived = {"localization_error_mm": _mm(np.hypot(estimated_x_m - x_m, estimated_y_m - y_m))}
+        if self.occupancy is not None and self.wall_cells is not None:
+            derived["wall_clearance_mm"] = _mm(_clearance_m(self.occupancy, self.wall_cells, x_m, y_m))
+        if isinstance(self.reference, Reference):
+            path = _line(self.reference.points_xy_m)
+            derived["deviation_mm"] = _mm(shapely.distance(path, shapely.points(x_m, y_m)))
+        for size_class, centres in self.centres_xy_m.items():
+            apart = np.hypot(x_m[:, None] - centres[:, 0], y_m[:, None] - centres[:, 1])
+            derived[f"separation_mm/{size_class}"] = _mm(apart.min(axis=1))
+        return derived
+
+
+def observer_of(scenario: Scenario) -> Observer:
+    """Prepare the observation of `scenario`: its map, walls, obstacles and reference path.
+
+    The reference is that of a robot of the system's `robot_radius`, by default Nav2's 0.22 m.
+
+    Raises:
+        MapError: the map can't be read.
+        ValueError: the mission, an obstacle or the robot's radius can't be read.
+    """
+    situation = situation_of(scenario)
+    file = scenario.environment.get("map_file")
+    occupancy = load_map(file.path) if isinstance(file, FileContent) else None
+    centres: dict[str, list[tuple[float, float]]] = {}
+    for obstacle in situation.obstacles:
+        centres.setdefault(obstacle.size_class, []).append((obstacle.pose.x_m, obstacle.pose.y_m))
+    return Observer(
+        occupancy,
+        _wall_cells(occupancy) if occupancy is not None else None,
+        {size_class: np.array(centres[size_class]) for size_class in sorted(centres)},
+        reference_path(occupancy, situation, parameters_of(scenario.system).robot_radius),
+    )
+
+
+def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
+    """Obs of a block of recordings of `scenario`: a block of the same runs with the derived columns alone."""
+    observer = observer_of(scenario)
+    recordings = read_recordings(recording_block)
+    path = reference_row(observer.reference)
+    rows: list[dict[str, Any]] = [{"run_index": recording.run.run_index, **path} for recording in recordings]
+    return write_block(rows, [observer.columns(recording) for recording in recordings])
+
+
+def _wall_cells(occupancy: OccupancyMap) -> cKDTree | None:
+    surface = occupancy.occupied & ~ndimage.binary_erosion(occupancy.occupied)
+    cells = np.argwhere(surface)
+    return cKDTree(cells) if len(cells) else None
+
+
+def _clearance_m(
+    occupancy: OccupancyMap, wall_cells: cKDTree, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Distances (N,) to the nearest occupied cell, taken as a square rather than by its centre."""
+    origin_x_m, origin_y_m = occupancy.origin_xy_m
+    at = np.column_stack((y_m - origin_y_m, x_m - origin_x_m)) / occupancy.resolution_m
+    candidates = min(_CANDIDATES, wall_cells.n)
+    _, nearest = wall_cells.query(at - 0.5, k=candidates)
+    centres = wall_cells.data[np.reshape(nearest, (len(at), candidates))] + 0.5
+    beyond = np.maximum(np.abs(centres - at[:, None, :]) - 0.5, 0.0)
+    clearance = np.hypot(beyond[..., 0], beyond[..., 1]).min(axis=1)
+    rows, columns = np.floor(at).astype(int).T
+    on_grid = (rows >= 0) & (columns >= 0) & (rows < occupancy.shape[0]) & (columns < occupancy.shape[1])
+    inside = np.zeros(len(at), dtype=np.bool_)
+    inside[on_grid] = occupancy.occupied[rows[on_grid], columns[on_grid]]
+    return np.where(inside, 0.0, clearance * occupancy.resolution_m)
+
+
+def _line(points: NDArray[np.float64]) -> Any:
+    return shapely.linestrings(points) if len(points) > 1 else shapely.points(points[0])
+
+
+def _mm(metres: NDArray[np.float64]) -> NDArray[np.int32]:
+    return np.rint(metres * 1000.0).astype(np.int32)

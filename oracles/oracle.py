@@ -1,0 +1,191 @@
+"""Oracles: what every one is, and how one is found."""
+
+import importlib.util
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, ClassVar, Final, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from vastflow.oracles.situation import Situation
+from vastflow.oracles.trace import Trace
+from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.sim.digest import file_digest
+
+GROUP: Final = "vastflow.oracles"
+SUCCESS: Final = "success"
+"""The oracle of the mission's own outcome, which is always judged, first."""
+
+
+class Parameters(BaseModel):
+    """Base of every oracle's parameter model: unknown keys are faults, values don't change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+P = TypeVar("P", bound=Parameters)
+
+
+class Oracle(ABC, Generic[P]):
+    """A judge of single runs: a pure function of trace, situation and its parameters.
+
+    A subclass names its parameter model and its metrics and writes `judge`.
+
+    Attributes:
+        Parameters: The pydantic model of what stands below the oracle's name in the campaign file.
+        metrics: Name to unit of every metric it measures; a verdict has all of them, whatever the judgement.
+        name: As the campaign file calls it.
+        base: Folder a name like `file.py:Class` is relative to.
+    """
+
+    Parameters: ClassVar[type[Parameters]]
+    metrics: ClassVar[Mapping[str, str]]
+
+    def __init__(self, parameters: P, name: str, base: Path) -> None:
+        self.parameters = parameters
+        self.name = name
+        self.base = base
+
+    @abstractmethod
+    def judge(self, trace: Trace, situation: Situation) -> Verdict:
+        """Judge one run with `passed`, `failed` or `not_judged`."""
+
+    def passed(self, trace: Trace, **metrics: float | None) -> Verdict:
+        """The run did what this oracle asks."""
+        return self._verdict(trace, "pass", "", metrics)
+
+    def failed(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
+        """The run did not; `reason` says in what, with numbers."""
+        return self._verdict(trace, "fail", reason, metrics)
+
+    def not_judged(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
+        """What the oracle needs is missing; `reason` says what."""
+        return self._verdict(trace, "not judged", reason, metrics)
+
+    def _verdict(self, trace: Trace, judgement: Any, reason: str, metrics: Mapping[str, float | None]) -> Verdict:
+        if unknown := sorted(set(metrics) - set(self.metrics)):
+            raise ValueError(f"oracle {self.name!r} measures {sorted(self.metrics)}, got {unknown}")
+        values = {name: Metric(metrics.get(name), unit) for name, unit in self.metrics.items()}
+        return Verdict(self.name, trace.run.run_index, judgement, reason, values)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        # By name: a class of a plug-in file is in no module that another process could import.
+        return oracle_of, (self.name, self.parameters.model_dump(), self.base)
+
+
+@dataclass(frozen=True, slots=True)
+class OracleFault:
+    """One thing wrong in the request of an oracle.
+
+    Attributes:
+        location: Keys and indices below the oracle's parameters; empty where its name is wrong.
+        what: What was found.
+        right: What would be right.
+    """
+
+    location: tuple[str | int, ...]
+    what: str
+    right: str
+
+
+class OracleError(ValueError):
+    """A request no oracle can be made of; `faults` has every reason."""
+
+    def __init__(self, name: str, faults: Sequence[OracleFault]) -> None:
+        self.name = name
+        self.faults = tuple(faults)
+        lines = (".".join(map(str, (name, *fault.location))) + f": {fault.what}; {fault.right}" for fault in faults)
+        super().__init__("\n".join(lines))
+
+
+def known_oracles() -> tuple[str, ...]:
+    """Names in the entry-point group `vastflow.oracles`, sorted."""
+    return tuple(sorted({entry.name for entry in entry_points(group=GROUP)}))
+
+
+def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> Oracle[Any]:
+    """The oracle called `name` in the entry-point group, or `file.py:Class` relative to `base`.
+
+    Raises:
+        OracleError: there is none of this name, or its parameters are wrong.
+    """
+    found = oracle_class(name, base)
+    try:
+        checked = found.Parameters.model_validate(dict(parameters))
+    except ValidationError as error:
+        raise OracleError(name, [_fault(detail, found.Parameters) for detail in error.errors()]) from None
+    return found(checked, name, base)
+
+
+def oracles_of(requests: Sequence[tuple[str, Mapping[str, Any]]], base: Path = Path()) -> tuple[Oracle[Any], ...]:
+    """The oracles of a campaign in the order they judge: `success` first, asked for or not.
+
+    Args:
+        requests: Name and parameters of each.
+    """
+    parameters = dict(requests)
+    ordered = {SUCCESS: parameters.get(SUCCESS, {}), **parameters}
+    return tuple(oracle_of(name, values, base) for name, values in ordered.items())
+
+
+def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
+    """The class called `name`, see `oracle_of`.
+
+    Raises:
+        OracleError: there is none of this name.
+    """
+    if ".py:" in name:
+        file_name, _, class_name = name.rpartition(":")
+        file = base / file_name
+        if not file.is_file():
+            raise OracleError(
+                name, [OracleFault((), f"no file {str(file)!r}", "a Python file beside the campaign file")]
+            )
+        found = getattr(_module_of(file), class_name, None)
+        if found is None:
+            raise OracleError(name, [OracleFault((), f"{str(file)!r} has no class {class_name!r}", "file.py:Class")])
+    else:
+        entries = [entry for entry in entry_points(group=GROUP) if entry.name == name]
+        if not entries:
+            near = get_close_matches(name, known_oracles(), n=1)
+            right = f"did you mean {near[0]!r}?" if near else f"known oracles: {', '.join(known_oracles())}"
+            raise OracleError(name, [OracleFault((), f"no oracle {name!r}", right)])
+        found = entries[0].load()
+    if not (isinstance(found, type) and issubclass(found, Oracle)):
+        right = "a subclass of vastflow.oracles.oracle.Oracle"
+        raise OracleError(name, [OracleFault((), f"{name!r} is not an oracle", right)])
+    return found
+
+
+def _module_of(file: Path) -> Any:
+    """A plug-in's module under a name of its content, so that an edited file is never served stale."""
+    module_name = f"vastflow_oracle_{file_digest(file)[:16]}"
+    if module_name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(module_name, file)
+        if spec is None or spec.loader is None:
+            raise OracleError(str(file), [OracleFault((), "it can't be imported", "a Python module")])
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[module_name] = module
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:
+            del sys.modules[module_name]
+            what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
+            raise OracleError(str(file), [OracleFault((), what, "a Python module")]) from error
+    return sys.modules[module_name]
+
+
+def _fault(detail: Mapping[str, Any], model: type[Parameters]) -> OracleFault:
+    location = tuple(detail["loc"])
+    if detail["type"] == "extra_forbidden":
+        known = sorted(model.model_fields)
+        near = get_close_matches(str(location[-1]), known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known) or 'none'}"
+        return OracleFault(location, f"unknown key {location[-1]!r}", hint)
+    message = str(detail["msg"])
+    return OracleFault(location, f"found {detail['input']!r}", message[:1].lower() + message[1:])

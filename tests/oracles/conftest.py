@@ -1,0 +1,281 @@
+"""A small campaign directory, laid out as design §7 says and written with pyarrow alone."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from vastflow.oracles.judge import judge_block
+from vastflow.oracles.observe import observe_block
+from vastflow.oracles.oracle import oracles_of
+from vastflow.sim.blocks import write_recordings
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import load_map
+from vastflow.sim.recording import Event, Recording, Run
+from vastflow.sim.scenario import Scenario
+
+RESOLUTION_M = 0.05
+
+
+def write_map(directory: Path, cells: np.ndarray, origin_xy_m: tuple[float, float] = (0.0, 0.0)) -> Path:
+    """A trinary map of (H, W) cells, row 0 at the lowest y: 0 free, 100 occupied, -1 unknown."""
+    directory.mkdir(parents=True, exist_ok=True)
+    grey = np.select([cells == 0, cells == 100], [254, 0], 205).astype(np.uint8)
+    Image.fromarray(grey[::-1]).save(directory / "map.pgm")
+    x, y = origin_xy_m
+    (directory / "map.yaml").write_text(
+        f"image: map.pgm\nresolution: {RESOLUTION_M}\norigin: [{x}, {y}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return directory / "map.yaml"
+
+
+def walled_room(width_m: float, height_m: float) -> np.ndarray:
+    """Free cells with a wall one cell thick round them."""
+    cells = np.zeros((round(height_m / RESOLUTION_M), round(width_m / RESOLUTION_M)), dtype=np.int8)
+    cells[[0, -1], :] = 100
+    cells[:, [0, -1]] = 100
+    return cells
+
+
+def a_recording(
+    xy_m: Sequence[tuple[float, float]] | np.ndarray,
+    *,
+    run_index: int = 0,
+    outcome: str = "succeeded",
+    reason: str = "",
+    error_xy_m: tuple[float, float] = (0.0, 0.0),
+    missed_goals: int = 0,
+    events: tuple[Event, ...] = (),
+) -> Recording:
+    """A run along `xy_m` at a row every 0.1 s, its estimate wrong by `error_xy_m`."""
+    xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
+    n = len(xy)
+
+    def fixed(values: Any) -> np.ndarray:
+        return np.rint(np.broadcast_to(np.asarray(values, dtype=np.float64), (n,)) * 1000).astype(np.int32)
+
+    columns = {
+        "t_ms": fixed(np.arange(n) * 0.1),
+        "x_mm": fixed(xy[:, 0]),
+        "y_mm": fixed(xy[:, 1]),
+        "yaw_mrad": fixed(0.0),
+        "estimated_x_mm": fixed(xy[:, 0] + error_xy_m[0]),
+        "estimated_y_mm": fixed(xy[:, 1] + error_xy_m[1]),
+        "estimated_yaw_mrad": fixed(0.0),
+        "speed_mmps": fixed(0.5),
+        "yaw_rate_mradps": fixed(0.0),
+        "command_speed_mmps": fixed(0.5),
+        "command_yaw_rate_mradps": fixed(0.0),
+        "localized": np.ones(n, dtype=np.int32),
+    }
+    distance_m = float(np.hypot(*np.diff(xy, axis=0).T).sum())
+    error_code = 0 if outcome == "succeeded" else 205
+    return Recording(
+        Run(run_index, "1-2-3", outcome, error_code, reason, n * 0.1, distance_m, 0, missed_goals, events),  # type: ignore[arg-type]
+        columns,
+    )
+
+
+def box_at(x_m: float, y_m: float, edge_m: float = 0.5) -> dict[str, Any]:
+    """A cube as `ObstacleVariation` writes it."""
+    return {
+        "entity_name": f"box_{x_m:g}_{y_m:g}",
+        "model": "file:///models/box.sdf.xacro",
+        "spawn_pose": {"position": {"x": x_m, "y": y_m}, "orientation": {"yaw": 0.0}},
+        "xacro_arguments": f"width:={edge_m}, length:={edge_m}, height:=1.0",
+    }
+
+
+@dataclass
+class SyntheticCampaign:
+    """A campaign directory in the making: rows are collected, `write` lays them out."""
+
+    directory: Path
+    metadata: dict[str, Any] = field(default_factory=dict)
+    configurations: list[dict[str, Any]] = field(default_factory=list)
+    rejections: list[dict[str, Any]] = field(default_factory=list)
+    runs: list[dict[str, Any]] = field(default_factory=list)
+    verdicts: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(
+        self,
+        name: str,
+        family: str,
+        map_file: Path,
+        task: Mapping[str, Any],
+        *,
+        recordings: Sequence[Recording] = (),
+        obstacles: Sequence[Mapping[str, Any]] = (),
+        factors: Mapping[str, Any] | None = None,
+        oracles: Sequence[tuple[str, Mapping[str, Any]]] = (),
+        duplicate_of: str | None = None,
+        fault: str | None = None,
+        runs: int = 0,
+    ) -> None:
+        """A configuration, its recordings judged by `oracles`; with `fault` its `runs` are not judged."""
+        environment = load_map(map_file).digest
+        scenario = Scenario(
+            "builtin:navigate_to_pose",
+            60.0,
+            {"map_file": FileContent(str(map_file), environment), "static_objects": list(obstacles)},
+            task,
+            {},
+        )
+        row = {
+            "name": name,
+            "family": family,
+            "scenario_digest": scenario.digest,
+            "duplicate_of": duplicate_of,
+            "environment": environment,
+            "abstract": scenario.abstract,
+            "scenario": json.dumps(
+                {
+                    "environment": {"map_file": {"file": environment}, "static_objects": list(obstacles)},
+                    "task": task,
+                    "system": {},
+                }
+            ),
+            "factors": json.dumps(factors or {}),
+            "provenance": "{}",
+        }
+        self.configurations.append(row)
+        if duplicate_of is not None:
+            return
+        judges = oracles_of(oracles)
+        if fault is not None:
+            for run_index in range(runs):
+                for judge in judges:
+                    self._verdict(name, family, run_index, judge.name, "not judged", fault, {})
+            return
+        self._copy_map(environment, map_file)
+        block = write_recordings(recordings)
+        traces = observe_block(scenario, block)
+        for folder, content in (("recordings", block), ("traces", traces)):
+            (self.directory / folder).mkdir(parents=True, exist_ok=True)
+            (self.directory / folder / f"{name}.parquet").write_bytes(content)
+        for verdict in judge_block(scenario, block, traces, judges):
+            metrics = {key: {"value": m.value, "unit": m.unit} for key, m in verdict.metrics.items()}
+            self._verdict(name, family, verdict.run_index, verdict.oracle, verdict.judgement, verdict.reason, metrics)
+        for recording in recordings:
+            run = recording.run
+            self.runs.append(
+                {
+                    "configuration": name,
+                    "family": family,
+                    **{key: getattr(run, key) for key in _RUN_COLUMNS},
+                    "contacts": sum(event.kind == "contact" for event in run.events),
+                }
+            )
+
+    def reject(self, family: str, reason: str, requested: Mapping[str, Any]) -> None:
+        """A rejected instance."""
+        self.rejections.append(
+            {
+                "family": family,
+                "parent": family,
+                "producer": "PathVariationRandom",
+                "reason": reason,
+                "requested": json.dumps(requested),
+                "inputs": "{}",
+            }
+        )
+
+    def write(self, campaign_text: str = "version: 1\n") -> Path:
+        """Lay the directory out."""
+        self.directory.mkdir(parents=True, exist_ok=True)
+        (self.directory / "campaign.vast").write_text(campaign_text)
+        metadata = {
+            "name": "synthetic",
+            "created": "2026-11-21T06:00:00",
+            "vastflow": "0.1.0",
+            "versions": {"python": "3.11.2", "numpy": "2.4.6"},
+            "host": {"name": "lab", "machine": "x86_64", "cpus": 2},
+            "counts": {},
+            "notes": [],
+            "faults": [],
+            **self.metadata,
+        }
+        (self.directory / "metadata.json").write_text(json.dumps(metadata))
+        for table, rows, schema in (
+            ("configurations", self.configurations, _CONFIGURATIONS),
+            ("rejections", self.rejections, _REJECTIONS),
+            ("runs", self.runs, _RUNS),
+            ("verdicts", self.verdicts, _VERDICTS),
+        ):
+            pq.write_table(pa.Table.from_pylist(rows, schema), self.directory / f"{table}.parquet")
+        return self.directory
+
+    def _verdict(self, name: str, family: str, run_index: int, oracle: str, judgement: str, reason: str, metrics: Any):
+        self.verdicts.append(
+            {
+                "configuration": name,
+                "family": family,
+                "run_index": run_index,
+                "oracle": oracle,
+                "judgement": judgement,
+                "reason": reason,
+                "metrics": json.dumps(metrics),
+            }
+        )
+
+    def _copy_map(self, environment: str, map_file: Path) -> None:
+        place = self.directory / "environments" / environment
+        place.mkdir(parents=True, exist_ok=True)
+        header = map_file.read_text()
+        image = header.split("image:", 1)[1].split("\n", 1)[0].strip()
+        (place / "map.yaml").write_text(header.replace(image, "map.pgm"))
+        (place / "map.pgm").write_bytes((map_file.parent / image).read_bytes())
+
+
+_RUN_COLUMNS = (
+    *("run_index", "seed", "outcome", "error_code", "reason"),
+    *("simulated_s", "distance_m", "recoveries", "missed_goals"),
+)
+
+
+def _text(names: str) -> list[tuple[str, pa.DataType]]:
+    return [(name, pa.string()) for name in names.split()]
+
+
+_CONFIGURATIONS = pa.schema(
+    _text("name family scenario_digest duplicate_of environment abstract scenario factors provenance")
+)
+_REJECTIONS = pa.schema(_text("family parent producer reason requested inputs"))
+_VERDICTS = pa.schema(
+    [*_text("configuration family"), ("run_index", pa.int32()), *_text("oracle judgement reason metrics")]
+)
+_RUNS = pa.schema(
+    [
+        *_text("configuration family"),
+        ("run_index", pa.int32()),
+        *_text("seed outcome"),
+        ("error_code", pa.int32()),
+        *_text("reason"),
+        ("simulated_s", pa.float64()),
+        ("distance_m", pa.float64()),
+        ("recoveries", pa.int32()),
+        ("missed_goals", pa.int32()),
+        ("contacts", pa.int32()),
+    ]
+)
+
+
+@pytest.fixture
+def synthetic_campaign(tmp_path: Path) -> SyntheticCampaign:
+    """An empty campaign directory to fill."""
+    return SyntheticCampaign(tmp_path / "results")
+
+
+@pytest.fixture
+def build() -> SimpleNamespace:
+    """The functions above, for tests cannot import from here: `write_map, walled_room, a_recording, box_at`."""
+    return SimpleNamespace(write_map=write_map, walled_room=walled_room, a_recording=a_recording, box_at=box_at)

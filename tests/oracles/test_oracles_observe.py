@@ -1,0 +1,218 @@
+"""Observation of hand-built recordings on small maps."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from vastflow.oracles.judge import judge_block
+from vastflow.oracles.observe import observe_block, observer_of
+from vastflow.oracles.oracle import oracles_of
+from vastflow.oracles.trace import NoReference, Reference, Trace, trace_of
+from vastflow.sim.blocks import read_block, write_recordings
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import load_map
+from vastflow.sim.recording import Recording
+from vastflow.sim.scenario import Scenario
+
+TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
+ScenarioOn = Callable[..., Scenario]
+
+
+@pytest.fixture
+def room(tmp_path: Path, build: SimpleNamespace) -> Path:
+    """6 m × 4 m with walls one cell (0.05 m) thick."""
+    return build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+
+
+@pytest.fixture
+def scenario_on() -> ScenarioOn:
+    def make(
+        map_file: Path | None,
+        task: Mapping[str, Any] = TASK,
+        *,
+        obstacles: Any = (),
+        abstract: str = "builtin:navigate_to_pose",
+        **system: Any,
+    ) -> Scenario:
+        environment: dict[str, Any] = {"static_objects": list(obstacles)}
+        if map_file is not None:
+            environment["map_file"] = FileContent(str(map_file), load_map(map_file).digest)
+        return Scenario(abstract, 60.0, environment, task, system)
+
+    return make
+
+
+def observed(scenario: Scenario, recording: Recording) -> Trace:
+    ((row, columns),) = read_block(observe_block(scenario, write_recordings([recording])))
+    return trace_of(recording, row, columns)
+
+
+def test_localization_error_is_the_distance_of_estimate_and_truth(scenario_on, room, build) -> None:
+    trace = observed(scenario_on(room), build.a_recording([(1, 2), (2, 2)], error_xy_m=(0.3, 0.4)))
+    np.testing.assert_allclose(trace["localization_error_m"], [0.5, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("xy_m", "clearance_m"),
+    [
+        ((1.0, 2.0), 0.95),  # the wall's inner face is at x = 0.05
+        ((3.0, 3.95), 0.0),  # touching the face
+        ((3.0, 3.97), 0.0),  # inside the wall
+        ((3.017, 3.5), 0.45),  # not on a cell's centre: straight up all the same
+        ((3.0, 2.0), 1.95),
+    ],
+)
+def test_wall_clearance_is_exact_to_the_millimetre(scenario_on, room, build, xy_m, clearance_m) -> None:
+    trace = observed(scenario_on(room), build.a_recording([xy_m, xy_m]))
+    np.testing.assert_allclose(trace["wall_clearance_m"], clearance_m, atol=5e-4)
+
+
+def test_wall_clearance_to_a_single_cell_goes_to_its_corner(scenario_on, tmp_path, build) -> None:
+    cells = np.zeros((80, 120), dtype=np.int8)
+    cells[40, 60] = 100  # x 3.0..3.05, y 2.0..2.05
+    lonely = build.write_map(tmp_path / "lonely", cells)
+    trace = observed(scenario_on(lonely), build.a_recording([(2.7, 1.6), (2.7, 1.6)]))
+    np.testing.assert_allclose(trace["wall_clearance_m"], 0.5)
+
+
+def test_unknown_cells_are_no_walls(scenario_on, tmp_path, build) -> None:
+    cells = build.walled_room(6.0, 4.0)
+    cells[:, 60:] = -1
+    half = build.write_map(tmp_path / "half", cells)
+    trace = observed(scenario_on(half), build.a_recording([(2.9, 2.0), (2.9, 2.0)]))
+    assert trace["wall_clearance_m"][0] > 1.9
+
+
+def test_a_map_without_walls_has_no_clearance(scenario_on, tmp_path, build) -> None:
+    field = build.write_map(tmp_path / "field", np.zeros((80, 120), dtype=np.int8))
+    assert "wall_clearance_m" not in observed(scenario_on(field), build.a_recording([(1, 2), (2, 2)])).columns
+
+
+def test_separation_is_from_centre_to_nearest_centre_of_a_size_class(scenario_on, room, build) -> None:
+    obstacles = [build.box_at(2.0, 3.0), build.box_at(4.0, 3.0), build.box_at(3.0, 0.8, edge_m=0.8)]
+    trace = observed(scenario_on(room, obstacles=obstacles), build.a_recording([(2, 2), (4, 1.6), (3, 2)]))
+    np.testing.assert_allclose(trace["separation_m/box 0.5 x 0.5 m"], [1.0, 1.4, 2**0.5], atol=5e-4)
+    np.testing.assert_allclose(trace["separation_m/box 0.8 x 0.8 m"], [2.44**0.5, 1.64**0.5, 1.2], atol=5e-4)
+
+
+def test_deviation_is_the_distance_to_the_nearest_point_of_the_reference(scenario_on, room, build) -> None:
+    trace = observed(scenario_on(room), build.a_recording([(1.025, 2.025), (3, 2.325), (5.325, 2.025)]))
+    np.testing.assert_allclose(trace["deviation_m"], [0.0, 0.3, 0.3], atol=5e-4)
+
+
+def test_a_free_straight_way_has_its_ends_as_reference(scenario_on, room, build) -> None:
+    reference = observer_of(scenario_on(room)).reference
+    assert isinstance(reference, Reference)
+    np.testing.assert_allclose(reference.points_xy_m, [[1.025, 2.025], [5.025, 2.025]])
+    assert reference.length_m == pytest.approx(4.0)
+
+
+def test_the_reference_is_octile_and_keeps_its_corners_alone(scenario_on, room) -> None:
+    task = {"start_pose": {"x": 1.0, "y": 1.0}, "goal_pose": {"x": 3.0, "y": 2.0}}
+    reference = observer_of(scenario_on(room, task)).reference
+    assert isinstance(reference, Reference)
+    assert reference.length_m == pytest.approx(1.0 + 2**0.5, abs=1e-3)
+    assert np.hypot(*np.diff(reference.points_xy_m, axis=0).T).sum() == pytest.approx(reference.length_m, abs=2e-3)
+    assert len(reference.points_xy_m) < 10  # of 41 cells
+
+
+def test_the_reference_goes_round_obstacles_by_the_robots_radius(scenario_on, room) -> None:
+    # Box 2.75..3.25 × 1.75..2.25: the way passes at least 0.22 m beyond its side.
+    wall = {"entity_name": "b", "model": "box", "spawn_pose": {"x": 3.0, "y": 2.0}, "xacro_arguments": "width:=0.5"}
+    reference = observer_of(scenario_on(room, obstacles=[wall])).reference
+    assert isinstance(reference, Reference)
+    clearance_m = shapely.distance(shapely.box(2.75, 1.75, 3.25, 2.25), shapely.linestrings(reference.points_xy_m))
+    assert 0.22 - 0.05 < clearance_m < 0.22 + 0.1
+
+
+def test_loops_repeat_the_goals(scenario_on, room) -> None:
+    task = {"start_pose": {"x": 1, "y": 2}, "goal_poses": [{"x": 5, "y": 2}, {"x": 1, "y": 2}], "number_of_loops": 1}
+    reference = observer_of(scenario_on(room, task, abstract="builtin:follow_waypoints")).reference
+    assert isinstance(reference, Reference)
+    assert reference.length_m == pytest.approx(16.0)
+
+
+def test_there_is_no_reference_through_a_gap_too_narrow_for_the_robot(scenario_on, tmp_path, build) -> None:
+    cells = build.walled_room(6.0, 4.0)
+    cells[:, 60] = 100
+    cells[36:44, 60] = 0  # a door of 0.4 m
+    door = build.write_map(tmp_path / "door", cells)
+    wide, slim = observer_of(scenario_on(door)).reference, observer_of(scenario_on(door, robot_radius=0.15)).reference
+    assert isinstance(wide, NoReference)
+    assert "no way for a robot of radius 0.22 m from start to goal 1" in wide.reason
+    assert isinstance(slim, Reference)
+
+
+def test_a_start_nearer_to_the_wall_than_the_radius_is_moved_to_where_the_robot_fits(scenario_on, room) -> None:
+    task = {"start_pose": {"x": 0.23, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
+    reference = observer_of(scenario_on(room, task)).reference
+    assert isinstance(reference, Reference)
+    assert reference.points_xy_m[0, 0] == pytest.approx(0.275)
+
+
+def test_a_goal_outside_the_map_has_no_reference(scenario_on, room) -> None:
+    task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 50.0, "y": 2.0}}
+    reference = observer_of(scenario_on(room, task)).reference
+    assert isinstance(reference, NoReference)
+    assert reference.reason.startswith("goal 1 at (50.00, 2.00) m is more than 0.22 m from any place")
+
+
+def test_a_scenario_without_a_map_is_observed_without_walls_and_reference(scenario_on, build) -> None:
+    trace = observed(scenario_on(None), build.a_recording([(1, 2), (2, 2)]))
+    assert isinstance(trace.reference, NoReference)
+    assert {"wall_clearance_m", "deviation_m"}.isdisjoint(trace.columns)
+
+
+def test_a_trace_has_the_recordings_signals_in_si_units(scenario_on, room, build) -> None:
+    trace = observed(scenario_on(room), build.a_recording([(1, 2), (2, 2.5)]))
+    np.testing.assert_allclose(trace.xy_m, [(1, 2), (2, 2.5)])
+    np.testing.assert_allclose(trace["t_s"], [0.0, 0.1])
+    np.testing.assert_allclose(trace["localized"], [1, 1])
+
+
+def test_a_block_stores_the_derived_columns_alone(scenario_on, room, build) -> None:
+    block = observe_block(scenario_on(room), write_recordings([build.a_recording([(1, 2), (2, 2)])]))
+    ((_, columns),) = read_block(block)
+    assert set(columns) == {"localization_error_mm", "wall_clearance_mm", "deviation_mm"}
+
+
+def test_a_run_is_observed_alike_alone_and_in_a_block(scenario_on, room, build) -> None:
+    runs = [build.a_recording([(1, 2), (2, 2 + 0.1 * i)], run_index=i) for i in range(3)]
+    together = observe_block(scenario_on(room), write_recordings(runs))
+    alone = observe_block(scenario_on(room), write_recordings(runs[1:2]))
+    (row, columns), ((row_alone, columns_alone),) = read_block(together)[1], read_block(alone)
+    assert row == row_alone
+    np.testing.assert_equal(columns, columns_alone)
+
+
+def test_a_recording_without_rows_is_observed(scenario_on, room, build) -> None:
+    assert len(observed(scenario_on(room, obstacles=[build.box_at(3, 3)]), build.a_recording([]))) == 0
+
+
+def test_a_block_is_judged_run_by_run_in_the_order_of_the_oracles(scenario_on, room, build) -> None:
+    scenario = scenario_on(room, obstacles=[build.box_at(3.0, 2.5)])
+    way = [(1.0, 2.0), (3.0, 2.0), (5.0, 2.0)]
+    runs = [build.a_recording(way, run_index=i, outcome=o) for i, o in enumerate(("succeeded", "timed_out"))]
+    block = write_recordings(runs)
+    verdicts = judge_block(
+        scenario, block, observe_block(scenario, block), oracles_of([("performance", {}), ("safety", {})])
+    )
+    assert [(v.run_index, v.oracle, v.judgement) for v in verdicts] == [
+        (0, "success", "pass"),
+        (0, "performance", "pass"),
+        (0, "safety", "fail"),
+        (1, "success", "fail"),
+        (1, "performance", "pass"),
+        (1, "safety", "fail"),
+    ]
+
+
+def test_recordings_and_traces_of_different_runs_are_not_judged_together(scenario_on, room, build) -> None:
+    blocks = [write_recordings([build.a_recording([(1, 2), (2, 2)], run_index=i)]) for i in (0, 1)]
+    with pytest.raises(ValueError, match=r"runs \[0\] and traces of runs \[1\] do not belong together"):
+        judge_block(scenario_on(room), blocks[0], observe_block(scenario_on(room), blocks[1]), oracles_of([]))

@@ -1,0 +1,212 @@
+"""The report and the evidence of a synthetic campaign directory."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from PIL import Image
+
+from vastflow.oracles.evidence import evidence_of
+from vastflow.oracles.rates import Interval
+from vastflow.oracles.report import number, percent, span, write_report
+from vastflow.oracles.tables import read_tables
+
+TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
+WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
+REASON = "no goal at 200 m ± 0.5 m <from> here & now"
+VOID = {"meta", "br", "img", "link", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """Reads a page, and notes what a browser would fetch and tags that are not closed in order."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.misnested: list[str] = []
+        self.addresses: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.ids: set[str] = set()
+        self.text = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        self.addresses += [values[name] or "" for name in ("src", "href", "data", "srcset") if name in values]
+        if tag == "img":
+            self.images.append(values)
+        if values.get("id"):
+            self.ids.add(values["id"] or "")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self.open or self.open.pop() != tag:
+            self.misnested.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+@pytest.fixture
+def directory(synthetic_campaign, tmp_path: Path, build: SimpleNamespace) -> Path:
+    """Two families: one passes and loses runs to a fault of ours, one fails partly; rejections and a duplicate."""
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+    oracles = [("performance", {}), ("safety", {})]
+    passing = [build.a_recording(WAY, run_index=i) for i in range(5)]
+    mixed = passing[:3] + [
+        build.a_recording(WAY[:20], run_index=i, outcome="aborted", reason="no valid control") for i in (3, 4)
+    ]
+    campaign = synthetic_campaign
+    campaign.add("quiet-1", "quiet", room, TASK, recordings=passing, oracles=oracles, factors={"noise": 0.0})
+    campaign.add("quiet-2", "quiet", room, TASK, oracles=oracles, fault="our own fault: MemoryError", runs=5)
+    campaign.add("noisy-1", "noisy", room, TASK, recordings=mixed, oracles=oracles, factors={"noise": 0.1})
+    campaign.add(
+        "noisy-2",
+        "noisy",
+        room,
+        TASK,
+        recordings=passing,
+        obstacles=[build.box_at(3.0, 2.4)],
+        oracles=oracles,
+        factors={"noise": 0.1},
+    )
+    campaign.add("noisy-3", "noisy", room, TASK, duplicate_of="noisy-1")
+    campaign.reject("quiet", REASON, {"path_length": 200.0})
+    campaign.reject("quiet", REASON, {"path_length": 201.0})
+    campaign.metadata = {
+        "notes": ["a.vast:3:1: execution.image: not executed by this version"],
+        "faults": [{"configuration": "quiet-2", "run_index": None, "stage": "execute", "error": "MemoryError"}],
+    }
+    return campaign.write("version: 1\n# see https://example.org\n")
+
+
+@pytest.fixture
+def page(directory: Path) -> Page:
+    write_report(directory)
+    return Page((directory / "report.html").read_text(encoding="utf-8"))
+
+
+def test_every_tag_of_the_report_is_closed_in_order(page: Page) -> None:
+    assert (page.misnested, page.open) == ([], [])
+
+
+def test_the_report_fetches_nothing(page: Page, directory: Path) -> None:
+    assert page.addresses
+    assert {address for address in page.addresses if not address.startswith(("data:image/png;base64,", "#"))} == set()
+    assert not re.search(r"@import|url\(|<script|<link", (directory / "report.html").read_text(encoding="utf-8"))
+
+
+def test_links_within_the_report_lead_somewhere(page: Page) -> None:
+    assert {address[1:] for address in page.addresses if address.startswith("#")} <= page.ids
+
+
+def test_pictures_say_what_they_show(page: Page) -> None:
+    assert len(page.images) == 3
+    assert all(image["alt"] for image in page.images)
+
+
+def test_figures_are_written_as_pictures_too(page: Page, directory: Path) -> None:
+    names = {re.sub(r"-[0-9a-f]{8}", "", file.stem) for file in (directory / "figures").iterdir()}
+    assert names == {"rates", "trajectories", "failures"}
+    for file in (directory / "figures").iterdir():
+        with Image.open(file) as picture:
+            assert picture.width == 1200
+
+
+def test_rejections_are_shown_with_their_reason_and_how_often(page: Page) -> None:
+    assert REASON in page.text
+    assert "path_length 200; path_length 201" in page.text
+
+
+def test_what_was_left_out_is_said_at_the_top(page: Page) -> None:
+    summary = " ".join(page.text.split())
+    assert "2 rejected requests, 1 duplicate, 5 runs not judged, 1 fault of our own, 1 note" in summary
+
+
+def test_not_judged_faults_duplicates_and_notes_are_named(page: Page) -> None:
+    for what in ("our own fault: MemoryError", "noisy-3 is noisy-1", "execution.image: not executed by this version"):
+        assert what in page.text
+
+
+def test_the_headline_counts_judged_runs_alone(page: Page) -> None:
+    # quiet-1: 5 of 5; noisy-1: 3 of 5; noisy-2: 0 of 5, too close to the box.
+    assert "of the judged runs passed every oracle: 8 of 15." in page.text
+
+
+def test_evidence_has_rates_and_intervals_for_campaign_family_and_configuration(page: Page, directory: Path) -> None:
+    evidence = json.loads((directory / "evidence.json").read_text())
+    together = evidence["all_oracles"]
+    assert list(evidence["oracles"]) == ["success", "performance", "safety"]
+    assert (together["campaign"]["passed"], together["campaign"]["failed"], together["campaign"]["not_judged"]) == (
+        8,
+        7,
+        5,
+    )
+    assert together["families"]["noisy"]["rate"] == pytest.approx(0.3)
+    assert together["families"]["quiet"]["clustered"] is None
+    assert together["configurations"]["quiet-1"]["interval"] == pytest.approx({"low": 0.5655, "high": 1.0}, abs=1e-4)
+    assert together["configurations"]["quiet-2"]["rate"] is None
+    assert evidence["oracles"]["success"]["families"]["noisy"]["passed"] == 8
+    assert evidence["oracles"]["success"]["metrics"]["final_distance"]["n"] == 15
+    assert (evidence["rejected"], evidence["duplicates"]) == (2, {"noisy-3": "noisy-1"})
+
+
+def test_a_duplicate_is_counted_once(directory: Path) -> None:
+    family = evidence_of(read_tables(directory))[None].families["noisy"]
+    assert (family.configurations, family.counts.judged) == (2, 10)
+
+
+def test_a_report_can_be_written_again(directory: Path) -> None:
+    write_report(directory)
+    first = (directory / "report.html").read_bytes()
+    write_report(directory)
+    assert (directory / "report.html").read_bytes() == first
+
+
+def test_a_campaign_of_which_nothing_could_be_built_has_a_report(synthetic_campaign) -> None:
+    synthetic_campaign.reject("far", REASON, {"path_length": 200.0})
+    directory = synthetic_campaign.write()
+    write_report(directory)
+    page = Page((directory / "report.html").read_text(encoding="utf-8"))
+    assert "Nothing was run: no configuration could be built." in page.text
+    assert REASON in page.text
+    assert page.misnested == []
+
+
+def test_a_campaign_whose_every_run_broke_has_a_report(synthetic_campaign, tmp_path: Path, build) -> None:
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(WAY)])
+    synthetic_campaign.verdicts = [{**row, "judgement": "not judged"} for row in synthetic_campaign.verdicts]
+    directory = synthetic_campaign.write()
+    write_report(directory)
+    assert json.loads((directory / "evidence.json").read_text())["all_oracles"]["campaign"]["rate"] is None
+
+
+@pytest.mark.parametrize(
+    ("rate", "text"),
+    [
+        (None, "–"),
+        (0.0, "0\u00a0%"),
+        (1.0, "100\u00a0%"),
+        (0.857, "86\u00a0%"),
+        (0.9991, "99.9\u00a0%"),
+        (0.0004, "0.04\u00a0%"),
+    ],
+)
+def test_a_rate_is_never_rounded_to_none_or_all(rate: float | None, text: str) -> None:
+    assert percent(rate) == text
+
+
+def test_an_interval_is_written_with_one_sign() -> None:
+    assert span(Interval(0.523, 0.704)).replace("\u2060", "") == "52–70\u00a0%"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(None, "–"), (1e-15, "0"), (-1e-15, "0"), (0.0582, "0.058"), (1234.5, "1,234")]
+)
+def test_a_number_is_rounded_to_the_millimetre(value: float | None, text: str) -> None:
+    assert number(value) == text
