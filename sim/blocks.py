@@ -51,9 +51,9 @@ def read_block(content: bytes) -> list[tuple[dict[str, Any], dict[str, NDArray[n
     """What `write_block` wrote: each run's row and columns, in order."""
     table = pq.read_table(io.BytesIO(content))
     rows: list[dict[str, Any]] = json.loads(table.schema.metadata[ROWS_KEY])
-    index = table.column("run_index").to_numpy()
-    names = [name for name in table.column_names if name != "run_index"]
-    values = {name: table.column(name).to_numpy().astype(np.int32) for name in names}
+    values = {name: _int32(table.column(name)) for name in table.column_names}
+    index = values.pop("run_index")
+    names = list(values)
     ends = np.searchsorted(index, [row["run_index"] for row in rows], side="right")
     starts = np.searchsorted(index, [row["run_index"] for row in rows], side="left")
     return [
@@ -70,3 +70,8 @@ def write_recordings(recordings: Sequence[Recording]) -> bytes:
 def read_recordings(content: bytes) -> list[Recording]:
     """The recordings of a block."""
     return [Recording(run_of(row), columns) for row, columns in read_block(content)]
+
+
+def _int32(column: Any) -> NDArray[np.int32]:
+    """A column as an array of its own; pyarrow's `to_numpy` would import pandas, which costs a worker 0.35 s."""
+    return np.array(np.from_dlpack(column.combine_chunks()), dtype=np.int32)

@@ -51,7 +51,9 @@ def leap_table(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """
     if not occupied.any():
         return np.full(occupied.shape, MAX_LEAP, dtype=np.uint8)
-    leap = np.clip(np.floor(ndimage.distance_transform_edt(~occupied) - 1.4143), 0, MAX_LEAP).astype(np.uint8)
+    leap: NDArray[np.uint8] = np.clip(np.floor(ndimage.distance_transform_edt(~occupied) - 1.4143), 0, MAX_LEAP).astype(
+        np.uint8
+    )
     leap[occupied] = WALL
     return leap
 
@@ -191,7 +193,7 @@ def range_to_obstacle(obstacle: Any, x_m: float, y_m: float, dx: float, dy: floa
             return np.inf
     if far < start_m:
         return np.inf
-    return max(near, start_m)
+    return float(max(near, start_m))
 
 
 @njit

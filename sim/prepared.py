@@ -20,7 +20,7 @@ class PreparedMap:
 
     Attributes:
         leap: What the lidar casts against.
-        cubed, cubed_outside: AMCL's likelihood field.
+        cubed: AMCL's likelihood field.
         static: (H, W) uint8 of 0, 254, 255: the static layer.
         stamp: Inflation round one cell.
         travel: (H, W) uint8: NavFn's costs of the inflated static layer.
@@ -30,7 +30,6 @@ class PreparedMap:
     walls: WallIndex
     leap: NDArray[np.uint8]
     cubed: NDArray[np.float32]
-    cubed_outside: float
     static: NDArray[np.uint8]
     stamp: NDArray[np.uint8]
     costs: NDArray[np.uint8]
@@ -40,7 +39,7 @@ class PreparedMap:
 def prepare(occupancy: OccupancyMap, lidar: Lidar, parameters: NavParameters) -> PreparedMap:
     """Tables of a map for a robot with these parameters."""
     occupied = np.ascontiguousarray(occupancy.occupied)
-    cubed, cubed_outside = likelihood_cubed(
+    cubed = likelihood_cubed(
         occupied,
         occupancy.resolution_m,
         range_max_m=lidar.range_max_m,
@@ -63,7 +62,6 @@ def prepare(occupancy: OccupancyMap, lidar: Lidar, parameters: NavParameters) ->
         WallIndex(occupancy),
         leap_table(occupied),
         cubed,
-        cubed_outside,
         static,
         cost_stamp(*inflation),
         costs,

@@ -20,6 +20,7 @@ BIN_RAD: Final = math.radians(10.0)
 MAX_BINS: Final = 4096
 SLOTS: Final = 4 * MAX_BINS
 GUIDE: Final = 2048
+MAX_BEAMS: Final = 1024
 
 
 class Cloud(NamedTuple):
@@ -34,6 +35,7 @@ class Cloud(NamedTuple):
         bin_sums: (MAX_BINS, 5) float64: weight, x, y, cos, sin.
         slots: (SLOTS,) int64 hash table of bin index + 1, 0 where empty.
         stack: (MAX_BINS,) int64 scratch of the clustering.
+        cells: (MAX_BEAMS,) int32 scratch of the weighting.
     """
 
     particles: Any
@@ -45,6 +47,7 @@ class Cloud(NamedTuple):
     bin_sums: Any
     slots: Any
     stack: Any
+    cells: Any
 
 
 def new_cloud(max_particles: int) -> Cloud:
@@ -59,6 +62,7 @@ def new_cloud(max_particles: int) -> Cloud:
         np.zeros((MAX_BINS, 5)),
         np.zeros(SLOTS, dtype=np.int64),
         np.zeros(MAX_BINS, dtype=np.int64),
+        np.zeros(MAX_BEAMS, dtype=np.int32),
     )
 
 
@@ -71,8 +75,8 @@ def likelihood_cubed(
     z_rand: float,
     sigma_hit_m: float,
     likelihood_max_dist_m: float,
-) -> tuple[NDArray[np.float32], float]:
-    """pz³ of a beam that ends in each cell (H, W) float32, and of one that ends off the map.
+) -> NDArray[np.float32]:
+    """pz³ of a beam that ends in each cell; (H + 2, W + 2) float32 with a frame for beams that end off the map.
 
     pz = z_hit exp(-d² / 2σ²) + z_rand / range_max, d the distance to the nearest occupied cell, capped.
     """
@@ -84,7 +88,8 @@ def likelihood_cubed(
     def cubed(d_m: Any) -> Any:
         return (z_hit * np.exp(-(d_m**2) / (2 * sigma_hit_m**2)) + z_rand / range_max_m) ** 3
 
-    return cubed(distance_m).astype(np.float32), float(cubed(likelihood_max_dist_m))
+    framed = np.pad(distance_m, 1, constant_values=likelihood_max_dist_m)
+    return np.asarray(cubed(framed), dtype=np.float32)
 
 
 @inner
@@ -181,27 +186,34 @@ def weight_of(
     points: Any,
     n_points: int,
     cubed: Any,
-    cubed_outside: float,
     resolution_m: float,
     origin_x_m: float,
     origin_y_m: float,
+    cells: Any,
 ) -> float:
     """Unnormalised weight 1 + Σ pz³ of one pose.
 
     The cell of an end point is found by rounding: AMCL takes the map's origin as the centre of cell 0.
+
+    Args:
+        points: (2, M) end points in the robot's frame; the first `n_points` count.
+        cubed: Table with its frame, from `likelihood_cubed`.
+        cells: (M,) int32 scratch.
     """
-    rows, columns = cubed.shape
+    columns = cubed.shape[1]
+    last_x, last_y = columns - 1.0, cubed.shape[0] - 1.0
     c, s = cos_yaw / resolution_m, sin_yaw / resolution_m
-    x0 = (x_m - origin_x_m) / resolution_m + 0.5
-    y0 = (y_m - origin_y_m) / resolution_m + 0.5
+    x0 = (x_m - origin_x_m) / resolution_m + 1.5
+    y0 = (y_m - origin_y_m) / resolution_m + 1.5
+    # Two loops: the first has no branch and no gather, so that it runs on vector units.
+    for k in range(n_points):
+        fx = min(max(x0 + c * points[0, k] - s * points[1, k], 0.0), last_x)
+        fy = min(max(y0 + s * points[0, k] + c * points[1, k], 0.0), last_y)
+        cells[k] = np.int32(fy) * np.int32(columns) + np.int32(fx)
+    flat = cubed.ravel()
     total = 1.0
     for k in range(n_points):
-        fx = x0 + c * points[0, k] - s * points[1, k]
-        fy = y0 + s * points[0, k] + c * points[1, k]
-        if fx >= 0.0 and fy >= 0.0 and fx < columns and fy < rows:
-            total += cubed[int(fy), int(fx)]
-        else:
-            total += cubed_outside
+        total += flat[cells[k]]
     return total
 
 
@@ -212,7 +224,6 @@ def weigh(
     points: Any,
     n_points: int,
     cubed: Any,
-    cubed_outside: float,
     resolution_m: float,
     origin_x_m: float,
     origin_y_m: float,
@@ -229,10 +240,10 @@ def weigh(
             points,
             n_points,
             cubed,
-            cubed_outside,
             resolution_m,
             origin_x_m,
             origin_y_m,
+            cloud.cells,
         )
         cloud.weights[k] = total
     for k in range(n):

@@ -147,7 +147,7 @@ def _goal_reached(p: Any, m: Any) -> bool:
     """SimpleGoalChecker, stateful: the position once, then the yaw; a new path takes the latch back."""
     if m.latched == 0 and math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= p.xy_goal_tolerance:
         m.latched = 1
-    return m.latched == 1 and abs(wrapped(m.goal_yaw - m.yaw)) <= p.yaw_goal_tolerance
+    return bool(m.latched == 1 and abs(wrapped(m.goal_yaw - m.yaw)) <= p.yaw_goal_tolerance)
 
 
 @inner

@@ -42,7 +42,7 @@ def localize(p: Any, m: Any, cubed: Any, cloud: Cloud) -> None:
     n_points = amcl.beam_points(
         m.ranges, int(p.max_beams), m.directions, p.mount_x, p.mount_y, p.range_min, p.range_max, m.points
     )
-    amcl.weigh(cloud, m.particles, m.points, n_points, cubed, p.cubed_outside, p.resolution, p.origin_x, p.origin_y)
+    amcl.weigh(cloud, m.particles, m.points, n_points, cubed, p.resolution, p.origin_x, p.origin_y)
     m.particles, m.bins = amcl.resample(
         cloud, m.particles, stream, int(p.min_particles), int(p.max_particles), p.pf_err, p.pf_z
     )

@@ -111,7 +111,7 @@ def _regulated_speed(p: Any, m: Any, path: Any, curvature: float, end_m: float) 
         last_m = math.hypot(path[m.path_n - 1, 0] - m.x, path[m.path_n - 1, 1] - m.y)
         approach = max(speed * last_m / p.approach_velocity_scaling_dist, p.min_approach_linear_velocity)
         slow = min(slow, approach)
-    return min(max(slow, 0.0), speed)
+    return float(min(max(slow, 0.0), speed))
 
 
 @inner

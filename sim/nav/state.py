@@ -117,7 +117,7 @@ MEMORY: Final = np.dtype(
 """
 
 _EXTRA: Final = (
-    *("inscribed_radius", "resolution", "origin_x", "origin_y", "cubed_outside"),
+    *("inscribed_radius", "resolution", "origin_x", "origin_y"),
     *("range_min", "range_max", "mount_x", "mount_y"),
     *("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration", "mission", "loops"),
 )
@@ -237,7 +237,6 @@ def _parameter_record(
         "resolution": prepared.occupancy.resolution_m,
         "origin_x": prepared.occupancy.origin_xy_m[0],
         "origin_y": prepared.occupancy.origin_xy_m[1],
-        "cubed_outside": prepared.cubed_outside,
         "range_min": lidar.range_min_m,
         "range_max": lidar.range_max_m,
         "mount_x": lidar.mount_xyt[0],
