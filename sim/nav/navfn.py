@@ -94,89 +94,83 @@ def propagate(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, o
     """Fill `out` (H, W) float32 from the root until the stop cell has a value; whether it has one.
 
     Args:
-        travel: (H, W) uint8 travel costs; the outer border is an obstacle.
+        travel: (H, W) uint8 travel costs; the outermost cells are obstacles, so that none has a neighbour missing.
         out: From `new_potential`, and written by this function alone.
         scratch: From `new_scratch`, always the same for one `out`.
     """
     rows, columns = travel.shape
-    buffers, pending, extent = scratch
+    buffers, pending_flags, extent = scratch
     for row in range(extent[0], extent[1]):
         for column in range(extent[2], extent[3]):
             out[row, column] = UNREACHED
-    low_x, high_x, low_y, high_y = root_x, root_x, root_y, root_y
-    out[root_y, root_x] = 0.0
+    cost_of, potential_of, pending = travel.ravel(), out.ravel(), pending_flags.ravel()
+    beside = np.array([-1, 1, -columns, columns])
+    root, stop = root_y * columns + root_x, stop_y * columns + stop_x
+    low, high = root, root
+    low_x, high_x = root_x, root_x
+    potential_of[root] = 0.0
     current, following, overflow = 0, 1, 2
     n_current, n_following, n_overflow = 0, 0, 0
-    for k in range(4):
-        x = root_x + (1 if k == 0 else -1 if k == 1 else 0)
-        y = root_y + (1 if k == 2 else -1 if k == 3 else 0)
-        if 0 < x < columns - 1 and 0 < y < rows - 1 and travel[y, x] < OBSTACLE:
-            pending[y, x] = 1
-            buffers[current, n_current] = y * columns + x
+    for side in range(4):
+        cell = root + beside[side]
+        if 0 <= cell < cost_of.shape[0] and cost_of[cell] < OBSTACLE:
+            pending[cell] = 1
+            buffers[current, n_current] = cell
             n_current += 1
     threshold = np.float32(OBSTACLE)
     reached = False
     for _ in range(max(rows * columns // 20, rows + columns)):
-        if n_current == 0 and n_following == 0:
+        if n_current == 0:
             break
         for k in range(n_current):
-            pending[buffers[current, k] // columns, buffers[current, k] % columns] = 0
+            pending[buffers[current, k]] = 0
         for k in range(n_current):
-            y, x = buffers[current, k] // columns, buffers[current, k] % columns
-            left, right, up, down = out[y, x - 1], out[y, x + 1], out[y - 1, x], out[y + 1, x]
-            across = min(right, left)
-            along = min(down, up)
-            if travel[y, x] >= OBSTACLE:
-                continue
-            cost = np.float32(travel[y, x])
-            difference = across - along
-            if difference < 0:
-                base, difference = across, -difference
-            else:
-                base = along
+            cell = buffers[current, k]
+            across = min(potential_of[cell - 1], potential_of[cell + 1])
+            along = min(potential_of[cell - columns], potential_of[cell + columns])
+            cost = np.float32(cost_of[cell])
+            base, difference = min(across, along), abs(across - along)
             if difference >= cost:
                 value = base + cost
             else:
                 d = difference / cost
-                v = np.float32(-0.2301) * d * d + np.float32(0.5307) * d + np.float32(0.7040)
-                value = base + cost * v
-            if value >= out[y, x]:
+                value = base + cost * (np.float32(-0.2301) * d * d + np.float32(0.5307) * d + np.float32(0.7040))
+            if value >= potential_of[cell]:
                 continue
-            out[y, x] = value
-            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
+            potential_of[cell] = value
+            low, high = min(low, cell), max(high, cell)
+            x = cell % columns
+            low_x, high_x = min(low_x, x), max(high_x, x)
             for side in range(4):
-                nx = x + (1 if side == 1 else -1 if side == 0 else 0)
-                ny = y + (1 if side == 3 else -1 if side == 2 else 0)
-                if nx <= 0 or ny <= 0 or nx >= columns - 1 or ny >= rows - 1:
+                there = cell + beside[side]
+                price = cost_of[there]
+                if price >= OBSTACLE or pending[there] != 0:
                     continue
-                there = travel[ny, nx]
-                if there >= OBSTACLE or pending[ny, nx] != 0:
-                    continue
-                if not out[ny, nx] > value + np.float32(0.707106781) * np.float32(there):
+                if not potential_of[there] > value + np.float32(0.707106781) * np.float32(price):
                     continue
                 if value < threshold:
                     if n_following < BUFFER_CELLS:
-                        buffers[following, n_following] = ny * columns + nx
+                        buffers[following, n_following] = there
                         n_following += 1
-                        pending[ny, nx] = 1
+                        pending[there] = 1
                 elif n_overflow < BUFFER_CELLS:
-                    buffers[overflow, n_overflow] = ny * columns + nx
+                    buffers[overflow, n_overflow] = there
                     n_overflow += 1
-                    pending[ny, nx] = 1
+                    pending[there] = 1
         current, following = following, current
         n_current, n_following = n_following, 0
         if n_current == 0:
             threshold += np.float32(2 * NEUTRAL)
             current, overflow = overflow, current
             n_current, n_overflow = n_overflow, 0
-        if stop_x >= 0 and out[stop_y, stop_x] < UNREACHED:
+        if stop_x >= 0 and potential_of[stop] < UNREACHED:
             reached = True
             break
     for k in range(n_current):
-        pending[buffers[current, k] // columns, buffers[current, k] % columns] = 0
+        pending[buffers[current, k]] = 0
     for k in range(n_overflow):
-        pending[buffers[overflow, k] // columns, buffers[overflow, k] % columns] = 0
-    extent[0], extent[1], extent[2], extent[3] = low_y, high_y + 1, low_x, high_x + 1
+        pending[buffers[overflow, k]] = 0
+    extent[0], extent[1], extent[2], extent[3] = low // columns, high // columns + 1, low_x, high_x + 1
     return reached
 
 
