@@ -64,7 +64,7 @@ def _tagged(value: Value) -> object:
         return {"file": value.digest}
     if isinstance(value, Mapping):
         return {"map": {_text_key(key): _tagged(item) for key, item in value.items()}}
-    if isinstance(value, Sequence):
+    if isinstance(value, Sequence) and not isinstance(value, bytes | bytearray):
         return [_tagged(item) for item in value]
     raise TypeError(f"{type(value).__name__} has no canonical form; use None, bool, int, float, str, list or dict")
 

@@ -76,9 +76,9 @@ def range_to_wall(leap: Any, x_cells: float, y_cells: float, dx: float, dy: floa
         x, y = x_cells + t * dx, y_cells + t * dy
         column, row = math.floor(x), math.floor(y)
         if row < 0 or column < 0 or row >= rows or column >= columns:
-            # Outside the grid nothing is known to stand; go to where the beam enters it, if it does.
+            # Outside the grid nothing is known to stand; go to where the beam enters it, if it still does.
             enter = _entry(x_cells, y_cells, inverse_x, inverse_y, dx, dy, rows, columns)
-            if not enter > t:
+            if enter < t:
                 return np.inf
             t = enter + 1e-9
             continue
@@ -100,8 +100,9 @@ def range_to_wall(leap: Any, x_cells: float, y_cells: float, dx: float, dy: floa
                 t = next_y
                 next_y += abs(inverse_y)
                 row += step_row
+            # Who leaves the grid never comes back; looking the point up again might round it inside for ever.
             if t >= end or row < 0 or column < 0 or row >= rows or column >= columns:
-                break
+                return np.inf
             here = leap[row, column]
             if here == WALL:
                 return t

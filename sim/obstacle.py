@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal, TypeAlias
 
 from shapely.affinity import rotate, translate
 from shapely.geometry import Point, Polygon, box
@@ -11,8 +11,16 @@ from shapely.geometry import Point, Polygon, box
 from vastflow.sim.digest import Value
 from vastflow.sim.pose import Pose, pose_of
 
-DEFAULT_SIZE_M = 0.5
+Shape: TypeAlias = Literal["box", "cylinder"]
+
+DEFAULT_SIZE_M: Final = 0.5
 """Edge or diameter where the model's arguments give none (the models' own default)."""
+
+ARGUMENTS: Final[Mapping[Shape, tuple[str, ...]]] = {
+    "box": ("width", "length", "height", "box_width", "box_length", "box_height"),
+    "cylinder": ("diameter", "radius", "width", "length", "height"),
+}
+"""Sizes that a model takes; heights, and a cylinder's length, which is one, are no part of the plane."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +33,7 @@ class Obstacle:
     """
 
     name: str
-    shape: Literal["box", "cylinder"]
+    shape: Shape
     pose: Pose
     length_m: float
     width_m: float
@@ -67,19 +75,23 @@ def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
 def obstacle_of(entry: Mapping[str, Value], where: str = "obstacle") -> Obstacle:
     """Read `{entity_name, model, spawn_pose, xacro_arguments}` (vast format).
 
-    The shape follows from the model's file name, the size from its arguments
-    (`width:=0.5, length:=0.5`, also `radius`, `diameter`, `box_width`, `box_length`).
+    The shape follows from the model's file name, the size from its arguments, one of `ARGUMENTS`
+    (`width:=0.5, length:=0.5`).
+
+    Raises:
+        ValueError: a pose or a size that can't be read, or an argument that the model does not have.
     """
     model = str(entry.get("model") or "box")
-    arguments = _arguments(str(entry.get("xacro_arguments") or ""), where)
+    shape: Shape = "cylinder" if "cylinder" in model.rsplit("/", 1)[-1].lower() else "box"
+    sizes = _arguments(str(entry.get("xacro_arguments") or ""), shape, where)
     pose = pose_of(entry["spawn_pose"], f"{where}.spawn_pose")
     name = str(entry.get("entity_name") or where)
-    if "cylinder" in model.rsplit("/", 1)[-1].lower():
-        diameter_m = arguments.get("diameter", 2 * arguments.get("radius", DEFAULT_SIZE_M / 2))
-        return Obstacle(name, "cylinder", pose, diameter_m, diameter_m)
-    width_m = arguments.get("width", arguments.get("box_width", DEFAULT_SIZE_M))
-    length_m = arguments.get("length", arguments.get("box_length", width_m))
-    return Obstacle(name, "box", pose, length_m, width_m)
+    if shape == "cylinder":
+        diameter_m = sizes.get("diameter", 2 * sizes.get("radius", sizes.get("width", DEFAULT_SIZE_M) / 2))
+        return Obstacle(name, shape, pose, diameter_m, diameter_m)
+    width_m = sizes.get("width", sizes.get("box_width", DEFAULT_SIZE_M))
+    length_m = sizes.get("length", sizes.get("box_length", width_m))
+    return Obstacle(name, shape, pose, length_m, width_m)
 
 
 def _entries(value: Value) -> Iterator[Mapping[str, Value]]:
@@ -87,7 +99,7 @@ def _entries(value: Value) -> Iterator[Mapping[str, Value]]:
         yield from (entry for entry in value if isinstance(entry, Mapping) and "spawn_pose" in entry)
 
 
-def _arguments(text: str, where: str) -> dict[str, float]:
+def _arguments(text: str, shape: Shape, where: str) -> dict[str, float]:
     sizes: dict[str, float] = {}
     for part in filter(None, (part.strip() for part in text.replace(",", " ").split())):
         key, found, number = part.partition(":=")
@@ -97,4 +109,6 @@ def _arguments(text: str, where: str) -> dict[str, float]:
             found = ""
         if not found or not sizes[key] > 0 or not math.isfinite(sizes[key]):
             raise ValueError(f"{where}: found argument {part!r}; a size is written like width:=0.5, greater than 0 m")
+        if key not in ARGUMENTS[shape]:
+            raise ValueError(f"{where}: a {shape} has no argument {key!r}; it has {', '.join(ARGUMENTS[shape])}")
     return sizes

@@ -91,13 +91,17 @@ def clear_line(layer: Any, col0: int, row0: int, col1: int, row1: int, short_cel
 
 
 @inner
-def clear_disc(layer: Any, column: int, row: int, radius_cells: float) -> None:
-    """Footprint clearing: nothing is marked where the robot stands."""
+def clear_disc(layer: Any, x_cells: float, y_cells: float, radius_cells: float) -> None:
+    """Footprint clearing: nothing is marked in a cell that the robot's outline lies in or surrounds.
+
+    The outline's own cells are cleared as well (Nav2 fills the polygon with its edge), or else the controller would
+    take what the robot stands beside for a collision where it stands.
+    """
     rows, columns = layer.shape
-    reach = math.ceil(radius_cells)
-    for r in range(max(0, row - reach), min(rows, row + reach + 1)):
-        for c in range(max(0, column - reach), min(columns, column + reach + 1)):
-            if (r - row) * (r - row) + (c - column) * (c - column) <= radius_cells * radius_cells:
+    for r in range(max(0, math.floor(y_cells - radius_cells)), min(rows, math.floor(y_cells + radius_cells) + 1)):
+        for c in range(max(0, math.floor(x_cells - radius_cells)), min(columns, math.floor(x_cells + radius_cells) + 1)):
+            dx, dy = max(c - x_cells, x_cells - c - 1, 0.0), max(r - y_cells, y_cells - r - 1, 0.0)
+            if dx * dx + dy * dy <= radius_cells * radius_cells:
                 layer[r, c] = SEEN_FREE
 
 

@@ -47,7 +47,12 @@ def update_local(p: Any, m: Any, stamp: Any) -> None:
         p.obstacle_max_range,
         SHORT_CLEARING,
     )
-    clear_disc(m.local_layer, LOCAL_CELLS // 2, LOCAL_CELLS // 2, p.inscribed_radius / p.resolution)
+    clear_disc(
+        m.local_layer,
+        m.odom_x / p.resolution - column,
+        m.odom_y / p.resolution - row,
+        (p.robot_radius + p.footprint_padding) / p.resolution,
+    )
     inflate_layer(m.local_layer, stamp, m.local_lethal, m.local_costs)
 
 
@@ -73,7 +78,12 @@ def update_global(p: Any, m: Any, g: Grids) -> None:
         p.obstacle_max_range,
         0,
     )
-    clear_disc(g.layer, column, row, p.inscribed_radius / p.resolution)
+    clear_disc(
+        g.layer,
+        (m.x - p.origin_x) / p.resolution,
+        (m.y - p.origin_y) / p.resolution,
+        (p.robot_radius + p.footprint_padding) / p.resolution,
+    )
     reach = math.ceil((max(p.raytrace_max_range, p.obstacle_max_range) + 0.1) / p.resolution)
     _merge(p, m, g, column, row, reach + g.stamp.shape[0] // 2)
 

@@ -1,0 +1,158 @@
+"""On each of the paper's five maps: ten random paths of 10 m, three runs each, without noise or obstacles.
+
+Prints a table for each map and every failure with its reason. Exit code 1 when a map falls below 95 % of missions
+or the median true final distance to the goal exceeds 0.3 m; 2 when the maps are not there.
+
+    python tests/proofs/five_maps.py [--maps DIR] [--only NAME]
+"""
+
+import argparse
+import statistics
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.instantiate import Instantiation, instantiate
+from vastflow.sim.pose import pose_of
+from vastflow.sim.recording import Recording, si
+from vastflow.sim.run import run
+
+MAPS = Path(__file__).parents[3] / "shared" / "maps"
+RUNS = 3
+LEAST_SHARE = 0.95
+GREATEST_MEDIAN_M = 0.3
+
+CAMPAIGN = """\
+version: 1
+configuration:
+- name: {name}
+  parameters:
+  - map_file: {map_file}
+  - xy_goal_tolerance: 0.25
+  variations:
+  - PathVariationRandom:
+      path_length: 10.0
+      path_length_tolerance: 0.5
+      num_paths: 10
+      min_distance: 1.0
+      robot_diameter: 0.5
+      seed: 42
+      goal_poses: "@goal_pose"
+execution:
+  runs: {runs}
+"""
+
+HEADER = ("map", "runs", "reached", "share", "final median", "max", "localization mean", "max", "time", "rec.", "speed")
+UNITS = ("", "", "", "%", "m", "m", "m", "m", "s", "", "x real time")
+
+
+@dataclass(frozen=True)
+class Mission:
+    """One run, measured."""
+
+    configuration: Configuration
+    recording: Recording
+    final_m: float
+    localization_m: np.ndarray
+
+    @property
+    def reached(self) -> bool:
+        return self.recording.run.outcome == "succeeded"
+
+
+def instantiated(map_file: Path) -> Instantiation:
+    """The map's ten configurations, by way of a campaign file."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "five_maps.vast"
+        file.write_text(CAMPAIGN.format(name=map_file.stem, map_file=map_file.resolve(), runs=RUNS))
+        return instantiate(load_campaign(file))
+
+
+def missions_of(configurations: Iterable[Configuration]) -> Iterator[Mission]:
+    """Every run of every configuration, in this process."""
+    for configuration in configurations:
+        goal = pose_of(configuration.scenario.task["goal_pose"])
+        for run_index in range(RUNS):
+            recording = run(configuration.scenario, run_index)
+            x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
+            off_m = np.hypot(x_m - si(recording.columns["estimated_x_mm"]), y_m - si(recording.columns["estimated_y_mm"]))
+            yield Mission(configuration, recording, float(np.hypot(x_m[-1] - goal.x_m, y_m[-1] - goal.y_m)), off_m)
+
+
+def summary(name: str, missions: list[Mission], cpu_s: float) -> tuple[tuple[str, ...], bool]:
+    """The map's line of the table, and whether it is good enough."""
+    reached = sum(mission.reached for mission in missions)
+    final_m = [mission.final_m for mission in missions]
+    localization_m = np.concatenate([mission.localization_m for mission in missions])
+    simulated_s = [mission.recording.run.simulated_s for mission in missions]
+    line = (
+        name,
+        f"{len(missions)}",
+        f"{reached}",
+        f"{100 * reached / len(missions):.1f}",
+        f"{statistics.median(final_m):.3f}",
+        f"{max(final_m):.3f}",
+        f"{localization_m.mean():.3f}",
+        f"{localization_m.max():.3f}",
+        f"{statistics.median(simulated_s):.1f}",
+        f"{sum(mission.recording.run.recoveries for mission in missions)}",
+        f"{sum(simulated_s) / cpu_s:.0f}",
+    )
+    return line, reached >= LEAST_SHARE * len(missions) and statistics.median(final_m) <= GREATEST_MEDIAN_M
+
+
+def table(lines: list[tuple[str, ...]]) -> str:
+    rows = [HEADER, UNITS, *lines]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) if k == 0 else cell.rjust(width) for k, (cell, width) in enumerate(zip(row, widths)))
+        for row in rows
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--maps", type=Path, default=MAPS, metavar="DIR", help="folder of <name>/<name>.yaml")
+    parser.add_argument("--only", action="append", metavar="NAME", help="this map alone; may be repeated")
+    options = parser.parse_args()
+    files = sorted(file for file in options.maps.glob("*/*.yaml") if not options.only or file.stem in options.only)
+    if not files:
+        print(f"no maps in {options.maps}")
+        return 2
+    good = True
+    lines: list[tuple[str, ...]] = []
+    failures: list[str] = []
+    for file in files:
+        instantiation = instantiated(file)
+        for rejection in instantiation.rejections:
+            good = False
+            failures.append(f"{file.stem}: not instantiated: {rejection.reason}")
+        if not instantiation.configurations:
+            continue
+        # Kernels are compiled and the map's tables made before the clock starts.
+        run(instantiation.configurations[0].scenario, 0)
+        began = time.process_time()
+        missions = list(missions_of(instantiation.configurations))
+        line, good_enough = summary(file.stem, missions, time.process_time() - began)
+        lines.append(line)
+        good = good and good_enough
+        failures += [
+            f"{mission.configuration.name} run {mission.recording.run.run_index}: {mission.recording.run.outcome} "
+            f"({mission.recording.run.error_code}): {mission.recording.run.reason}; "
+            f"{mission.final_m:.2f} m from the goal after {mission.recording.run.simulated_s:.0f} s"
+            for mission in missions
+            if not mission.reached
+        ]
+    print(table(lines))
+    print("\n".join(["", *(failures or ["every mission reached its goal"])]))
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,92 @@
+"""Maps and scenarios for tests of the simulator."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import OccupancyMap, map_content
+from vastflow.sim.scenario import Scenario, scenario_of
+
+CELLS = {".": 0, "#": 100, "?": -1}
+GREY = {0: 254, 100: 0, -1: 205}
+RESOLUTION_M = 0.05
+SHARED_MAPS = Path(__file__).parents[3] / "shared" / "maps"
+
+
+@pytest.fixture(scope="session")
+def drawn() -> Callable[..., OccupancyMap]:
+    """An occupancy map of rows of text, the top row first: `.` free, `#` wall, `?` unknown, `cells` each way a letter."""
+
+    def draw(*rows: str, cells: int = 1, resolution_m: float = RESOLUTION_M) -> OccupancyMap:
+        letters = np.array([[CELLS[letter] for letter in row] for row in rows[::-1]], dtype=np.int8)
+        return OccupancyMap(np.kron(letters, np.ones((cells, cells), dtype=np.int8)), resolution_m, (0.0, 0.0))
+
+    return draw
+
+
+@pytest.fixture(scope="session")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Callable[[OccupancyMap], FileContent]:
+    """A map as files, the way a campaign names it."""
+
+    def save(occupancy: OccupancyMap) -> FileContent:
+        folder = tmp_path_factory.mktemp("map")
+        grey = np.select([occupancy.cells == value for value in GREY], list(GREY.values())).astype(np.uint8)
+        Image.fromarray(grey[::-1]).save(folder / "map.pgm")
+        x, y = occupancy.origin_xy_m
+        (folder / "map.yaml").write_text(
+            f"image: map.pgm\nresolution: {occupancy.resolution_m}\norigin: [{x}, {y}, 0.0]\n"
+            "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        )
+        return map_content(folder / "map.yaml")
+
+    return save
+
+
+@pytest.fixture(scope="session")
+def two_rooms(saved: Callable[[OccupancyMap], FileContent]) -> FileContent:
+    """Two rooms of 4 m × 5 m side by side, a door of 1.2 m between them; the walls are 0.2 m thick, origin (0, 0).
+
+    The door is at x 4.1..4.3 m, y 1.8..3.0 m; the rooms' free space is x 0.2..4.1 and 4.3..8.2, y 0.2..5.2.
+    """
+    return saved(OccupancyMap(rooms_cells(), RESOLUTION_M, (0.0, 0.0)))
+
+
+def rooms_cells() -> np.ndarray:
+    cells = np.zeros((108, 168), dtype=np.int8)
+    cells[:4], cells[-4:], cells[:, :4], cells[:, -4:] = 100, 100, 100, 100
+    cells[:, 82:86] = 100
+    cells[36:60, 82:86] = 0
+    return cells
+
+
+@pytest.fixture(scope="session")
+def scenario(two_rooms: FileContent) -> Callable[..., Scenario]:
+    """A mission in the two rooms, from one to the other unless `values` say otherwise."""
+
+    def make(mission: str = "navigate_to_pose", timeout_s: float = 120.0, **values: Any) -> Scenario:
+        given = {"map_file": two_rooms, "start_pose": {"x": 1.0, "y": 1.0}, **values}
+        if "goal_pose" not in given and "goal_poses" not in given:
+            given["goal_pose"] = {"x": 7.0, "y": 4.0, "yaw": 0.0}
+        return scenario_of(
+            given, {"obstacles": "environment"}, abstract=f"builtin:{mission}", timeout_s=timeout_s
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def shared_map() -> Callable[[str], Path]:
+    """One of the five maps of the paper's dataset, which lie beside the repository where they are."""
+
+    def find(name: str) -> Path:
+        file = SHARED_MAPS / name / f"{name}.yaml"
+        if not file.is_file():
+            pytest.skip(f"the dataset's map {name!r} is not beside the repository")
+        return file
+
+    return find

@@ -1,0 +1,108 @@
+"""Blocks of recordings: what is written is read back, and the same content is the same bytes."""
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from vastflow.sim.blocks import read_block, read_recordings, write_block, write_recordings
+from vastflow.sim.recording import Event, Recording, Run, run_of, run_row, si
+
+TEXT = st.text(max_size=8)
+NUMBERS = st.floats(-1e6, 1e6)
+EVENTS = st.builds(Event, NUMBERS, TEXT, NUMBERS, NUMBERS, TEXT, NUMBERS)
+RUNS = st.builds(
+    Run,
+    run_index=st.integers(0, 2**31 - 1),
+    seed=TEXT,
+    outcome=st.sampled_from(["succeeded", "aborted", "timed_out"]),
+    error_code=st.integers(0, 999),
+    reason=TEXT,
+    simulated_s=NUMBERS,
+    distance_m=NUMBERS,
+    recoveries=st.integers(0, 99),
+    missed_goals=st.integers(0, 9),
+    events=st.lists(EVENTS, max_size=3).map(tuple),
+)
+
+
+@st.composite
+def blocks(draw):
+    """Recordings of one block: increasing run indices, the same columns, any lengths."""
+    runs = draw(st.lists(RUNS, min_size=1, max_size=4, unique_by=lambda run: run.run_index))
+    names = draw(st.lists(TEXT.filter(lambda n: n and n != "run_index"), min_size=1, max_size=3, unique=True))
+    recordings = []
+    for run in sorted(runs, key=lambda run: run.run_index):
+        n = draw(st.integers(0, 20))
+        recordings.append(Recording(run, {name: draw(arrays(np.int32, n)) for name in names}))
+    return recordings
+
+
+@given(RUNS)
+def test_a_run_is_read_back_from_its_row(run):
+    assert run_of(run_row(run)) == run
+
+
+@given(blocks())
+@settings(max_examples=100, deadline=None)
+def test_what_a_block_holds_is_what_was_written(recordings):
+    found = read_recordings(write_recordings(recordings))
+    assert [r.run for r in found] == [r.run for r in recordings]
+    for read, written in zip(found, recordings, strict=True):
+        assert list(read.columns) == list(written.columns)
+        for name, column in written.columns.items():
+            assert read.columns[name].dtype == np.int32
+            np.testing.assert_array_equal(read.columns[name], column)
+        assert read.digest == written.digest
+
+
+@given(blocks())
+@settings(max_examples=30, deadline=None)
+def test_a_block_s_bytes_are_its_content_alone(recordings):
+    content = write_recordings(recordings)
+    assert write_recordings(recordings) == content
+    assert write_recordings(read_recordings(content)) == content
+
+
+def a_recording(run_index=0, n=50, **changes):
+    run = Run(run_index, "0:1:2", "succeeded", 0, "", 5.0, 2.0, 0, 0)
+    t = np.arange(n, dtype=np.int32)
+    return Recording(run, {"t_ms": t * 100, "x_mm": t * t, **changes})
+
+
+def test_the_digest_of_a_recording_is_pinned():
+    assert a_recording().digest == "ff093d87347cb6f6317f5aad6625241882d50bab6ce8bbac928db9e61a896907"
+
+
+def test_a_column_s_name_and_its_values_are_in_the_digest():
+    moved = np.arange(50, dtype=np.int32)
+    digests = [a_recording(), a_recording(x_mm=moved), a_recording(y_mm=moved), a_recording(run_index=1)]
+    assert len({recording.digest for recording in digests}) == 4
+
+
+def test_a_block_of_nothing_is_read_as_nothing():
+    assert read_block(write_block([], [])) == []
+
+
+def test_runs_of_one_block_have_the_same_columns():
+    with pytest.raises(ValueError, match=r"runs of one block have the same columns, got \['a'\] and \['b'\]"):
+        write_block([{"run_index": 0}, {"run_index": 1}], [{"a": np.zeros(1, np.int32)}, {"b": np.zeros(1, np.int32)}])
+
+
+def test_a_block_is_plain_parquet_that_others_can_read(tmp_path):
+    (tmp_path / "b.parquet").write_bytes(write_recordings([a_recording(3), a_recording(5, n=2)]))
+    table = pq.read_table(tmp_path / "b.parquet")
+    assert table.column_names == ["run_index", "t_ms", "x_mm"]
+    assert table["run_index"].to_pylist() == [3] * 50 + [5] * 2
+
+
+def test_a_smooth_column_takes_little_room():
+    rows = 20_000
+    content = write_recordings([a_recording(n=rows)])
+    assert len(content) < rows
+
+
+def test_a_column_of_thousandths_is_read_in_si_units():
+    np.testing.assert_allclose(si(np.array([1500, -1], dtype=np.int32)), [1.5, -0.001])

@@ -1,0 +1,226 @@
+"""The obstacle layers: what a scan clears and marks, the rolling window and the merged costmap."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from vastflow.sim.nav.costmap import (
+    MARKED,
+    SEEN_FREE,
+    UNSEEN,
+    clear_disc,
+    clear_line,
+    inflate_layer,
+    merge_window,
+    observe,
+    roll,
+)
+from vastflow.sim.nav.inflation import cost_stamp, inflate
+from vastflow.sim.nav.parameters import NavParameters
+from vastflow.sim.numeric import njit
+
+RESOLUTION_M = 0.05
+PARAMETERS = (RESOLUTION_M, NavParameters().inscribed_radius_m, 0.70, 3.0)
+GLOBAL, LOCAL = 0, 2
+"""Cells before the end of a beam at which clearing stops."""
+
+
+@njit
+def rolled(layer, shift_columns, shift_rows):
+    roll(layer, np.empty_like(layer), shift_columns, shift_rows)
+
+
+@njit
+def disc_cleared(layer, x_cells, y_cells, radius_cells):
+    clear_disc(layer, x_cells, y_cells, radius_cells)
+
+
+@njit
+def window_costs(layer, stamp):
+    lethal, out = np.empty_like(layer), np.empty_like(layer)
+    inflate_layer(layer, stamp, lethal, out)
+    return out
+
+
+@njit
+def merged(static, layer, stamp, column, row, reach, costs):
+    return merge_window(static, layer, stamp, column, row, reach, costs)
+
+
+def seen(ranges, short=GLOBAL, layer=None, bearings=None, yaw=0.0, at=(2.025, 2.025)):
+    """A layer of 80 × 160 cells after one scan from `at`; beam k has its range and bearing."""
+    layer = np.zeros((80, 160), dtype=np.uint8) if layer is None else layer
+    bearings = np.zeros(len(ranges)) if bearings is None else np.asarray(bearings)
+    directions = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    ranges = np.asarray(ranges, dtype=np.float64)
+    observe(layer, 0.0, 0.0, RESOLUTION_M, *at, yaw, directions, ranges, 0.164, 20.0, 3.0, 2.5, short)
+    return layer
+
+
+ROW, COLUMN = 40, 40
+"""The cell of the default sensor; a beam along x passes the cells right of it."""
+
+
+def test_a_beam_clears_up_to_its_end_and_marks_there():
+    row = seen([2.0])[ROW]
+    assert (row[COLUMN : COLUMN + 40] == SEEN_FREE).all()
+    assert row[COLUMN + 40] == MARKED
+    assert (row[:COLUMN] == UNSEEN).all() and (row[COLUMN + 41 :] == UNSEEN).all()
+
+
+def test_a_beam_touches_no_other_row():
+    layer = seen([2.0])
+    layer[ROW] = UNSEEN
+    assert (layer == UNSEEN).all()
+
+
+@pytest.mark.parametrize(("short", "kept"), [(GLOBAL, 1), (LOCAL, 2)])
+def test_the_local_layer_stops_clearing_two_cells_before_the_end_of_a_beam(short, kept):
+    layer = np.full((80, 160), MARKED, dtype=np.uint8)
+    row = seen([2.0], short, layer)[ROW, COLUMN : COLUMN + 42]
+    assert np.flatnonzero(row == MARKED)[0] == 41 - kept
+
+
+def test_an_old_mark_a_cell_before_the_wall_stays_in_the_local_layer_and_goes_from_the_global_one():
+    for short, left in ((LOCAL, MARKED), (GLOBAL, SEEN_FREE)):
+        layer = seen([1.95], short)
+        assert seen([2.0], short, layer)[ROW, COLUMN + 39] == left
+
+
+def test_between_the_ranges_of_marking_and_clearing_an_end_is_cleared_and_not_marked():
+    layer = np.full((80, 160), MARKED, dtype=np.uint8)
+    row = seen([2.7], GLOBAL, layer)[ROW]
+    assert (row[COLUMN : COLUMN + 55] == SEEN_FREE).all()
+    assert row[COLUMN + 55] == MARKED
+
+
+def test_clearing_ends_at_its_range_and_nothing_is_marked_beyond():
+    row = seen([3.9])[ROW]
+    assert (row[COLUMN : COLUMN + 61] == SEEN_FREE).all()
+    assert (row[COLUMN + 61 :] == UNSEEN).all()
+
+
+@pytest.mark.parametrize(("range_m", "mark"), [(2.45, True), (2.5, True), (2.55, False)])
+def test_marking_ends_at_its_range(range_m, mark):
+    assert (seen([range_m]) == MARKED).any() == mark
+
+
+@pytest.mark.parametrize("range_m", [math.inf, math.nan, 0.1, 20.0, -0.3])
+@pytest.mark.parametrize("short", [GLOBAL, LOCAL])
+def test_a_beam_without_a_valid_return_neither_marks_nor_clears(range_m, short):
+    layer = np.full((80, 160), MARKED, dtype=np.uint8)
+    assert (seen([range_m], short, layer) == MARKED).all()
+
+
+def test_marks_are_made_after_all_clearing():
+    layer = seen([1.0, 2.0], bearings=[0.0, 0.0])
+    assert layer[ROW, COLUMN + 20] == MARKED
+    assert layer[ROW, COLUMN + 40] == MARKED
+
+
+def test_beams_turn_with_the_robot():
+    layer = seen([1.0], yaw=math.pi / 2)
+    assert layer[ROW + 20, COLUMN] == MARKED
+
+
+def test_an_end_beyond_the_grid_clears_up_to_the_border():
+    layer = seen([2.4], bearings=[math.pi / 2])
+    assert (layer[ROW:, COLUMN] == SEEN_FREE).all()
+    assert not (layer == MARKED).any()
+
+
+def test_a_sensor_outside_the_grid_changes_nothing():
+    assert (seen([1.0], at=(-0.1, 2.0)) == UNSEEN).all()
+
+
+@given(*[st.integers(0, 29)] * 4, st.integers(0, 4))
+@settings(deadline=None)
+def test_a_cleared_line_is_connected_and_ends_where_it_should(col0, row0, col1, row1, short):
+    layer = np.zeros((30, 30), dtype=np.uint8)
+    clear_line(layer, col0, row0, col1, row1, short)
+    cells = np.argwhere(layer == SEEN_FREE)
+    length = max(abs(col1 - col0), abs(row1 - row0)) + 1 - short
+    assert len(cells) == max(length, 0)
+    if len(cells) == 0:
+        return
+    along = np.abs(cells - (row0, col0)).max(axis=1)
+    cells = cells[np.argsort(along)]
+    assert tuple(cells[0]) == (row0, col0)
+    assert (np.abs(np.diff(cells, axis=0)).max(axis=1, initial=0) <= 1).all()
+    # No cell lies farther than half a cell from the line.
+    direction = np.array([row1 - row0, col1 - col0], dtype=float)
+    if direction.any():
+        off = (cells - (row0, col0)) @ np.array([-direction[1], direction[0]]) / np.abs(direction).max()
+        assert np.abs(off).max() <= 0.5 + 1e-9
+    if short == 0:
+        assert layer[row1, col1] == SEEN_FREE
+
+
+@given(
+    arrays(np.uint8, (12, 15), elements=st.sampled_from([UNSEEN, SEEN_FREE, MARKED])),
+    st.integers(-17, 17),
+    st.integers(-17, 17),
+)
+@settings(deadline=None)
+def test_a_rolled_window_keeps_what_is_in_both_and_sees_nothing_new(layer, shift_columns, shift_rows):
+    before = layer.copy()
+    rolled(layer, shift_columns, shift_rows)
+    for row, column in np.ndindex(before.shape):
+        old = (row + shift_rows, column + shift_columns)
+        inside = 0 <= old[0] < 12 and 0 <= old[1] < 15
+        assert layer[row, column] == (before[old] if inside else UNSEEN)
+
+
+@given(st.floats(-2, 22), st.floats(-2, 22), st.floats(0.1, 6.0))
+@settings(deadline=None)
+def test_under_the_robot_every_cell_that_its_outline_touches_is_cleared(x, y, radius):
+    layer = np.full((20, 20), MARKED, dtype=np.uint8)
+    disc_cleared(layer, x, y, radius)
+    for row, column in np.ndindex(layer.shape):
+        away = math.hypot(max(column - x, x - column - 1, 0.0), max(row - y, y - row - 1, 0.0))
+        if abs(away - radius) > 1e-9:
+            assert layer[row, column] == (SEEN_FREE if away < radius else MARKED)
+
+
+@given(arrays(np.uint8, (60, 60), elements=st.sampled_from([UNSEEN] * 20 + [SEEN_FREE] * 20 + [MARKED])))
+@settings(max_examples=50, deadline=None)
+def test_the_window_s_costs_are_the_inflation_of_its_marks(layer):
+    static = np.where(layer == MARKED, 254, 0).astype(np.uint8)
+    np.testing.assert_array_equal(window_costs(layer, cost_stamp(*PARAMETERS)), inflate(static, *PARAMETERS))
+
+
+@given(
+    arrays(np.uint8, (50, 60), elements=st.sampled_from([0] * 40 + [254, 255])),
+    arrays(np.uint8, (50, 60), elements=st.sampled_from([UNSEEN] * 20 + [SEEN_FREE] * 20 + [MARKED])),
+)
+@settings(max_examples=50, deadline=None)
+def test_the_merged_costmap_is_the_greater_of_both_layers_inflated(static, layer):
+    costs = np.zeros_like(static)
+    merged(static, layer, cost_stamp(*PARAMETERS), 30, 25, 60, costs)
+    master = np.where((static == 254) | (layer == MARKED), 254, static)
+    master = np.where((master == 255) & (layer == SEEN_FREE), 0, master).astype(np.uint8)
+    np.testing.assert_array_equal(costs, inflate(master, *PARAMETERS))
+
+
+def test_only_the_window_is_merged_and_it_counts_what_lies_just_outside():
+    static = np.zeros((50, 60), dtype=np.uint8)
+    static[25, 41] = 254
+    costs = np.full_like(static, 7)
+    window = merged(static, np.zeros_like(static), cost_stamp(*PARAMETERS), 30, 25, 10, costs)
+    assert window == (15, 36, 20, 41)
+    assert costs[25, 40] == 253  # beside a wall that is not in the window
+    outside = np.ones(static.shape, dtype=bool)
+    outside[15:36, 20:41] = False
+    assert (costs[outside] == 7).all()
+
+
+def test_a_static_wall_is_not_cleared_by_a_beam_through_it():
+    static, layer = np.zeros((50, 60), dtype=np.uint8), np.full((50, 60), SEEN_FREE, dtype=np.uint8)
+    static[25, 30] = 254
+    costs = np.zeros_like(static)
+    merged(static, layer, cost_stamp(*PARAMETERS), 30, 25, 60, costs)
+    assert costs[25, 30] == 254

@@ -1,0 +1,153 @@
+"""Digests: pinned, because a digest that changes its meaning serves stale results or computes everything again."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.sim.digest import FileContent, canonical, digest, file_digest
+from vastflow.sim.scenario import Scenario, scenario_of
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "[null]"),
+        (True, "[true]"),
+        (1, "[1]"),
+        (1.0, '[{"float":"0x1.0000000000000p+0"}]'),
+        (0.1, '[{"float":"0x1.999999999999ap-4"}]'),
+        (float("inf"), '[{"float":"inf"}]'),
+        ("1", '["1"]'),
+        ("ä", '["\\u00e4"]'),
+        ([1, "a"], '[[1,"a"]]'),
+        ((1, "a"), '[[1,"a"]]'),
+        ({"b": 1, "a": 2.0}, '[{"map":{"a":{"float":"0x1.0000000000000p+1"},"b":1}}]'),
+        (FileContent("anywhere", "00ff"), '[{"file":"00ff"}]'),
+    ],
+)
+def test_the_canonical_text_of_a_value_is_pinned(value, text):
+    assert canonical([value]) == text
+
+
+def test_the_digest_of_a_value_of_every_kind_is_pinned():
+    value = {"a": [None, True, 1, 1.0, "x"], "f": FileContent("p", "ab"), "m": {"k": -0.5}}
+    assert digest(value) == "e02165f78da9cb46bc09e87f968a6ec0e1b1c8e1bab756ed8b0018d39c863c6b"
+
+
+def test_the_digest_of_nothing_is_pinned():
+    assert digest() == "4f53cda18c2baa0c0354bb5f9a3ecbe5ed12ab4d8e11ba873c2f11161202b945"
+
+
+def test_one_one_point_zero_and_true_are_three_values():
+    assert len({digest(1), digest(1.0), digest(True)}) == 3
+
+
+def test_minus_zero_is_zero():
+    assert digest(-0.0) == digest(0.0)
+
+
+def test_text_and_the_thing_it_spells_differ():
+    assert len({digest("1"), digest(1), digest(None), digest("None"), digest("null")}) == 5
+
+
+def test_a_mapping_is_not_mistaken_for_the_tag_of_a_float_or_a_file():
+    assert digest({"float": (1.0).hex()}) != digest(1.0)
+    assert digest({"file": "ab"}) != digest(FileContent("p", "ab"))
+
+
+def test_values_in_order_are_not_one_list_of_them():
+    assert digest(1, 2) != digest([1, 2])
+
+
+def test_not_a_number_is_refused():
+    with pytest.raises(ValueError, match="NaN has no digest"):
+        digest({"a": [float("nan")]})
+
+
+@pytest.mark.parametrize("value", [{1, 2}, b"bytes", object()])
+def test_a_type_without_a_canonical_form_is_refused(value):
+    with pytest.raises(TypeError, match="has no canonical form; use None, bool, int"):
+        digest(value)  # type: ignore[arg-type]
+
+
+def test_a_key_that_is_no_text_is_refused():
+    with pytest.raises(TypeError, match="key must be text, got 1"):
+        digest({1: 2})  # type: ignore[dict-item]
+
+
+def test_a_file_enters_by_what_it_holds_and_not_by_its_place(tmp_path):
+    (tmp_path / "a").write_bytes(b"content")
+    (tmp_path / "b").write_bytes(b"content")
+    (tmp_path / "c").write_bytes(b"Content")
+    a, b, c = (FileContent(str(tmp_path / name), file_digest(tmp_path / name)) for name in "abc")
+    assert a == b
+    assert digest(a) == digest(b)
+    assert digest(a) != digest(c)
+
+
+@given(st.dictionaries(st.text(), VALUES, max_size=5))
+def test_the_order_of_keys_does_not_matter(mapping):
+    assert digest(dict(reversed(mapping.items()))) == digest(mapping)
+
+
+@given(VALUES, VALUES)
+def test_values_have_one_digest_exactly_when_they_have_one_canonical_text(one, other):
+    assert (digest(one) == digest(other)) == (canonical([one]) == canonical([other]))
+
+
+def a_scenario(**changes):
+    parts = {
+        "abstract": "builtin:navigate_to_pose",
+        "timeout_s": 60.0,
+        "environment": {"map_file": FileContent("somewhere/map.yaml", "ab")},
+        "task": {"start_pose": {"x": 1.0, "y": 2.0}},
+        "system": {"robot_radius": 0.22},
+    }
+    return Scenario(**{**parts, **changes})
+
+
+def test_the_digest_of_a_scenario_is_pinned():
+    assert a_scenario().digest == "a202318e9758f97ead10a6a262317279a9abb237789033287637fb95fe10f9ab"
+
+
+def test_the_digest_of_a_situation_is_pinned():
+    assert a_scenario().situation_digest == "bcc541ce17c8653f67bfdb1a8ed29df0e5289900fb3d77bd87469f61994618e0"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"abstract": "builtin:follow_waypoints"},
+        {"timeout_s": 61.0},
+        {"environment": {}},
+        {"task": {}},
+        {"system": {}},
+    ],
+)
+def test_every_part_of_a_scenario_is_in_its_digest(change):
+    assert a_scenario(**change).digest != a_scenario().digest
+
+
+def test_the_system_is_left_out_of_the_situation():
+    assert a_scenario(system={"robot_radius": 0.3}).situation_digest == a_scenario().situation_digest
+
+
+@pytest.mark.parametrize("change", [{"environment": {}}, {"task": {}}])
+def test_environment_and_task_are_in_the_situation(change):
+    assert a_scenario(**change).situation_digest != a_scenario().situation_digest
+
+
+def test_values_are_sorted_into_dimensions_by_tag_then_by_key_then_into_the_system():
+    values = {"map_file": "m", "goal_pose": "g", "noise": 0.1, "crates": [], "start_pose": "s", "_path": []}
+    scenario = scenario_of(
+        values, {"crates": "environment", "start_pose": "system"}, abstract="builtin:navigate_to_pose", timeout_s=1.0
+    )
+    assert scenario.environment == {"map_file": "m", "crates": []}
+    assert scenario.task == {"goal_pose": "g"}
+    assert scenario.system == {"noise": 0.1, "start_pose": "s"}

@@ -1,0 +1,277 @@
+"""The laser scanner: exact ranges, the sensor's place and limits, dropout and noise."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from shapely.affinity import affine_transform
+from shapely.geometry import LineString, Point, box
+
+from vastflow.sim.lidar import Lidar, leap_table, perturb, range_to_obstacle, range_to_wall, scan
+from vastflow.sim.streams import streams_of
+
+HAIR = 1e-7
+"""Cells grown and shrunk by this bracket what a beam may do at a corner that it grazes."""
+
+GRIDS = st.tuples(st.integers(1, 30), st.integers(1, 30)).flatmap(
+    lambda shape: arrays(np.bool_, shape, elements=st.sampled_from([False] * 9 + [True]))
+)
+COORDINATES = st.floats(-4.0, 34.0) | st.integers(-4, 34).map(float)
+ANGLES = st.floats(-math.pi, math.pi) | st.integers(-4, 4).map(lambda k: k * math.pi / 4)
+
+
+def nearest_cell(occupied, x, y, dx, dy, margin, start=0.0):
+    """Distance along a beam to the nearest occupied cell grown by `margin`, by each cell's own slab test."""
+    nearest = math.inf
+    for row, column in np.argwhere(occupied).tolist():
+        near, far = -math.inf, math.inf
+        for origin, direction, low in ((x, dx, column), (y, dy, row)):
+            low, high = low - margin, low + 1 + margin
+            if direction == 0.0:
+                if not low <= origin <= high:
+                    near, far = math.inf, -math.inf
+            else:
+                a, b = (low - origin) / direction, (high - origin) / direction
+                near, far = max(near, min(a, b)), min(far, max(a, b))
+        if near <= far and far >= start:
+            nearest = min(nearest, max(near, start))
+    return nearest
+
+
+@given(GRIDS, COORDINATES, COORDINATES, ANGLES)
+@settings(max_examples=400, deadline=None)
+def test_a_range_is_that_to_the_first_cell_the_beam_meets(occupied, x, y, angle):
+    dx, dy = math.cos(angle), math.sin(angle)
+    found = range_to_wall(leap_table(occupied), x, y, dx, dy, 0.0, 1e3)
+    assert nearest_cell(occupied, x, y, dx, dy, HAIR) - 1e-6 <= found
+    assert found <= nearest_cell(occupied, x, y, dx, dy, -HAIR) + 1e-6
+
+
+@given(GRIDS, COORDINATES, COORDINATES, st.sampled_from([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]))
+@settings(max_examples=100, deadline=None)
+def test_a_beam_along_an_axis_is_exact_too(occupied, x, y, direction):
+    found = range_to_wall(leap_table(occupied), x, y, *direction, 0.0, 1e3)
+    assert nearest_cell(occupied, x, y, *direction, HAIR) - 1e-6 <= found
+    assert found <= nearest_cell(occupied, x, y, *direction, -HAIR) + 1e-6
+
+
+@given(GRIDS, COORDINATES, COORDINATES, ANGLES, st.floats(0.1, 10.0))
+@settings(max_examples=100, deadline=None)
+def test_what_is_nearer_than_the_start_is_not_seen(occupied, x, y, angle, start):
+    dx, dy = math.cos(angle), math.sin(angle)
+    found = range_to_wall(leap_table(occupied), x, y, dx, dy, start, 1e3)
+    assert nearest_cell(occupied, x, y, dx, dy, HAIR, start) - 1e-6 <= found
+    assert found <= nearest_cell(occupied, x, y, dx, dy, -HAIR, start) + 1e-6
+
+
+@given(GRIDS, COORDINATES, COORDINATES, ANGLES, st.floats(0.5, 30.0))
+@settings(max_examples=100, deadline=None)
+def test_a_wall_beyond_the_end_gives_no_return(occupied, x, y, angle, end):
+    dx, dy = math.cos(angle), math.sin(angle)
+    everything = range_to_wall(leap_table(occupied), x, y, dx, dy, 0.0, 1e3)
+    found = range_to_wall(leap_table(occupied), x, y, dx, dy, 0.0, end)
+    assert found == (everything if everything < end else math.inf)
+
+
+def test_a_beam_that_leaves_the_map_beside_a_wall_at_its_border_comes_to_an_end():
+    occupied = np.zeros((20, 20), dtype=np.bool_)
+    occupied[::4, 19] = True
+    # The point where this one crosses the border is rounded to the inside.
+    angle = -1.1922854594059253
+    leap = leap_table(occupied)
+    found = range_to_wall(leap, 13.98679012349347, 10.456377804563067, math.cos(angle), math.sin(angle), 0.0, 400.0)
+    assert found == math.inf
+
+
+def test_a_beam_from_the_very_border_looks_into_the_map():
+    assert range_to_wall(leap_table(np.array([[False, True, False]])), 3.0, 0.5, -1.0, 0.0, 0.0, 9.0) == 1.0
+
+
+def test_a_map_without_walls_gives_no_return():
+    assert range_to_wall(leap_table(np.zeros((20, 20), dtype=np.bool_)), 3.3, 4.4, 0.6, 0.8, 0.0, 1e3) == math.inf
+
+
+BOXES = st.tuples(
+    st.floats(-5, 5), st.floats(-5, 5), st.floats(-4, 4), st.floats(0.01, 3.0), st.floats(0.01, 3.0)
+)
+
+
+def outline(x, y, yaw, length, width, margin):
+    c, s = math.cos(yaw), math.sin(yaw)
+    straight = box(-length / 2 - margin, -width / 2 - margin, length / 2 + margin, width / 2 + margin)
+    return affine_transform(straight, (c, -s, s, c, x, y))
+
+
+@given(BOXES, st.floats(-5, 5), st.floats(-5, 5), ANGLES)
+@settings(max_examples=300, deadline=None)
+def test_the_range_to_a_box_is_that_of_shapely(obstacle, x, y, angle):
+    cx, cy, yaw, length, width = obstacle
+    row = np.array([cx, cy, math.cos(yaw), math.sin(yaw), length / 2, width / 2])
+    beam = LineString([(x, y), (x + 30 * math.cos(angle), y + 30 * math.sin(angle))])
+    found = range_to_obstacle(row, x, y, math.cos(angle), math.sin(angle), 0.0)
+    bounds = []
+    for margin in (1e-6, -1e-6):
+        crossing = outline(*obstacle, margin).intersection(beam)
+        bounds.append(math.inf if crossing.is_empty else Point(x, y).distance(crossing))
+    assert bounds[0] - 1e-5 <= found <= bounds[1] + 1e-5
+
+
+@given(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.01, 3.0), ANGLES)
+@settings(max_examples=200, deadline=None)
+def test_the_range_to_a_cylinder_is_where_the_beam_enters_the_circle(cx, cy, radius, angle):
+    dx, dy = math.cos(angle), math.sin(angle)
+    along, across = cx * dx + cy * dy, abs(cx * dy - cy * dx)
+    assume(abs(math.hypot(cx, cy) - radius) > 1e-6 and abs(across - radius) > 1e-6)
+    found = range_to_obstacle(np.array([cx, cy, 1.0, 0.0, radius, 0.0]), 0.0, 0.0, dx, dy, 0.0)
+    if math.hypot(cx, cy) < radius:
+        assert found == 0.0
+    elif across > radius or along < 0.0:
+        assert found == math.inf
+    else:
+        assert math.hypot(found * dx - cx, found * dy - cy) == pytest.approx(radius)
+        assert found <= along
+
+
+@pytest.fixture
+def room():
+    """10 m × 8 m between walls one cell thick, 0.1 m a cell; the inner faces are at 0.1 and 9.9, 0.1 and 7.9 m."""
+    occupied = np.zeros((80, 100), dtype=np.bool_)
+    occupied[[0, -1]], occupied[:, [0, -1]] = True, True
+    return leap_table(occupied)
+
+
+def scanned(leap, pose, lidar=None, obstacles=(), origin=(0.0, 0.0), resolution_m=0.1):
+    lidar = lidar or Lidar()
+    out = np.empty(lidar.beams)
+    x, y, yaw = pose
+    mx, my, _ = lidar.mount_xyt
+    sensor = np.array([x + math.cos(yaw) * mx - math.sin(yaw) * my, y + math.sin(yaw) * mx + math.cos(yaw) * my, yaw])
+    rows = np.array(obstacles, dtype=np.float64).reshape(-1, 6)
+    scan(leap, resolution_m, *origin, rows, sensor, lidar.directions(), lidar.range_min_m, lidar.range_max_m, out)
+    return out
+
+
+def test_the_first_beam_points_to_the_left_and_the_rest_go_round_counter_clockwise(room):
+    ranges = scanned(room, (5.0, 4.0, 0.0))
+    sensor_x = 4.96
+    quarter = 90
+    off = quarter * 6.28 / 359 - math.pi / 2  # the increment is a little more than a degree
+    assert ranges[0] == pytest.approx(3.9)
+    assert ranges[quarter] == pytest.approx((sensor_x - 0.1) / math.cos(off))
+    assert ranges[2 * quarter] == pytest.approx(3.9 / math.cos(2 * off))
+    assert ranges[3 * quarter] == pytest.approx((9.9 - sensor_x) / math.cos(3 * off))
+
+
+def test_the_first_and_the_last_beam_nearly_coincide():
+    directions = Lidar().directions()
+    assert directions.shape == (360, 2)
+    assert np.arccos(directions[0] @ directions[-1]) == pytest.approx(2 * math.pi - 6.28)
+
+
+def test_the_scanner_turns_with_the_robot_and_sits_behind_its_centre(room):
+    ranges = scanned(room, (5.0, 4.0, math.pi / 2))
+    assert ranges[0] == pytest.approx(5.0 - 0.1)  # to the robot's left, west
+    assert ranges[180] == pytest.approx(9.9 - 5.0, abs=1e-3)
+    assert min(ranges[85:95]) == pytest.approx(4.0 - 0.04 - 0.1, abs=1e-3)  # behind it, south
+
+
+@given(st.floats(-50, 50), st.floats(-50, 50))
+@settings(max_examples=30, deadline=None)
+def test_the_origin_of_the_map_shifts_the_scan_with_it(x, y):
+    occupied = np.zeros((80, 100), dtype=np.bool_)
+    occupied[20, 70], occupied[60:, 10] = True, True
+    leap = leap_table(occupied)
+    here, there = scanned(leap, (5.0, 4.0, 0.3)), scanned(leap, (5.0 + x, 4.0 + y, 0.3), origin=(x, y))
+    grazed = np.isinf(here) != np.isinf(there)
+    np.testing.assert_allclose(here[~grazed], there[~grazed], atol=1e-6)
+    assert grazed.sum() <= 2
+
+
+def test_an_obstacle_hides_the_wall_behind_it(room):
+    ranges = scanned(room, (5.04, 4.0, 0.0), obstacles=[(7.0, 4.0, 1.0, 0.0, 0.25, 0.5)])
+    free = scanned(room, (5.04, 4.0, 0.0))
+    hit = ranges < free
+    assert ranges[270] == pytest.approx(1.75 / math.cos(270 * 6.28 / 359 - 1.5 * math.pi))
+    assert 30 <= hit.sum() <= 33  # 1 m wide at 1.75 m: 31.9°
+    np.testing.assert_array_equal(ranges[~hit], free[~hit])
+
+
+def test_the_nearest_of_several_obstacles_is_seen(room):
+    near, far = (6.0, 4.0, 1.0, 0.0, 0.1, 0.0), (7.0, 4.0, 1.0, 0.0, 0.3, 0.3)
+    beam = Lidar(beams=1, mount_xyt=(0.0, 0.0, 0.0))
+    assert scanned(room, (5.0, 4.0, 0.0), beam, [far, near])[0] == pytest.approx(0.9)
+
+
+def test_beyond_the_greatest_range_there_is_no_return(room):
+    short = Lidar(range_max_m=4.5)
+    ranges = scanned(room, (5.0, 4.0, 0.0), short)
+    assert ranges[0] == pytest.approx(3.9)
+    assert np.isinf(ranges[90])
+    assert scanned(room, (5.0, 4.0, 0.0), short, [(9.8, 4.0, 1.0, 0.0, 0.2, 0.0)])[270] == math.inf
+
+
+def test_what_is_nearer_than_the_least_range_is_not_seen(room):
+    beam = Lidar(beams=1, mount_xyt=(0.0, 0.0, 0.0))
+    thin_and_near = (5.1, 4.0, 1.0, 0.0, 0.02, 0.5)
+    assert scanned(room, (5.0, 4.0, 0.0), beam, [thin_and_near])[0] == pytest.approx(4.9)
+
+
+def perturbed(ranges, dropout=0.0, noise_m=0.0, entropy=1):
+    stream = streams_of([entropy])[0]
+    out = np.array(ranges, dtype=np.float64)
+    perturb(out, stream, dropout, noise_m, np.zeros(len(out), dtype=np.int64))
+    return out, stream
+
+
+@pytest.mark.parametrize(("dropout", "count"), [(0.0, 0), (0.002, 0), (0.1, 36), (0.5, 180), (0.999, 359), (1.0, 360)])
+def test_dropout_takes_exactly_the_whole_part_of_its_share_of_beams(dropout, count):
+    assert np.isinf(perturbed(np.ones(360), dropout)[0]).sum() == count
+
+
+def test_every_beam_is_dropped_as_often_as_any_other():
+    stream, dropped, order = streams_of([3])[0], np.zeros(60), np.zeros(60, dtype=np.int64)
+    for _ in range(4000):
+        ranges = np.ones(60)
+        perturb(ranges, stream, 0.25, 0.0, order)
+        dropped += np.isinf(ranges)
+    # 1000 expected a beam, standard deviation 27
+    assert abs(dropped - 1000).max() < 5 * math.sqrt(4000 * 0.25 * 0.75)
+
+
+def test_noise_is_gaussian_of_the_given_width_and_independent():
+    stream, order = streams_of([5])[0], np.zeros(360, dtype=np.int64)
+    noise = np.empty((1000, 360))
+    for row in noise:
+        row[:] = 4.0
+        perturb(row, stream, 0.0, 0.1, order)
+    noise = (noise - 4.0) / 0.1
+    n = noise.size
+    assert abs(noise.mean()) < 5 / math.sqrt(n)
+    assert abs(noise.std() - 1.0) < 5 / math.sqrt(2 * n)
+    assert abs((noise**4).mean() - 3.0) < 5 * math.sqrt(96 / n)
+    assert abs((noise[:, :-1] * noise[:, 1:]).mean()) < 5 / math.sqrt(n)
+    assert abs((noise[:-1] * noise[1:]).mean()) < 5 / math.sqrt(n)
+
+
+def test_a_beam_without_a_return_stays_without_one_under_noise():
+    ranges = np.full(360, 3.0)
+    ranges[::7] = np.inf
+    assert np.isinf(perturbed(ranges, noise_m=0.2)[0]).tolist() == np.isinf(ranges).tolist()
+
+
+def test_noise_is_not_clipped_to_the_limits_of_the_scanner():
+    assert perturbed(np.full(360, 0.164), noise_m=0.3)[0].min() < 0.0
+    assert perturbed(np.full(360, 19.99), noise_m=0.3)[0].max() > 20.0
+
+
+def test_an_odd_number_of_beams_is_perturbed_to_the_last():
+    assert (perturbed(np.ones(5), noise_m=0.1)[0] != 1.0).all()
+
+
+def test_without_perturbation_nothing_is_drawn_and_nothing_changes():
+    ranges, stream = perturbed(np.ones(360))
+    assert (ranges == 1.0).all()
+    assert stream == streams_of([1])[0]

@@ -1,0 +1,202 @@
+"""NavFn: its potential against a plain reimplementation of its buffers, its paths and the widths it passes."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.nav.inflation import inflate
+from vastflow.sim.nav.navfn import new_potential, new_scratch, path, potential, propagate, travel_costs
+from vastflow.sim.nav.parameters import NavParameters
+
+F = np.float32
+UNREACHED = F(1e10)
+INSCRIBED_M = NavParameters().inscribed_radius_m
+
+
+def by_the_book(travel, root, stop):
+    """NavFn's three buffers in plain Python, as its description reads; `root` and `stop` are (x, y)."""
+    rows, columns = travel.shape
+    values = np.full(travel.shape, UNREACHED, dtype=F)
+    x, y = root
+    values[y, x] = 0
+    current = [(x + dx, y + dy) for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)) if travel[y + dy, x + dx] < 254]
+    pending, later, threshold = set(current), [], F(254)
+    for _ in range(max(rows * columns // 20, rows + columns)):
+        if not current:
+            break
+        pending -= set(current)
+        following = []
+        for x, y in current:
+            across, along = min(values[y, x - 1], values[y, x + 1]), min(values[y - 1, x], values[y + 1, x])
+            low, apart, cost = min(across, along), abs(across - along), F(travel[y, x])
+            if apart >= cost:
+                value = low + cost
+            else:
+                d = apart / cost
+                value = low + cost * (F(-0.2301) * d * d + F(0.5307) * d + F(0.7040))
+            if not value < values[y, x]:
+                continue
+            values[y, x] = value
+            for there in ((x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)):
+                price = travel[there[1], there[0]]
+                if price < 254 and there not in pending and values[there[1], there[0]] > value + F(0.707106781) * F(price):
+                    (following if value < threshold else later).append(there)
+                    pending.add(there)
+        current = following
+        if not current:
+            threshold += F(100)
+            current, later = later, []
+        if stop is not None and values[stop[1], stop[0]] < UNREACHED:
+            break
+    return values
+
+
+COSTMAPS = st.tuples(st.integers(5, 24), st.integers(5, 24)).flatmap(
+    lambda shape: arrays(np.uint8, shape, elements=st.sampled_from([0] * 6 + [60, 128, 252, 253, 254, 255]))
+)
+
+
+@given(COSTMAPS, st.data())
+@settings(max_examples=120, deadline=None)
+def test_the_potential_is_that_of_navfn_s_buffers(costmap, data):
+    rows, columns = costmap.shape
+    root = data.draw(st.integers(1, columns - 2)), data.draw(st.integers(1, rows - 2))
+    stop = data.draw(st.none() | st.tuples(st.integers(1, columns - 2), st.integers(1, rows - 2)))
+    unknown = data.draw(st.booleans())
+    travel = travel_costs(costmap, unknown)
+    travel[root[1], root[0]] = 50
+    expected = by_the_book(travel, root, stop)
+    np.testing.assert_allclose(potential(costmap, root, stop, unknown), expected, rtol=1e-6)
+
+
+@given(COSTMAPS, st.data())
+@settings(max_examples=40, deadline=None)
+def test_a_flood_in_used_memory_is_a_flood_in_new_memory(costmap, data):
+    travel = travel_costs(costmap)
+    rows, columns = costmap.shape
+    out, scratch = new_potential(costmap.shape), new_scratch(costmap.shape)
+    for _ in range(3):
+        root = data.draw(st.integers(1, columns - 2)), data.draw(st.integers(1, rows - 2))
+        stop = data.draw(st.tuples(st.integers(1, columns - 2), st.integers(1, rows - 2)))
+        fresh = new_potential(costmap.shape)
+        reached = propagate(travel, *root, *stop, fresh, new_scratch(costmap.shape))
+        assert propagate(travel, *root, *stop, out, scratch) == reached
+        np.testing.assert_array_equal(out, fresh)
+        assert not scratch[1].any()
+
+
+def a_wall_with_a_gap():
+    """60 × 80 cells, a wall across with a gap of 14 cells, inflated as Nav2 does by default."""
+    costmap = np.zeros((60, 80), dtype=np.uint8)
+    costmap[:, 40] = 254
+    costmap[38:52, 40] = 0
+    return inflate(costmap, 0.05, INSCRIBED_M, 0.70, 3.0)
+
+
+def test_the_potential_behind_a_gap_is_pinned():
+    values = potential(a_wall_with_a_gap(), (8, 8))
+    assert values[12, 70] == pytest.approx(7649.591796875, rel=1e-6)
+
+
+def test_the_early_stop_leaves_the_value_that_the_target_had_first():
+    full, early = (potential(a_wall_with_a_gap(), (8, 8), stop)[3, 45] for stop in (None, (45, 3)))
+    assert full == pytest.approx(9363.865, rel=1e-6)
+    assert early == pytest.approx(14438.769, rel=1e-6)
+
+
+def test_travel_costs_are_navfn_s_own():
+    costmap = np.zeros((3, 12), dtype=np.uint8)
+    costmap[1, 1:11] = [0, 1, 60, 128, 201, 252, 253, 254, 255, 100]
+    assert travel_costs(costmap, True)[1].tolist() == [254, 50, 50, 98, 152, 210, 251, 254, 254, 253, 130, 254]
+    assert travel_costs(costmap, False)[1, 9] == 254
+
+
+def test_the_outermost_cells_are_obstacles():
+    travel = travel_costs(np.zeros((6, 7), dtype=np.uint8))
+    inner = np.zeros((6, 7), dtype=bool)
+    inner[1:-1, 1:-1] = True
+    assert (travel == np.where(inner, 50, 254)).all()
+
+
+def rooms_with_a_door(door_cells):
+    cells = np.zeros((60, 80), dtype=np.int8)
+    cells[:, 39:41] = 100
+    cells[25 : 25 + door_cells, 39:41] = 0
+    return OccupancyMap(cells, 0.05, (0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("resolution_m", "radius_m", "scaling", "robot_radius", "cells", "passes"),
+    [
+        (0.05, 0.70, 3.0, 0.22, 9, True),
+        (0.05, 0.70, 3.0, 0.22, 8, False),
+        (0.06, 0.45, 4.0, 0.175, 7, True),
+        (0.06, 0.45, 4.0, 0.175, 6, False),
+        (0.05, 0.70, 3.0, 0.175, 7, True),
+        (0.05, 0.70, 3.0, 0.175, 6, False),
+    ],
+)
+def test_a_door_is_passed_from_the_width_that_nav2_passes(resolution_m, radius_m, scaling, robot_radius, cells, passes):
+    static = np.where(rooms_with_a_door(cells).occupied, 254, 0).astype(np.uint8)
+    inscribed_m = NavParameters(robot_radius=robot_radius).inscribed_radius_m
+    way = path(inflate(static, resolution_m, inscribed_m, radius_m, scaling), (10, 29), (70, 29))
+    assert (len(way) > 0) == passes
+
+
+@given(st.integers(3, 75), st.integers(3, 55), st.integers(3, 75), st.integers(3, 55))
+@settings(max_examples=60, deadline=None)
+def test_a_path_leads_from_start_to_goal_in_half_cells_over_cells_that_may_be_driven(x0, y0, x1, y1):
+    costmap = a_wall_with_a_gap()
+    if costmap[y0, x0] >= 253 or costmap[y1, x1] >= 253:
+        return
+    way = path(costmap, (x0, y0), (x1, y1))
+    steps = np.hypot(*np.diff(way, axis=0).T)
+    assert tuple(way[-1]) == (x1, y1)
+    assert math.dist(way[0], (x0, y0)) <= 1.5
+    assert steps.size == 0 or steps.max() <= 1.5
+    middle = steps[2:-2]
+    assert middle.size == 0 or np.median(middle) == pytest.approx(0.5)
+    near = np.rint(way).astype(int)
+    assert (costmap[near[:, 1], near[:, 0]] < 253).all()
+
+
+def test_a_straight_path_is_straight():
+    way = path(np.zeros((40, 60), dtype=np.uint8), (10, 20), (50, 20))
+    assert np.abs(way[:, 1] - 20).max() < 1e-6
+    assert len(way) == pytest.approx(80, abs=3)
+
+
+def test_unknown_ground_is_driven_where_it_is_allowed_and_only_there():
+    costmap = np.zeros((30, 40), dtype=np.uint8)
+    costmap[:, 18:22] = 255
+    assert len(path(costmap, (5, 15), (35, 15), allow_unknown=True)) > 0
+    assert len(path(costmap, (5, 15), (35, 15), allow_unknown=False)) == 0
+
+
+def test_a_way_over_known_ground_is_preferred_to_a_shorter_one_over_unknown():
+    costmap = np.zeros((60, 60), dtype=np.uint8)
+    costmap[20:, 25:35] = 255
+    way = path(costmap, (10, 28), (50, 28))
+    over = (way[:, 0] > 25) & (way[:, 0] < 35)
+    assert way[over, 1].max() < 20.5
+
+
+def test_there_is_no_path_to_a_goal_that_is_walled_off():
+    costmap = np.zeros((30, 30), dtype=np.uint8)
+    costmap[:, 15] = 254
+    assert len(path(costmap, (5, 15), (25, 15))) == 0
+
+
+def test_a_path_longer_than_navfn_s_cap_is_none():
+    """The walk ends after 4 max(H, W) points, so a long way is not found although the flood reached its end."""
+    costmap = np.zeros((200, 200), dtype=np.uint8)
+    costmap[:, 66], costmap[:, 132] = 254, 254
+    costmap[190:198, 66], costmap[2:10, 132] = 0, 0
+    assert potential(costmap, (165, 190))[10, 33] < UNREACHED
+    assert len(path(costmap, (33, 10), (165, 190))) == 0
+    assert len(path(costmap, (33, 10), (100, 100))) > 0

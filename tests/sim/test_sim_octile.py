@@ -1,0 +1,125 @@
+"""Octile lengths, against scikit-image's minimum-cost path and by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from skimage.graph import MCP_Geometric
+
+from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.octile import descend, distance_field, inflated_free, passable, path_xy_m, shortest_path
+
+GRIDS = st.tuples(st.integers(1, 14), st.integers(1, 14)).flatmap(
+    lambda shape: arrays(np.bool_, shape, elements=st.sampled_from([True, True, False]))
+)
+
+
+@given(GRIDS, st.data())
+@settings(max_examples=150, deadline=None)
+def test_the_field_is_that_of_a_minimum_cost_path(free, data):
+    source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
+    field = distance_field(free, *source)
+    if not free[source]:
+        assert not np.isfinite(field).any()
+        return
+    expected, _ = MCP_Geometric(np.where(free, 1.0, -1.0), fully_connected=True).find_costs([source])
+    np.testing.assert_allclose(field, expected, rtol=1e-6)
+
+
+@given(GRIDS, st.data())
+@settings(max_examples=100, deadline=None)
+def test_the_way_down_the_field_is_connected_free_and_as_long_as_the_field_says(free, data):
+    source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
+    field = distance_field(free, *source)
+    reached = np.argwhere(np.isfinite(field))
+    if len(reached) == 0:
+        return
+    cell = tuple(reached[data.draw(st.integers(0, len(reached) - 1))])
+    way = descend(field, *cell)
+    steps = np.abs(np.diff(way, axis=0))
+    assert tuple(way[0]) == cell
+    assert tuple(way[-1]) == source
+    assert steps.size == 0 or (steps.max() == 1 and steps.sum(axis=1).min() >= 1)
+    assert free[tuple(way.T)].all()
+    assert np.hypot(*steps.T).sum() == pytest.approx(field[cell], rel=1e-6)
+
+
+def test_a_diagonal_step_passes_between_two_blocked_cells():
+    assert distance_field(np.array([[True, False], [False, True]]), 0, 0)[1, 1] == pytest.approx(math.sqrt(2))
+
+
+@pytest.mark.parametrize("source", [(-1, 0), (0, 3), (2, 0)])
+def test_from_outside_the_grid_nothing_is_reached(source):
+    assert not np.isfinite(distance_field(np.ones((2, 3), dtype=np.bool_), *source)).any()
+
+
+def test_there_is_no_way_from_a_cell_that_is_not_reached():
+    field = distance_field(np.array([[True, False, True]]), 0, 0)
+    with pytest.raises(ValueError, match=r"cell \(0, 2\) is not reached by the field"):
+        descend(field, 0, 2)
+
+
+@given(GRIDS, st.floats(0.0, 5.0))
+@settings(max_examples=100, deadline=None)
+def test_a_cell_is_passable_exactly_when_every_cell_within_the_radius_is_free(free, radius_cells):
+    found = inflated_free(free, radius_cells)
+    blocked = np.argwhere(~np.pad(free, 1, constant_values=False)) - 1
+    for cell in np.ndindex(free.shape):
+        nearest = np.hypot(*(blocked - cell).T).min()
+        if abs(nearest - radius_cells) > 1e-9:
+            assert found[cell] == (nearest > radius_cells)
+
+
+def test_a_cell_at_the_radius_itself_is_blocked():
+    free = np.ones((9, 9), dtype=np.bool_)
+    free[4, 4] = False
+    found = inflated_free(free, 3.0)
+    assert not found[4, 1 + 6]
+    assert not inflated_free(np.ones((5, 5), dtype=np.bool_), 3.0).any()
+
+
+def test_without_a_radius_exactly_the_free_cells_are_passable():
+    free = np.array([[True, False, True]])
+    assert inflated_free(free, 0.0).tolist() == free.tolist()
+
+
+def test_unknown_cells_are_not_passable(drawn):
+    assert passable(drawn("..?", "...", "..."), 0.0).tolist() == [[True] * 3, [True] * 3, [True, True, False]]
+
+
+def test_a_radius_is_taken_in_metres(drawn):
+    found = passable(drawn("." * 9, cells=1, resolution_m=0.1), 0.05)
+    assert found.all()
+    assert not passable(drawn("." * 9, cells=1, resolution_m=0.1), 0.1).any()
+
+
+def test_a_path_through_several_stops_is_the_sum_of_its_legs(drawn):
+    occupancy = drawn(".......", ".......", ".......", resolution_m=0.5)
+    stops = np.array([(0.25, 0.25), (3.25, 0.25), (2.25, 1.25)])
+    points, length_m = shortest_path(occupancy, occupancy.free, stops)
+    assert length_m == pytest.approx(0.5 * (6 + 2 * math.sqrt(2)))
+    assert np.hypot(*np.diff(points, axis=0).T).sum() == pytest.approx(length_m)
+    np.testing.assert_allclose(points[[0, 6, -1]], stops)
+    assert len(points) == 9  # a stop is no two points
+
+
+def test_a_path_from_a_stop_to_itself_has_no_length(drawn):
+    occupancy = drawn("...")
+    points, length_m = shortest_path(occupancy, occupancy.free, np.array([(0.07, 0.02), (0.08, 0.03)]))
+    assert (len(points), length_m) == (1, 0.0)
+
+
+@pytest.mark.parametrize(
+    "stops", [[(0.02, 0.02), (0.17, 0.02)], [(0.02, 0.02), (0.12, 0.02)], [(0.02, 0.02), (9.0, 0.02)], [(-0.01, 0.02), (0.02, 0.02)]]
+)
+def test_there_is_no_path_to_what_is_walled_off_blocked_or_outside(drawn, stops):
+    occupancy = drawn("..#.")
+    assert shortest_path(occupancy, occupancy.free, np.array(stops)) is None
+
+
+def test_cells_are_written_as_their_centres_in_metres():
+    occupancy = OccupancyMap(np.zeros((4, 4), dtype=np.int8), 0.5, (-1.0, 2.0))
+    np.testing.assert_allclose(path_xy_m(occupancy, np.array([[0, 3], [1, 0]])), [(0.75, 2.25), (-0.75, 2.75)])

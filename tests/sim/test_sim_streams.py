@@ -1,0 +1,99 @@
+"""Random streams and the cache of compiled kernels."""
+
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vastflow.sim import numeric
+from vastflow.sim.streams import AMCL, LIDAR, SUBSYSTEMS, integer_below, normal_pair, run_entropy, streams_of, uniform
+
+DIGEST = "00ff" * 16
+
+
+def test_the_entropy_of_a_run_is_the_campaign_s_seed_the_situation_and_the_run_s_number():
+    assert run_entropy(7, DIGEST, 3) == [7, int(DIGEST, 16), 3]
+
+
+def test_the_streams_of_a_run_are_pinned():
+    assert [hex(state) for state in streams_of(run_entropy(0, DIGEST, 0))[:, 0].tolist()] == ["0x6eb0dec9e8a52720", "0xe78f09fd730e95a0", "0xe30f00bcc8520b3e"]
+
+
+@pytest.mark.parametrize("other", [(1, DIGEST, 0), (0, "ff00" * 16, 0), (0, DIGEST, 1)])
+def test_another_seed_situation_or_run_has_other_streams(other):
+    assert (streams_of(run_entropy(*other)) != streams_of(run_entropy(0, DIGEST, 0))).all()
+
+
+def test_subsystems_have_streams_of_their_own():
+    states = streams_of(run_entropy(0, DIGEST, 0))
+    assert states.shape == (SUBSYSTEMS, 1)
+    assert len(np.unique(states)) == SUBSYSTEMS
+    before = states[AMCL].copy()
+    normal_pair(states[LIDAR])
+    assert states[AMCL] == before
+
+
+def test_uniform_numbers_fill_the_unit_interval_evenly():
+    stream = streams_of([1])[0]
+    numbers = np.array([uniform(stream) for _ in range(20_000)])
+    assert (numbers >= 0).all() and (numbers < 1).all()
+    counts = np.histogram(numbers, 20, (0, 1))[0]
+    chi_square = ((counts - 1000) ** 2 / 1000).sum()
+    assert chi_square < 19 + 5 * math.sqrt(2 * 19)
+
+
+def test_normal_pairs_are_standard_normal_and_independent():
+    stream = streams_of([2])[0]
+    pairs = np.array([normal_pair(stream) for _ in range(20_000)])
+    n = len(pairs)
+    assert np.abs(pairs.mean(axis=0)).max() < 5 / math.sqrt(n)
+    assert np.abs(pairs.std(axis=0) - 1).max() < 5 / math.sqrt(2 * n)
+    assert abs((pairs[:, 0] * pairs[:, 1]).mean()) < 5 / math.sqrt(n)
+
+
+def test_whole_numbers_below_a_bound_are_all_drawn_and_no_other():
+    stream = streams_of([3])[0]
+    assert {integer_below(stream, 5) for _ in range(500)} == set(range(5))
+
+
+@pytest.fixture
+def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the simulator's source that the cache folder is computed from."""
+    source = Path(numeric.__file__).parent
+    shutil.copytree(source, tmp_path / "sim", ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(numeric, "__file__", str(tmp_path / "sim" / "numeric.py"))
+    return tmp_path / "sim"
+
+
+def test_equal_source_has_one_folder_of_compiled_kernels_wherever_it_lies(copied, monkeypatch):
+    there = numeric.kernel_cache_dir()
+    monkeypatch.undo()
+    assert numeric.kernel_cache_dir() == there
+
+
+@pytest.mark.parametrize("module", ["lidar.py", "nav/navfn.py"])
+def test_an_edited_module_has_another_folder_of_compiled_kernels(copied, module):
+    before = numeric.kernel_cache_dir()
+    (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
+    assert numeric.kernel_cache_dir() != before
+
+
+def test_a_new_module_has_another_folder_of_compiled_kernels(copied):
+    before = numeric.kernel_cache_dir()
+    (copied / "nav" / "new.py").write_text("")
+    assert numeric.kernel_cache_dir() != before
+
+
+def test_another_numba_has_another_folder_of_compiled_kernels(monkeypatch):
+    before = numeric.kernel_cache_dir()
+    monkeypatch.setattr(numeric.numba, "__version__", "0.0.0")
+    assert numeric.kernel_cache_dir() != before
+
+
+def test_kernels_are_compiled_for_a_generic_processor_into_that_folder():
+    from numba.core import config
+
+    assert (config.CPU_NAME, config.CPU_FEATURES) == ("generic", "")
+    assert config.CACHE_DIR == str(numeric.kernel_cache_dir())

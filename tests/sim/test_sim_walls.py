@@ -1,0 +1,55 @@
+"""Walls as rectangles, and those near a place."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.walls import WallIndex, wall_rectangles
+
+GRIDS = st.tuples(st.integers(1, 16), st.integers(1, 16)).flatmap(
+    lambda shape: arrays(np.int8, shape, elements=st.sampled_from([0, 100, 100, -1]))
+)
+
+
+def covered(rectangles, shape):
+    """How many rectangles lie on each cell, of rectangles in whole cells."""
+    count = np.zeros(shape, dtype=int)
+    for x0, y0, x1, y1 in np.rint(rectangles).astype(int).tolist():
+        count[y0:y1, x0:x1] += 1
+    return count
+
+
+@given(GRIDS)
+@settings(max_examples=200, deadline=None)
+def test_the_rectangles_cover_each_wall_cell_that_anything_can_reach_once_and_no_other(cells):
+    occupancy = OccupancyMap(cells, 1.0, (0.0, 0.0))
+    framed = np.pad(occupancy.occupied, 1, constant_values=True)
+    rows, columns = cells.shape
+    buried = np.all([framed[r : r + rows, c : c + columns] for r in range(3) for c in range(3)], axis=0)
+    rectangles = wall_rectangles(occupancy)
+    np.testing.assert_array_equal(rectangles, np.rint(rectangles))
+    np.testing.assert_array_equal(covered(rectangles, cells.shape), occupancy.occupied & ~buried)
+
+
+def test_a_straight_wall_is_one_rectangle_in_metres():
+    cells = np.zeros((10, 10), dtype=np.int8)
+    cells[2:4, 1:9] = 100
+    rectangles = wall_rectangles(OccupancyMap(cells, 0.5, (-1.0, 3.0)))
+    np.testing.assert_allclose(rectangles, [(-0.5, 4.0, 3.5, 5.0)])
+
+
+def test_a_map_without_walls_has_no_rectangle():
+    assert wall_rectangles(OccupancyMap(np.zeros((4, 4), dtype=np.int8), 0.1, (0.0, 0.0))).shape == (0, 4)
+
+
+@given(GRIDS, st.floats(-3, 19), st.floats(-3, 19))
+@settings(max_examples=100, deadline=None)
+def test_every_wall_within_a_tile_of_a_place_is_among_those_around_it(cells, x, y):
+    index = WallIndex(OccupancyMap(cells, 1.0, (0.0, 0.0)))
+    around = index.around(index.tile_of(x, y))
+    x0, y0, x1, y1 = index.rectangles.T
+    away = np.hypot(np.maximum(np.maximum(x0 - x, x - x1), 0.0), np.maximum(np.maximum(y0 - y, y - y1), 0.0))
+    assert set(np.flatnonzero(away < WallIndex.TILE_M)) <= set(around)
+    assert around == sorted(set(around))
