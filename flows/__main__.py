@@ -1,0 +1,32 @@
+"""The console command `vastflow`.
+
+A spawned worker may import this module again, and `--help` must not wait: Prefect, numba and the like are
+imported inside the commands.
+"""
+
+import typer
+
+from vastflow.flows.bench_command import bench
+from vastflow.flows.file_commands import schema, validate
+from vastflow.flows.run_command import run
+from vastflow.flows.show_command import show
+
+app = typer.Typer(
+    help="Find out whether a robot's navigation can be trusted: from a campaign file to evidence.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # a fifth of a second for a frame round the help
+)
+for command in (run, validate, schema, show):
+    app.command()(command)
+app.add_typer(bench, name="bench")
+
+
+def main() -> None:
+    """Run the command that the arguments name."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""The command `bench`: measured speed, with everything that was fixed to measure it."""
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any
+
+import typer
+
+bench = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@bench.callback()
+def _group() -> None:
+    """Keeps `sim` a command of its own name while it is the only one."""
+
+
+@bench.command()
+def sim(
+    controller: Annotated[str, typer.Option(help="Controller to drive with.")] = "rpp",
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """Measure the simulator.
+
+    One fixed scenario on one core, in CPU time, with everything that was fixed.
+    """
+    from vastflow.sim.bench import bench as measure
+
+    try:
+        found = measure(controller)
+    except ValueError as error:
+        print(f"vastflow bench sim: {error}", file=sys.stderr)
+        raise typer.Exit(2) from None
+    if as_json:
+        print(json.dumps(found))
+        return
+    rows = list(_rows("", found))
+    width = max(len(name) for name, _ in rows)
+    for name, text in rows:
+        print(f"{name:<{width}}  {text}")
+
+
+def _rows(prefix: str, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _rows(f"{prefix}{name}.", value)
+        else:
+            yield prefix + name, f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,37 @@
+"""Environments in the campaign directory: maps written anew, so that it is complete on its own."""
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+from PIL import Image
+
+from vastflow.sim.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+
+_GREY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
+"""The grey values of ROS' map_saver."""
+
+
+def write_map(directory: Path, occupancy: OccupancyMap) -> None:
+    """Write `map.yaml` and `map.pgm` into `directory`; `load_map` gives the same map, digest included.
+
+    A map with cells between free and occupied is written in mode `raw`, others in mode `trinary`.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    cells = occupancy.cells[::-1]  # a picture's first row is at the top
+    trinary = bool(np.isin(cells, list(_GREY)).all())
+    if trinary:
+        grey = np.select([cells == value for value in _GREY], list(_GREY.values()))
+    else:
+        grey = np.where(cells == UNKNOWN, 255, cells)
+    Image.fromarray(grey.astype(np.uint8)).save(directory / "map.pgm")
+    header = {
+        "image": "map.pgm",
+        "mode": "trinary" if trinary else "raw",
+        "resolution": float(occupancy.resolution_m),
+        "origin": [*(float(metres) for metres in occupancy.origin_xy_m), 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,  # just below the grey of unknown cells, which Nav2's 0.25 would read as free
+    }
+    (directory / "map.yaml").write_text(yaml.safe_dump(header, sort_keys=False), encoding="utf-8")

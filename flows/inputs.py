@@ -1,0 +1,66 @@
+"""The files a campaign was asked for with, kept as they were when it was read."""
+
+import inspect
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from vastflow.oracles.oracle import Oracle
+from vastflow.producers.campaign import Campaign
+from vastflow.sim.digest import digest
+from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.tasks.evaluation import files_in
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Everything that was read; a user may edit the files while the campaign runs.
+
+    Attributes:
+        campaign: The campaign file.
+        files: Place below `inputs/` to content: maps with their pictures, plug-ins.
+        maps: Digest to map.
+    """
+
+    campaign: bytes = field(repr=False)
+    files: Mapping[str, bytes] = field(repr=False)
+    maps: Mapping[str, OccupancyMap] = field(repr=False)
+
+    def write(self, directory: Path) -> None:
+        """Write `campaign.vast` and `inputs/` into the campaign directory."""
+        (directory / "campaign.vast").write_bytes(self.campaign)
+        for name, content in self.files.items():
+            file = directory / "inputs" / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
+
+
+def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
+    """Read the files of `campaign`; to be called as soon as it is loaded."""
+    base = campaign.path.parent
+    producers = [producer for family in campaign.families for producer in family.producers]
+    map_files = files_in(*(family.values for family in campaign.families), *(p.parameters for p in producers))
+    files: dict[str, bytes] = {}
+    for map_file in map(Path, map_files.values()):
+        _keep(files, base, map_file, _picture(map_file))
+    for plug_in in (*producers, *oracles):
+        if type(plug_in).__module__.startswith(("vastflow_plugin_", "vastflow_oracle_")):
+            _keep(files, base, Path(inspect.getfile(type(plug_in))))
+    return Inputs(campaign.path.read_bytes(), files, {key: load_map(file) for key, file in map_files.items()})
+
+
+def _picture(map_file: Path) -> Path:
+    return map_file.parent / str(yaml.load(map_file.read_bytes(), Loader=yaml.CSafeLoader)["image"])
+
+
+def _keep(files: dict[str, bytes], base: Path, *together: Path) -> None:
+    """Keep files at their places below `base`; those from elsewhere, in a folder named by their content."""
+    contents = [path.read_bytes() for path in together]
+    elsewhere = digest([content.hex() for content in contents])[:12]
+    for path, content in zip(together, contents, strict=True):
+        inside = path.resolve().is_relative_to(base.resolve())
+        name = path.resolve().relative_to(base.resolve()) if inside else Path(elsewhere, path.name)
+        files[name.as_posix()] = content

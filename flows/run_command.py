@@ -1,0 +1,97 @@
+"""The command `run`: a campaign from file to report."""
+
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from vastflow.flows.interruptible import Interruptible
+
+if TYPE_CHECKING:
+    from vastflow.flows.results import Results
+
+BAD_INPUT: Final = 2
+OUR_FAULT: Final = 3
+
+
+def run(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    runs: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration, instead of the file's.")] = None,
+    results: Annotated[Path, typer.Option(help="Folder the campaign directory is made in.")] = Path("results"),
+    store: Annotated[
+        str | None, typer.Option(help="Folder of the store; else $VASTFLOW_STORE, else a user cache folder.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a core.")] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Only this family or configuration; may be repeated.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
+) -> None:
+    """Run a campaign and write its report.
+
+    What is in the store already is not computed again.
+    """
+    if wrong := unwritable(results):
+        print(f"--results {wrong}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    with Interruptible(f"interrupted; `{command_line(sys.argv)}` again computes only what is missing") as interruptible:
+        from vastflow.flows.display import Display
+
+        with Display() as display:
+            interruptible.last_words_by(display.close)
+            from vastflow.flows import run_campaign
+            from vastflow.producers.faults import CampaignError
+            from vastflow.tasks.server import PrefectUnavailable
+            from vastflow.tasks.store import StoreError
+
+            try:
+                found = run_campaign(
+                    file, runs=runs, results=results, store=store, workers=workers, only=only, observer=display
+                )
+            except (CampaignError, StoreError) as error:
+                display.close(str(error))
+                raise typer.Exit(BAD_INPUT) from None
+            except PrefectUnavailable as error:
+                display.close(str(error))
+                raise typer.Exit(OUR_FAULT) from None
+    for note in found.notes:
+        print(note, file=sys.stderr)
+    if as_json:
+        print(found.summary.json_text())
+    else:
+        _show(found)
+    if found.faults:
+        raise typer.Exit(OUR_FAULT)
+
+
+def unwritable(results: Path) -> str | None:
+    """Why no folder can be made in `results`, found before hours are spent; None where one can."""
+    place = results.absolute()
+    while not place.exists():
+        place = place.parent
+    if not place.is_dir():
+        return f"{results}: {place} is not a folder; name a folder, or one that can be made"
+    if not os.access(place, os.W_OK | os.X_OK):
+        return f"{results}: no permission to write in {place}; name a folder of yours"
+    return None
+
+
+def command_line(arguments: list[str]) -> str:
+    """The command as it was typed, with `vastflow` for its first word."""
+    return shlex.join(["vastflow", *arguments[1:]])
+
+
+def _show(found: "Results") -> None:
+    from vastflow.flows.display import duration_text
+    from vastflow.flows.outcome import outcome, printed
+    from vastflow.flows.show_command import report_line
+    from vastflow.oracles.evidence import evidence_of
+    from vastflow.oracles.tables import read_tables
+
+    tables, summary = read_tables(found.directory), found.summary
+    printed(outcome(tables, evidence_of(tables)))
+    print(f"{summary.executed} runs executed, {summary.reused} from the store, in {duration_text(summary.wall_s)}")
+    print(report_line(found.directory))

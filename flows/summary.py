@@ -1,0 +1,66 @@
+"""The summary: a campaign's counts, as `--json` prints them."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+from vastflow.oracles.rates import Counts
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What one call did, as opposed to what it found in the store.
+
+    Attributes:
+        executed: Runs that were simulated.
+        reused: Runs whose recordings were in the store.
+        simulated_s: Simulated time of the executed runs, so that `simulated_s / cpu_s` is a speed.
+        cpu_s: CPU time of all processes of the call.
+        wall_s: Time since the call.
+    """
+
+    executed: int
+    reused: int
+    simulated_s: float
+    cpu_s: float
+    wall_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A campaign in numbers.
+
+    Attributes:
+        configurations: Distinct configurations; duplicates are counted apart.
+        rejected: Instances that could not be built.
+        duplicates: Configurations with the content of an earlier one, run once in its stead.
+        runs: Runs asked for: executed, reused, or broken by our own fault.
+        executed, reused, simulated_s, cpu_s, wall_s: See `Work`.
+        passed, failed, not_judged: Runs. A run passes when every oracle passes and fails when one fails.
+        results: The campaign directory.
+        oracles: Name of an oracle to its judgements; the mission's own outcome is `success`.
+    """
+
+    configurations: int
+    rejected: int
+    duplicates: int
+    runs: int
+    executed: int
+    reused: int
+    passed: int
+    failed: int
+    not_judged: int
+    simulated_s: float
+    cpu_s: float
+    wall_s: float
+    results: str
+    oracles: Mapping[str, Counts]
+
+    def as_json(self) -> dict[str, object]:
+        """Plain values, seconds rounded to milliseconds."""
+        seconds = {name: round(getattr(self, name), 3) for name in ("simulated_s", "cpu_s", "wall_s")}
+        return {**asdict(self), **seconds}
+
+    def json_text(self) -> str:
+        """One line of JSON."""
+        return json.dumps(self.as_json(), ensure_ascii=False)

@@ -1,0 +1,39 @@
+"""Prefect's API for one campaign, as a process of its own: `python -m vastflow.tasks.api_server`.
+
+It says its port on standard output, and ends when its standard input does: with the process that started it,
+however that one died. Prefect's own temporary server outlives a killed flow, and dies of the flow's Ctrl-C.
+"""
+
+import os
+import socket
+import sys
+import threading
+
+
+def main() -> None:
+    """Serve until standard input ends."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.bind(("127.0.0.1", 0))  # any free port, held from now on
+    print(listener.getsockname()[1], flush=True)
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+
+    import uvicorn
+
+    config = uvicorn.Config(
+        "prefect.server.api.server:create_app",
+        factory=True,
+        log_level="error",
+        lifespan="on",
+        timeout_graceful_shutdown=1,
+    )
+    uvicorn.Server(config).run(sockets=[listener])
+
+
+def _end_with_parent() -> None:
+    sys.stdin.buffer.read()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,108 @@
+"""Logs of a campaign: what vastflow, Prefect and its services say goes to one file, not to the user's terminal."""
+
+import logging
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Final, TextIO
+
+from vastflow.tasks.server import import_prefect
+
+FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+KEPT: Final = 50
+
+WARNINGS: Final = "py.warnings"
+
+_CHATTY: Final = ("asyncio", "httpcore", "httpx", "websockets", WARNINGS)
+
+
+def new_log(folder: Path, name: str, created: datetime) -> Path:
+    """A path for a campaign's log in `folder`; old logs there are removed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in sorted(folder.glob("*.log"), key=lambda file: file.stat().st_mtime)[: -KEPT + 1]:
+        old.unlink(missing_ok=True)
+    return folder / f"{name}-{created:%Y-%m-%d-%H%M%S-%f}.log"
+
+
+@contextmanager
+def own_log(log: Path) -> Iterator[None]:
+    """Send what vastflow says to `log`; the file is made with the first line."""
+    handler = _handler(log)
+    logger = logging.getLogger("vastflow")
+    before = logger.propagate
+    logger.addHandler(handler)
+    logger.propagate = False
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.propagate = before
+        handler.close()
+
+
+@contextmanager
+def prefect_log(log: Path) -> Iterator[None]:
+    """Import Prefect and send what it and its services say to `log`.
+
+    Where the user had imported Prefect, all is as before afterwards. Otherwise Prefect has just put its console
+    handler on the root logger, of which the user knows nothing: it goes, and Prefect stays silent to the end
+    of the process.
+    """
+    imported_before = "prefect.main" in sys.modules
+    import_prefect()
+    from prefect.logging.handlers import PrefectConsoleHandler, _SafeStreamHandler
+
+    handler = _handler(log)
+    root = logging.getLogger()
+    known = [logger for logger in logging.Logger.manager.loggerDict.values() if isinstance(logger, logging.Logger)]
+    before = {logger: (list(logger.handlers), logger.propagate) for logger in [root, *known]}
+    for logger in before:
+        for console in [
+            each for each in logger.handlers if isinstance(each, PrefectConsoleHandler | _SafeStreamHandler)
+        ]:
+            logger.removeHandler(console)
+            if logger is not root:
+                logger.addHandler(handler)
+    for name in ("prefect", *_CHATTY):
+        logger = logging.getLogger(name)
+        before.setdefault(logger, (list(logger.handlers), logger.propagate))
+        logger.addHandler(handler)
+        logger.propagate = False
+    prefect_logger = logging.getLogger("prefect")
+    level = prefect_logger.level
+    show = warnings.showwarning
+    warnings.showwarning = _logged_warning
+    try:
+        yield
+    finally:
+        warnings.showwarning = show
+        prefect_logger.setLevel(level)
+        if imported_before:
+            for logger, (handlers, propagate) in before.items():
+                logger.handlers[:], logger.propagate = handlers, propagate
+            handler.close()
+
+
+def hush() -> None:
+    """End Prefect's log: of an interrupted campaign every task would report its own failure at length."""
+    logging.getLogger("prefect").setLevel(logging.CRITICAL + 1)
+
+
+def _logged_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    logging.getLogger(WARNINGS).warning("%s", warnings.formatwarning(message, category, filename, lineno))
+
+
+def _handler(log: Path) -> logging.Handler:
+    handler = logging.FileHandler(log, encoding="utf-8", delay=True)
+    handler.setFormatter(logging.Formatter(FORMAT))
+    return handler

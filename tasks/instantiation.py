@@ -1,0 +1,195 @@
+"""Instantiation over the store: each producer's evaluations are looked up, those missing are asked for together."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeAlias
+
+from vastflow.producers.campaign import Campaign, Family
+from vastflow.producers.configuration import (
+    Fragment,
+    Partial,
+    RejectedInstance,
+    Rejection,
+    restricted_digest,
+)
+from vastflow.producers.instantiate import (
+    Instantiation,
+    coverage_of,
+    distinct_inputs,
+    finish,
+    join,
+    mark_duplicates,
+    start,
+)
+from vastflow.producers.producer import Producer
+from vastflow.sim.digest import Value
+from vastflow.tasks.evaluation import FRAGMENTS, evaluation_keys, files_in, read_evaluation
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.source import SourceTree
+from vastflow.tasks.store import Lost, Store
+
+Results: TypeAlias = Mapping[str, Sequence[Fragment | Rejection]]
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """A producer on one restricted input.
+
+    Attributes:
+        key: Of the artifact.
+    """
+
+    key: str
+    inputs: Mapping[str, Value]
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a family needs of one of its producers."""
+
+    family: str
+    producer: Producer[Any]
+    evaluations: Sequence[Evaluation]
+
+
+class Evaluator(Protocol):
+    """Sees to it that evaluations are in the store."""
+
+    def __call__(self, requests: Sequence[Request]) -> Mapping[str, str]:
+        """Return when all of them are there, but for those at which the producer raised: key to the error."""
+
+
+class NotEvaluated(Exception):
+    """An evaluation is not in the store, and nobody may compute it now."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProducerFault:
+    """A producer raised: what it would have made of some partial configurations is not known."""
+
+    family: str
+    producer: str
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
+class Instantiated:
+    """An instantiation without what follows from a producer that raised."""
+
+    instantiation: Instantiation
+    faults: tuple[ProducerFault, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Instantiator:
+    """Instantiates a campaign from what is in the store."""
+
+    campaign: Campaign
+    store: Store
+    keys: Keys
+    tree: SourceTree
+
+    def stored(self) -> Instantiated | None:
+        """The instantiation, if every evaluation is in the store."""
+        try:
+            return self.instantiated(self._all_there)
+        except (NotEvaluated, Lost):
+            return None
+
+    def instantiated(self, evaluator: Evaluator) -> Instantiated:
+        """The instantiation. `evaluator` is asked once for the i-th producers of all families, stored or not.
+
+        Raises:
+            Lost: an evaluation is damaged.
+        """
+        families = [_Growing(family, start(family)) for family in self.campaign.families]
+        for step in range(max((len(family.producers) for family in self.campaign.families), default=0)):
+            self._step([growing for growing in families if step < len(growing.family.producers)], step, evaluator)
+        campaign = self.campaign
+        configurations = mark_duplicates(
+            configuration
+            for growing in families
+            for configuration in finish(growing.family, growing.partials, campaign.abstract, campaign.timeout_s)
+        )
+        rejections = [rejected for growing in families for rejected in growing.rejections]
+        coverage = coverage_of([family.name for family in campaign.families], configurations, rejections)
+        faults = [fault for growing in families for fault in growing.faults]
+        return Instantiated(Instantiation(tuple(configurations), tuple(rejections), coverage), tuple(faults))
+
+    def _all_there(self, requests: Sequence[Request]) -> Mapping[str, str]:
+        for request in requests:
+            if any(self.store.find(each.key) is None for each in request.evaluations):
+                raise NotEvaluated(f"{type(request.producer).__name__} of {request.family}")
+        return {}
+
+    def _step(self, families: Sequence["_Growing"], step: int, evaluator: Evaluator) -> None:
+        """C^step to C^(step + 1) of each family."""
+        asked: set[str] = set()
+        requests: list[Request] = []
+        inputs, keys = [], []
+        for growing in families:
+            producer = growing.family.producers[step]
+            inputs.append(distinct_inputs(producer, growing.partials))
+            keys.append(evaluation_keys(self.keys, self.tree, producer, inputs[-1]))
+            new = [Evaluation(key, inputs[-1][digest]) for digest, key in keys[-1].items() if key not in asked]
+            asked.update(each.key for each in new)
+            if new:
+                requests.append(Request(growing.family.name, producer, new))
+        errors = evaluator(requests)
+        for growing, their_inputs, their_keys in zip(families, inputs, keys, strict=True):
+            files = files_in(growing.family.producers[step].parameters, *their_inputs.values())
+            results = {
+                digest: read_evaluation(self.store.read(key, FRAGMENTS), files)
+                for digest, key in their_keys.items()
+                if key not in errors
+            }
+            growing.join(step, results, [errors[key] for key in their_keys.values() if key in errors])
+
+
+class _Growing:
+    """A family on its way through its producers."""
+
+    def __init__(self, family: Family, partials: Sequence[Partial]) -> None:
+        self.family = family
+        self.partials = partials
+        self.rejections: list[RejectedInstance] = []
+        self.faults: list[ProducerFault] = []
+
+    def join(self, step: int, results: Results, errors: Sequence[str]) -> None:
+        producer = self.family.producers[step]
+        kind = type(producer).__name__
+        self.faults += [ProducerFault(self.family.name, kind, error) for error in dict.fromkeys(errors)]
+        known = [each for each in self.partials if restricted_digest(each.restricted(producer.reads)) in results]
+        self.partials, rejected = join(self.family, producer, known, results)
+        self.rejections += rejected
+
+
+def selected(instantiation: Instantiation, only: Sequence[str]) -> Instantiation:
+    """What remains with the families and configurations called `only`.
+
+    A configuration that stood for duplicates outside of `only` is run under the first remaining one's name.
+
+    Raises:
+        UnknownName: nothing is called so.
+    """
+    families = {c.family for c in instantiation.configurations} | {r.family for r in instantiation.rejections}
+    names = {c.name for c in instantiation.configurations}
+    for name in only:
+        if name not in families | names:
+            raise UnknownName(name, tuple(sorted(families | names)))
+    wanted = frozenset(only)
+    configurations = [c for c in instantiation.configurations if not wanted.isdisjoint((c.family, c.name))]
+    return replace(
+        instantiation,
+        configurations=tuple(mark_duplicates(configurations)),
+        rejections=tuple(r for r in instantiation.rejections if r.family in wanted),
+    )
+
+
+class UnknownName(LookupError):
+    """No family or configuration is called so; `known` lists those there are."""
+
+    def __init__(self, name: str, known: tuple[str, ...]) -> None:
+        super().__init__(f"no family or configuration {name!r}")
+        self.name = name
+        self.known = known

@@ -1,0 +1,116 @@
+"""Keys: what the content of every artifact follows from, as one digest each."""
+
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from vastflow.sim.digest import Value, digest
+
+LAYOUT: Final = 1
+"""Number of the form in which `vastflow.tasks.work` writes artifacts: a new one makes all of them anew."""
+
+EXECUTE_SOURCE: Final = ("vastflow.sim.run", "vastflow.sim.blocks")
+OBSERVE_SOURCE: Final = ("vastflow.oracles.observe",)
+JUDGE_SOURCE: Final = ("vastflow.oracles.judge",)
+EVALUATE_SOURCE: Final = ("vastflow.producers.producer",)
+
+_SELECTING_FEATURES: Final = frozenset(
+    {"fma", "avx2", "avx512f", "avx512cd", "avx512bw", "avx512dq", "avx512vl", "asimd", "asimdhp", "sve", "sve2"}
+)
+"""CPU features by which the C library and numpy choose between variants of a function with different last bits."""
+
+_SELECTING_VARIABLES: Final = ("GLIBC_TUNABLES", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES")
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """Makes the keys of one campaign's artifacts: `<stage>/<two digits>/<digest>`.
+
+    Attributes:
+        numeric: See `numeric_class`; part of every key.
+        execute_source, observe_source, judge_source: Source digests of the stages.
+        seed: `execution.seed`.
+        oracles: The oracles as they judge: name and parameters of each, in order.
+    """
+
+    numeric: str
+    execute_source: str
+    observe_source: str
+    judge_source: str
+    seed: int
+    oracles: Sequence[Value]
+
+    def recordings(self, scenario: str) -> str:
+        """Where the blocks of a scenario's runs lie. The number of runs is no part of it: 5 + 3 more are 8.
+
+        Args:
+            scenario: Its digest.
+        """
+        return self._key("execute", self.execute_source, scenario, self.seed)
+
+    def trace(self, scenario: str, recording: str) -> str:
+        """The trace of one block; `recording` is the content digest of the block."""
+        return self._key("observe", self.observe_source, scenario, recording)
+
+    def verdicts(self, scenario: str, recording: str, trace: str) -> str:
+        """The verdicts on one block; `recording` and `trace` are content digests."""
+        return self._key("judge", self.judge_source, scenario, recording, trace, self.oracles)
+
+    def evaluation(self, source: str, producer: str, parameters: Value, inputs: str) -> str:
+        """What a producer makes of one restricted input.
+
+        Args:
+            source: Source digest of the producer.
+            producer: Its name.
+            inputs: Digest of the restricted input.
+        """
+        return self._key("evaluate", source, producer, parameters, inputs)
+
+    def _key(self, stage: str, *content: Value) -> str:
+        hashed = digest(LAYOUT, stage, self.numeric, *content)
+        return f"{stage}/{hashed[:2]}/{hashed}"
+
+
+def merkle(stage: str, members: Sequence[Value]) -> str:
+    """Key of a shard's Prefect result: a digest of what it promises of each member."""
+    hashed = digest("shard", LAYOUT, stage, members)
+    return f"{stage}/{hashed[:2]}/{hashed}"
+
+
+def numeric_class(
+    machine: str | None = None,
+    library: str | None = None,
+    features: frozenset[str] | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> str:
+    """What hosts must have in common to compute the same bits: architecture, C library, CPU features that matter.
+
+    Args default to this host's.
+    """
+    machine = platform.machine() if machine is None else machine
+    library = _c_library() if library is None else library
+    features = _cpu_features() if features is None else features
+    environment = os.environ if environment is None else environment
+    chosen = " ".join(sorted(features & _SELECTING_FEATURES))
+    forced = " ".join(f"{name}={environment[name]}" for name in _SELECTING_VARIABLES if environment.get(name))
+    return f"{machine}; {library}; {chosen}; {forced}"
+
+
+def _c_library() -> str:
+    return " ".join(platform.libc_ver()).strip() or f"{platform.system()} {platform.release()}"
+
+
+def _cpu_features() -> frozenset[str]:
+    """Feature names as Linux gives them; elsewhere none, where architecture and system version decide."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return frozenset()
+    for line in lines:
+        name, _, value = line.partition(":")
+        if name.strip() in ("flags", "Features"):
+            return frozenset(value.split())
+    return frozenset()

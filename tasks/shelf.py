@@ -1,0 +1,130 @@
+"""The shelf: which of a campaign's artifacts are in the store, and what is missing."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from vastflow.sim.scenario import Scenario
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.store import Artifact, Store
+
+
+@dataclass(frozen=True)
+class Member:
+    """A distinct scenario of a campaign, and how many runs of it are asked.
+
+    Attributes:
+        name: Its configuration's name.
+        place: Its number among the configurations of its family, from 1.
+        runs: Run indices 0 to runs - 1 are wanted.
+    """
+
+    name: str
+    family: str
+    place: int
+    scenario: Scenario
+    runs: int
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Consecutive runs of a scenario, recorded.
+
+    Attributes:
+        start, stop: First run index and the one after the last.
+        content: Content digest of the recordings.
+    """
+
+    key: str
+    start: int
+    stop: int
+    content: str
+
+
+@dataclass(frozen=True, slots=True)
+class Shelved:
+    """All that is in the store of a block."""
+
+    block: Block
+    recordings: Artifact
+    trace: Artifact | None
+    verdicts: Artifact | None
+
+
+@dataclass(frozen=True, slots=True)
+class Shelf:
+    """Where a campaign's artifacts are. Nothing is remembered: each question looks into the store."""
+
+    store: Store
+    keys: Keys
+
+    def shelved(self, member: Member) -> list[Shelved]:
+        """Everything there is of a member's wanted runs."""
+        found = []
+        for artifact, block in self._recorded(member):
+            trace = self.store.find(self.trace_key(member, block))
+            verdicts = self.store.find(self.verdicts_key(member, block, trace.content)) if trace else None
+            found.append(Shelved(block, artifact, trace, verdicts))
+        return found
+
+    def blocks(self, member: Member) -> list[Block]:
+        """Recorded blocks that together have as many of the wanted runs as there are."""
+        return [block for _, block in self._recorded(member)]
+
+    def _recorded(self, member: Member) -> list[tuple[Artifact, Block]]:
+        home = self.keys.recordings(member.scenario.digest)
+        found = []
+        for start, stop in _covering(_spans(self.store.under(home)), member.runs):
+            if (artifact := self.store.find(f"{home}/{start}-{stop}")) is not None:
+                found.append((artifact, Block(artifact.key, start, stop, artifact.content)))
+        return found
+
+    def block(self, member: Member, start: int, stop: int, content: str) -> Block:
+        """The block of these runs, found before."""
+        return Block(f"{self.keys.recordings(member.scenario.digest)}/{start}-{stop}", start, stop, content)
+
+    def recorded(self, member: Member) -> bool:
+        """Whether every wanted run is recorded."""
+        return not missing(self.blocks(member), member.runs)
+
+    def trace_key(self, member: Member, block: Block) -> str:
+        """Key of the trace of a block."""
+        return self.keys.trace(member.scenario.digest, block.content)
+
+    def verdicts_key(self, member: Member, block: Block, trace: str) -> str:
+        """Key of the verdicts on a block; `trace` is the content digest of its trace."""
+        return self.keys.verdicts(member.scenario.digest, block.content, trace)
+
+
+def missing(blocks: Iterable[Block], runs: int) -> list[int]:
+    """Wanted run indices that no block has, in order."""
+    there = {run for block in blocks for run in range(block.start, block.stop)}
+    return [run for run in range(runs) if run not in there]
+
+
+def stretches(runs: Sequence[int], most: int) -> list[tuple[int, int]]:
+    """Run indices in order as (start, stop) of consecutive ones, none longer than `most`."""
+    parts: list[tuple[int, int]] = []
+    for run in runs:
+        if parts and parts[-1][1] == run and run - parts[-1][0] < most:
+            parts[-1] = (parts[-1][0], run + 1)
+        else:
+            parts.append((run, run + 1))
+    return parts
+
+
+def _spans(names: Iterable[str]) -> Iterator[tuple[int, int]]:
+    for name in names:
+        start, _, stop = name.partition("-")
+        if start.isdigit() and stop.isdigit():
+            yield int(start), int(stop)
+
+
+def _covering(spans: Iterable[tuple[int, int]], runs: int) -> list[tuple[int, int]]:
+    """Those of `spans` that add something, from the left: campaigns may have cut the same runs differently."""
+    chosen: list[tuple[int, int]] = []
+    reached = 0
+    for start, stop in sorted(spans, key=lambda span: (span[0], -span[1])):
+        if start < runs and stop > reached:
+            chosen.append((start, stop))
+            reached = stop
+    return chosen

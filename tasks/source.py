@@ -1,0 +1,235 @@
+"""Source digests: which code a result follows from, found by reading it, without running it."""
+
+import ast
+import hashlib
+import importlib.metadata
+import importlib.util
+import io
+import sys
+import tokenize
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from vastflow.sim.digest import digest
+
+PACKAGES: Final = tuple(f"vastflow.{name}" for name in ("sim", "producers", "oracles", "tasks"))
+
+NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
+    "numba": ("llvmlite", "numba", "numpy"),
+    "numpy": ("numpy",),
+    "pyarrow": ("pyarrow",),
+    "pymunk": ("pymunk",),
+    "scipy": ("numpy", "scipy"),
+    "shapely": ("numpy", "shapely"),
+    "skimage": ("numpy", "scikit-image", "scipy"),
+}
+"""Import name to the distributions whose versions can change a number or a stored byte."""
+
+PLUG_IN: Final = "plug-in"
+"""Module name under which a plug-in's single file enters a digest: where it lies doesn't matter."""
+
+_SILENT: Final = frozenset({tokenize.COMMENT, tokenize.NL, tokenize.ENCODING, tokenize.ENDMARKER})
+_LAYOUT: Final = frozenset({tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT})
+
+
+@dataclass(frozen=True, slots=True)
+class _Module:
+    """What is read of one file: the digest of its code, the modules it imports, the parts of each import's name."""
+
+    code: str
+    imports: frozenset[str]
+
+
+class SourceTree:
+    """Python packages as text, with the files read so far.
+
+    Args:
+        packages: Import name of each package to its folder. Imports that lead elsewhere are not followed.
+        files: Import name to file of modules that are in no package.
+    """
+
+    def __init__(self, packages: Mapping[str, Path], files: Mapping[str, Path] | None = None) -> None:
+        self._packages = dict(packages)
+        self._files = dict(files or {})
+        self._read: dict[Path, _Module] = {}
+
+    def digest(self, *entries: str) -> str:
+        """Digest of the code of `entries` and all they import, and the versions of the numeric libraries in use.
+
+        Comments, docstrings, blank lines and the folder's place are in no digest.
+
+        Raises:
+            ModuleNotFoundError: an entry is not in the tree.
+        """
+        modules = self._closure(entries)
+        imported = {name.partition(".")[0] for module in modules.values() for name in module.imports}
+        libraries = sorted({library for name in imported for library in NUMERIC_LIBRARIES.get(name, ())})
+        return digest(
+            [[name, module.code] for name, module in sorted(modules.items())],
+            {library: _version(library) for library in libraries},
+        )
+
+    def closure(self, *entries: str) -> tuple[str, ...]:
+        """Names of `entries` and of all they import within the tree, sorted."""
+        return tuple(sorted(self._closure(entries)))
+
+    def plug_in_digest(self, plug_in: type) -> str:
+        """Digest of the code behind a class, wherever it is from.
+
+        A class of the tree has its module's digest. One from a package elsewhere is followed inside that
+        package and into the tree, one from a single file is that file and what it uses of the tree.
+        """
+        name = plug_in.__module__
+        if self._file(name) is not None:
+            return self.digest(name)
+        top = name.partition(".")[0]
+        places = getattr(sys.modules[top], "__path__", None)
+        if places is not None:
+            wider = self._with({top: Path(next(iter(places)))}, {})
+            return digest(wider.digest(name), _version(top))
+        single = sys.modules[name].__file__
+        if single is None:
+            raise ModuleNotFoundError(f"{plug_in!r} has no source file; a plug-in is a Python file or package")
+        return self._with({}, {PLUG_IN: Path(single)}).digest(PLUG_IN)
+
+    def _with(self, packages: Mapping[str, Path], files: Mapping[str, Path]) -> "SourceTree":
+        """A wider tree that has read what this one has."""
+        wider = SourceTree({**self._packages, **packages}, {**self._files, **files})
+        wider._read = self._read
+        return wider
+
+    def _closure(self, entries: tuple[str, ...]) -> dict[str, _Module]:
+        found: dict[str, _Module] = {}
+        waiting = []
+        for entry in entries:
+            if self._file(entry) is None:
+                raise ModuleNotFoundError(f"no module {entry!r} in {', '.join(sorted(self._packages))}")
+            waiting += _with_parents(entry)
+        while waiting:
+            name = waiting.pop()
+            file = self._file(name)
+            if name in found or file is None:
+                continue
+            found[name] = self._module(name, file)
+            waiting += [part for imported in found[name].imports for part in _with_parents(imported)]
+        return found
+
+    def _module(self, name: str, file: Path) -> _Module:
+        if file not in self._read or name == PLUG_IN:  # a user may be editing a plug-in
+            text = _text(file)
+            package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+            self._read[file] = _Module(code_digest(text), frozenset(_imports(text, package)))
+        return self._read[file]
+
+    def _file(self, name: str) -> Path | None:
+        if name in self._files:
+            return self._files[name]
+        for package, folder in self._packages.items():
+            if name == package or name.startswith(package + "."):
+                place = folder.joinpath(*name[len(package) :].split(".")[1:])
+                for file in (place / "__init__.py", place.with_suffix(".py")):
+                    if file.is_file():
+                        return file
+        return None
+
+
+def installed_tree() -> SourceTree:
+    """The packages of vastflow as this process would import them."""
+    folders = {}
+    for package in PACKAGES:
+        spec = importlib.util.find_spec(package)
+        if spec is None or not spec.submodule_search_locations:
+            raise ModuleNotFoundError(f"{package} is not installed as a package")
+        folders[package] = Path(spec.submodule_search_locations[0])
+    return SourceTree(folders)
+
+
+def code_digest(text: str) -> str:
+    """Digest of Python source by its tokens, without comments, docstrings and layout of no meaning.
+
+    An f-string counts as the one token it was before Python 3.12, so the digest is the same on every minor version.
+    """
+    hashed = hashlib.sha256()
+    for statement in _statements(text):
+        for kind, token in statement:
+            hashed.update(f"{kind} {len(token)} {token}\n".encode())
+    return hashed.hexdigest()
+
+
+def _statements(text: str) -> Iterator[list[tuple[str, str]]]:
+    """Logical lines as (kind, text) tokens; those that are only strings (docstrings) are left out."""
+    statement: list[tuple[str, str]] = []
+    for kind, token in _tokens(text):
+        if kind in _LAYOUT and statement:
+            if not all(part == "STRING" and not _is_formatted(string) for part, string in statement):
+                yield statement
+            statement = []
+        if kind in (tokenize.INDENT, tokenize.DEDENT):
+            yield [(tokenize.tok_name[kind], "")]
+        elif kind != tokenize.NEWLINE:
+            statement.append((tokenize.tok_name[kind], token))
+    if statement:
+        yield statement
+
+
+def _tokens(text: str) -> Iterator[tuple[int, str]]:
+    lines = io.StringIO(text).readlines()
+    depth = 0
+    start = (0, 0)
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        kind = tokenize.tok_name[token.type]
+        if kind in ("FSTRING_START", "TSTRING_START"):
+            if depth == 0:
+                start = token.start
+            depth += 1
+        if depth == 0 and token.type not in _SILENT:
+            yield token.type, token.string
+        if kind in ("FSTRING_END", "TSTRING_END"):
+            depth -= 1
+            if depth == 0:
+                yield tokenize.STRING, _between(lines, start, token.end)
+
+
+def _between(lines: list[str], start: tuple[int, int], end: tuple[int, int]) -> str:
+    if start[0] == end[0]:
+        return lines[start[0] - 1][start[1] : end[1]]
+    inner = lines[start[0] : end[0] - 1]
+    return "".join([lines[start[0] - 1][start[1] :], *inner, lines[end[0] - 1][: end[1]]])
+
+
+def _is_formatted(string: str) -> bool:
+    prefix = string[: min(string.find(quote) for quote in "'\"" if quote in string)]
+    return not {"f", "t"}.isdisjoint(prefix.lower())
+
+
+def _imports(text: str, package: str) -> Iterator[str]:
+    """Names of every import, also inside functions; of `from a import b` both `a` and `a.b`."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*above, *filter(None, [base])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _with_parents(name: str) -> list[str]:
+    parts = name.split(".")
+    return [".".join(parts[: k + 1]) for k in range(len(parts))]
+
+
+def _text(file: Path) -> str:
+    with tokenize.open(file) as source:  # honours a coding cookie
+        return source.read().replace("\r\n", "\n")
+
+
+def _version(distribution: str) -> str:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return ""

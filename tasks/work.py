@@ -1,0 +1,187 @@
+"""What worker processes do: one stage of one block of runs, from the store and into it.
+
+Simulator, oracles and producers are imported when they are needed, so that a worker starts fast. Nothing raises: an
+error of one run or block comes back as a value, its traceback is in the log, and nothing is stored.
+"""
+
+import importlib.metadata
+import json
+import logging
+import os
+import pickle
+import platform
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
+
+from vastflow.sim.digest import Value
+from vastflow.sim.scenario import Scenario
+from vastflow.tasks.evaluation import FRAGMENTS, PackedProducer, write_evaluation
+from vastflow.tasks.store import Lost, Store
+
+Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
+
+RECORDINGS: Final = "recordings.parquet"
+TRACES: Final = "traces.parquet"
+VERDICTS: Final = "verdicts.json"
+RUN_LOG: Final = "runlog.json"
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Broken:
+    """An error of ours, in one line."""
+
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gone:
+    """An artifact that was needed is no longer in the store; computing it again helps."""
+
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class Executed:
+    """What came of a block.
+
+    Attributes:
+        simulated_s: Run index to simulated time, of the runs that are in the store now.
+        broken: Run index to the error, of the others.
+    """
+
+    simulated_s: Mapping[int, float]
+    broken: Mapping[int, Broken]
+
+
+def broken(error: BaseException) -> Broken:
+    """`error` as a value, its traceback in the log."""
+    traceback.print_exception(error)
+    return Broken(f"{type(error).__name__}: {' '.join(str(error).split())}"[:500])
+
+
+def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T | Broken | Gone:
+    """Call `function`; an error is an answer too. Its class may be one the caller's process can't import."""
+    try:
+        return function(*arguments, **named)
+    except Lost as error:
+        return Gone(str(error))
+    except Exception as error:  # noqa: BLE001 - a plug-in may raise anything, and the campaign goes on
+        return broken(error)
+
+
+def compile_kernels() -> None:
+    """Drive a metre through an empty room, so that the compiled kernels are in their cache for the other workers."""
+    _log_plainly()
+    from vastflow.sim.maps import map_content
+    from vastflow.sim.run import run
+
+    with tempfile.TemporaryDirectory() as folder:
+        room = Path(folder, "room.yaml")
+        cells = bytes(0 if x in (0, 59) or y in (0, 59) else 254 for y in range(60) for x in range(60))
+        Path(folder, "room.pgm").write_bytes(b"P5 60 60 255\n" + cells)
+        room.write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+        poses: dict[str, Value] = {
+            "start_pose": {"position": {"x": 1.0, "y": 1.5}, "orientation": {"yaw": 0.0}},
+            "goal_pose": {"position": {"x": 2.0, "y": 1.5}, "orientation": {"yaw": 0.0}},
+        }
+        run(Scenario("builtin:navigate_to_pose", 20.0, {"map_file": map_content(room)}, poses, {}), 0, 0)
+
+
+def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed | Broken:
+    """Execute runs `start` to `stop` - 1 of a scenario and store those that end, in blocks without a gap."""
+    _log_plainly()
+    from vastflow.sim.blocks import write_recordings
+    from vastflow.sim.recording import Recording
+    from vastflow.sim.run import run
+
+    whole: list[Recording] = []
+    costs: list[dict[str, float]] = []
+    simulated_s: dict[int, float] = {}
+    errors: dict[int, Broken] = {}
+
+    def keep() -> None:
+        if whole:
+            first, last = whole[0].run.run_index, whole[-1].run.run_index
+            info = {"runs": [[recording.run.run_index, recording.run.simulated_s] for recording in whole]}
+            store.put(
+                f"{key}/{first}-{last + 1}",
+                {RECORDINGS: write_recordings(whole)},
+                info,
+                {RUN_LOG: _run_log(costs)},
+            )
+            simulated_s.update({recording.run.run_index: recording.run.simulated_s for recording in whole})
+        whole.clear()
+        costs.clear()
+
+    for run_index in range(start, stop):
+        wall_s, cpu_s = time.perf_counter(), time.process_time()
+        recording = answered(run, scenario, run_index, seed)
+        if isinstance(recording, Broken | Gone):
+            errors[run_index] = recording if isinstance(recording, Broken) else Broken(recording.what)
+            keep()
+            continue
+        whole.append(recording)
+        costs.append(
+            {
+                "run_index": run_index,
+                "wall_s": round(time.perf_counter() - wall_s, 6),
+                "cpu_s": round(time.process_time() - cpu_s, 6),
+            }
+        )
+    keep()
+    return Executed(simulated_s, errors)
+
+
+def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:
+    """Observe one block of recordings and store the trace."""
+    _log_plainly()
+    from vastflow.oracles.observe import observe_block
+
+    store.put(key, {TRACES: observe_block(scenario, store.read(recording_key, RECORDINGS))})
+
+
+def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: bytes) -> None:
+    """Judge one block and store the verdicts, with what all oracles together say of each run.
+
+    Args:
+        oracles: Pickled, so that a plug-in that can't be imported is an error of this job alone.
+    """
+    _log_plainly()
+    from vastflow.oracles.judge import judge_block
+    from vastflow.oracles.verdict import run_judgement, write_verdicts
+
+    recordings, traces = store.read(recording_key, RECORDINGS), store.read(trace_key, TRACES)
+    verdicts = judge_block(scenario, recordings, traces, pickle.loads(oracles))
+    said: dict[int, list[Any]] = {}
+    for verdict in verdicts:
+        said.setdefault(verdict.run_index, []).append(verdict.judgement)
+    together = [[run_index, run_judgement(judgements)] for run_index, judgements in said.items()]
+    store.put(key, {VERDICTS: write_verdicts(verdicts)}, {"runs": together})
+
+
+def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:
+    """Evaluate a producer on one restricted input and store what it yields."""
+    _log_plainly()
+    from vastflow.producers import producer as producers
+
+    store.put(key, {FRAGMENTS: write_evaluation(producers.evaluate(producer.unpacked(), inputs))})
+
+
+def _run_log(costs: Sequence[Mapping[str, float]]) -> bytes:
+    """What a block cost, where and with what: in no digest."""
+    versions = {name: importlib.metadata.version(name) for name in ("vastflow", "numpy", "numba", "pymunk")}
+    host = {"name": platform.node(), "machine": platform.machine(), "python": platform.python_version()}
+    content = {"runs": list(costs), "host": host, "versions": versions, "pid": os.getpid()}
+    return json.dumps(content, indent=1).encode()
+
+
+def _log_plainly() -> None:
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")

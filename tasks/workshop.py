@@ -1,0 +1,256 @@
+"""The workshop: a shard's stage as jobs of the pool, members found in the store left out.
+
+Prefect is not needed here: `vastflow.tasks.stages` puts its tasks round these methods.
+"""
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+from vastflow.tasks import work
+from vastflow.tasks.evaluation import PackedProducer
+from vastflow.tasks.instantiation import Evaluation
+from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
+from vastflow.tasks.progress import Tally
+from vastflow.tasks.shelf import Block, Member, Shelf, missing, stretches
+from vastflow.tasks.store import Artifact
+from vastflow.tasks.work import Broken, Executed, Stage
+
+MOST_RUNS_A_BLOCK: Final = 20
+_BLOCKS_A_WORKER: Final = 4
+
+Rows: TypeAlias = list[list[list[Any]]]
+"""Of each member, of each block: start, stop and content digests. Plain JSON, for it is a Prefect result."""
+
+
+@dataclass(frozen=True, slots=True)
+class Died(Broken):
+    """The worker died."""
+
+
+@dataclass(frozen=True, slots=True)
+class MemberFault:
+    """An error of ours that cost a member something.
+
+    Attributes:
+        member: Its name; empty where the whole campaign is concerned.
+        run_index: None for all its runs.
+    """
+
+    member: str
+    run_index: int | None
+    stage: Stage
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """Runs in the pool."""
+
+    start: int
+    stop: int
+    future: "Future[Any]"
+
+
+class Workshop:
+    """What the stages of one campaign work with, and the faults they met.
+
+    Args:
+        oracles: The pickled oracles.
+
+    Attributes:
+        block_runs: Most runs of a new block, see `block_size`.
+    """
+
+    def __init__(self, shelf: Shelf, pool: Pool, tally: Tally, oracles: bytes) -> None:
+        self.shelf = shelf
+        self.block_runs = MOST_RUNS_A_BLOCK
+        self._pool = pool
+        self._tally = tally
+        self._oracles = oracles
+        self._lock = threading.Lock()
+        self._warm: Future[Any] | None = None
+        self._executing: dict[str, list[_Job]] = {}
+        self._faults: list[MemberFault] = []
+
+    @property
+    def faults(self) -> tuple[MemberFault, ...]:
+        """What went wrong so far."""
+        with self._lock:
+            return tuple(self._faults)
+
+    def evaluate(self, producer: PackedProducer, evaluations: Sequence[Evaluation]) -> dict[str, str]:
+        """Evaluate a producer where that is missing.
+
+        Returns:
+            Key of each evaluation at which it raised to the error.
+        """
+        store = self.shelf.store
+        jobs = {
+            each.key: self._submit(Priority.EVALUATE, work.evaluate, store, each.key, producer, each.inputs)
+            for each in evaluations
+            if store.find(each.key) is None
+        }
+        answers = {key: _answer(job) for key, job in jobs.items()}
+        return {key: answer.error for key, answer in answers.items() if isinstance(answer, Broken)}
+
+    def warm_up(self) -> None:
+        """Have one worker compile the kernels before any executes: two at the same time would both compile."""
+        self._warm = self._submit(Priority.EVALUATE, work.compile_kernels)
+
+    def start_executing(self, member: Member) -> list["_Job"]:
+        """Hand the missing runs of a member to the pool, once."""
+        if self._warm is not None:
+            _answer(self._warm)
+        with self._lock:
+            if member.name not in self._executing:
+                wanted = missing(self.shelf.blocks(member), member.runs)
+                self._executing[member.name] = [
+                    self._start(member, start, stop) for start, stop in stretches(wanted, self.block_runs)
+                ]
+            return self._executing[member.name]
+
+    def _start(self, member: Member, start: int, stop: int) -> "_Job":
+        keys = self.shelf.keys
+        home = keys.recordings(member.scenario.digest)
+        future = self._submit(
+            Priority.EXECUTE, work.execute, self.shelf.store, home, member.scenario, start, stop, keys.seed
+        )
+        future.add_done_callback(lambda done: self._count(member, done))
+        return _Job(start, stop, future)
+
+    def _count(self, member: Member, done: "Future[Any]") -> None:
+        if done.exception() is None and isinstance(answer := done.result(), Executed):
+            self._tally.execute(member.name, answer.simulated_s)
+
+    def execute(self, members: Sequence[Member]) -> tuple[Rows, bool]:
+        """Execute what is missing.
+
+        Returns:
+            Start, stop and content of each member's blocks; whether nothing is missing any more.
+        """
+        for member, jobs in [(member, list(self.start_executing(member))) for member in members]:
+            for job in jobs:
+                answer = _answer(job.future)
+                if isinstance(answer, Died) and job.stop - job.start > 1:
+                    # One run may have killed the workers of all: each gets a block of its own.
+                    jobs += [self._start(member, run, run + 1) for run in range(job.start, job.stop)]
+                elif isinstance(answer, Broken):
+                    self._fault(member, range(job.start, job.stop), "execute", answer)
+                elif isinstance(answer, Executed):
+                    for run_index, error in answer.broken.items():
+                        self._fault(member, [run_index], "execute", error)
+        found = [self.shelf.blocks(member) for member in members]
+        rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
+        return rows, not any(missing(blocks, member.runs) for blocks, member in zip(found, members, strict=True))
+
+    def observe(self, members: Sequence[Member], recorded: Rows) -> tuple[Rows, bool]:
+        """Observe recorded blocks; rows gain the trace's content."""
+        blocks, keys = self._blocks(members, recorded), self.trace_keys(members, recorded)
+        found = self._complete(
+            "observe",
+            blocks,
+            keys,
+            lambda member, block, key: self._submit(
+                Priority.OBSERVE, work.observe, self.shelf.store, block.key, key, member.scenario
+            ),
+        )
+        rows: dict[str, list[list[Any]]] = {member.name: [] for member in members}
+        for (member, block), trace in zip(blocks, found, strict=True):
+            if trace is not None:
+                rows[member.name].append([block.start, block.stop, block.content, trace.content])
+        return list(rows.values()), all(found)
+
+    def judge(self, members: Sequence[Member], observed: Rows) -> tuple[Rows, bool]:
+        """Judge observed blocks; gives start, stop and the verdicts' content."""
+        blocks, keys = self._blocks(members, observed), self.verdict_keys(members, observed)
+        found = self._complete(
+            "judge",
+            blocks,
+            keys,
+            lambda member, block, key: self._submit(
+                Priority.JUDGE,
+                work.judge,
+                self.shelf.store,
+                block.key,
+                self.shelf.trace_key(member, block),
+                key,
+                member.scenario,
+                self._oracles,
+            ),
+        )
+        rows: dict[str, list[list[Any]]] = {member.name: [] for member in members}
+        for (member, block), verdicts in zip(blocks, found, strict=True):
+            if verdicts is not None:
+                self._tally.judge(member.name, judgements(verdicts))
+                rows[member.name].append([block.start, block.stop, verdicts.content])
+        return list(rows.values()), all(found)
+
+    def trace_keys(self, members: Sequence[Member], recorded: Rows) -> list[str]:
+        """Key of the trace of each recorded block."""
+        return [self.shelf.trace_key(member, block) for member, block in self._blocks(members, recorded)]
+
+    def verdict_keys(self, members: Sequence[Member], observed: Rows) -> list[str]:
+        """Key of the verdicts on each observed block."""
+        traces = [str(row[3]) for of_member in observed for row in of_member]
+        return [
+            self.shelf.verdicts_key(member, block, trace)
+            for (member, block), trace in zip(self._blocks(members, observed), traces, strict=True)
+        ]
+
+    def _complete(
+        self,
+        stage: Stage,
+        blocks: Sequence[tuple[Member, Block]],
+        keys: Sequence[str],
+        submit: Callable[[Member, Block, str], "Future[Any]"],
+    ) -> list[Artifact | None]:
+        """Compute what is missing of `keys`, one for each block; give what there is then."""
+        store = self.shelf.store
+        jobs = [
+            submit(member, block, key) if store.find(key) is None else None
+            for (member, block), key in zip(blocks, keys, strict=True)
+        ]
+        for (member, block), job in zip(blocks, jobs, strict=True):
+            if job is not None and isinstance(answer := _answer(job), Broken):
+                self._fault(member, range(block.start, block.stop), stage, answer)
+        return [store.find(key) for key in keys]
+
+    def _blocks(self, members: Sequence[Member], rows: Rows) -> list[tuple[Member, Block]]:
+        return [
+            (member, self.shelf.block(member, int(row[0]), int(row[1]), str(row[2])))
+            for member, of_member in zip(members, rows, strict=True)
+            for row in of_member
+        ]
+
+    def _fault(self, member: Member, runs: Sequence[int], stage: Stage, broken: Broken) -> None:
+        with self._lock:
+            self._faults += [MemberFault(member.name, run, stage, broken.error) for run in runs if run < member.runs]
+        self._tally.judge(member.name, dict.fromkeys(runs, "not judged"))
+
+    def _submit(self, priority: Priority, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
+        return self._pool.submit(priority, work.answered, function, *arguments)
+
+
+def block_size(runs: int, workers: int) -> int:
+    """Most runs of a block, so that every worker gets several; how runs are cut is in no key."""
+    return max(1, min(MOST_RUNS_A_BLOCK, -(-runs // (_BLOCKS_A_WORKER * workers))))
+
+
+def judgements(verdicts: Artifact) -> dict[int, str]:
+    """Run index to what all oracles together say, as `vastflow.tasks.work.judge` left it with the verdicts."""
+    return {int(run_index): str(judgement) for run_index, judgement in verdicts.info["runs"]}
+
+
+def _answer(job: "Future[Any]") -> Any:
+    """What a job came to; a worker's death is an error like others."""
+    try:
+        return job.result()
+    except PoolClosed:
+        raise
+    except WorkerDied as error:
+        return Died(str(error))
+    except Exception as error:  # noqa: BLE001 - what can't be pickled, say: one member's fault
+        return work.broken(error)

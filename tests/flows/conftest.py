@@ -1,0 +1,38 @@
+"""A small campaign for the tests of flows: a 6 m room, one family."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+CAMPAIGN = """\
+version: 1
+metadata:
+  name: small_room
+configuration:
+  - name: room
+    parameters:
+      - map_file: room.yaml
+      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}
+      - goal_pose: {x: 3.0, y: 1.0, yaw: 0.0}
+    variations:
+      - ParameterVariationList:
+          name: laserscan_gaussian_noise_std_deviation
+          values: [0.0, 0.02]
+execution:
+  runs: 2
+"""
+
+
+@pytest.fixture
+def small_room(tmp_path: Path) -> Path:
+    """Path of a campaign file with two configurations of two runs."""
+    folder = tmp_path / "campaign"
+    folder.mkdir()
+    cells = np.full((120, 120), 254, dtype=np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 0
+    Image.fromarray(cells).save(folder / "room.pgm")
+    (folder / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0.0, 0.0, 0.0]}\n")
+    (folder / "room.vast").write_text(CAMPAIGN)
+    return folder / "room.vast"

@@ -1,0 +1,50 @@
+"""A campaign directory appears whole or not at all."""
+
+from datetime import datetime
+
+import pytest
+
+from vastflow.flows.directory import directory_name, new_directory
+
+CREATED = datetime(2026, 11, 21, 6, 5, 4)
+
+
+def test_the_name_is_the_campaigns_and_the_time_it_started(tmp_path):
+    with new_directory(tmp_path / "results", "first_try", CREATED) as directory:
+        (directory.partial / "a").write_text("x")
+    assert [p.name for p in (tmp_path / "results").iterdir()] == ["first-try-2026-11-21-060504"]
+    assert (directory.final / "a").read_text() == "x"
+
+
+def test_two_that_start_in_one_second_get_two_directories(tmp_path):
+    with new_directory(tmp_path, "c", CREATED) as first, new_directory(tmp_path, "c", CREATED) as second:
+        pass
+    with new_directory(tmp_path, "c", CREATED) as third:
+        pass
+    assert [d.final.name for d in (first, second, third)] == [
+        "c-2026-11-21-060504",
+        "c-2026-11-21-060504-2",
+        "c-2026-11-21-060504-3",
+    ]
+    assert all(d.final.is_dir() for d in (first, second, third))
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+def test_what_is_interrupted_leaves_nothing(tmp_path, error):
+    with pytest.raises(error), new_directory(tmp_path, "c", CREATED) as directory:
+        (directory.partial / "a").write_text("x")
+        raise error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_before_the_end_nothing_stands_under_the_final_name(tmp_path):
+    with new_directory(tmp_path, "c", CREATED) as directory:
+        assert not directory.final.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [("a_b", "a-b"), ("My Campaign / 2", "My-Campaign-2"), ("../up", "up"), ("___", "campaign"), ("v1.2", "v1.2")],
+)
+def test_a_name_becomes_one_that_every_file_system_takes(name, folder):
+    assert directory_name(name) == folder

@@ -1,0 +1,34 @@
+"""Maps in the campaign directory are the maps that were used."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from vastflow.flows.environment import write_map
+from vastflow.sim.maps import OccupancyMap, load_map
+
+METRES = st.floats(-1e3, 1e3, allow_nan=False)
+RESOLUTIONS = st.sampled_from([0.05, 0.025, 0.1, 1.0, 1e-5, 1 / 3])
+
+
+@pytest.mark.parametrize("values", [(0, 100, -1), tuple(range(-1, 101))], ids=["trinary", "scale"])
+def test_a_map_written_anew_is_the_same_map(tmp_path_factory, values):
+    @given(
+        arrays(np.int8, array_shapes(min_dims=2, max_dims=2, max_side=12), elements=st.sampled_from(values)),
+        RESOLUTIONS,
+        st.tuples(METRES, METRES),
+    )
+    def check(cells, resolution_m, origin_xy_m):
+        occupancy = OccupancyMap(cells, resolution_m, origin_xy_m)
+        directory = tmp_path_factory.mktemp("map")
+        write_map(directory, occupancy)
+        assert load_map(directory / "map.yaml").digest == occupancy.digest
+
+    check()
+
+
+def test_a_trinary_map_has_the_grey_values_of_map_saver(tmp_path):
+    write_map(tmp_path / "e", OccupancyMap(np.array([[0, 100, -1]], dtype=np.int8), 0.05, (0.0, 0.0)))
+    assert (tmp_path / "e/map.pgm").read_bytes().endswith(bytes([254, 0, 205]))

@@ -1,0 +1,260 @@
+"""The campaign directory: complete on its own, and the same bytes for the same runs."""
+
+import hashlib
+import json
+import shutil
+from datetime import datetime
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.inputs import inputs_of
+from vastflow.flows.results import ConfigurationResult, RunFault, block_rows, complete, one_block, write_results
+from vastflow.flows.summary import Work
+from vastflow.oracles.rates import Counts
+from vastflow.oracles.tables import read_tables
+from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.blocks import read_recordings, write_recordings
+from vastflow.sim.maps import load_map
+from vastflow.sim.recording import Event, Recording, Run
+
+CREATED = datetime(2026, 11, 21, 6, 5, 4)
+WORK = Work(executed=3, reused=1, simulated_s=30.0, cpu_s=2.0, wall_s=1.5)
+
+
+def recording(run_index):
+    samples = np.arange(50 + run_index, dtype=np.int32)
+    run = Run(run_index, "7", "succeeded", 0, "", 10.0, 5.0, 0, 0, (Event(1.0, "contact", 0.0, 0.0, "wall", 0.1),))
+    return Recording(run, {"t_ms": samples * 100, "x_mm": samples * 7 - run_index})
+
+
+def blocks_of(*blocks):
+    return [write_recordings([recording(k) for k in block]) for block in blocks]
+
+
+def found_of(runs, judgement="pass"):
+    verdicts = [Verdict("success", k, judgement, "", {"time": Metric(10.0, "s")}) for k in runs]
+    return ConfigurationResult(blocks_of(runs), blocks_of(runs), verdicts)
+
+
+def written(path, root, found, report=lambda directory: None, runs=2):
+    campaign, oracles = read_campaign(path)
+    return write_results(
+        root,
+        campaign,
+        inputs_of(campaign, oracles),
+        instantiate(campaign),
+        found,
+        runs=runs,
+        oracles=[oracle.name for oracle in oracles],
+        created=CREATED,
+        work=lambda: WORK,
+        report=report,
+    )
+
+
+@pytest.mark.parametrize(
+    "blocking",
+    [
+        [range(5)],
+        [range(3), range(3, 5)],
+        [range(3, 5), range(3)],
+        [[k] for k in range(5)],
+        [range(8)],
+        [range(2), range(1, 8)],
+    ],
+    ids=["one", "two", "other way round", "singly", "more runs than asked for", "overlapping"],
+)
+def test_the_file_has_the_same_bytes_however_the_runs_were_blocked(blocking):
+    assert one_block(blocks_of(*blocking), 5) == write_recordings([recording(k) for k in range(5)])
+
+
+def test_a_block_without_a_run_that_was_asked_for_gives_no_file():
+    assert one_block(blocks_of(range(5, 8)), 5) == b""
+    assert one_block([], 5) == b""
+
+
+def test_the_rows_of_a_block_are_read_without_its_columns():
+    (block,) = blocks_of(range(2))
+    assert [row["run_index"] for row in block_rows(block)] == [0, 1]
+
+
+def test_every_run_has_a_verdict_of_every_oracle_and_what_broke_says_why():
+    result = ConfigurationResult(
+        verdicts=[Verdict("safety", 0, "pass"), Verdict("success", 0, "pass"), Verdict("success", 9, "fail")],
+        faults=[RunFault("room-1", 1, "execute", "MemoryError: 3 GB")],
+    )
+    assert complete(result, 3, ["success", "safety"]) == [
+        Verdict("success", 0, "pass"),
+        Verdict("safety", 0, "pass"),
+        Verdict("success", 1, "not judged", "our own fault in execute: MemoryError: 3 GB"),
+        Verdict("safety", 1, "not judged", "our own fault in execute: MemoryError: 3 GB"),
+        Verdict("success", 2, "not judged", "our own fault: there is no verdict"),
+        Verdict("safety", 2, "not judged", "our own fault: there is no verdict"),
+    ]
+
+
+def test_the_directory_holds_what_was_asked_and_what_was_found(small_room, tmp_path):
+    results = written(small_room, tmp_path / "results", lambda configuration: found_of(range(2)))
+    directory = results.directory
+    assert directory == tmp_path / "results/small-room-2026-11-21-060504"
+    assert sorted(p.relative_to(directory).as_posix() for p in directory.rglob("*.*")) == [
+        "campaign.vast",
+        "configurations.parquet",
+        "coverage.json",
+        f"environments/{load_map(small_room.with_name('room.yaml')).digest}/map.pgm",
+        f"environments/{load_map(small_room.with_name('room.yaml')).digest}/map.yaml",
+        "inputs/room.pgm",
+        "inputs/room.yaml",
+        "metadata.json",
+        "recordings/room-1.parquet",
+        "recordings/room-2.parquet",
+        "rejections.parquet",
+        "runs.parquet",
+        "traces/room-1.parquet",
+        "traces/room-2.parquet",
+        "verdicts.parquet",
+    ]
+    assert (directory / "campaign.vast").read_bytes() == small_room.read_bytes()
+
+
+def test_the_directory_is_complete_when_the_campaigns_files_are_gone(small_room, tmp_path):
+    digest = load_map(small_room.with_name("room.yaml")).digest
+    directory = written(small_room, tmp_path / "results", lambda configuration: found_of(range(2))).directory
+    shutil.rmtree(small_room.parent)
+    tables = read_tables(directory)
+    assert [row["environment"] for row in tables.configurations] == [digest, digest]
+    assert load_map(directory / "environments" / digest / "map.yaml").digest == digest
+    assert len(read_recordings((directory / "recordings/room-1.parquet").read_bytes())) == 2
+    assert [(row["configuration"], row["run_index"], row["contacts"]) for row in tables.runs] == [
+        ("room-1", 0, 1),
+        ("room-1", 1, 1),
+        ("room-2", 0, 1),
+        ("room-2", 1, 1),
+    ]
+
+
+def test_what_was_asked_is_kept_as_it_was_when_the_campaign_was_read(small_room, tmp_path):
+    before = small_room.read_bytes()
+
+    def edited_meanwhile(configuration):
+        small_room.write_text("edited")
+        small_room.with_name("room.yaml").write_text("edited")
+        return found_of(range(2))
+
+    directory = written(small_room, tmp_path, edited_meanwhile).directory
+    assert (directory / "campaign.vast").read_bytes() == before
+    assert (directory / "inputs/room.yaml").read_text().startswith("{image")
+
+
+def test_the_summary_counts_runs_and_each_oracles_verdicts(small_room, tmp_path):
+    def found(configuration):
+        return found_of(range(2), "pass" if configuration.name == "room-1" else "fail")
+
+    summary = written(small_room, tmp_path, found).summary
+    assert (summary.configurations, summary.rejected, summary.duplicates, summary.runs) == (2, 0, 0, 4)
+    assert (summary.passed, summary.failed, summary.not_judged) == (2, 2, 0)
+    assert (summary.executed, summary.reused, summary.simulated_s) == (3, 1, 30.0)
+    assert summary.oracles == {"success": Counts(2, 2, 0)}
+
+
+def test_metadata_has_the_summary_and_our_own_faults(small_room, tmp_path):
+    fault = RunFault("room-1", 1, "execute", "MemoryError: 3 GB")
+
+    def found(configuration):
+        whole = found_of(range(2))
+        if configuration.name == "room-2":
+            return whole
+        return ConfigurationResult(blocks_of([0]), blocks_of([0]), whole.verdicts[:1], [fault])
+
+    results = written(small_room, tmp_path, found)
+    metadata = json.loads((results.directory / "metadata.json").read_text())
+    assert metadata["counts"] == results.summary.as_json()
+    assert metadata["counts"]["not_judged"] == 1
+    assert metadata["faults"] == [
+        {"configuration": "room-1", "run_index": 1, "stage": "execute", "error": "MemoryError: 3 GB"}
+    ]
+    assert metadata["name"] == "small_room" and metadata["created"] == "2026-11-21T06:05:04"
+    assert {"python", "numpy", "pyarrow"} <= set(metadata["versions"])
+    assert pq.read_metadata(results.directory / "runs.parquet").num_rows == 3
+
+
+def test_a_duplicate_is_listed_and_has_no_recordings_of_its_own(small_room, tmp_path):
+    small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
+    asked = []
+
+    def found(configuration):
+        asked.append(configuration.name)
+        return found_of(range(2))
+
+    results = written(small_room, tmp_path, found)
+    assert asked == ["room-1"]
+    assert (results.summary.configurations, results.summary.duplicates, results.summary.runs) == (1, 1, 2)
+    assert [row["duplicate_of"] for row in read_tables(results.directory).configurations] == [None, "room-1"]
+
+
+def test_the_report_is_made_before_the_directory_appears(small_room, tmp_path):
+    seen = []
+
+    def report(directory):
+        assert read_tables(directory).metadata["counts"]["runs"] == 4
+        seen.extend(p.name for p in tmp_path.glob("results/[!.]*"))
+        (directory / "report.html").write_text("r")
+
+    results = written(small_room, tmp_path / "results", lambda configuration: found_of(range(2)), report)
+    assert seen == [] and (results.directory / "report.html").exists()
+
+
+def test_a_report_that_breaks_costs_the_report_and_is_said(small_room, tmp_path):
+    def report(directory):
+        raise RuntimeError("no font")
+
+    results = written(small_room, tmp_path, lambda configuration: found_of(range(2)), report)
+    assert results.faults == (RunFault("", None, "report", "RuntimeError: no font"),)
+    assert json.loads((results.directory / "metadata.json").read_text())["faults"][0]["stage"] == "report"
+
+
+def test_an_interrupt_leaves_no_directory(small_room, tmp_path):
+    def found(configuration):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        written(small_room, tmp_path / "results", found)
+    assert list((tmp_path / "results").iterdir()) == []
+
+
+def test_two_directories_of_the_same_runs_hold_the_same_bytes(small_room, tmp_path):
+    one = written(small_room, tmp_path / "one", lambda configuration: found_of(range(2))).directory
+    other = written(
+        small_room,
+        tmp_path / "other",
+        lambda configuration: ConfigurationResult(blocks_of([1], [0]), blocks_of([0], [1]), found_of([1, 0]).verdicts),
+    ).directory
+
+    def digests(directory):
+        files = (p for p in directory.rglob("*.*") if p.name != "metadata.json")
+        return {p.relative_to(directory): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+    assert digests(one) == digests(other)
+
+
+def test_a_producer_beside_the_campaign_file_is_kept(small_room, tmp_path):
+    small_room.with_name("own.py").write_text(
+        "from vastflow.producers.parameter import ParameterVariationList\n\n\nclass Own(ParameterVariationList):\n    pass\n"
+    )
+    small_room.write_text(small_room.read_text().replace("ParameterVariationList", "own.py:Own"))
+    directory = written(small_room, tmp_path, lambda configuration: found_of(range(2))).directory
+    assert (directory / "inputs/own.py").read_text().startswith("from vastflow")
+
+
+def test_a_map_from_elsewhere_is_kept_with_its_picture(small_room, tmp_path):
+    shutil.move(small_room.parent, tmp_path / "maps")
+    path = tmp_path / "c" / "room.vast"
+    path.parent.mkdir()
+    path.write_text((tmp_path / "maps/room.vast").read_text().replace("room.yaml", "../maps/room.yaml"))
+    directory = written(path, tmp_path / "results", lambda configuration: found_of(range(2))).directory
+    (kept,) = (directory / "inputs").glob("*/room.yaml")
+    assert load_map(kept).digest == load_map(tmp_path / "maps/room.yaml").digest

@@ -1,0 +1,43 @@
+"""The JSON summary is a contract with scripts."""
+
+import json
+
+from vastflow.flows.summary import Summary
+from vastflow.oracles.rates import Counts
+
+
+def summary():
+    return Summary(
+        24, 1, 2, 120, 100, 20, 110, 9, 1, 4800.123456, 61.0004, 35.5, "results/c", {"success": Counts(119, 1, 0)}
+    )
+
+
+def test_the_json_summary_has_exactly_these_keys():
+    assert list(json.loads(summary().json_text())) == [
+        "configurations",
+        "rejected",
+        "duplicates",
+        "runs",
+        "executed",
+        "reused",
+        "passed",
+        "failed",
+        "not_judged",
+        "simulated_s",
+        "cpu_s",
+        "wall_s",
+        "results",
+        "oracles",
+    ]
+
+
+def test_each_oracle_has_its_three_counts():
+    assert summary().as_json()["oracles"] == {"success": {"passed": 119, "failed": 1, "not_judged": 0}}
+
+
+def test_seconds_are_rounded_to_milliseconds():
+    assert summary().as_json()["simulated_s"] == 4800.123
+
+
+def test_the_json_summary_is_one_line():
+    assert "\n" not in summary().json_text()

@@ -1,0 +1,65 @@
+import logging
+import os
+import subprocess
+import sys
+import textwrap
+import warnings
+from datetime import datetime
+
+import pytest
+
+from vastflow.tasks.chatter import new_log, own_log, prefect_log
+
+pytestmark = pytest.mark.timeout(60)
+
+
+def test_what_vastflow_says_goes_to_the_log_alone(tmp_path, capsys):
+    log = tmp_path / "log"
+    with own_log(log):
+        logging.getLogger("vastflow.store").warning("damaged")
+    assert "WARNING vastflow.store: damaged" in log.read_text()
+    assert capsys.readouterr().err == ""
+
+
+def test_a_campaign_that_has_nothing_to_say_leaves_no_log(tmp_path):
+    with own_log(tmp_path / "log"):
+        pass
+    assert not (tmp_path / "log").exists()
+
+
+def test_old_logs_are_removed(tmp_path):
+    for i in range(60):
+        (tmp_path / f"{i:02}.log").touch()
+        os.utime(tmp_path / f"{i:02}.log", (i, i))
+    new_log(tmp_path, "tiny", datetime(2026, 11, 21)).touch()
+    names = sorted(file.name for file in tmp_path.iterdir())
+    assert (len(names), names[0], names[-1]) == (50, "11.log", "tiny-2026-11-21-000000-000000.log")
+
+
+def test_nothing_that_prefect_or_a_library_says_reaches_the_terminal(tmp_path):
+    script = textwrap.dedent(f"""
+        import logging, pathlib, warnings
+        from vastflow.tasks.chatter import prefect_log
+        with prefect_log(pathlib.Path({str(tmp_path / "log")!r})):
+            logging.getLogger("prefect.flow_runs").error("from prefect")
+            logging.getLogger("prefect._internal").error("from inside")
+            logging.getLogger("asyncio").error("from asyncio")
+            warnings.warn("a warning")
+        logging.getLogger("prefect.events").error("from a service at exit")
+        print(logging.getLogger().handlers)
+    """)
+    done = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("[]\n", "")
+    said = (tmp_path / "log").read_text()
+    for words in ("from prefect", "from inside", "from asyncio", "a warning", "from a service at exit"):
+        assert said.count(f"{words}\n") == 1
+
+
+def test_a_program_that_uses_prefect_gets_its_logging_back(tmp_path):
+    import prefect.main  # noqa: F401
+
+    logger, root = logging.getLogger("prefect"), logging.getLogger()
+    before = (list(logger.handlers), logger.propagate, logger.level, list(root.handlers), warnings.showwarning)
+    with prefect_log(tmp_path / "log"):
+        pass
+    assert (list(logger.handlers), logger.propagate, logger.level, list(root.handlers), warnings.showwarning) == before

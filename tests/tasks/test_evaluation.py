@@ -1,0 +1,117 @@
+import pickle
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.parameter import ParameterVariationList
+from vastflow.producers.producer import evaluate, find_producer
+from vastflow.sim.digest import FileContent
+from vastflow.tasks.evaluation import content_of, evaluation_keys, files_in, packed, read_evaluation, write_evaluation
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.source import installed_tree
+from vastflow.tasks.store import Lost
+
+KEYS = Keys("numeric", "e", "o", "j", 0, [])
+OWN = """
+from vastflow.producers.configuration import Fragment
+from vastflow.producers.producer import Parameters, Producer
+
+class OwnParameters(Parameters):
+    values: tuple[float, ...]
+
+class Own(Producer[OwnParameters]):
+    Parameters = OwnParameters
+    reads = ()
+    writes = {"x": None}
+    def produce(self, inputs, draws):
+        for value in self.parameters.values:
+            yield Fragment({"x": value})
+"""
+
+text = st.text(max_size=3)
+scalars = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | text
+nested = st.recursive(
+    scalars, lambda inner: st.lists(inner, max_size=2) | st.dictionaries(text, inner, max_size=2), max_leaves=4
+)
+values = st.dictionaries(text, nested, max_size=2)
+
+
+@given(st.lists(values.map(Fragment) | st.builds(Rejection, text, values), max_size=3))
+def test_what_is_written_comes_back_bit_for_bit(results):
+    assert read_evaluation(write_evaluation(results), {}) == results
+
+
+def test_a_whole_number_and_a_float_stay_apart():
+    (fragment,) = read_evaluation(write_evaluation([Fragment({"a": 1, "b": 1.0})]), {})
+    assert [type(value) for value in fragment.values.values()] == [int, float]
+
+
+def test_a_file_is_where_this_campaign_has_it(tmp_path):
+    here = tmp_path / "here.yaml"
+    here.touch()
+    content = write_evaluation([Fragment({"map_file": FileContent("/gone/map.yaml", "d")})])
+    (fragment,) = read_evaluation(content, {"d": str(here)})
+    assert fragment.values["map_file"].path == str(here)
+
+
+def test_a_file_that_is_nowhere_has_to_be_made_again():
+    content = write_evaluation([Fragment({"map_file": FileContent("/gone/map.yaml", "d")})])
+    with pytest.raises(Lost, match=r"/gone/map\.yaml"):
+        read_evaluation(content, {})
+
+
+def test_files_are_found_in_values_and_parameters():
+    producer = listed(name="mesh_file", values=[{"a": FileContent("/m", "d")}])
+    assert files_in({"x": [FileContent("/p", "e")]}, producer.parameters) == {"e": "/p", "d": "/m"}
+
+
+def listed(**parameters):
+    return ParameterVariationList(ParameterVariationList.Parameters.model_construct(**parameters))
+
+
+def keys_of(producer, *inputs):
+    return list(evaluation_keys(KEYS, installed_tree(), producer, {key: {} for key in inputs}).values())
+
+
+def test_parameters_and_inputs_are_in_the_key():
+    assert keys_of(listed(name="a", values=[1]), "1" * 64) != keys_of(listed(name="a", values=[2]), "1" * 64)
+    assert keys_of(listed(name="a", values=[1]), "1" * 64) != keys_of(listed(name="a", values=[1]), "2" * 64)
+
+
+def test_a_files_place_is_not_in_the_key():
+    one, other = (listed(name="a", values=[FileContent(path, "d")]) for path in ("/one", "/other"))
+    assert keys_of(one, "1" * 64) == keys_of(other, "1" * 64)
+
+
+def own(folder, text=OWN, **parameters):
+    (folder / "own.py").write_text(text)
+    kind = find_producer("own.py:Own", folder)
+    return kind(kind.Parameters(**parameters))
+
+
+def test_a_comment_in_a_plug_in_keeps_its_evaluations_and_code_does_not(tmp_path):
+    plain, commented, edited = (
+        keys_of(own(tmp_path, text, values=(1.0,)), "1" * 64)
+        for text in (OWN, f"# mine\n{OWN}", OWN.replace("value})", "value + 1})"))
+    )
+    assert plain == commented != edited
+
+
+def test_a_plug_in_can_be_sent_to_another_process(tmp_path):
+    sent = pickle.dumps(packed(own(tmp_path, values=(1.0, 2.0))))
+    script = "import pickle, sys; p = pickle.loads(sys.stdin.buffer.read()).unpacked(); print(p.parameters.values)"
+    done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=60, check=True)
+    assert done.stdout.decode().strip() == "(1.0, 2.0)"
+
+
+def test_a_packed_producer_yields_the_same(tmp_path):
+    producer = own(tmp_path, values=(1.0, 2.0))
+    assert evaluate(packed(producer).unpacked(), {}) == evaluate(producer, {})
+
+
+def test_a_parameter_model_is_what_its_fields_say():
+    assert content_of(listed(name="a", values=(1, 2)).parameters) == {"dimension": None, "name": "a", "values": [1, 2]}

@@ -1,0 +1,166 @@
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import psutil
+import pytest
+
+from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
+
+pytestmark = pytest.mark.timeout(60)
+
+# cloudpickle sends functions of a test module by value, so workers need not import it.
+
+
+@pytest.fixture
+def pool():
+    made = Pool(2)
+    yield made
+    made.close()
+
+
+def square(x):
+    return x * x
+
+
+def die(*_):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def die_once(mark):
+    if not mark.exists():
+        mark.touch()
+        die()
+    return "done"
+
+
+def wait_for(file, log, name):
+    deadline = time.monotonic() + 20
+    while not file.exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    with open(log, "a") as out:
+        out.write(f"{name}\n")
+
+
+def append(log, name):
+    with open(log, "a") as out:
+        out.write(f"{name}\n")
+
+
+def test_a_job_gives_its_result(pool):
+    assert pool.submit(Priority.EXECUTE, square, 7).result(30) == 49
+
+
+def test_what_a_job_raises_reaches_the_caller(pool):
+    with pytest.raises(ZeroDivisionError, match="division"):
+        pool.submit(Priority.EXECUTE, divmod, 1, 0).result(30)
+
+
+def test_a_judgement_overtakes_executions_that_wait(tmp_path):
+    pool = Pool(1)
+    try:
+        log, gate = tmp_path / "log", tmp_path / "gate"
+        first = [pool.submit(Priority.EXECUTE, wait_for, gate, log, "execute") for _ in range(2)]  # fill the pool
+        later = [pool.submit(Priority.EXECUTE, append, log, "execute") for _ in range(3)]
+        judge = pool.submit(Priority.JUDGE, append, log, "judge")
+        gate.touch()
+        for future in [*first, *later, judge]:
+            future.result(30)
+        assert log.read_text().split() == ["execute", "execute", "judge", "execute", "execute", "execute"]
+    finally:
+        pool.close()
+
+
+def test_a_job_whose_worker_was_killed_is_done_by_another(pool, tmp_path):
+    assert pool.submit(Priority.EXECUTE, die_once, tmp_path / "mark").result(30) == "done"
+
+
+def test_a_job_that_kills_every_worker_fails_alone(pool):
+    poison = pool.submit(Priority.EXECUTE, die)
+    others = [pool.submit(Priority.EXECUTE, square, i) for i in range(20)]
+    assert [future.result(30) for future in others] == [i * i for i in range(20)]
+    with pytest.raises(WorkerDied, match="died 3 times"):
+        poison.result(30)
+
+
+def test_closing_ends_waiting_and_running_jobs_at_once(tmp_path):
+    pool = Pool(1)
+    running = pool.submit(Priority.EXECUTE, wait_for, tmp_path / "never", tmp_path / "log", "late")
+    waiting = [pool.submit(Priority.EXECUTE, square, i) for i in range(5)]
+    time.sleep(1.0)
+    began = time.monotonic()
+    pool.close()
+    assert time.monotonic() - began < 3
+    for future in [running, *waiting]:
+        with pytest.raises(PoolClosed):
+            future.result(5)
+
+
+def test_closing_leaves_no_worker():
+    pool = Pool(2)
+    workers = {pool.submit(Priority.EXECUTE, os.getpid).result(30) for _ in range(4)}
+    pool.close()
+    assert not any(psutil.pid_exists(pid) for pid in workers)
+
+
+def test_a_job_for_a_closed_pool_ends_at_once():
+    pool = Pool(1)
+    pool.close()
+    with pytest.raises(PoolClosed):
+        pool.submit(Priority.JUDGE, square, 2).result(5)
+
+
+def test_workers_end_with_a_parent_that_is_killed(tmp_path):
+    script = tmp_path / "script.py"  # without a __main__ guard
+    script.write_text(
+        textwrap.dedent("""
+        import os, time
+        from vastflow.tasks.pool import Pool, Priority
+        pool = Pool(2)
+        print(*{pool.submit(Priority.EXECUTE, os.getpid).result(30) for _ in range(4)}, flush=True)
+        time.sleep(60)
+        """)
+    )
+    parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+    try:
+        workers = [int(pid) for pid in parent.stdout.readline().split()]
+    finally:
+        parent.kill()
+        parent.wait()
+    assert workers
+    deadline = time.monotonic() + 10
+    while any(map(_alive, workers)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(map(_alive, workers))
+
+
+def test_what_a_worker_prints_goes_to_the_log(tmp_path):
+    log = tmp_path / "log"
+    pool = Pool(1, log)
+    try:
+        pool.submit(Priority.EXECUTE, _say, "hello from a worker").result(30)
+    finally:
+        pool.close()
+    assert "hello from a worker" in log.read_text()
+
+
+def test_workers_do_not_import_prefect(pool):
+    assert pool.submit(Priority.EXECUTE, _loaded, "prefect").result(30) is False
+
+
+def _say(text):
+    print(text, flush=True)
+
+
+def _loaded(module):
+    return module in sys.modules
+
+
+def _alive(pid):
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False

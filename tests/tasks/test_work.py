@@ -1,0 +1,127 @@
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+from vastflow.oracles.oracle import oracles_of
+from vastflow.oracles.verdict import read_verdicts
+from vastflow.producers.parameter import ParameterVariationList
+from vastflow.sim import run as simulator
+from vastflow.sim.blocks import read_recordings
+from vastflow.sim.recording import Recording, Run
+from vastflow.sim.scenario import Scenario
+from vastflow.tasks import work
+from vastflow.tasks.evaluation import packed, read_evaluation
+from vastflow.tasks.store import open_store
+from vastflow.tasks.work import Broken, Gone, answered
+
+POSE = {"position": {"x": 0.0, "y": 0.0}, "orientation": {"yaw": 0.0}}
+SCENARIO = Scenario("builtin:navigate_to_pose", 60.0, {}, {"start_pose": POSE, "goal_pose": POSE}, {})
+COLUMNS = [
+    "t_ms",
+    "x_mm",
+    "y_mm",
+    "yaw_mrad",
+    "estimated_x_mm",
+    "estimated_y_mm",
+    "estimated_yaw_mrad",
+    "speed_mmps",
+    "yaw_rate_mradps",
+    "command_speed_mmps",
+    "command_yaw_rate_mradps",
+    "localized",
+]
+
+
+def recording(run_index):
+    columns = {name: np.arange(3, dtype=np.int32) for name in COLUMNS}
+    return Recording(Run(run_index, "0", "succeeded", 0, "", 10.0 + run_index, 5.0, 0, 0), columns)
+
+
+@pytest.fixture
+def store(tmp_path):
+    return open_store(tmp_path / "store")
+
+
+@pytest.fixture
+def simulate(monkeypatch):
+    """Replace the simulator; runs in the set break."""
+
+    def replace(breaking=()):
+        def run(scenario, run_index, seed=0):
+            if run_index in breaking:
+                raise ValueError(f"run {run_index}\nbroke")
+            return recording(run_index)
+
+        monkeypatch.setattr(simulator, "run", run)
+
+    return replace
+
+
+def test_consecutive_runs_are_one_block(store, simulate):
+    simulate()
+    executed = work.execute(store, "execute/ab/key", SCENARIO, 2, 5, 0)
+    assert executed.simulated_s == {2: 12.0, 3: 13.0, 4: 14.0}
+    assert store.under("execute/ab/key") == ("2-5",)
+    found = read_recordings(store.read("execute/ab/key/2-5", work.RECORDINGS))
+    assert [each.run.run_index for each in found] == [2, 3, 4]
+
+
+def test_a_run_that_breaks_is_told_and_the_others_are_stored(store, simulate):
+    simulate(breaking={1})
+    executed = work.execute(store, "execute/ab/key", SCENARIO, 0, 4, 0)
+    assert executed.broken == {1: Broken("ValueError: run 1 broke")}
+    assert sorted(executed.simulated_s) == [0, 2, 3]
+    assert store.under("execute/ab/key") == ("0-1", "2-4")
+
+
+def test_a_block_has_the_same_bytes_alone_and_in_a_batch(store, simulate):
+    simulate()
+    work.execute(store, "execute/ab/one", SCENARIO, 1, 2, 0)
+    work.execute(store, "execute/ab/two", SCENARIO, 1, 2, 7)
+    one, two = (store.find(f"execute/ab/{key}/1-2").content for key in ("one", "two"))
+    assert one == two
+
+
+def test_a_run_log_says_what_each_run_cost_and_is_in_no_digest(store, simulate):
+    simulate()
+    work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
+    log = json.loads((store.root / "execute/ab/key/0-2" / work.RUN_LOG).read_text())
+    assert [run["run_index"] for run in log["runs"]] == [0, 1]
+    assert work.RUN_LOG not in store.find("execute/ab/key/0-2").files
+
+
+def test_an_error_is_an_answer(capsys):
+    assert answered(int, "x") == Broken("ValueError: invalid literal for int() with base 10: 'x'")
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_lost_input_is_an_answer_of_its_own(store):
+    answer = answered(work.observe, store, "execute/ab/gone/0-2", "observe/ab/key", SCENARIO)
+    assert answer == Gone("execute/ab/gone/0-2: recordings.parquet is not in the store")
+
+
+def test_judging_leaves_what_all_oracles_say_beside_the_verdicts(store, simulate):
+    simulate()
+    work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
+    work.observe(store, "execute/ab/key/0-2", "observe/ab/key", SCENARIO)
+    oracles = pickle.dumps(oracles_of([]))
+    work.judge(store, "execute/ab/key/0-2", "observe/ab/key", "judge/ab/key", SCENARIO, oracles)
+    assert store.find("judge/ab/key").info == {"runs": [[0, "pass"], [1, "pass"]]}
+    assert [verdict.run_index for verdict in read_verdicts(store.read("judge/ab/key", work.VERDICTS))] == [0, 1]
+
+
+def test_an_oracle_that_cannot_be_unpickled_is_an_answer(store, simulate):
+    simulate()
+    work.execute(store, "execute/ab/key", SCENARIO, 0, 1, 0)
+    work.observe(store, "execute/ab/key/0-1", "observe/ab/key", SCENARIO)
+    answer = answered(work.judge, store, "execute/ab/key/0-1", "observe/ab/key", "judge/ab/key", SCENARIO, b"junk")
+    assert isinstance(answer, Broken)
+
+
+def test_an_evaluation_is_stored(store):
+    parameters = ParameterVariationList.Parameters(name="noise", values=[0.0, 0.1])
+    work.evaluate(store, "evaluate/ab/key", packed(ParameterVariationList(parameters)), {})
+    fragments = read_evaluation(store.read("evaluate/ab/key", "fragments.json"), {})
+    assert [dict(fragment.values) for fragment in fragments] == [{"noise": 0.0}, {"noise": 0.1}]
