@@ -1,0 +1,262 @@
+"""The documentation: its examples work, its tables are complete, its links lead somewhere."""
+
+import re
+import shutil
+import subprocess
+import sys
+import textwrap
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.main import get_command
+
+from vastflow.flows.__main__ import app
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.summary import Summary
+from vastflow.oracles.judge import judge_block
+from vastflow.oracles.observe import observe_block
+from vastflow.oracles.oracle import known_oracles, oracle_class
+from vastflow.oracles.trace import trace_of
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.obstacle import ObstacleConfig
+from vastflow.producers.producer import find_producer, known_producers
+from vastflow.producers.section import Unexecuted
+from vastflow.producers.spec import CampaignSpec, EvaluationSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
+from vastflow.sim.blocks import read_block, read_recordings, write_recordings
+from vastflow.sim.run import run
+
+ROOT = Path(__file__).parents[2]
+OFFICE = ROOT / "campaigns" / "quickstart" / "maps"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page; `about` is what follows the language on its first line."""
+
+    page: str
+    number: int
+    language: str
+    about: str
+    text: str
+
+    def __str__(self):
+        return f"{self.page}-{self.number}"
+
+
+def blocks() -> list[Block]:
+    found = []
+    for page in PAGES:
+        fenced = re.findall(r"^```(\w+) ?(.*)\n((?:.*\n)*?)^```$", page.read_text(), re.MULTILINE)
+        found += [Block(page.stem, k, *parts) for k, parts in enumerate(fenced)]
+    return found
+
+
+BLOCKS = blocks()
+CAMPAIGNS = [b for b in BLOCKS if b.language == "yaml" and b.text.startswith("version:")]
+VARIATIONS = [b for b in BLOCKS if (b.language, b.about) == ("yaml", "variations")]
+ORACLES = [b for b in BLOCKS if (b.language, b.about) == ("yaml", "oracles")]
+FILES = [b for b in BLOCKS if b.language == "python" and b.about]
+
+
+def family_of(variations: str, oracles: str = "") -> str:
+    """A whole campaign round a list of producers, with what they leave open given."""
+    written = {parameter for entry in yaml.safe_load(variations) for parameter in entry}
+    given = (
+        ""
+        if "PathVariationRandom" in written
+        else "\n      - start_pose: {x: 1, y: 5}\n      - goal_pose: {x: 8, y: 3}"
+    )
+    text = f"version: 1\nconfiguration:\n  - name: docs\n    parameters:\n      - map_file: maps/office.yaml{given}\n"
+    text += "    variations:\n" + textwrap.indent(variations, "      ")
+    return text + ("evaluation:\n  oracles:\n" + textwrap.indent(oracles, "    ") if oracles else "")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with the office's map where the examples look for it, and with the pages' Python files."""
+    for place in ("maps", "campaigns/quickstart/maps"):
+        shutil.copytree(OFFICE, tmp_path / place)
+    for block in FILES:
+        (tmp_path / block.about).write_text(block.text)
+    return tmp_path
+
+
+def read(folder, text):
+    (folder / "docs.vast").write_text(text)
+    return read_campaign(folder / "docs.vast")
+
+
+def section(page: str, title: str) -> str:
+    """What stands below a heading, up to the next."""
+    text = (ROOT / "docs" / f"{page}.md").read_text()
+    (found,) = re.findall(rf"^#+ {re.escape(title)}\n((?:(?!#).*\n)*)", text, re.MULTILINE)
+    return found
+
+
+def first_column(text: str) -> list[str]:
+    """Names in backticks in the first column of the tables of `text`."""
+    cells = re.findall(r"^\| (`[^|]*) \|", text, re.MULTILINE)
+    return [name for cell in cells for name in re.findall(r"`([^`]+)`", cell)]
+
+
+def test_the_pages_have_examples_of_every_kind():
+    assert all((CAMPAIGNS, VARIATIONS, ORACLES, FILES))
+
+
+@pytest.mark.parametrize("block", CAMPAIGNS, ids=str)
+def test_a_campaign_of_the_pages_is_valid_and_every_configuration_can_be_built(folder, block):
+    campaign, _ = read(folder, block.text)
+    found = instantiate(campaign)
+    assert (campaign.notes, campaign.unexecutable, found.rejections) == ((), (), ())
+    assert found.configurations
+
+
+@pytest.mark.parametrize("block", VARIATIONS, ids=str)
+def test_producers_of_the_pages_are_valid_and_build_configurations(folder, block):
+    campaign, _ = read(folder, family_of(block.text))
+    assert campaign.notes == ()
+    assert instantiate(campaign).configurations
+
+
+def test_the_readmes_campaign_has_twelve_configurations(folder):
+    (block,) = [block for block in CAMPAIGNS if block.page == "README"]
+    campaign, _ = read(folder, block.text)
+    assert len(instantiate(campaign).configurations) == 12
+
+
+def test_the_producer_of_the_pages_rejects_what_they_say_it_rejects(folder):
+    (block,) = [block for block in VARIATIONS if block.page == "write-a-producer"]
+    found = instantiate(read(folder, family_of(block.text))[0])
+    assert (len(found.configurations), len(found.rejections)) == (4, 2)
+    assert "from its end, less than 1 m" in found.rejections[0].reason
+
+
+def test_the_oracle_of_the_pages_judges_a_run(folder):
+    (block,) = ORACLES
+    producers = "- PathVariationRandom: {path_length: 4.0, robot_diameter: 0.5}\n"
+    campaign, oracles = read(folder, family_of(producers, block.text))
+    (configuration,) = instantiate(campaign).configurations
+    recorded = write_recordings([run(configuration.scenario, 0)])
+    verdicts = judge_block(configuration.scenario, recorded, observe_block(configuration.scenario, recorded), oracles)
+    assert [verdict.oracle for verdict in verdicts] == ["success", "safety", "localized.py:Localized"]
+    (error,) = [verdict.metrics["greatest_error"] for verdict in verdicts if "localized" in verdict.oracle]
+    assert error.unit == "m"
+    assert 0 < error.value < 1
+
+
+def test_the_tests_of_the_pages_pass(folder):
+    tests = [block.about for block in FILES if block.about.startswith("test_")]
+    assert len(tests) == 2
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(folder), *tests]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_python_files_of_the_pages_are_well_kept(folder):
+    files = [block.about for block in FILES]
+    command = [
+        Path(sys.executable).parent / "ruff",
+        "check",
+        "--config",
+        ROOT / "pyproject.toml",
+        "--no-cache",
+        "--ignore",
+        "I001",
+        *files,
+    ]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("name", known_producers())
+def test_the_table_of_a_producer_has_its_parameters(name):
+    kind = find_producer(name, ROOT)
+    if not kind.executed:
+        assert f"`{name}`" in section("write-a-campaign", "Read, but not executed by this version")
+        return
+    table, _, _ = section("write-a-campaign", f"`{name}`").partition("Each of `obstacle_configs`")
+    assert sorted(first_column(table)) == sorted(set(kind.Parameters.model_fields) - {"dimension"})
+
+
+def test_the_table_of_obstacles_has_its_keys():
+    _, _, table = section("write-a-campaign", "`ObstacleVariation`").partition("Each of `obstacle_configs`")
+    assert sorted(first_column(table)) == sorted(ObstacleConfig.model_fields)
+
+
+@pytest.mark.parametrize("name", known_oracles())
+def test_the_table_of_an_oracle_has_its_parameters_with_their_defaults(name):
+    text = section("write-a-campaign", f"`{name}`")
+    rows = re.findall(r"^\| `(\w+)` \| (\S+) \|", text, re.MULTILINE)
+    parameters = oracle_class(name).Parameters.model_fields
+    assert {key: yaml.safe_load(default) for key, default in rows} == {k: f.default for k, f in parameters.items()}
+
+
+def test_the_table_of_what_is_not_executed_is_complete():
+    text = section("write-a-campaign", "Read, but not executed by this version")
+    rows = re.findall(r"^\| ([^|]*) \| (`[^|]*) \|", text, re.MULTILINE)
+    said = {where.strip("`"): set(re.findall(r"`([^`]+)`", keys)) for where, keys in rows}
+    sections = {
+        "campaign": CampaignSpec,
+        "a family": FamilySpec,
+        "execution": ExecutionSpec,
+        "results_processing": ResultsProcessingSpec,
+        "evaluation": EvaluationSpec,
+    }
+    marked = {
+        where: {
+            name for name, field in model.model_fields.items() if any(isinstance(m, Unexecuted) for m in field.metadata)
+        }
+        for where, model in sections.items()
+    }
+    assert marked["campaign"] >= {"search"}  # a campaign with it can't be run at all; the text says so
+    assert said == {**marked, "campaign": marked["campaign"] - {"search"}}
+
+
+def test_the_columns_of_a_trace_are_all_described(folder):
+    producers = "- PathVariationRandom: {path_length: 3.0, robot_diameter: 0.5}\n"
+    producers += "- ObstacleVariation: {obstacle_configs: [{amount: 1, max_distance: 0.8}], robot_diameter: 0.5}\n"
+    (configuration,) = instantiate(read(folder, family_of(producers))[0]).configurations
+    recorded = write_recordings([run(configuration.scenario, 0)])
+    ((row, columns),) = read_block(observe_block(configuration.scenario, recorded))
+    trace = trace_of(read_recordings(recorded)[0], row, columns)
+    there = {re.sub(r"/.*", "/<size class>", name) for name in trace.columns}
+    assert sorted(first_column(section("write-an-oracle", "What it is given"))) == sorted(there)
+
+
+def test_the_options_of_run_are_all_described():
+    command = get_command(app).commands["run"]
+    options = {name for option in command.params for name in option.opts if name.startswith("--")}
+    described = {name.split()[0] for name in first_column(section("run-and-resume", "`vastflow run`"))}
+    assert described == options
+
+
+def test_the_commands_are_all_described():
+    described = {name.split()[1] for name in first_column(section("run-and-resume", "Commands")) if " " in name}
+    assert described == set(get_command(app).commands)
+
+
+def test_the_keys_of_the_json_summary_are_all_described():
+    described = first_column(section("run-and-resume", "`--json`"))
+    assert sorted(described) == sorted(field.name for field in fields(Summary))
+
+
+def places(page: Path) -> list[str]:
+    return [link for link in re.findall(r"\]\(([^)#\s]+)", page.read_text()) if "://" not in link]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_link_of_a_page_leads_somewhere(page):
+    assert [link for link in places(page) if not (page.parent / link).exists()] == []
+
+
+def test_every_page_can_be_reached_from_the_readme():
+    reached, todo = set(), [ROOT / "README.md"]
+    while todo:
+        page = todo.pop()
+        if page not in reached:
+            reached.add(page)
+            todo += [(page.parent / link).resolve() for link in places(page) if link.endswith(".md")]
+    assert set(PAGES) <= reached

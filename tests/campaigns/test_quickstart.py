@@ -1,0 +1,68 @@
+"""The shipped quickstart campaign."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.maps import load_map
+from vastflow.sim.octile import passable
+
+ROOT = Path(__file__).parents[2]
+QUICKSTART = ROOT / "campaigns" / "quickstart" / "quickstart.vast"
+OFFICE = QUICKSTART.parent / "maps" / "office.yaml"
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    found, _ = read_campaign(QUICKSTART)
+    return found
+
+
+@pytest.fixture(scope="module")
+def instantiation(campaign):
+    return instantiate(campaign)
+
+
+def paths(instantiation, family):
+    """Start and goal of each configuration, without repetitions, in order."""
+    tasks = [c.scenario.task for c in instantiation.configurations if c.family == family]
+    return list(dict.fromkeys((str(task["start_pose"]), str(task["goal_pose"])) for task in tasks))
+
+
+def test_it_has_nothing_to_complain_of(campaign):
+    assert (campaign.notes, campaign.unexecutable) == ((), ())
+
+
+def test_it_is_two_families_of_twelve_configurations_with_five_runs(campaign, instantiation):
+    sizes = {f.name: sum(c.family == f.name for c in instantiation.configurations) for f in campaign.families}
+    assert sizes == {"sensor-noise": 12, "clutter": 12}
+    assert campaign.runs == 5
+
+
+def test_everything_it_asks_for_can_be_built_and_nothing_twice(instantiation):
+    assert instantiation.rejections == ()
+    assert [c.name for c in instantiation.configurations if c.duplicate_of] == []
+
+
+def test_its_families_share_their_first_three_paths_as_its_comment_says(instantiation):
+    assert paths(instantiation, "clutter")[:3] == paths(instantiation, "sensor-noise")
+    assert len(paths(instantiation, "clutter")) == 4
+
+
+def test_its_map_is_what_its_drawing_says():
+    drawing = runpy.run_path(str(Path(__file__).parent / "draw_office.py"))
+    with Image.open(OFFICE.with_suffix(".pgm")) as shipped:
+        np.testing.assert_array_equal(np.asarray(shipped), drawing["office"]())
+
+
+def test_every_room_of_its_map_can_be_reached():
+    office = load_map(OFFICE)
+    rooms, _ = ndimage.label(passable(office, 0.25), np.ones((3, 3)))
+    sizes = np.bincount(rooms.ravel())[1:]
+    assert sizes.max() / sizes.sum() > 0.98  # what is left are corners behind furniture

@@ -1,0 +1,211 @@
+"""What is installed, under which names, and with what beside it."""
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from importlib.metadata import distribution, entry_points, packages_distributions, version
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).parents[1]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+README = (ROOT / "README.md").read_text()
+LAYERS = ("deployments", "flows", "oracles", "producers", "sim", "tasks")
+LAYOUT = {*LAYERS, "campaigns", "docs", "tests", "pyproject.toml", "README.md"}
+MADE_HERE = {"build", "dist", "results"}
+"""What building and running leave behind; git ignores it."""
+
+
+def package_folders() -> list[Path]:
+    return sorted(init.parent for layer in LAYERS for init in (ROOT / layer).rglob("__init__.py"))
+
+
+def imported_modules(*folders: str) -> set[str]:
+    """First names of everything absolute that the files in `folders` import, wherever in a file they do."""
+    names = set()
+    for folder in folders:
+        for file in (ROOT / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.Import):
+                    names |= {alias.name for alias in node.names}
+                elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                    names.add(node.module)
+    return {name.partition(".")[0] for name in names}
+
+
+def canonical(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def declared(extra: str = "") -> dict[str, Requirement]:
+    project = PYPROJECT["project"]
+    found = map(Requirement, project["optional-dependencies"][extra] if extra else project["dependencies"])
+    return {canonical(requirement.name): requirement for requirement in found}
+
+
+def readme_line(start: str, end: str) -> str:
+    (line,) = [line for line in README.splitlines() if line.startswith(start) and line.endswith(end)]
+    return line
+
+
+def run(*command, **options):
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=280, check=False, **options)
+
+
+def test_every_folder_with_an_init_file_is_a_package_of_the_distribution():
+    # A sub-package that is missing from the list still imports here, but is absent from the wheel.
+    folders = ["vastflow." + ".".join(folder.relative_to(ROOT).parts) for folder in package_folders()]
+    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == folders
+
+
+def test_every_package_says_that_it_is_typed():
+    assert [folder for folder in package_folders() if not (folder / "py.typed").is_file()] == []
+
+
+def test_the_top_level_holds_nothing_beyond_the_fixed_layout():
+    found = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")}
+    assert {name for name in found - MADE_HERE if not name.endswith(".egg-info")} == LAYOUT
+
+
+def test_campaigns_hold_data_and_no_code():
+    assert [*(ROOT / "campaigns").rglob("*.py")] == []
+
+
+@pytest.mark.parametrize("group", ["console_scripts", "vastflow.producers", "vastflow.oracles"])
+def test_every_entry_point_loads(group):
+    ours = [entry for entry in entry_points(group=group) if entry.value.startswith("vastflow.")]
+    asked = (
+        PYPROJECT["project"]["scripts"] if group == "console_scripts" else PYPROJECT["project"]["entry-points"][group]
+    )
+    assert {entry.name: entry.value for entry in ours} == asked
+    for entry in ours:
+        assert callable(entry.load())
+
+
+def needed(*folders: str) -> set[str]:
+    """Distributions of everything foreign that the files in `folders` import."""
+    providers = packages_distributions()
+    foreign = imported_modules(*folders) - set(sys.stdlib_module_names) - {"vastflow"}
+    # pydantic's core is a distribution of its own, which pydantic pins to the exact version it needs.
+    return {canonical(providers[module][0]) for module in foreign} - {"pydantic-core"}
+
+
+def test_everything_imported_is_a_declared_dependency():
+    assert needed(*LAYERS) - set(declared()) == set()
+
+
+def test_everything_the_tests_import_is_declared_with_them():
+    assert needed("tests") - set(declared()) - set(declared("dev")) == set()
+
+
+def test_every_declared_dependency_is_imported_or_has_a_reason():
+    # FastAPI is Prefect's: declared for its bound alone, see below.
+    assert set(declared()) - needed(*LAYERS) == {"fastapi"}
+
+
+def test_fastapi_is_bounded_because_prefects_server_does_not_start_with_newer_ones():
+    # Prefect 3.8.8 allows fastapi<1, but with 0.155 and later its server dies while it is imported: Body() got an
+    # unexpected keyword argument 'min_items'. Prefect 3.9 says <0.151 itself; the bound may go with Prefect 3.8.
+    bound = declared()["fastapi"].specifier
+    assert "0.150.0" in bound
+    assert "0.151.0" not in bound
+    assert version("fastapi") in bound
+    assert "3.8.8" in declared()["prefect"].specifier
+
+
+def test_prefects_server_can_be_imported():
+    done = run(sys.executable, "-c", "import prefect.server.api.server")
+    assert done.returncode == 0, done.stderr
+
+
+def test_importing_the_flows_imports_neither_prefect_nor_numba():
+    code = "import sys, vastflow.flows; print(sorted({'prefect', 'numba', 'fastapi', 'scipy'} & set(sys.modules)))"
+    assert run(sys.executable, "-c", code).stdout.strip() == "[]"
+
+
+def test_the_version_that_is_installed_is_the_one_in_pyproject():
+    assert distribution("vastflow").version == PYPROJECT["project"]["version"]
+
+
+def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(tmp_path):
+    source = tmp_path / "source"  # a `build` folder in the repository could put yesterday's modules into the wheel
+    source.mkdir()
+    for name in LAYERS:
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "docs/LICENSE"):
+        (source / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, source / name)
+    built = run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", str(tmp_path), str(source))
+    assert built.returncode == 0, built.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    stem = f"vastflow-{PYPROJECT['project']['version']}.dist-info"
+    assert {name.partition("/")[0] for name in names} == {"vastflow", stem}
+    shipped = {f for folder in package_folders() for f in folder.iterdir() if f.suffix in (".py", ".j2", ".typed")}
+    assert {f"vastflow/{file.relative_to(ROOT).as_posix()}" for file in shipped} <= set(names)
+    assert "vastflow/oracles/report.html.j2" in names
+    assert f"{stem}/licenses/docs/LICENSE" in names
+
+
+def test_the_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
+    line = readme_line("python3 -m venv .venv && .venv/bin/pip install -e . && ", "quickstart.vast")
+    *_, command = line.split(" && ")
+    program, verb, campaign = command.split()
+    assert Path(program).name in PYPROJECT["project"]["scripts"]
+    assert verb == "run"
+    assert (ROOT / campaign).is_file()
+
+
+def test_the_readme_installs_what_the_tests_need():
+    line = readme_line("python3 -m venv .venv && .venv/bin/pip install -e ", ".venv/bin/pytest")
+    extra = re.search(r"'\.\[(\w+)\]'", line)[1]
+    assert {"pytest", "ruff", "mypy", "import-linter"} <= set(declared(extra))
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    """The CI script in a checkout whose README can be chosen."""
+    (tmp_path / ".ci").mkdir()
+    shutil.copy(ROOT / ".ci" / "run", tmp_path / ".ci")
+
+    def ci_run(readme: str):
+        (tmp_path / "README.md").write_text(readme)
+        return run(tmp_path / ".ci" / "run")
+
+    return ci_run
+
+
+TEST_LINE = "python3 -m venv --without-pip .venv && echo tested with .venv/bin/pytest"
+
+
+def test_ci_runs_the_readmes_line_and_its_output_comes_last(checkout):
+    done = checkout(f"# Title\n\n```sh\n{TEST_LINE}\n```\n")
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "tested with .venv/bin/pytest"), done.stderr
+
+
+def test_ci_fails_where_the_line_fails(checkout):
+    assert checkout(TEST_LINE.replace("echo", "false")).returncode != 0
+
+
+@pytest.mark.parametrize("readme", ["# No command\n", f"{TEST_LINE}\n{TEST_LINE}\n"])
+def test_ci_fails_where_the_readme_has_not_exactly_one_such_line(checkout, readme):
+    done = checkout(readme)
+    assert done.returncode == 1
+    assert "exactly one" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "gate",
+    [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["lint-imports", "--no-cache"]],
+    ids=lambda gate: "-".join(gate[:2]),
+)
+def test_the_quality_gate_is_passed(gate):
+    tool, *arguments = gate
+    done = run(Path(sys.executable).parent / tool, *arguments)
+    assert done.returncode == 0, done.stdout + done.stderr
