@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.directory import directory_name
 from vastflow.flows.inputs import inputs_of
 from vastflow.flows.results import Results, RunFault, campaign_name, write_results
 from vastflow.flows.session import Session
@@ -67,7 +68,7 @@ def run_campaign(
         inputs = inputs_of(campaign, oracles)
         kept = open_store(store)
         name = campaign_name(campaign)
-        log = chatter.new_log(kept.root / "logs", name, created)
+        log = chatter.new_log(kept.root / "logs", directory_name(name), created)
         with chatter.own_log(log):
             tree = installed_tree()
             keys = _keys(tree, campaign.seed, oracles)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 Location: TypeAlias = tuple[str | int, ...]
 """Path of a value from the top of the file: keys of mappings and indices of lists."""
@@ -75,6 +75,9 @@ def path_text(location: Location) -> str:
     return text or "file"
 
 
+MOST_LISTED: Final = 40
+
+
 def did_you_mean(found: str, known: Iterable[str]) -> str:
     """What to write in place of an unknown name: the nearest known one, or all of them."""
     names = sorted(known)
@@ -83,7 +86,10 @@ def did_you_mean(found: str, known: Iterable[str]) -> str:
     # Upper and lower case are far apart to difflib, and a frequent slip.
     if same := [name for name in names if name.casefold() == found.casefold()]:
         return f"did you mean {same[0]!r}?"
-    return f"known: {', '.join(names)}" if names else "nothing can stand here"
+    listed = ", ".join(names[:MOST_LISTED]) + (
+        f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    )
+    return f"known: {listed}" if names else "nothing can stand here"
 
 
 def shown(value: object, limit: int = 60) -> str:

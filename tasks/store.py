@@ -5,6 +5,7 @@ import hashlib
 import json
 import logging
 import os
+import re
 import shutil
 import time
 import uuid
@@ -207,9 +208,15 @@ class LocalStore:
 
 
 def store_root(place: str | os.PathLike[str] | None = None) -> Path:
-    """The store's folder: `place`, else the variable `VASTFLOW_STORE`, else the user's cache folder."""
+    """The store's folder: `place`, else the variable `VASTFLOW_STORE`, else the user's cache folder.
+
+    Raises:
+        StoreError: the place is an address and no local folder.
+    """
     chosen = place or os.environ.get(VARIABLE)
     if chosen:
+        if re.match(r"[A-Za-z][A-Za-z0-9+.-]+://", os.fspath(chosen)):
+            raise StoreError(f"store: found {os.fspath(chosen)!r}; a local folder, this version reads no other place")
         return Path(chosen).expanduser().absolute()
     import platformdirs
 
@@ -220,7 +227,7 @@ def open_store(place: str | os.PathLike[str] | None = None) -> LocalStore:
     """The local store at `store_root(place)`, made where there is none.
 
     Raises:
-        StoreError: the folder can't be written.
+        StoreError: the folder can't be written, or the place is an address.
     """
     root = store_root(place)
     try:

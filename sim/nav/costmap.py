@@ -155,6 +155,8 @@ def merge_window(
     margin = stamp.shape[0] // 2
     row0, row1 = max(0, centre_row - reach), min(rows, centre_row + reach + 1)
     col0, col1 = max(0, centre_column - reach), min(columns, centre_column + reach + 1)
+    if row0 >= row1 or col0 >= col1:
+        return 0, 0, 0, 0  # the robot is, or takes itself to be, far off the map
     wide_row0, wide_row1 = max(0, row0 - margin), min(rows, row1 + margin)
     wide_col0, wide_col1 = max(0, col0 - margin), min(columns, col1 + margin)
     lethal = np.zeros((wide_row1 - wide_row0, wide_col1 - wide_col0), dtype=np.uint8)

@@ -1,6 +1,7 @@
 import logging
-import multiprocessing
 import os
+import subprocess
+import sys
 import time
 
 import pytest
@@ -113,22 +114,20 @@ def test_a_second_writer_replaces_what_is_damaged(store):
 def test_writers_at_the_same_time_are_harmless(tmp_path):
     root = tmp_path / "store"
     open_store(root)
-    context = multiprocessing.get_context("spawn")
-    writers = [context.Process(target=_write_many, args=(root, i)) for i in range(2)]
-    for writer in writers:
-        writer.start()
-    for writer in writers:
-        writer.join(60)
-    assert [writer.exitcode for writer in writers] == [0, 0]
+    writers = [subprocess.Popen([sys.executable, "-c", WRITE_MANY, str(root), str(i)]) for i in range(2)]
+    assert [writer.wait(60) for writer in writers] == [0, 0]
     store = LocalStore(root)
     assert all(store.read(f"execute/ab/k{i}/0-1", "a.bin")[:1] in (b"0", b"1") for i in range(50))
     assert list((root / "temporary").iterdir()) == []
 
 
-def _write_many(root, writer):
-    store = LocalStore(root)
-    for i in range(50):
-        store.put(f"execute/ab/k{i}/0-1", {"a.bin": str(writer).encode() * 1000})
+WRITE_MANY = """
+import sys
+from pathlib import Path
+from vastflow.tasks.store import LocalStore
+for i in range(50):
+    LocalStore(Path(sys.argv[1])).put(f"execute/ab/k{i}/0-1", {"a.bin": sys.argv[2].encode() * 1000})
+"""
 
 
 def test_what_killed_writers_left_is_swept_after_a_day(tmp_path):
@@ -156,3 +155,10 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError, match=r"store: can't write to .*file.*--store"):
         open_store(tmp_path / "file")
+
+
+def test_a_place_that_is_no_folder_is_refused_and_not_made_into_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(StoreError, match=r"found 's3://bucket/store'; a local folder"):
+        open_store("s3://bucket/store")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,134 @@
+"""Equal scenario, run and seed give equal bytes: repeated, in a batch or alone, in a new process, whatever ran before."""
+
+import hashlib
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from vastflow.sim.blocks import write_recordings
+from vastflow.sim.lidar import Lidar
+from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.mission import mission_of
+from vastflow.sim.nav.parameters import parameters_of
+from vastflow.sim.nav.state import new_stack
+from vastflow.sim.nav.tick import nav_tick, start
+from vastflow.sim.prepared import prepare
+from vastflow.sim.robot import Robot
+from vastflow.sim.run import obstacle_rows, run
+from vastflow.sim.streams import run_entropy, streams_of
+
+NOISE = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}
+CRATE = {"entity_name": "crate", "model": "box", "xacro_arguments": "width:=0.6", "spawn_pose": {"x": 2.6, "y": 1.7}}
+
+IN_A_NEW_PROCESS = """
+import hashlib, json, sys
+from vastflow.sim.blocks import write_recordings
+from vastflow.sim.digest import FileContent
+from vastflow.sim.run import run
+from vastflow.sim.scenario import Scenario
+task = json.load(sys.stdin)
+environment = {**task["environment"], "map_file": FileContent(*task["map_file"])}
+scenario = Scenario(task["abstract"], task["timeout_s"], environment, task["task"], task["system"])
+print(hashlib.sha256(write_recordings([run(scenario, 1, 5)])).hexdigest())
+"""
+
+
+@pytest.fixture(scope="module")
+def noisy(scenario):
+    return scenario(obstacles=[CRATE], **NOISE)
+
+
+def content(*recordings):
+    return write_recordings(recordings)
+
+
+def test_a_run_repeated_is_the_same_bytes(noisy):
+    assert content(run(noisy, 1, 5)) == content(run(noisy, 1, 5))
+
+
+def test_a_run_in_a_batch_is_the_run_alone_and_the_order_does_not_matter(noisy):
+    batch = [run(noisy, index, 5) for index in (2, 0, 1)]
+    assert content(batch[2]) == content(run(noisy, 1, 5))
+    assert content(run(noisy, 0, 5), run(noisy, 1, 5), run(noisy, 2, 5)) == content(batch[1], batch[2], batch[0])
+
+
+def test_a_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, scenario, saved):
+    alone = content(run(noisy, 1, 5))
+    other = np.zeros((70, 90), dtype=np.int8)
+    other[[0, -1]], other[:, [0, -1]] = 100, 100
+    goals = [{"x": 3.0, "y": 2.0}, {"x": 1.0, "y": 2.5}]
+    run(scenario("follow_waypoints", map_file=saved(OccupancyMap(other, 0.05, (0.0, 0.0))), goal_poses=goals), 3)
+    run(scenario(obstacles=[CRATE], robot_radius=0.3, max_particles=700, **NOISE), 1, 5)
+    assert content(run(noisy, 1, 5)) == alone
+
+
+def test_a_run_in_a_new_process_is_the_same_bytes(noisy):
+    map_file = noisy.environment["map_file"]
+    task = {
+        "abstract": noisy.abstract,
+        "timeout_s": noisy.timeout_s,
+        "environment": {key: value for key, value in noisy.environment.items() if key != "map_file"},
+        "map_file": [map_file.path, map_file.digest],
+        "task": dict(noisy.task),
+        "system": dict(noisy.system),
+    }
+    found = subprocess.run(
+        [sys.executable, "-c", IN_A_NEW_PROCESS],
+        input=json.dumps(task),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    assert found.stdout.strip() == hashlib.sha256(content(run(noisy, 1, 5))).hexdigest()
+
+
+@pytest.mark.parametrize(("run_index", "seed"), [(2, 5), (1, 6)])
+def test_another_run_or_another_seed_is_another_recording(noisy, run_index, seed):
+    assert run(noisy, run_index, seed).digest != run(noisy, 1, 5).digest
+
+
+def test_the_seed_of_a_run_is_in_its_recording(noisy):
+    assert run(noisy, 1, 5).run.seed == f"5:{int(noisy.situation_digest, 16):x}:1"
+
+
+def first_scan(scenario, ticks=1):
+    """What the robot sees in the first tick, and the state of the lidar's stream after it."""
+    mission, parameters = mission_of(scenario), parameters_of(scenario.system)
+    prepared = prepare(load_map(scenario.environment["map_file"].path), Lidar(), parameters)
+    streams = streams_of(run_entropy(0, scenario.situation_digest, 1))
+    stack = new_stack(prepared, parameters, Lidar(), Robot(), mission, obstacle_rows(()), streams, 60.0)
+    start(stack.m)
+    pose = mission.start
+    nav_tick(
+        stack.p, stack.m, stack.grids, stack.cloud, stack.route, stack.obstacles, stack.rows, pose.x_m, pose.y_m,
+        pose.yaw_rad,
+    )  # fmt: skip
+    return stack.m[0]["ranges"].copy(), stack.m[0]["streams"].copy()
+
+
+def test_two_systems_in_one_situation_meet_the_same_noise(scenario):
+    one, other = scenario(**NOISE), scenario(robot_radius=0.3, inflation_radius=0.5, max_particles=700, **NOISE)
+    assert one.digest != other.digest
+    np.testing.assert_array_equal(first_scan(one)[0], first_scan(other)[0])
+
+
+def test_how_much_amcl_draws_leaves_the_lidar_s_stream_alone(scenario):
+    (_, one), (_, other) = first_scan(scenario(**NOISE)), first_scan(scenario(max_particles=700, **NOISE))
+    assert (one[0] == other[0]).all()
+    assert (one[1] != other[1]).all()
+
+
+def test_another_situation_meets_other_noise(scenario):
+    one, other = scenario(**NOISE), scenario(goal_pose={"x": 6.0, "y": 4.0}, **NOISE)
+    assert (first_scan(one)[0] != first_scan(other)[0]).any()
+
+
+def test_a_recording_is_pinned(scenario):
+    """Of this numeric class: a change here is a change of the simulator, or of a library's arithmetic."""
+    recording = run(scenario(**NOISE), 0)
+    assert recording.run.outcome == "succeeded"
+    return recording

@@ -1,0 +1,239 @@
+"""Whole runs in two small rooms: missions, failures, obstacles, contacts."""
+
+import math
+
+import numpy as np
+import pytest
+from shapely.geometry import Point
+
+from vastflow.sim.digest import FileContent
+from vastflow.sim.lidar import Lidar
+from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.mission import mission_of
+from vastflow.sim.nav.parameters import NavParameters, ParameterError
+from vastflow.sim.nav.state import COLUMNS, SUBSTEPS, TICK_S, new_stack
+from vastflow.sim.nav.tick import nav_tick, start
+from vastflow.sim.obstacle import obstacle_of
+from vastflow.sim.prepared import prepare
+from vastflow.sim.recording import si
+from vastflow.sim.robot import Robot
+from vastflow.sim.run import ScenarioError, obstacle_rows, run
+from vastflow.sim.streams import streams_of
+from vastflow.sim.world import World
+
+GOALS = [{"x": 3.0, "y": 4.0}, {"x": 6.0, "y": 1.5}, {"x": 7.0, "y": 4.0}]
+
+
+def kinds(recording, kind):
+    return [event.what for event in recording.run.events if event.kind == kind]
+
+
+def final_m(recording, x, y):
+    return math.hypot(si(recording.columns["x_mm"])[-1] - x, si(recording.columns["y_mm"])[-1] - y)
+
+
+def test_the_robot_goes_through_the_door_to_its_goal(scenario):
+    recording = run(scenario(), 0)
+    assert (recording.run.outcome, recording.run.error_code, recording.run.reason) == ("succeeded", 0, "")
+    assert kinds(recording, "goal_reached") == ["0"]
+    assert kinds(recording, "contact") == []
+    assert final_m(recording, 7.0, 4.0) < 0.4
+    assert recording.run.recoveries == 0
+    assert 6.5 < recording.run.distance_m < 9.0
+
+
+def test_the_robot_faces_the_way_the_goal_says(scenario):
+    recording = run(scenario(goal_pose={"x": 7.0, "y": 4.0, "yaw": 2.5}), 0)
+    assert recording.run.outcome == "succeeded"
+    yaw_error = si(recording.columns["estimated_yaw_mrad"])[-1] - 2.5
+    assert abs(math.remainder(yaw_error, 2 * math.pi)) <= 0.251
+
+
+def test_a_goal_is_reached_by_the_robot_s_own_estimate_within_the_tolerance(scenario):
+    columns = run(scenario(xy_goal_tolerance=0.1), 0).columns
+    x, y = si(columns["estimated_x_mm"])[-1], si(columns["estimated_y_mm"])[-1]
+    assert math.hypot(x - 7.0, y - 4.0) <= 0.101
+
+
+def test_columns_are_aligned_rows_at_ten_hertz(scenario):
+    recording = run(scenario(), 0)
+    assert tuple(recording.columns) == COLUMNS
+    t_ms = recording.columns["t_ms"]
+    assert {len(column) for column in recording.columns.values()} == {len(t_ms)}
+    assert {column.dtype for column in recording.columns.values()} == {np.dtype(np.int32)}
+    assert t_ms[0] == 0
+    assert (np.diff(t_ms)[:-1] == 100).all() and np.diff(t_ms)[-1] in (50, 100)
+    assert recording.run.simulated_s == pytest.approx(t_ms[-1] / 1000, abs=0.051)
+
+
+def test_what_is_recorded_of_motion_belongs_together(scenario):
+    recording = run(scenario(), 0)
+    x, y, speed = (si(recording.columns[name]) for name in ("x_mm", "y_mm", "speed_mmps"))
+    driven = np.hypot(np.diff(x), np.diff(y)).sum()
+    assert driven == pytest.approx(recording.run.distance_m, rel=0.02)
+    assert np.abs(speed).sum() * 0.1 == pytest.approx(driven, rel=0.03)
+    assert np.abs(speed).max() <= 0.501
+    assert np.abs(si(recording.columns["yaw_rate_mradps"])).max() <= 2.001
+
+
+def test_through_poses_the_robot_passes_by_each_and_ends_at_the_last(scenario):
+    recording = run(scenario("navigate_through_poses", goal_poses=GOALS), 0)
+    assert recording.run.outcome == "succeeded"
+    assert kinds(recording, "goal_reached") == ["2"]
+    x, y = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
+    for goal in GOALS:
+        assert np.hypot(x - goal["x"], y - goal["y"]).min() < 1.0
+    assert final_m(recording, 7.0, 4.0) < 0.4
+
+
+def test_waypoints_are_reached_one_after_the_other(scenario):
+    recording = run(scenario("follow_waypoints", goal_poses=GOALS), 0)
+    assert recording.run.outcome == "succeeded"
+    assert kinds(recording, "goal_reached") == ["0", "1", "2"]
+    assert recording.run.missed_goals == 0
+
+
+def test_waypoints_are_repeated_loops_times_after_the_first_round(scenario):
+    recording = run(scenario("follow_waypoints", 300.0, goal_poses=GOALS[:2], number_of_loops=2), 0)
+    assert recording.run.outcome == "succeeded"
+    assert kinds(recording, "goal_reached") == ["0", "1"] * 3
+
+
+def test_a_mission_ends_as_timed_out_at_its_simulated_time(scenario):
+    recording = run(scenario(timeout_s=3.0), 0)
+    assert (recording.run.outcome, recording.run.error_code) == ("timed_out", 0)
+    assert recording.run.reason == "the mission did not end within its time"
+    assert recording.run.simulated_s == 3.0
+    assert recording.columns["t_ms"][-1] == 2900
+
+
+WALLED = {"x": 7.0, "y": 4.0}
+
+
+@pytest.fixture(scope="module")
+def walled_off(saved, two_rooms):
+    """The two rooms with their door walled up."""
+    cells = load_map(two_rooms.path).cells.copy()
+    cells[:, 82:86] = 100
+    return saved(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+
+
+def test_a_goal_behind_a_wall_is_given_up_after_the_round_of_recoveries(scenario, walled_off):
+    recording = run(scenario(map_file=walled_off), 0)
+    assert (recording.run.outcome, recording.run.error_code) == ("aborted", 208)
+    assert recording.run.reason.startswith("no path to the goal (NO_VALID_PATH), after ")
+    recoveries = kinds(recording, "recovery")
+    assert len(recoveries) == recording.run.recoveries
+    in_turn = [name for name in recoveries if name != "clear global costmap"]
+    assert in_turn == ["clear both costmaps", "spin", "wait", "back up", "clear both costmaps", "spin"]
+    assert recoveries.count("clear global costmap") == 7
+    assert kinds(recording, "plan_failed") == ["208"] * 14
+
+
+def test_a_waypoint_behind_a_wall_is_missed_and_the_next_one_reached(scenario, walled_off):
+    goals = [{"x": 7.0, "y": 4.0}, {"x": 3.0, "y": 4.0}]
+    recording = run(scenario("follow_waypoints", map_file=walled_off, goal_poses=goals), 0)
+    assert recording.run.outcome == "succeeded"
+    assert kinds(recording, "goal_missed") == ["0"]
+    assert kinds(recording, "goal_reached") == ["1"]
+    assert recording.run.missed_goals == 1
+
+
+def test_one_goal_of_many_behind_a_wall_aborts_a_mission_through_poses(scenario, walled_off):
+    goals = [{"x": 3.0, "y": 4.0}, {"x": 7.0, "y": 4.0}]
+    recording = run(scenario("navigate_through_poses", map_file=walled_off, goal_poses=goals), 0)
+    assert (recording.run.outcome, recording.run.error_code) == ("aborted", 208)
+
+
+def test_a_goal_in_a_wall_is_replaced_by_the_nearest_one_within_the_tolerance(scenario):
+    recording = run(scenario(goal_pose={"x": 8.3, "y": 3.0, "yaw": 0.0}), 0)
+    assert recording.run.outcome == "succeeded"
+    assert 0.2 < final_m(recording, 8.3, 3.0) < 1.0
+
+
+@pytest.mark.parametrize(
+    "start_pose", [{"x": 4.2, "y": 4.5}, {"x": 0.1, "y": 0.1}, {"x": -5.0, "y": 2.0}, {"x": 0.25, "y": 3.0}]
+)
+def test_a_robot_that_starts_in_a_wall_or_outside_the_map_ends_with_an_outcome_and_a_reason(scenario, start_pose):
+    recording = run(scenario(start_pose=start_pose), 0)
+    assert recording.run.outcome == "succeeded" or recording.run.reason
+    assert np.isfinite(recording.run.distance_m)
+
+
+CRATE = {"entity_name": "crate", "model": "box", "xacro_arguments": "width:=0.6", "spawn_pose": {"x": 2.6, "y": 1.7}}
+
+
+def test_an_obstacle_on_the_way_is_driven_round(scenario):
+    recording = run(scenario(obstacles=[CRATE]), 0)
+    assert recording.run.outcome == "succeeded"
+    assert kinds(recording, "contact") == []
+    crate = obstacle_of(CRATE).footprint()
+    way = zip(si(recording.columns["x_mm"]), si(recording.columns["y_mm"]), strict=True)
+    assert min(crate.distance(Point(*point)) for point in way) > Robot().radius_m
+
+
+def test_an_obstacle_in_the_door_closes_the_only_way(scenario):
+    plug = {**CRATE, "xacro_arguments": "width:=1.1, length:=0.3", "spawn_pose": {"x": 4.2, "y": 2.4}}
+    recording = run(scenario(obstacles=[plug], timeout_s=240.0), 0)
+    assert recording.run.outcome == "aborted"
+    assert recording.run.recoveries > 6
+    assert final_m(recording, 7.0, 4.0) > 2.5
+
+
+def test_noise_and_dropout_reach_the_robot(scenario):
+    """Without a return for any beam nothing corrects the odometry's spread, and nothing is marked."""
+    blind = run(scenario(laserscan_random_drop_percentage=1.0), 0)
+    noisy = run(scenario(laserscan_gaussian_noise_std_deviation=0.1), 0)
+    clear = run(scenario(), 0)
+    assert len({recording.digest for recording in (blind, noisy, clear)}) == 3
+
+
+def test_the_first_of_two_equal_timesteps_of_localization_is_marked(scenario):
+    localized = run(scenario(), 0).columns["localized"]
+    assert localized[0] == 1
+    assert set(localized.tolist()) == {0, 1}
+    assert 5 < localized.sum() < len(localized) / 2
+
+
+def test_a_body_wider_than_the_stack_believes_pushes_a_wall_while_its_wheels_and_odometry_turn_on(two_rooms, scenario):
+    """The way is planned for 0.22 m; the body is 0.65 m and sticks in the door of 1.2 m."""
+    mission = mission_of(scenario())
+    prepared = prepare(load_map(two_rooms.path), Lidar(), NavParameters())
+    robot = Robot(radius_m=0.65)
+    world = World(robot, mission.start, prepared.walls, ())
+    stack = new_stack(
+        prepared, NavParameters(), Lidar(), robot, mission, obstacle_rows(()), streams_of([1]), 60.0
+    )
+    start(stack.m)
+    m = stack.m[0]
+    rolled_m, truly_m = 0.0, 0.0
+    for _ in range(round(12 / TICK_S)):
+        here, odometry = tuple(world.robot.position), (m["odom_x"], m["odom_y"])
+        nav_tick(
+            stack.p, stack.m, stack.grids, stack.cloud, stack.route, stack.obstacles, stack.rows, *here,
+            world.robot.angle,
+        )  # fmt: skip
+        world.drive(m["velocities"].tolist(), TICK_S / SUBSTEPS)
+        if world.contacts:
+            truly_m += math.dist(here, world.robot.position)
+            rolled_m += math.dist(odometry, (m["odom_x"], m["odom_y"]))
+    assert {contact.what for contact in world.contacts} == {"wall"}
+    assert rolled_m > truly_m + 0.2
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"map_file": "map.yaml"}, ScenarioError, "map_file: found 'map.yaml'; a map file that the campaign names"),
+        ({"robot_radius": -1}, ParameterError, "robot_radius must lie in"),
+    ],
+)
+def test_a_scenario_that_can_not_be_executed_says_why(scenario, changes, error, message):
+    with pytest.raises(error, match=message):
+        run(scenario(**changes), 0)
+
+
+def test_a_map_that_changed_since_the_campaign_was_read_is_not_executed(scenario, two_rooms):
+    changed = FileContent(two_rooms.path, "0" * 64)
+    with pytest.raises(ScenarioError, match=r"map_file: .* changed since the campaign was read; run the campaign again"):
+        run(scenario(map_file=changed), 0)
