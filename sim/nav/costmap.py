@@ -98,8 +98,10 @@ def clear_disc(layer: Any, x_cells: float, y_cells: float, radius_cells: float) 
     take what the robot stands beside for a collision where it stands.
     """
     rows, columns = layer.shape
-    for r in range(max(0, math.floor(y_cells - radius_cells)), min(rows, math.floor(y_cells + radius_cells) + 1)):
-        for c in range(max(0, math.floor(x_cells - radius_cells)), min(columns, math.floor(x_cells + radius_cells) + 1)):
+    row0, row1 = max(0, math.floor(y_cells - radius_cells)), min(rows, math.floor(y_cells + radius_cells) + 1)
+    col0, col1 = max(0, math.floor(x_cells - radius_cells)), min(columns, math.floor(x_cells + radius_cells) + 1)
+    for r in range(row0, row1):
+        for c in range(col0, col1):
             dx, dy = max(c - x_cells, x_cells - c - 1, 0.0), max(r - y_cells, y_cells - r - 1, 0.0)
             if dx * dx + dy * dy <= radius_cells * radius_cells:
                 layer[r, c] = SEEN_FREE

@@ -81,7 +81,9 @@ def missions_of(configurations: Iterable[Configuration]) -> Iterator[Mission]:
         for run_index in range(RUNS):
             recording = run(configuration.scenario, run_index)
             x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
-            off_m = np.hypot(x_m - si(recording.columns["estimated_x_mm"]), y_m - si(recording.columns["estimated_y_mm"]))
+            off_m = np.hypot(
+                x_m - si(recording.columns["estimated_x_mm"]), y_m - si(recording.columns["estimated_y_mm"])
+            )
             yield Mission(configuration, recording, float(np.hypot(x_m[-1] - goal.x_m, y_m[-1] - goal.y_m)), off_m)
 
 
@@ -111,7 +113,10 @@ def table(lines: list[tuple[str, ...]]) -> str:
     rows = [HEADER, UNITS, *lines]
     widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
     return "\n".join(
-        "  ".join(cell.ljust(width) if k == 0 else cell.rjust(width) for k, (cell, width) in enumerate(zip(row, widths)))
+        "  ".join(
+            cell.ljust(width) if k == 0 else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
         for row in rows
     )
 

@@ -72,9 +72,7 @@ def scenario(two_rooms: FileContent) -> Callable[..., Scenario]:
         given = {"map_file": two_rooms, "start_pose": {"x": 1.0, "y": 1.0}, **values}
         if "goal_pose" not in given and "goal_poses" not in given:
             given["goal_pose"] = {"x": 7.0, "y": 4.0, "yaw": 0.0}
-        return scenario_of(
-            given, {"obstacles": "environment"}, abstract=f"builtin:{mission}", timeout_s=timeout_s
-        )
+        return scenario_of(given, {"obstacles": "environment"}, abstract=f"builtin:{mission}", timeout_s=timeout_s)
 
     return make
 

@@ -67,9 +67,7 @@ def weight(pose, points, cubed, resolution_m=0.05, origin=(0.0, 0.0)):
     points = np.asarray(points, dtype=np.float64).reshape(-1, 2).T.copy()
     x, y, yaw = pose
     cells = np.zeros(points.shape[1], dtype=np.int32)
-    return weight_of(
-        x, y, math.cos(yaw), math.sin(yaw), points, points.shape[1], cubed, resolution_m, *origin, cells
-    )
+    return weight_of(x, y, math.cos(yaw), math.sin(yaw), points, points.shape[1], cubed, resolution_m, *origin, cells)
 
 
 @pytest.fixture

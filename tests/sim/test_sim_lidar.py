@@ -94,9 +94,7 @@ def test_a_map_without_walls_gives_no_return():
     assert range_to_wall(leap_table(np.zeros((20, 20), dtype=np.bool_)), 3.3, 4.4, 0.6, 0.8, 0.0, 1e3) == math.inf
 
 
-BOXES = st.tuples(
-    st.floats(-5, 5), st.floats(-5, 5), st.floats(-4, 4), st.floats(0.01, 3.0), st.floats(0.01, 3.0)
-)
+BOXES = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-4, 4), st.floats(0.01, 3.0), st.floats(0.01, 3.0))
 
 
 def outline(x, y, yaw, length, width, margin):

@@ -70,7 +70,9 @@ def test_thresholds_default_to_those_of_map_server(write):
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_every_grey_value_is_read_by_the_formula_of_map_server(write, free, span, negate, mode):
     free_thresh, occupied_thresh = free / 255, min(free + span, 255) / 255 + 1e-6
-    path = write([list(range(256))], mode=mode, negate=int(negate), free_thresh=free_thresh, occupied_thresh=occupied_thresh)
+    path = write(
+        [list(range(256))], mode=mode, negate=int(negate), free_thresh=free_thresh, occupied_thresh=occupied_thresh
+    )
     for grey, cell in enumerate(cells(path)[0]):
         p = grey / 255 if negate else (255 - grey) / 255
         if p >= occupied_thresh:

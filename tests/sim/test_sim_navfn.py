@@ -44,7 +44,11 @@ def by_the_book(travel, root, stop):
             values[y, x] = value
             for there in ((x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)):
                 price = travel[there[1], there[0]]
-                if price < 254 and there not in pending and values[there[1], there[0]] > value + F(0.707106781) * F(price):
+                if (
+                    price < 254
+                    and there not in pending
+                    and values[there[1], there[0]] > value + F(0.707106781) * F(price)
+                ):
                     (following if value < threshold else later).append(there)
                     pending.add(there)
         current = following

@@ -113,7 +113,13 @@ def test_a_path_from_a_stop_to_itself_has_no_length(drawn):
 
 
 @pytest.mark.parametrize(
-    "stops", [[(0.02, 0.02), (0.17, 0.02)], [(0.02, 0.02), (0.12, 0.02)], [(0.02, 0.02), (9.0, 0.02)], [(-0.01, 0.02), (0.02, 0.02)]]
+    "stops",
+    [
+        [(0.02, 0.02), (0.17, 0.02)],
+        [(0.02, 0.02), (0.12, 0.02)],
+        [(0.02, 0.02), (9.0, 0.02)],
+        [(-0.01, 0.02), (0.02, 0.02)],
+    ],
 )
 def test_there_is_no_path_to_what_is_walled_off_blocked_or_outside(drawn, stops):
     occupancy = drawn("..#.")

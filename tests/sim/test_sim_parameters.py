@@ -19,9 +19,7 @@ def a_mission(kind, **task):
 
 
 def test_to_a_pose_there_is_one_goal():
-    assert a_mission("navigate_to_pose", goal_pose=THERE) == Mission(
-        "navigate_to_pose", Pose(1, 2), (Pose(3, 4, 1),)
-    )
+    assert a_mission("navigate_to_pose", goal_pose=THERE) == Mission("navigate_to_pose", Pose(1, 2), (Pose(3, 4, 1),))
 
 
 @pytest.mark.parametrize("kind", ["navigate_through_poses", "follow_waypoints"])

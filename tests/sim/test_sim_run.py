@@ -201,9 +201,7 @@ def test_a_body_wider_than_the_stack_believes_pushes_a_wall_while_its_wheels_and
     prepared = prepare(load_map(two_rooms.path), Lidar(), NavParameters())
     robot = Robot(radius_m=0.65)
     world = World(robot, mission.start, prepared.walls, ())
-    stack = new_stack(
-        prepared, NavParameters(), Lidar(), robot, mission, obstacle_rows(()), streams_of([1]), 60.0
-    )
+    stack = new_stack(prepared, NavParameters(), Lidar(), robot, mission, obstacle_rows(()), streams_of([1]), 60.0)
     start(stack.m)
     m = stack.m[0]
     rolled_m, truly_m = 0.0, 0.0
@@ -235,5 +233,7 @@ def test_a_scenario_that_can_not_be_executed_says_why(scenario, changes, error, 
 
 def test_a_map_that_changed_since_the_campaign_was_read_is_not_executed(scenario, two_rooms):
     changed = FileContent(two_rooms.path, "0" * 64)
-    with pytest.raises(ScenarioError, match=r"map_file: .* changed since the campaign was read; run the campaign again"):
+    with pytest.raises(
+        ScenarioError, match=r"map_file: .* changed since the campaign was read; run the campaign again"
+    ):
         run(scenario(map_file=changed), 0)

@@ -126,4 +126,3 @@ def test_the_body_never_enters_a_wall(x, y, yaw, w):
         reach = ROBOT.radius_m - STEP_M
         assert reach <= x <= 6.0 - reach
         assert reach <= y <= 4.0 - reach
-
