@@ -201,18 +201,24 @@ def _configurations(tables: Tables, evidence: Mapping[str | None, Evidence]) -> 
 
 
 def _varied_factors(tables: Tables) -> list[str]:
-    """Keys with a plain value that is not the same in every configuration."""
+    """Keys whose value is not the same in every configuration."""
     values: dict[str, set[str]] = {}
     for row in tables.configurations:
         for key, value in row["factors"].items():
-            if not isinstance(value, dict | list):
-                values.setdefault(key, set()).add(repr(value))
+            values.setdefault(key, set()).add(repr(value))
     present = Counter(key for row in tables.configurations for key in row["factors"])
     return [key for key, seen in values.items() if len(seen) > 1 or present[key] < len(tables.configurations)]
 
 
 def _short(value: Any) -> str:
-    return number(value) if isinstance(value, float) else str(value)
+    """A value in a table's cell: of a pose where it is, of a list how many there are."""
+    if isinstance(value, float):
+        return number(value)
+    if isinstance(value, list):
+        return f"{len(value)} of them" if len(value) != 1 else "one"
+    if isinstance(value, dict) and isinstance(position := value.get("position", value), dict) and "x" in position:
+        return f"({position['x']:.2f}, {position['y']:.2f}) m"
+    return str(value)
 
 
 def _failures(tables: Tables, evidence: Mapping[str | None, Evidence]) -> list[Mapping[str, Any]]:

@@ -5,6 +5,7 @@ import sys
 import textwrap
 import time
 
+import cloudpickle
 import psutil
 import pytest
 
@@ -12,7 +13,8 @@ from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
 
 pytestmark = pytest.mark.timeout(60)
 
-# cloudpickle sends functions of a test module by value, so workers need not import it.
+# Workers can't import a test module, so what is submitted from here goes to them by value.
+cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
 
 @pytest.fixture
