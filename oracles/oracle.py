@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Metric, Verdict
-from vastflow.sim.digest import file_digest
+from vastflow.sim.digest import digest, file_digest
 
 GROUP: Final = "vastflow.oracles"
 SUCCESS: Final = "success"
@@ -163,8 +163,8 @@ def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
 
 
 def _module_of(file: Path) -> Any:
-    """A plug-in's module under a name of its content, so that an edited file is never served stale."""
-    module_name = f"vastflow_oracle_{file_digest(file)[:16]}"
+    """A plug-in's module under a name of its place and content, so that an edited file is never served stale."""
+    module_name = f"vastflow_oracle_{digest(str(file.resolve()), file_digest(file))[:16]}"
     if module_name not in sys.modules:
         spec = importlib.util.spec_from_file_location(module_name, file)
         if spec is None or spec.loader is None:

@@ -145,8 +145,8 @@ def _module_of(file: Path) -> Any:
 
 @functools.lru_cache(maxsize=64)
 def _imported(file: str, content: str) -> Any:
-    """A plug-in's module under a name of its content, so that an edited file is never served stale."""
-    module_name = f"vastflow_plugin_{content[:16]}"
+    """A plug-in's module under a name of its place and content, so that an edited file is never served stale."""
+    module_name = f"vastflow_plugin_{digest(file, content)[:16]}"
     spec = importlib.util.spec_from_file_location(module_name, file)
     if spec is None or spec.loader is None:
         raise UnknownProducer(f"{file!r} can't be imported as a Python module", ())

@@ -148,6 +148,10 @@ def count(store):
     return {"runs": sum(len(log["runs"]) for log in logs), **stages}
 
 
+def recordings(result):
+    return {file.name: file.read_bytes() for file in (result.directory / "recordings").iterdir()}
+
+
 def rows(place, statement):
     with sqlite3.connect(place / "prefect" / "prefect.db") as database:
         return database.execute(statement).fetchall()
@@ -204,6 +208,12 @@ def test_the_same_bytes_come_from_the_store(first, again):
     second = again()
     for recording in sorted((first.directory / "recordings").iterdir()):
         assert (second.directory / "recordings" / recording.name).read_bytes() == recording.read_bytes()
+
+
+def test_one_worker_records_the_same_bytes_as_two(place, first, tmp_path):
+    alone = run_campaign(place / "tiny.vast", results=tmp_path / "results", store=tmp_path / "store", workers=1)
+    assert alone.summary.executed == CONFIGURATIONS * RUNS
+    assert recordings(alone) == recordings(first)
 
 
 def test_three_more_runs_execute_exactly_those(again, counted):

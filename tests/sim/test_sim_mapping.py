@@ -1,0 +1,118 @@
+"""One tick of the stack at rest: what the window and the global map make of the scan, each in its own frame."""
+
+import numpy as np
+import pytest
+
+from vastflow.sim.lidar import Lidar
+from vastflow.sim.maps import load_map
+from vastflow.sim.mission import mission_of
+from vastflow.sim.nav.costmap import MARKED, SEEN_FREE, UNSEEN
+from vastflow.sim.nav.parameters import NavParameters
+from vastflow.sim.nav.state import new_stack
+from vastflow.sim.nav.tick import nav_tick
+from vastflow.sim.obstacle import obstacle_of
+from vastflow.sim.prepared import prepare
+from vastflow.sim.robot import Robot
+from vastflow.sim.run import obstacle_rows
+from vastflow.sim.streams import streams_of
+
+START = {"x": 2.98, "y": 2.42}
+CRATE = {"model": "box", "xacro_arguments": "length:=0.16, width:=0.8", "spawn_pose": {"x": 4.0, "y": 2.42}}
+"""Its face is at x 3.92, 0.98 m ahead of the sensor, which sits at x 2.94."""
+
+
+@pytest.fixture(scope="module")
+def prepared(two_rooms):
+    return prepare(load_map(two_rooms.path), Lidar(), NavParameters())
+
+
+@pytest.fixture
+def after_a_tick(prepared, scenario):
+    """The stack after its first tick, its layers filled with `before`; the robot stands before the door, facing it."""
+
+    def tick(before=UNSEEN, obstacles=(CRATE,), **start):
+        mission = mission_of(scenario(start_pose={**START, **start}))
+        rows = obstacle_rows(tuple(obstacle_of(entry) for entry in obstacles))
+        stack = new_stack(prepared, NavParameters(), Lidar(), Robot(), mission, rows, streams_of([1]), 60.0)
+        stack.m["local_layer"] = before
+        stack.grids.layer[:] = before
+        pose = mission.start
+        nav_tick(
+            stack.p,
+            stack.m,
+            stack.grids,
+            stack.cloud,
+            stack.route,
+            stack.obstacles,
+            stack.rows,
+            pose.x_m,
+            pose.y_m,
+            pose.yaw_rad,
+        )
+        return stack
+
+    return tick
+
+
+def test_the_window_s_marks_stay_two_cells_before_what_is_seen(after_a_tick):
+    ahead = after_a_tick(MARKED).m[0]["local_layer"][30]
+    assert (ahead[29:47] == SEEN_FREE).all()
+    assert (ahead[47:49] == MARKED).all()
+
+
+def test_the_global_map_is_cleared_up_to_what_is_seen(after_a_tick):
+    ahead = after_a_tick(MARKED).grids.layer[48]
+    assert (ahead[58:78] == SEEN_FREE).all()
+    assert ahead[78] == MARKED
+
+
+def test_the_window_lies_in_the_odometry_s_frame_with_the_robot_in_its_middle(after_a_tick):
+    m = after_a_tick(yaw=1.0).m[0]
+    assert (m["local_column"], m["local_row"]) == (-30, -30)
+    assert m["local_layer"][30, 30] == SEEN_FREE
+
+
+def test_what_is_ahead_lies_ahead_in_the_window_wherever_the_robot_faces(after_a_tick):
+    """Odometry begins at zero; the global map keeps the directions of the map."""
+    ahead = {**CRATE, "spawn_pose": {"x": 2.98, "y": 3.44, "yaw": np.pi / 2}}
+    stack = after_a_tick(obstacles=(ahead,), yaw=np.pi / 2)
+    assert stack.m[0]["local_layer"][30, 48] == MARKED
+    assert stack.grids.layer[67, 59] == MARKED
+
+
+def test_the_window_holds_only_what_is_seen_and_no_wall_of_the_map(after_a_tick, prepared):
+    m = after_a_tick().m[0]
+    hidden = m["local_layer"][30, 52:55]  # the wall's place behind the crate
+    assert (hidden == UNSEEN).all()
+
+
+def test_the_global_costs_join_the_map_s_walls_and_the_obstacle(after_a_tick, prepared):
+    m_costs = after_a_tick().grids.costs
+    assert m_costs[48, 78] == 254  # the crate
+    assert prepared.costs[48, 78] < 253
+    assert m_costs[70, 83] == 254  # the wall beside the door
+
+
+def test_a_run_s_marks_leave_the_prepared_map_as_it_was(after_a_tick, prepared):
+    before = prepared.costs.copy(), prepared.travel.copy(), prepared.static.copy()
+    after_a_tick(MARKED)
+    for one, other in zip(before, (prepared.costs, prepared.travel, prepared.static), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_where_the_robot_stands_nothing_is_marked(after_a_tick):
+    """The outline of the footprint reaches 4.6 cells; a crate is put over the robot itself."""
+    over = {**CRATE, "xacro_arguments": "width:=0.3, length:=0.3", "spawn_pose": {"x": 2.98, "y": 2.42}}
+    stack = after_a_tick(obstacles=(over,))
+    m = stack.m[0]
+    assert not (m["local_layer"][26:35, 26:35] == MARKED).any()
+    assert not (stack.grids.layer[44:53, 55:64] == MARKED).any()
+
+
+def test_particles_begin_at_the_start_without_spread(after_a_tick):
+    stack = after_a_tick()
+    m = stack.m[0]
+    assert m["localized"] == 0  # the row of the first tick has taken it
+    assert stack.rows[0, 11] == 1
+    assert m["particles"] == 2000
+    np.testing.assert_allclose(stack.cloud.particles[:, :2000].T, np.tile([2.98, 2.42, 0.0], (2000, 1)))
