@@ -46,14 +46,13 @@ class Lidar:
 def leap_table(occupied: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Whole cells (H, W) that a beam may leap from anywhere in a cell without passing a wall; WALL where one is.
 
-    The distance between two cells' centres is at most √2 cells more than that between points in them. One
-    byte a cell, since the table is read all over the map and has to stay in the processor's cache.
+    The least distance between points of two cells is that of the one's centre to the nearest centre among the other and
+    its eight neighbours. One byte a cell, since the table is read all over the map and has to stay in the cache.
     """
     if not occupied.any():
         return np.full(occupied.shape, MAX_LEAP, dtype=np.uint8)
-    leap: NDArray[np.uint8] = np.clip(np.floor(ndimage.distance_transform_edt(~occupied) - 1.4143), 0, MAX_LEAP).astype(
-        np.uint8
-    )
+    near = ndimage.binary_dilation(occupied, structure=np.ones((3, 3)))
+    leap: NDArray[np.uint8] = np.clip(np.floor(ndimage.distance_transform_edt(~near)), 0, MAX_LEAP).astype(np.uint8)
     leap[occupied] = WALL
     return leap
 

@@ -21,6 +21,9 @@ from vastflow.sim.numeric import inner
 LOCAL_TICKS: Final = 4
 GLOBAL_TICKS: Final = 20
 
+CLEARED: Final = 64
+"""By this much a travel cost falls where an obstacle went, and not where a mark moved by two cells."""
+
 
 @inner
 def update_local(p: Any, m: Any, stamp: Any) -> None:
@@ -117,11 +120,11 @@ def _merge(p: Any, m: Any, g: Grids, column: int, row: int, reach: int) -> None:
     if m.dirty == 1 or not (0 <= row < rows and 0 <= column < columns):
         return
     # What fell in price matters only where it may lie on a better way: nearer to the goal than the robot is, and not
-    # farther from both than the way the robot has.
+    # farther from both than the way the robot has. Localization moves a wall's marks by a cell or two at any time.
     here = g.potential[row, column]
     for r in range(row0, row1):
         for c in range(col0, col1):
-            if g.travel[r, c] < g.flooded[r, c]:
+            if g.travel[r, c] + CLEARED < g.flooded[r, c]:
                 away = math.hypot(r - row, c - column)
                 if g.potential[r, c] + NEUTRAL * away < here or g.potential[r, c] >= UNREACHED:
                     m.dirty = 1

@@ -2,7 +2,7 @@
 
 The potential is rooted at the next goal and kept from one replanning to the next: then only the path is drawn anew,
 from where the robot is. The flood is repeated when the costs along the path rose, when the robot left what
-was flooded, when the goal changed, and after 5 s if a cost between robot and goal fell. Costs that rose elsewhere
+was flooded, when the goal changed, and after 5 s if an obstacle between robot and goal went. Costs that rose elsewhere
 can't make another path better than this one.
 """
 
@@ -18,7 +18,7 @@ PASSED_M: Final = 0.7
 
 REFRESH_TICKS: Final = round(5.0 / TICK_S)
 
-CHANGE_TOLERANCE: Final = 0.02
+CHANGE_TOLERANCE: Final = 0.05
 """Share by which the summed cost along the path may rise before the flood is repeated."""
 
 
