@@ -90,13 +90,14 @@ def range_to_wall(leap: Any, x_cells: float, y_cells: float, dx: float, dy: floa
         next_x = (column + (1 if dx > 0.0 else 0) - x_cells) * inverse_x if dx != 0.0 else np.inf
         next_y = (row + (1 if dy > 0.0 else 0) - y_cells) * inverse_y if dy != 0.0 else np.inf
         step_column, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
+        # A beam along a border may be looked up on the side it has left: the crossing then lies behind, and t never goes back.
         while True:
             if next_x < next_y:
-                t = next_x
+                t = max(t, next_x)
                 next_x += abs(inverse_x)
                 column += step_column
             else:
-                t = next_y
+                t = max(t, next_y)
                 next_y += abs(inverse_y)
                 row += step_row
             # Who leaves the grid never comes back; looking the point up again might round it inside for ever.
