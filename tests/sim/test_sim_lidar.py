@@ -19,8 +19,8 @@ HAIR = 1e-7
 GRIDS = st.tuples(st.integers(1, 30), st.integers(1, 30)).flatmap(
     lambda shape: arrays(np.bool_, shape, elements=st.sampled_from([False] * 9 + [True]))
 )
-COORDINATES = st.floats(-4.0, 34.0) | st.integers(-4, 34).map(float)
-ANGLES = st.floats(-math.pi, math.pi) | st.integers(-4, 4).map(lambda k: k * math.pi / 4)
+COORDINATES = st.floats(-4.0, 34.0) | st.integers(-4, 34).map(float) | st.integers(-8, 68).map(lambda k: k / 2)
+ANGLES = st.floats(-math.pi, math.pi) | st.integers(-8, 8).map(lambda k: k * math.pi / 8)
 
 
 def nearest_cell(occupied, x, y, dx, dy, margin, start=0.0):
@@ -84,6 +84,22 @@ def test_a_beam_that_leaves_the_map_beside_a_wall_at_its_border_comes_to_an_end(
     leap = leap_table(occupied)
     found = range_to_wall(leap, 13.98679012349347, 10.456377804563067, math.cos(angle), math.sin(angle), 0.0, 400.0)
     assert found == math.inf
+
+
+@pytest.mark.parametrize("x", [11.0, 0.5])
+def test_a_beam_along_a_border_of_cells_never_goes_back(x):
+    """By rounding it lies on one side and is looked up on the other; a step to where it crossed would lead back."""
+    occupied = np.zeros((32, 12), dtype=np.bool_)
+    occupied[23, 6] = True
+    towards = -1.0 if x > 6 else 1.0
+    found = range_to_wall(leap_table(occupied), x, 24.0, towards, -1.2246467991473532e-16, 0.0, 1e3)
+    assert found in (pytest.approx(4.0), pytest.approx(5.5), math.inf)
+
+
+def test_a_beam_along_a_border_from_outside_the_map_comes_to_an_end():
+    occupied = np.zeros((32, 4), dtype=np.bool_)
+    occupied[20, 3] = True
+    assert range_to_wall(leap_table(occupied), 11.0, 24.0, -1.0, -1.2246467991473532e-16, 0.0, 1e3) == math.inf
 
 
 def test_a_beam_from_the_very_border_looks_into_the_map():
