@@ -18,7 +18,7 @@ from vastflow.sim.nav.tick import nav_tick, start
 from vastflow.sim.prepared import prepare
 from vastflow.sim.robot import Robot
 from vastflow.sim.run import obstacle_rows, run
-from vastflow.sim.streams import run_entropy, streams_of
+from vastflow.sim.streams import LIDAR, run_entropy, streams_of
 
 NOISE = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}
 CRATE = {"entity_name": "crate", "model": "box", "xacro_arguments": "width:=0.6", "spawn_pose": {"x": 2.6, "y": 1.7}}
@@ -95,7 +95,7 @@ def test_the_seed_of_a_run_is_in_its_recording(noisy):
     assert run(noisy, 1, 5).run.seed == f"5:{int(noisy.situation_digest, 16):x}:1"
 
 
-def first_scan(scenario, ticks=1):
+def first_scan(scenario):
     """What the robot sees in the first tick, and the state of the lidar's stream after it."""
     mission, parameters = mission_of(scenario), parameters_of(scenario.system)
     prepared = prepare(load_map(scenario.environment["map_file"].path), Lidar(), parameters)
@@ -114,6 +114,14 @@ def test_two_systems_in_one_situation_meet_the_same_noise(scenario):
     one, other = scenario(**NOISE), scenario(robot_radius=0.3, inflation_radius=0.5, max_particles=700, **NOISE)
     assert one.digest != other.digest
     np.testing.assert_array_equal(first_scan(one)[0], first_scan(other)[0])
+
+
+def test_the_scan_is_perturbed_from_the_lidar_s_own_stream(scenario):
+    noisy = scenario(**NOISE)
+    before = streams_of(run_entropy(0, noisy.situation_digest, 1))
+    after = first_scan(noisy)[1]
+    assert (after[LIDAR] != before[LIDAR]).all()
+    assert (first_scan(scenario())[1][LIDAR] == before[LIDAR]).all()
 
 
 def test_how_much_amcl_draws_leaves_the_lidar_s_stream_alone(scenario):

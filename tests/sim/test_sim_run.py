@@ -180,6 +180,13 @@ def test_an_obstacle_in_the_door_closes_the_only_way(scenario):
     assert final_m(recording, 7.0, 4.0) > 2.5
 
 
+def test_obstacles_reach_the_lidar_with_their_place_direction_and_both_sizes():
+    box = {"model": "box", "xacro_arguments": "length:=0.4, width:=0.6", "spawn_pose": {"x": 1, "y": 2, "yaw": 0.5}}
+    drum = {"model": "cylinder", "xacro_arguments": "radius:=0.3", "spawn_pose": {"x": 3, "y": 4}}
+    rows = obstacle_rows((obstacle_of(box), obstacle_of(drum)))
+    np.testing.assert_allclose(rows, [(1, 2, math.cos(0.5), math.sin(0.5), 0.2, 0.3), (3, 4, 1, 0, 0.3, 0)])
+
+
 def test_noise_and_dropout_reach_the_robot(scenario):
     """Without a return for any beam nothing corrects the odometry's spread, and nothing is marked."""
     blind = run(scenario(laserscan_random_drop_percentage=1.0), 0)
