@@ -192,7 +192,7 @@ def _occupancy(
         between = (probability - free_threshold) / (occupied_threshold - free_threshold)
         inside = (probability > free_threshold) & (probability < occupied_threshold) & opaque
         cells[inside] = np.round(100.0 * between[inside]).astype(np.int8)
-    cells[(probability <= free_threshold) & (opaque | (mode == "trinary"))] = FREE
+    cells[probability <= free_threshold] = FREE
     cells[probability >= occupied_threshold] = OCCUPIED
     if not opaque.all():
         cells[~opaque] = UNKNOWN

@@ -92,17 +92,6 @@ def likelihood_cubed(
     return np.asarray(cubed(framed), dtype=np.float32)
 
 
-@inner
-def spread(particles: Any, stream: Any, x_m: float, y_m: float, yaw_rad: float, factor: Any) -> None:
-    """Draw all particles round a pose; `factor` (3, 3) is a square root of the covariance (zero: all equal)."""
-    for k in range(particles.shape[1]):
-        a, b = normal_pair(stream)
-        c, _ = normal_pair(stream)
-        particles[0, k] = x_m + factor[0, 0] * a + factor[0, 1] * b + factor[0, 2] * c
-        particles[1, k] = y_m + factor[1, 0] * a + factor[1, 1] * b + factor[1, 2] * c
-        particles[2, k] = yaw_rad + factor[2, 0] * a + factor[2, 1] * b + factor[2, 2] * c
-
-
 @njit
 def gate(dx_m: float, dy_m: float, dyaw_rad: float, update_min_d: float, update_min_a: float) -> bool:
     """Whether the robot moved enough since the last update: tested per axis of the odometry frame, as AMCL does."""

@@ -203,3 +203,13 @@ def test_a_path_longer_than_navfn_s_cap_is_none():
     assert potential(costmap, (165, 190))[10, 33] < UNREACHED
     assert len(path(costmap, (33, 10), (165, 190))) == 0
     assert len(path(costmap, (33, 10), (100, 100))) > 0
+
+
+def test_the_potential_behind_a_nine_cell_door_is_that_of_nav2():
+    """A value of Nav2's own planner: 81 x 81 cells, lethal border, a wall with a door, Jazzy's inflation."""
+    costmap = np.zeros((81, 81), dtype=np.uint8)
+    costmap[[0, -1]] = costmap[:, [0, -1]] = 254
+    costmap[40] = 254
+    costmap[40, 36:45] = 0
+    inflated = inflate(costmap, 0.05, 0.22549849971227903, 0.70, 3.0)
+    assert potential(inflated, (40, 15), (40, 65))[65, 40] == 5611.0
