@@ -7,7 +7,12 @@ imported inside the commands.
 import typer
 
 from vastflow.flows.bench_command import bench
+from vastflow.flows.coverage_command import coverage
 from vastflow.flows.file_commands import schema, validate
+from vastflow.flows.floorplan_command import floorplan
+from vastflow.flows.params_command import params
+from vastflow.flows.preview_command import preview
+from vastflow.flows.replay_command import replay
 from vastflow.flows.run_command import run
 from vastflow.flows.show_command import show
 
@@ -18,9 +23,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # a fifth of a second for a frame round the help
 )
-for command in (run, validate, schema, show):
+for command in (run, validate, preview, coverage, schema, params, show, replay):
     app.command()(command)
 app.add_typer(bench, name="bench")
+app.add_typer(floorplan, name="floorplan")
 
 
 def main() -> None:

@@ -17,7 +17,8 @@ def _group() -> None:
 
 @bench.command()
 def sim(
-    controller: Annotated[str, typer.Option(help="Controller to drive with.")] = "rpp",
+    controller: Annotated[str, typer.Option(help="Controller to drive with: mppi, dwb or rpp.")] = "mppi",
+    profile: Annotated[bool, typer.Option(help="Say which stage of a tick takes how long.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
 ) -> None:
     """Measure the simulator.
@@ -27,7 +28,7 @@ def sim(
     from vastflow.sim.bench import bench as measure
 
     try:
-        found = measure(controller)
+        found = measure(controller, profile=profile)
     except ValueError as error:
         print(f"vastflow bench sim: {error}", file=sys.stderr)
         raise typer.Exit(2) from None

@@ -1,15 +1,35 @@
 """Environments in the campaign directory: maps written anew, so that it is complete on its own."""
 
+import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import yaml
 from PIL import Image
 
-from vastflow.sim.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap, load_map
 
 _GREY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 """The grey values of ROS' map_saver."""
+
+
+def write_environment(directory: Path, map_file: FileContent, maps: Mapping[str, OccupancyMap]) -> None:
+    """Write a configuration's map into `directory`, and what a producer made with it of a floor plan.
+
+    Args:
+        maps: Digest to the maps that the campaign file names; any other is a producer's own.
+    """
+    if map_file.digest in maps:
+        write_map(directory, maps[map_file.digest])
+        return
+    write_map(directory, load_map(map_file.path))
+    for name in (MESH, PLAN, PROVENANCE):
+        beside = Path(map_file.path).with_name(name)
+        if beside.is_file():
+            shutil.copyfile(beside, directory / name)
 
 
 def write_map(directory: Path, occupancy: OccupancyMap) -> None:

@@ -14,6 +14,7 @@ def validate(file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign
     Every fault is said at once, with its place and what would be right.
     """
     from vastflow.flows.campaign_file import read_campaign
+    from vastflow.flows.notes import terminal_lines
     from vastflow.producers.faults import CampaignError
 
     try:
@@ -21,10 +22,10 @@ def validate(file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign
     except CampaignError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(2) from None
-    unexecutable = {(fault.line, fault.column) for fault in campaign.unexecutable}
-    for note in campaign.notes:
-        if (note.line, note.column) not in unexecutable:
-            print(note)
+    unexecutable = {(fault.file, fault.line, fault.column) for fault in campaign.unexecutable}
+    notes = [note for note in campaign.notes if (note.file, note.line, note.column) not in unexecutable]
+    for line in terminal_lines(notes):
+        print(line)
     for fault in campaign.unexecutable:
         print(fault)
     producers = sum(len(family.producers) for family in campaign.families)

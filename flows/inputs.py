@@ -12,6 +12,7 @@ from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.sim.digest import digest
 from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.tasks.evaluation import files_in
 
 
@@ -21,7 +22,7 @@ class Inputs:
 
     Attributes:
         campaign: The campaign file.
-        files: Place below `inputs/` to content: maps with their pictures, plug-ins.
+        files: Place below `inputs/` to content: maps with their pictures, Nav2 parameter files, plug-ins.
         maps: Digest to map.
     """
 
@@ -42,8 +43,12 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     """Read the files of `campaign`; to be called as soon as it is loaded."""
     base = campaign.path.parent
     producers = [producer for family in campaign.families for producer in family.producers]
-    map_files = files_in(*(family.values for family in campaign.families), *(p.parameters for p in producers))
+    fixed = [dict(family.values) for family in campaign.families]
+    parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
+    map_files = files_in(*fixed, *(p.parameters for p in producers))
     files: dict[str, bytes] = {}
+    for parameter_file in map(Path, parameter_files.values()):
+        _keep(files, base, parameter_file)
     for map_file in map(Path, map_files.values()):
         _keep(files, base, map_file, _picture(map_file))
     for plug_in in (*producers, *oracles):

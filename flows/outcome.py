@@ -16,8 +16,9 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     """What is shown when a campaign ends: a row for each family, one for all, and the oracles one by one."""
     whole = evidence[None]
     rows = [(family, len(tables.families[family]), group.counts) for family, group in whole.families.items()]
-    without = dict.fromkeys(row["family"] for row in tables.rejections if row["family"] not in whole.families)
-    rows += [(family, 0, Counts()) for family in without]
+    excluded: Mapping[str, Mapping[str, int]] = tables.metadata.get("counts", {}).get("excluded_by", {})
+    lost = dict.fromkeys([*(row["family"] for row in tables.rejections), *excluded])
+    rows += [(family, 0, Counts()) for family in lost if family not in whole.families]
     if len(rows) > 1:
         rows.append(("all", sum(configurations for _, configurations, _ in rows), whole.campaign.counts))
     yield _table(("family", "configurations"), [((name, str(n)), counts) for name, n, counts in rows])
@@ -27,6 +28,12 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
         yield Text(f"{_number(duplicates, 'configuration')} equal to another, run once", "dim")
     if tables.rejections:
         yield Text(f"{_number(len(tables.rejections), 'instance')} rejected; the report says which and why", "yellow")
+    for family, counts in excluded.items():
+        named = ", ".join(f"{constraint} {n}" for constraint, n in counts.items())
+        left = "" if family in whole.families else "; nothing of it is left"
+        yield Text(
+            f"{_number(sum(counts.values()), 'instance')} of {family} excluded by constraints: {named}{left}", "dim"
+        )
     yield from _faults(tables)
 
 

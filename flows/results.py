@@ -16,17 +16,19 @@ import psutil
 import pyarrow.parquet as pq
 
 from vastflow.flows.directory import new_directory
-from vastflow.flows.environment import write_map
+from vastflow.flows.environment import write_environment
 from vastflow.flows.inputs import Inputs
+from vastflow.flows.notes import terminal_lines
 from vastflow.flows.summary import Summary, Work
 from vastflow.flows.tables import (
     CONFIGURATIONS,
+    EXCLUSIONS,
     REJECTIONS,
     RUNS,
     VERDICTS,
     Row,
     configuration_row,
-    environment_digest,
+    exclusion_row,
     rejection_row,
     run_table_row,
     verdict_row,
@@ -36,8 +38,10 @@ from vastflow.oracles.rates import counts_of
 from vastflow.oracles.verdict import Judgement, Verdict, run_judgement
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
+from vastflow.producers.ground import MAP_KEY
 from vastflow.producers.instantiate import Instantiation
 from vastflow.sim.blocks import ROWS_KEY, read_block, write_block
+from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import OccupancyMap
 
 LOGGER: Final = logging.getLogger("vastflow.results")
@@ -82,7 +86,8 @@ class Results:
 
     Attributes:
         faults: What of ours broke; without any, every run was judged as far as the oracles could.
-        notes: What a user should know of the campaign file, one line each.
+        notes: What a user should know of the campaign's files, line by line as `terminal_lines` has it; `metadata.json`
+            has all.
     """
 
     directory: Path
@@ -130,6 +135,7 @@ def write_results(
             place / "configurations.parquet", CONFIGURATIONS, [*map(configuration_row, instantiation.configurations)]
         )
         write_table(place / "rejections.parquet", REJECTIONS, [*map(rejection_row, instantiation.rejections)])
+        write_table(place / "exclusions.parquet", EXCLUSIONS, [*map(exclusion_row, instantiation.excluded)])
 
         run_rows: list[Row] = []
         verdict_rows: list[Row] = []
@@ -158,7 +164,7 @@ def write_results(
         done = work()
         summary = replace(summary, cpu_s=done.cpu_s, wall_s=done.wall_s)
         _write_metadata(place, campaign, created, summary, all_faults)
-    return Results(directory.final, summary, tuple(all_faults), tuple(map(str, campaign.notes)))
+    return Results(directory.final, summary, tuple(all_faults), tuple(terminal_lines(campaign.notes)))
 
 
 def one_block(blocks: Sequence[bytes], runs: int) -> bytes:
@@ -206,13 +212,23 @@ def summary_of(
     return Summary(
         configurations=configurations,
         rejected=len(instantiation.rejections),
+        excluded=len(instantiation.excluded),
         duplicates=duplicates,
         runs=configurations * runs,
         **asdict(whole),
         **asdict(work),
         results=str(results),
         oracles={oracle: counts_of(said) for oracle, said in by_oracle.items()},
+        excluded_by=_excluded_by(instantiation),
     )
+
+
+def _excluded_by(instantiation: Instantiation) -> dict[str, dict[str, int]]:
+    counts: dict[str, dict[str, int]] = {}
+    for instance in instantiation.excluded:
+        family = counts.setdefault(instance.family, {})
+        family[instance.constraint] = family.get(instance.constraint, 0) + 1
+    return counts
 
 
 def campaign_name(campaign: Campaign) -> str:
@@ -235,9 +251,10 @@ def _run_rows(configuration: Configuration, blocks: Sequence[bytes], runs: int) 
 def _write_environments(
     directory: Path, maps: Mapping[str, OccupancyMap], configurations: Iterable[Configuration]
 ) -> None:
-    for environment in dict.fromkeys(map(environment_digest, configurations)):
-        if environment is not None:
-            write_map(directory / environment, maps[environment])
+    for configuration in configurations:
+        map_file = configuration.scenario.environment.get(MAP_KEY)
+        if isinstance(map_file, FileContent) and not (directory / map_file.digest).exists():
+            write_environment(directory / map_file.digest, map_file, maps)
 
 
 def _write_metadata(

@@ -16,7 +16,7 @@ def show(
 
     Success rates, rejections with their reasons, and where the report is.
     """
-    if wrong := _wrong(results):
+    if wrong := wrong_directory(results):
         print(wrong, file=sys.stderr)
         raise typer.Exit(2)
     from vastflow.flows.outcome import details, printed
@@ -39,7 +39,8 @@ def report_line(results: Path) -> str:
     return f"report: {report}" if report.exists() else f"no report; tables: {results}"
 
 
-def _wrong(results: Path) -> str | None:
+def wrong_directory(results: Path) -> str | None:
+    """Why a path is no campaign directory, and where one is; None where it is one."""
     right = "a folder that `vastflow run` wrote"
     if not results.exists():
         return f"{results}: no such folder; {right}"

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 
 from vastflow.oracles.rates import Counts
 
@@ -39,6 +39,8 @@ class Summary:
         passed, failed, not_judged: Runs. A run passes when every oracle passes and fails when one fails.
         results: The campaign directory.
         oracles: Name of an oracle to its judgements; the mission's own outcome is `success`.
+        excluded: Instances that constraints exclude.
+        excluded_by: Family to how many instances each constraint excludes.
     """
 
     configurations: int
@@ -55,6 +57,8 @@ class Summary:
     wall_s: float
     results: str
     oracles: Mapping[str, Counts]
+    excluded: int = 0
+    excluded_by: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, object]:
         """Plain values, seconds rounded to milliseconds."""

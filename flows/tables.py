@@ -12,7 +12,7 @@ import pyarrow.json
 import pyarrow.parquet as pq
 
 from vastflow.oracles.verdict import Verdict
-from vastflow.producers.configuration import Configuration, RejectedInstance
+from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.digest import FileContent, Value
 
 Row = Mapping[str, Any]
@@ -35,6 +35,7 @@ CONFIGURATIONS: Final = pa.schema(
 REJECTIONS: Final = pa.schema(
     {name: pa.string() for name in ("family", "parent", "producer", "reason", "requested", "inputs")}
 )
+EXCLUSIONS: Final = pa.schema({name: pa.string() for name in ("family", "name", "constraint", "values")})
 RUNS: Final = pa.schema(
     {
         "configuration": pa.string(),
@@ -79,7 +80,9 @@ def configuration_row(configuration: Configuration) -> Row:
         "scenario": json_text(content),
         "factors": json_text(configuration.factors),
         "provenance": json_text(configuration.provenance),
-        "steps": json_text([{"producer": step.producer, "keys": step.keys} for step in configuration.steps]),
+        "steps": json_text(
+            [{"producer": step.producer, "keys": step.keys, "choice": step.choice} for step in configuration.steps]
+        ),
     }
 
 
@@ -98,6 +101,16 @@ def rejection_row(rejected: RejectedInstance) -> Row:
         "reason": rejected.reason,
         "requested": json_text(rejected.requested),
         "inputs": json_text(rejected.inputs),
+    }
+
+
+def exclusion_row(excluded: ExcludedInstance) -> Row:
+    """A row of `exclusions.parquet`."""
+    return {
+        "family": excluded.family,
+        "name": excluded.name,
+        "constraint": excluded.constraint,
+        "values": json_text(excluded.values),
     }
 
 

@@ -22,9 +22,11 @@ from vastflow.oracles.rates import Counts, Interval
 from vastflow.oracles.scene import Scene
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.maps import UNKNOWN, OccupancyMap
+from vastflow.sim.obstacle import Obstacle
 
 COLOURS: Final[Mapping[Judgement, str]] = {"pass": "#0072B2", "fail": "#D55E00", "not judged": "#8A8A8A"}
 OBSTACLE_COLOUR: Final = "#CC79A7"
+OBSTACLE_EDGE: Final = "#8F4A72"
 GOAL_COLOUR: Final = "#009E73"
 INK: Final = "#22262B"
 _WORDS: Final[Mapping[Judgement, str]] = {"pass": "passed", "fail": "failed", "not judged": "not judged"}
@@ -39,8 +41,8 @@ MAX_RATE_ROWS: Final = 60
 
 def trajectories_figure(scene: Scene) -> Figure:
     """The environment with its trajectories coloured by judgement, failures on top, and where missions failed."""
-    figure, axes = _map_figure(scene.occupancy, legend_rows=2)
-    _draw_obstacles(axes, scene, alpha=0.45)
+    figure, axes = map_figure(scene.occupancy, legend_rows=2)
+    draw_obstacles(axes, scene.obstacles, alpha=0.45)
     handles: list[Any] = []
     for judgement in ("pass", "not judged", "fail"):
         paths = [t.xy_m for t in scene.trajectories if t.judgement == judgement]
@@ -48,19 +50,19 @@ def trajectories_figure(scene: Scene) -> Figure:
             _draw_paths(axes, paths, COLOURS[judgement])
             label = _shown(_WORDS[judgement], len(paths), _count(scene.runs, judgement))
             handles.append(Line2D([], [], color=COLOURS[judgement], linewidth=2.5, label=label))
-    handles += _draw_ends(axes, scene)
+    handles += draw_ends(axes, scene.starts_xy_m, scene.goals_xy_m)
     missed = sum(final.mission_failed for final in scene.failed)
     if missed:
         handles.append(_draw_failed(axes, scene, f"mission failed here ({missed})", mission_failed=True))
     handles += _obstacle_handle(scene)
-    _legend(figure, handles)
+    legend(figure, handles)
     return figure
 
 
 def failures_figure(scene: Scene) -> Figure:
     """The environment with the final positions of failed runs alone, and the ways that led there, faint."""
-    figure, axes = _map_figure(scene.occupancy, legend_rows=1)
-    _draw_obstacles(axes, scene, alpha=0.3)
+    figure, axes = map_figure(scene.occupancy, legend_rows=1)
+    draw_obstacles(axes, scene.obstacles, alpha=0.3)
     _draw_paths(axes, [t.xy_m for t in scene.trajectories if t.judgement == "fail"], COLOURS["fail"], opacity=0.35)
     missed = sum(final.mission_failed for final in scene.failed)
     handles: list[Any] = []
@@ -69,7 +71,7 @@ def failures_figure(scene: Scene) -> Figure:
         handles.append(_draw_failed(axes, scene, label, mission_failed=False))
     if missed:
         handles.insert(0, _draw_failed(axes, scene, f"mission failed ({missed})", mission_failed=True))
-    _legend(figure, [*handles, *_obstacle_handle(scene)])
+    legend(figure, [*handles, *_obstacle_handle(scene)])
     return figure
 
 
@@ -150,10 +152,10 @@ def _draw_rates(axes: Axes, rows: Sequence[_Bars]) -> None:
     axes.spines[:].set_visible(False)
 
 
-def _map_figure(occupancy: OccupancyMap, legend_rows: int) -> tuple[Figure, Axes]:
-    """A figure that fits what is known of the map, with room for axis labels and a legend below."""
+def map_figure(occupancy: OccupancyMap, legend_rows: int, top_in: float = 0.1) -> tuple[Figure, Axes]:
+    """A figure that fits what is known of the map, with room for axis labels and a legend below, and `top_in` above."""
     x0, x1, y0, y1 = _known_extent_m(occupancy)
-    left_in, right_in, top_in, bottom_in = 0.55, 0.1, 0.1, 0.5 + 0.24 * legend_rows
+    left_in, right_in, bottom_in = 0.55, 0.1, 0.5 + 0.24 * legend_rows
     scale = min((_WIDTH_IN - left_in - right_in) / (x1 - x0), _HEIGHT_IN / (y1 - y0))
     map_width_in, map_height_in = scale * (x1 - x0), scale * (y1 - y0)
     # A tall map leaves room at its sides, so that the legend below always has the whole width.
@@ -208,12 +210,13 @@ def _draw_paths(axes: Axes, paths: Sequence[NDArray[np.float64]], colour: str, o
     axes.add_collection(lines, autolim=False)
 
 
-def _draw_ends(axes: Axes, scene: Scene) -> list[Line2D]:
+def draw_ends(axes: Axes, starts_xy_m: NDArray[np.float64], goals_xy_m: NDArray[np.float64]) -> list[Line2D]:
+    """Mark starts (n, 2) and goals (m, 2); gives what the marks mean."""
     alone: dict[str, Any] = {"linestyle": "none"}
     start = {**alone, "marker": "o", "markersize": 6.5, "color": "white", "markeredgecolor": INK}
     goal = {**alone, "marker": "D", "markersize": 7.5, "color": GOAL_COLOUR, "markeredgecolor": "white"}
-    axes.plot(*scene.starts_xy_m.T, **start)
-    axes.plot(*scene.goals_xy_m.T, **goal)
+    axes.plot(*starts_xy_m.T, **start)
+    axes.plot(*goals_xy_m.T, **goal)
     return [Line2D([], [], label="start", **start), Line2D([], [], label="goal", **goal)]
 
 
@@ -232,10 +235,11 @@ def _draw_failed(axes: Axes, scene: Scene, label: str, *, mission_failed: bool) 
     return Line2D([], [], label=label, **look)
 
 
-def _draw_obstacles(axes: Axes, scene: Scene, *, alpha: float) -> None:
-    outlines = [np.asarray(obstacle.footprint().exterior.coords) for obstacle in scene.obstacles]
+def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], *, alpha: float) -> None:
+    """Fill the outlines of `obstacles`."""
+    outlines = [np.asarray(obstacle.footprint().exterior.coords) for obstacle in obstacles]
     axes.add_collection(
-        PolyCollection(outlines, facecolors=OBSTACLE_COLOUR, edgecolors="#8F4A72", linewidths=0.8, alpha=alpha),
+        PolyCollection(outlines, facecolors=OBSTACLE_COLOUR, edgecolors=OBSTACLE_EDGE, linewidths=0.8, alpha=alpha),
         autolim=False,
     )
 
@@ -244,10 +248,11 @@ def _obstacle_handle(scene: Scene) -> list[Patch]:
     if not scene.obstacles:
         return []
     label = f"obstacle, not on the robot's map ({len(scene.obstacles)})"
-    return [Patch(facecolor=OBSTACLE_COLOUR, edgecolor="#8F4A72", alpha=0.7, label=label)]
+    return [Patch(facecolor=OBSTACLE_COLOUR, edgecolor=OBSTACLE_EDGE, alpha=0.7, label=label)]
 
 
-def _legend(figure: Figure, handles: Sequence[Any]) -> None:
+def legend(figure: Figure, handles: Sequence[Any]) -> None:
+    """Say below the axes what the marks mean."""
     figure.legend(handles=list(handles), loc="lower center", ncols=min(len(handles), 4), frameon=False, fontsize=9,
                   labelcolor=INK, handletextpad=0.5, columnspacing=1.6, borderpad=0.2)  # fmt: skip
 

@@ -20,7 +20,7 @@ from vastflow.oracles.trace import MaybeReference, Reference, reference_row
 from vastflow.sim.blocks import read_recordings, write_block
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import OccupancyMap, load_map
-from vastflow.sim.nav.parameters import parameters_of
+from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.recording import Recording, si
 from vastflow.sim.scenario import Scenario
 
@@ -86,7 +86,7 @@ def observer_of(scenario: Scenario) -> Observer:
         occupancy,
         _wall_cells(occupancy) if occupancy is not None else None,
         {size_class: np.array(centres[size_class]) for size_class in sorted(centres)},
-        reference_path(occupancy, situation, parameters_of(scenario.system).robot_radius),
+        reference_path(occupancy, situation, parameters_of(scenario.system).local_costmap.robot_radius),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from vastflow.oracles import coverage
 from vastflow.oracles.evidence import Evidence, Group, evidence_json, evidence_of
 from vastflow.oracles.figures import failures_figure, png, rates_figure, trajectories_figure
 from vastflow.oracles.oracle import OracleError, oracle_class
@@ -117,12 +118,37 @@ def _html(
         failures=failures[:MAX_ROWS],
         failures_left_out=max(len(failures) - MAX_ROWS, 0),
         rejections=_rejections(tables),
+        coverage=_coverage(tables.directory),
         duplicates=[row for row in tables.configurations if row["duplicate_of"]],
         not_judged=_not_judged(tables),
         explanations={oracle: _explanation(oracle) for oracle in tables.oracles},
         campaign_text=tables.campaign,
         max_rows=MAX_ROWS,
     )
+
+
+def _coverage(directory: Path) -> Mapping[str, Any] | None:
+    """What the section on coverage shows; None for a campaign directory of before there was `coverage.json`."""
+    if not (directory / coverage.FILE).is_file():
+        return None
+    found = coverage.read_coverage(directory)
+    listed = list(coverage.pairs(found))
+    return {
+        "parts": [
+            (name, part, coverage.design_text(part["design"]) if "design" in part else "")
+            for name, part in coverage.parts(found)
+        ],
+        "excluded": list(coverage.excluded(found)),
+        "unrealisable": [
+            (family, producer, said["count"])
+            for family, part in found["families"].items()
+            for producer, said in part["unrealisable_by"].items()
+        ],
+        "dimensions": list(coverage.dimensions(found)),
+        "t_way": found["t_way"],
+        "pairs": listed[:MAX_ROWS],
+        "pairs_left_out": len(listed[MAX_ROWS:]) + coverage.pairs_not_listed(found),
+    }
 
 
 def percent(rate: float | None) -> str:

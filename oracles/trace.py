@@ -9,8 +9,16 @@ from numpy.typing import NDArray
 
 from vastflow.sim.recording import Recording, Run, si
 
-SI_SUFFIX: Mapping[str, str] = {"mmps": "mps", "mradps": "radps", "mrad": "rad", "mm": "m", "ms": "s"}
-"""Suffix of a stored column of thousandths to that of the signal in SI units."""
+SI_SUFFIX: Mapping[str, str] = {
+    "mmps": "mps",
+    "mradps": "radps",
+    "mrad": "rad",
+    "mm": "m",
+    "ms": "s",
+    "mm2": "m2",
+    "mrad2": "rad2",
+}
+"""Suffix of a stored column of thousandths, or of their squares, to that of the signal in SI units."""
 
 
 @dataclass(frozen=True)
@@ -99,4 +107,7 @@ def reference_of_row(row: Mapping[str, Any]) -> MaybeReference:
 
 
 def _signal(stored: str, column: NDArray[np.int32]) -> NDArray[np.float64]:
-    return column.astype(np.float64) if signal_name(stored) == stored else si(column)
+    name = signal_name(stored)
+    if name == stored:
+        return column.astype(np.float64)
+    return si(column) * 1e-3 if name.endswith(("m2", "rad2")) else si(column)

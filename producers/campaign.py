@@ -12,6 +12,7 @@ from vastflow.producers.document import Document, read_document
 from vastflow.producers.family import Family, FamilyReader
 from vastflow.producers.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, did_you_mean, path_text
 from vastflow.producers.model_faults import faults_of
+from vastflow.producers.nav2_params import nav2_params_of
 from vastflow.producers.spec import (
     BUILTIN,
     DEFAULT_TIMEOUT_S,
@@ -48,7 +49,8 @@ class Campaign:
         runs: Repetitions of each configuration.
         seed: Of the runs' noise.
         timeout_s: Simulated time after which a run ends as timed out.
-        notes: Warnings, and keys that are not executed by this version.
+        notes: Warnings, and keys that are not executed by this version; then what of the Nav2 parameter file is not
+            modelled.
         unexecutable: Why this version can't run the campaign; empty where it can.
     """
 
@@ -87,15 +89,15 @@ def load_campaign(path: str | Path) -> Campaign:
     except ValidationError as error:
         faults += faults_of(document, (), CampaignSpec, error)
     abstract, mission = _mission(document, faults)
-    reader = FamilyReader(document, path.parent, mission)
+    nav2 = nav2_params_of(document, path.parent)
+    reader = FamilyReader(document, path.parent, mission, nav2.system)
     families = _families(document, data, reader)
     faults += [*reader.faults, *_family_set_faults(document), *_oracle_faults(document)]
-    if faults or document.faults:
+    if faults or document.faults or nav2.faults:
         # What could not be read stands as nothing in the data, so the model complains of it a second time.
         places = {(fault.line, fault.column) for fault in document.faults}
-        raise CampaignError(
-            [*document.faults, *(fault for fault in faults if (fault.line, fault.column) not in places)]
-        )
+        own = [fault for fault in faults if (fault.line, fault.column) not in places]
+        raise CampaignError([*document.faults, *own, *nav2.faults])
     notes += [document.note("not executed", where, NOT_EXECUTED, why) for where, why in unexecuted(spec)]
     notes += reader.notes
     unexecutable = list(reader.unexecutable)
@@ -116,7 +118,7 @@ def load_campaign(path: str | Path) -> Campaign:
         seed=spec.execution.seed,
         timeout_s=spec.execution.timeout or DEFAULT_TIMEOUT_S,
         oracles=tuple(_oracles(spec)),
-        notes=tuple(sorted([*document.notes, *notes], key=lambda note: (note.line, note.column))),
+        notes=(*sorted([*document.notes, *notes], key=lambda note: (note.line, note.column)), *nav2.notes),
         unexecutable=tuple(unexecutable),
         document=document,
     )

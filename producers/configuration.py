@@ -34,10 +34,16 @@ class Rejection:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Provenance of one producer's contribution: who wrote which keys."""
+    """Provenance of one producer's contribution: who wrote which keys.
+
+    Attributes:
+        choice: Place, from 1, of this contribution among all the producer yielded for its input, rejections included:
+            the same choice of the same list has the same number, whatever could not be built before it.
+    """
 
     producer: str
     keys: tuple[str, ...]
+    choice: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +96,22 @@ class RejectedInstance:
     reason: str
     requested: Mapping[str, Value]
     inputs: Mapping[str, Value]
+
+
+@dataclass(frozen=True, slots=True)
+class ExcludedInstance:
+    """A configuration, often a partial one, that a constraint excludes.
+
+    Attributes:
+        name: Of the (partial) configuration; `*` stands for a step whose choice does not matter.
+        constraint: The first one that it breaks.
+        values: What the constraint looked at, by name.
+    """
+
+    family: str
+    name: str
+    constraint: str
+    values: Mapping[str, Value]
 
 
 def restricted_digest(restricted: Mapping[str, Value]) -> str:

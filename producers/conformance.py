@@ -1,36 +1,106 @@
 """What every producer must do, as checks that a producer's author can call in a test."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+import pickle
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Final, get_args
+
+import numpy as np
 
 from vastflow.producers.configuration import Fragment, Rejection, restricted_digest
-from vastflow.producers.producer import Producer, draws_of, evaluate
+from vastflow.producers.producer import Parameters, Producer, draws_of, evaluate
 from vastflow.sim.digest import Value, digest
+from vastflow.sim.scenario import Dimension
+
+Inputs = Sequence[Mapping[str, Value]]
 
 
-def check_producer(producer: Producer[Any], inputs: Sequence[Mapping[str, Value]]) -> None:
-    """Evaluate `producer` on several inputs and check that it keeps its contract.
-
-    It must yield fragments and rejections with a reason, of values that have a digest; write no key that it does not
-    declare; read no key that it does not declare; and yield the same again, in any order of the inputs.
+def check_producer(producer: Producer[Any], inputs: Inputs) -> None:
+    """Evaluate `producer` on several inputs and check that it keeps its contract: all of `CHECKS`, in their order.
 
     Args:
-        inputs: Values of partial configurations; keys that the producer does not read may be among them.
+        inputs: Values of partial configurations; keys that the producer does not read may be among them. Choose some
+            that it can build and some that it must reject.
 
     Raises:
         AssertionError: what it did and what it should do.
     """
+    for check in CHECKS:
+        check(producer, inputs)
+
+
+def check_declarations(producer: Producer[Any], inputs: Inputs) -> None:
+    """It declares its parameters, what it reads, needs and writes in the form that instantiation takes."""
+    name, reads, writes = type(producer).__name__, producer.reads, producer.writes
+    _must(isinstance(producer.parameters, Parameters), f"{name}'s parameters must be a producer.Parameters")
+    _must(isinstance(reads, tuple), f"{name} must declare `reads` as a tuple of keys, not {reads!r}")
+    unread = sorted(set(producer.needs) - set(reads))
+    _must(not unread, f"{name} must declare {unread}, which it needs, in `reads`")
+    private = sorted(key for key in writes if key.startswith("_"))
+    _must(not private, f"{name} must not declare {private} in `writes`; keys with _ are provenance, and free")
+    tags = {tag for tag in writes.values() if tag is not None} - set(get_args(Dimension))
+    _must(not tags, f"{name} must tag what it writes with one of {get_args(Dimension)} or None, not {sorted(tags)}")
+
+
+def check_items(producer: Producer[Any], inputs: Inputs) -> None:
+    """It yields fragments that write only declared keys, and rejections with a reason, of values that have a digest."""
     name = type(producer).__name__
-    first = [_evaluated(producer, values) for values in inputs]
-    for items in first:
-        _check_items(producer, items)
-    again = [_evaluated(producer, values) for values in reversed(inputs)][::-1]
-    if [_digest(items) for items in first] != [_digest(items) for items in again]:
-        raise AssertionError(f"{name} must yield the same for the same input; draw from `draws` alone, keep no state")
-    for values, items in zip(inputs, first, strict=True):
+    for item in (item for values in inputs for item in _evaluated(producer, values)):
+        if isinstance(item, Rejection):
+            told = isinstance(item.reason, str) and item.reason.strip()
+            _must(told, f"{name} must say why it rejects, in `Rejection.reason`")
+            digest(dict(item.requested))
+        else:
+            what = f"{name} must yield Fragment or Rejection, not {type(item).__name__}"
+            _must(isinstance(item, Fragment), what)
+            undeclared = {key for key in item.values if not key.startswith("_")} - set(producer.writes)
+            _must(not undeclared, f"{name} must declare {sorted(undeclared)} in `writes`")
+            digest(dict(item.values))
+
+
+def check_inputs_are_kept(producer: Producer[Any], inputs: Inputs) -> None:
+    """It leaves what it is given as it is: other configurations have the same."""
+    for values in inputs:
+        restricted = _restricted(producer, values)
+        before = restricted_digest(restricted)
+        evaluate(producer, restricted)
+        _must(restricted_digest(restricted) == before, f"{type(producer).__name__} must not change its inputs")
+
+
+def check_determinism(producer: Producer[Any], inputs: Inputs) -> None:
+    """It yields the same again, in any order of the inputs, and so does another one with the same parameters.
+
+    Global generators are not to be drawn from, even where they are seeded before: another thread may use them.
+    """
+    name = type(producer).__name__
+    same = f"{name} must yield the same for the same input; draw from `draws` alone, keep no state"
+    with _watched_generators() as used:
+        first = [_digest(_evaluated(producer, values)) for values in inputs]
+        again = [_digest(_evaluated(producer, values)) for values in reversed(inputs)][::-1]
+        twin = type(producer)(producer.parameters)
+        of_twin = [_digest(_evaluated(twin, values)) for values in inputs]
+        _must(first == again == of_twin, same)
+        _must(not used(), f"{name} must not use a global generator; draw from `draws` alone")
+
+
+def check_reads(producer: Producer[Any], inputs: Inputs) -> None:
+    """It reads no key that it does not declare, and what else a configuration holds changes nothing."""
+    for values in inputs:
         draws = draws_of(producer, _restricted(producer, values))
-        if _digest(list(producer.produce(_Watched(values, producer), draws))) != _digest(items):
-            raise AssertionError(f"{name} must yield the same from a whole configuration as from what it declares")
+        watched = list(producer.produce(_Watched(values, producer), draws))
+        what = f"{type(producer).__name__} must yield the same from a whole configuration as from what it declares"
+        _must(_digest(watched) == _digest(_evaluated(producer, values)), what)
+
+
+CHECKS: Final[tuple[Callable[[Producer[Any], Inputs], None], ...]] = (
+    check_declarations,
+    check_items,
+    check_inputs_are_kept,
+    check_determinism,
+    check_reads,
+)
+"""All checks, for a test that is parametrised with them and reports each on its own."""
 
 
 class _Watched(Mapping[str, Value]):
@@ -54,21 +124,9 @@ class _Watched(Mapping[str, Value]):
         return sum(1 for _ in self)
 
 
-def _check_items(producer: Producer[Any], items: Sequence[Any]) -> None:
-    name = type(producer).__name__
-    for item in items:
-        if isinstance(item, Rejection):
-            if not item.reason.strip():
-                raise AssertionError(f"{name} must say why it rejects, in `Rejection.reason`")
-            digest(dict(item.requested))
-        elif isinstance(item, Fragment):
-            undeclared = {key for key in item.values if not key.startswith("_")} - set(producer.writes)
-            if undeclared:
-                raise AssertionError(f"{name} must declare {sorted(undeclared)} in `writes`")
-            digest(dict(item.values))
-        else:
-            what = type(item).__name__
-            raise AssertionError(f"{name} must yield Fragment or Rejection, not {what}")  # noqa: TRY004 - a check
+def _must(kept: object, what: str) -> None:
+    if not kept:
+        raise AssertionError(what)
 
 
 def _restricted(producer: Producer[Any], values: Mapping[str, Value]) -> dict[str, Value]:
@@ -84,3 +142,22 @@ def _digest(items: Sequence[Fragment | Rejection]) -> list[str]:
         restricted_digest(item.values) if isinstance(item, Fragment) else digest(item.reason, dict(item.requested))
         for item in items
     ]
+
+
+@contextmanager
+def _watched_generators() -> Iterator[Callable[[], bool]]:
+    """Whether anybody has used a global generator since; afterwards they are as they were."""
+    ours, numpys = random.getstate(), np.random.get_state()
+    # A state that no seed of the producer's own leads to.
+    random.seed("vastflow.producers.conformance")
+    np.random.seed([0x76617374, 0x666C6F77])
+    before = _states()
+    try:
+        yield lambda: _states() != before
+    finally:
+        random.setstate(ours)
+        np.random.set_state(numpys)
+
+
+def _states() -> tuple[object, ...]:
+    return random.getstate(), pickle.dumps(np.random.get_state())

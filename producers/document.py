@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
@@ -36,6 +36,7 @@ class Document:
         keys, values: Where they stand.
         faults: What was found and could be stepped over: duplicate keys, values that can't be read.
         notes: Values that YAML 1.1 reads otherwise than one would think.
+        text: What the file holds.
     """
 
     file: str
@@ -44,6 +45,7 @@ class Document:
     values: Mapping[Location, Place]
     faults: tuple[Fault, ...] = ()
     notes: tuple[Note, ...] = ()
+    text: str = field(default="", repr=False)
 
     def known(self, location: Location) -> Location:
         """The part of `location` that the file has; elements that lead nowhere, as unions add them, are left out."""
@@ -101,7 +103,7 @@ def read_document(path: str | Path) -> Document:
         raise CampaignError([Fault(file, *_place(node), "file", f"found {found}", right)])
     walk = _Walk(file)
     data = walk.value(node, ())
-    return Document(file, data, walk.keys, walk.values, tuple(walk.faults), tuple(walk.notes))
+    return Document(file, data, walk.keys, walk.values, tuple(walk.faults), tuple(walk.notes), text)
 
 
 def _text(path: str | Path, file: str) -> str:
@@ -122,9 +124,11 @@ def _text(path: str | Path, file: str) -> str:
 
 def _check_depth(text: str, file: str) -> None:
     depth = 0
+    has_ended = False
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
-        if isinstance(event, yaml.DocumentEndEvent):
+        if has_ended:  # only the next event tells that nothing of the document is left, such as what is indented less
             return
+        has_ended = isinstance(event, yaml.DocumentEndEvent)
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > MAX_DEPTH:

@@ -1,20 +1,23 @@
 """One scenario family of a campaign file, read and checked."""
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from vastflow.producers.configuration import Fragment
+from vastflow.producers.constraint import NOWHERE, Constraint, Place
+from vastflow.producers.constraint_foresight import foreseeable_faults
+from vastflow.producers.constraint_reading import fault_of, read_constraints, unknown_names
 from vastflow.producers.dataflow import DataFlow, Link
+from vastflow.producers.design import CARTESIAN, Design, DesignSpec
 from vastflow.producers.document import Document
-from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, did_you_mean, shown
+from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, did_you_mean, path_text, shown
 from vastflow.producers.ground import MAP_KEY
 from vastflow.producers.model_faults import faults_of
-from vastflow.producers.one_of import OneOfVariation
 from vastflow.producers.producer import Producer, UnknownProducer, draws_of, find_producer
 from vastflow.producers.scenario_values import combined_complaint, complaint_of, dimension_of, unread_keys
 from vastflow.producers.spec import TOLERATED_IN_FAMILY, FamilySpec
@@ -25,6 +28,8 @@ from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 MAX_CHECKED_VALUES: Final = 10_000
 """Values of one producer that are looked at in advance."""
 
+_DESIGN: Final[TypeAdapter[DesignSpec]] = TypeAdapter(Design)
+
 
 @dataclass(frozen=True, slots=True)
 class Family:
@@ -34,12 +39,18 @@ class Family:
         values: K: the fixed parameters, maps as `FileContent`.
         dimensions: Dimension of each fixed parameter that differs from the usual one of its key.
         producers: Π, in order.
+        constraints: φ.
+        design: Which combinations of the producers' choices become configurations.
+        place: Where the design stands, for messages.
     """
 
     name: str
     values: Mapping[str, Value]
     dimensions: Mapping[str, Dimension]
     producers: tuple[Producer[Any], ...]
+    constraints: tuple[Constraint, ...] = ()
+    design: DesignSpec = CARTESIAN
+    place: Place = NOWHERE
 
 
 class FamilyReader:
@@ -50,12 +61,15 @@ class FamilyReader:
         unexecutable: Why a family that is right can't be executed by this version.
     """
 
-    def __init__(self, document: Document, base: Path, mission: str | None) -> None:
+    def __init__(
+        self, document: Document, base: Path, mission: str | None, system: Mapping[str, Value] | None = None
+    ) -> None:
         """Read families of `document`, whose file names are relative to `base`.
 
         Args:
             mission: `builtin:…`, empty where it follows from the goal, None where it is not known which keys
                 it needs.
+            system: Values of the system dimension that every family has.
         """
         self.faults: list[Fault] = []
         self.notes: list[Note] = []
@@ -63,6 +77,7 @@ class FamilyReader:
         self._document = document
         self._base = base
         self._mission = mission
+        self._system = system or {}
         self._maps: dict[str, FileContent] = {}
 
     def read(self, location: Location, name: str, dimensions: Mapping[str, Dimension]) -> Family:
@@ -73,17 +88,26 @@ class FamilyReader:
         for key in set(dimensions) - set(places):
             where = (*location, "dimensions", key)
             self._fault(where, f"{key!r} is no fixed parameter of this family", did_you_mean(key, places), at="key")
-        links, whole = self._chain((*location, "variations"))
+        system = {**self._system, **{key: value for key, value in values.items() if tags[key] == "system"}}
+        links, whole = self._chain((*location, "variations"), system)
+        constraints = self._constraints(location)
         flow = DataFlow(self._document, location, places, links)
-        self._check_fixed(flow, values, tags)
+        self._check_fixed(flow, values, tags, system)
         slips = self._document.value(location).keys() - FamilySpec.model_fields.keys() - TOLERATED_IN_FAMILY
         if whole and not slips:  # what could not be read may write anything
             self.faults += flow.faults()
             self._check_mission(flow, location)
-        if len(self.faults) == known_faults:
-            self._note_unread(places, tags, links)
+            self._check_names(constraints, {*self._system, *flow.written})
         given = {key: tag for key, tag in tags.items() if tag != DIMENSION_OF_KEY.get(key, "system")}
-        return Family(name, values, given, tuple(link.producer for link in links))
+        producers = tuple(link.producer for link in links)
+        design = (*location, "design")
+        place = Place(self._document.file, *self._document.place(design, "key"), path_text(design))
+        fixed = {**self._system, **values}
+        family = Family(name, fixed, given, producers, tuple(constraints), self._design(design), place)
+        if len(self.faults) == known_faults:
+            self._note_unread(places, tags, links, system)
+            self.faults += foreseeable_faults(family)
+        return family
 
     def _fault(self, location: Location, what: str, right: str, *, at: Any = "value") -> None:
         self.faults.append(self._document.fault(location, what, right, at))
@@ -127,8 +151,14 @@ class FamilyReader:
                 self._fault(location, what, right or "a map_server YAML file and its picture")
         return self._maps.get(value)
 
-    def _check_fixed(self, flow: DataFlow, values: Mapping[str, Value], tags: Mapping[str, Dimension]) -> None:
-        complaints = {key: complaint_of(key, value, tags[key]) for key, value in values.items()}
+    def _check_fixed(
+        self,
+        flow: DataFlow,
+        values: Mapping[str, Value],
+        tags: Mapping[str, Dimension],
+        system: Mapping[str, Value],
+    ) -> None:
+        complaints = {key: complaint_of(key, value, tags[key], system) for key, value in values.items()}
         for key, complaint in complaints.items():
             if complaint:
                 what, right = complaint
@@ -138,11 +168,11 @@ class FamilyReader:
                     what += ", a reference" if known else ", a reference to a parameter that nothing writes"
                     right += "; references are for producers"
                 self._fault(flow.fixed[key], what, right)
-        good = {key: value for key, value in values.items() if tags[key] == "system" and not complaints[key]}
+        good = {key: value for key, value in system.items() if not complaints.get(key)}
         if complaint := combined_complaint(good):
             self._fault((*flow.location, "parameters"), *complaint, at="key")
 
-    def _chain(self, location: Location) -> tuple[list[Link], bool]:
+    def _chain(self, location: Location, system: Mapping[str, Value]) -> tuple[list[Link], bool]:
         """The producers that could be made, and whether these are all."""
         links: list[Link] = []
         raw = self._listed(location)
@@ -150,11 +180,11 @@ class FamilyReader:
             if isinstance(entry, dict) and len(entry) == 1:
                 ((name, given),) = entry.items()
                 where = (*location, k, name)
-                if producer := self._producer(where, name, given):
+                if producer := self._producer(where, name, given, system):
                     links.append(Link(where, producer))
         return links, len(links) == len(raw)
 
-    def _producer(self, location: Location, name: str, given: Any) -> Producer[Any] | None:
+    def _producer(self, location: Location, name: str, given: Any, system: Mapping[str, Value]) -> Producer[Any] | None:
         try:
             kind = find_producer(name, self._base)
         except UnknownProducer as error:
@@ -170,7 +200,7 @@ class FamilyReader:
             return None
         try:
             producer = kind(kind.Parameters.model_validate(given or {}, context={"base": self._base}))
-            self._check_produced(location, producer)
+            self._check_produced(location, producer, system)
         except ValidationError as error:
             self.faults += faults_of(self._document, location, kind.Parameters, error)
             return None
@@ -178,10 +208,9 @@ class FamilyReader:
             what = f"{name!r} raised {type(error).__name__}: {error}"
             self._fault(location, what, "a producer that follows vastflow.producers.producer.Producer", at="key")
             return None
-        self._check_executed(location, producer)
         return producer
 
-    def _check_produced(self, location: Location, producer: Producer[Any]) -> None:
+    def _check_produced(self, location: Location, producer: Producer[Any], system: Mapping[str, Value]) -> None:
         """Look at the values of a producer that depends on nothing, such as a list of them."""
         tags = {key: tag or DIMENSION_OF_KEY.get(key, "system") for key, tag in producer.writes.items()}
         if producer.reads or "environment" in tags.values():
@@ -190,22 +219,40 @@ class FamilyReader:
         reported: set[tuple[Location, str]] = set()
         for k, fragment in enumerate(fragments):
             for key, value in fragment.values.items() if isinstance(fragment, Fragment) else ():
-                complaint = complaint_of(key, value, tags.get(key, "system"))
+                complaint = complaint_of(key, value, tags.get(key, "system"), system)
                 where = self._document.known((*location, "values", k))
                 if complaint and (where, complaint[1]) not in reported:
                     reported.add((where, complaint[1]))
                     self._fault(where, *complaint)
 
-    def _check_executed(self, location: Location, producer: Producer[Any]) -> None:
-        if isinstance(producer, OneOfVariation):
-            for k, child in enumerate(producer.children):
-                (name,) = self._document.value((*location, "variations", k))
-                self._check_executed((*location, "variations", k, name), child)
-        elif not producer.executed:
-            name = str(location[-1])
-            self.notes.append(self._document.note("not executed", location, NOT_EXECUTED))
-            right = f"a campaign without {name}; what it writes can be given as fixed parameters"
-            self.unexecutable.append(self._document.fault(location, f"{name} is {NOT_EXECUTED}", right, "key"))
+    def _constraints(self, location: Location) -> list[Constraint]:
+        """Those of the campaign, then those of the family."""
+        constraints, faults = read_constraints(self._document, ("constraints",))
+        own, own_faults = read_constraints(self._document, (*location, "constraints"))
+        self.faults += [*faults, *own_faults]
+        named = {constraint.name for constraint in constraints}
+        for constraint in own:
+            if constraint.name in named:
+                self.faults.append(
+                    constraint.place.fault(
+                        f"a second constraint {constraint.name!r}", "another name; the campaign has it"
+                    )
+                )
+        return [*constraints, *own]
+
+    def _check_names(self, constraints: Sequence[Constraint], written: set[str]) -> None:
+        for constraint in constraints:
+            for name, what, right in unknown_names(constraint, written):
+                self.faults.append(fault_of(self._document, constraint, name.offset, what, right))
+
+    def _design(self, location: Location) -> DesignSpec:
+        """The design; the model has said what is wrong with one that is none."""
+        if self._document.known(location) != location:
+            return CARTESIAN
+        try:
+            return _DESIGN.validate_python(self._document.value(location))
+        except ValidationError:
+            return CARTESIAN
 
     def _check_mission(self, flow: DataFlow, location: Location) -> None:
         if self._mission is not None:
@@ -213,17 +260,24 @@ class FamilyReader:
         else:
             self.unexecutable += flow.mission_faults("")
 
-    def _note_unread(self, places: Mapping[str, Location], tags: Mapping[str, Dimension], links: list[Link]) -> None:
+    def _note_unread(
+        self,
+        places: Mapping[str, Location],
+        tags: Mapping[str, Dimension],
+        links: list[Link],
+        system: Mapping[str, Value],
+    ) -> None:
         read = {key for link in links for key in link.producer.reads}
-        system = {key: places[key] for key, tag in tags.items() if tag == "system"}
+        varied: dict[str, Location] = {}
         for link in links:
             for key, tag in link.producer.writes.items():
                 if (tag or DIMENSION_OF_KEY.get(key, "system")) == "system":
-                    system.setdefault(key, link.location)
-        for key in unread_keys(system):
+                    varied.setdefault(key, link.location)
+        written = {**varied, **{key: places[key] for key, tag in tags.items() if tag == "system"}}
+        for key in unread_keys(system, varied):
             if key not in read:
                 what = f"nothing in this version's simulator reads {key!r}"
-                self.notes.append(self._document.note("warning", system[key], what))
+                self.notes.append(self._document.note("warning", written[key], what))
         if "mesh_file" in places:
             where, consequence = places["mesh_file"], "the map alone is the world"
             self.notes.append(self._document.note("not executed", where, NOT_EXECUTED, consequence))

@@ -38,12 +38,13 @@ class Note:
     """Something a user should know about a file that is valid.
 
     Attributes:
-        kind: `not executed` where the format knows the key and this version does nothing with it.
+        kind: `not executed` where the format knows the key and this version does nothing with it, `not modelled` where
+            a Nav2 parameter file has what the simulator has not.
         what: What was found.
         right: What follows from it or would be right; may be empty.
     """
 
-    kind: Literal["warning", "not executed"]
+    kind: Literal["warning", "not executed", "not modelled"]
     file: str
     line: int
     column: int
@@ -57,10 +58,12 @@ class Note:
 
 
 class CampaignError(Exception):
-    """A campaign file that can't be used; holds every fault that was found, in the order of the file."""
+    """A campaign file that can't be used; holds every fault that was found, file by file and in the order of each."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:
-        self.faults = tuple(sorted(dict.fromkeys(faults), key=lambda fault: (fault.line, fault.column)))
+        distinct = list(dict.fromkeys(faults))
+        files = list(dict.fromkeys(fault.file for fault in distinct))
+        self.faults = tuple(sorted(distinct, key=lambda fault: (files.index(fault.file), fault.line, fault.column)))
         super().__init__(self.faults)  # as argument, so that it can be pickled
 
     def __str__(self) -> str:

@@ -85,6 +85,11 @@ def map_key(parameter: FileContent | str | None) -> str:
     return parameter.removeprefix("@") if isinstance(parameter, str) else MAP_KEY
 
 
+def map_needed(parameter: FileContent | str | None) -> tuple[str, ...]:
+    """The key of the map that must have been written before; none where the parameters name a file."""
+    return () if isinstance(parameter, FileContent) else (map_key(parameter),)
+
+
 def map_value(value: Any, info: ValidationInfo) -> FileContent:
     """Read a path, relative to the validation context's `base` (the campaign file's folder), as a map.
 

@@ -1,8 +1,8 @@
-"""Instantiation: C^0 = {∅}; C^i = {c ⊕ f : c ∈ C^(i-1), f ∈ p_i(c restricted to what p_i reads)}.
+"""Instantiation: C^0 = {∅}; C^i = {c ⊕ f : c ∈ C^(i-1), f ∈ p_i(c restricted to what p_i reads)}, less what φ excludes.
 
 A producer is evaluated once per distinct restricted input and its results are joined back, so the flow can map
-tasks over those inputs: `start`, then for each producer `distinct_inputs`, `evaluate` and `join`, then `finish`, and
-over all families `mark_duplicates`. `instantiate` does all of it in this process.
+tasks over those inputs: a family's `Growth` gives the inputs of the next producer and is joined with the results, and
+`instantiation_of` makes configurations of all families that are grown. `instantiate` does all of it in this process.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from vastflow.producers.configuration import (
     Configuration,
+    ExcludedInstance,
     Fragment,
     Partial,
     RejectedInstance,
@@ -18,30 +19,15 @@ from vastflow.producers.configuration import (
     Step,
     restricted_digest,
 )
+from vastflow.producers.constraint import Checker, Constraint, step_of
+from vastflow.producers.coverage import FamilyCount, coverage_of
+from vastflow.producers.design_growth import DesignGrowth
+from vastflow.producers.faults import CampaignError, Fault
+from vastflow.producers.growth import Family, Grown, Growth
 from vastflow.producers.producer import Producer, evaluate
 from vastflow.producers.stops import GOAL_KEY, GOALS_KEY
-from vastflow.sim.digest import Value
+from vastflow.sim.digest import Texts, Value
 from vastflow.sim.scenario import Dimension, scenario_of
-
-
-class Family(Protocol):
-    """What instantiation needs of `vastflow.producers.family.Family`."""
-
-    @property
-    def name(self) -> str:
-        """First part of every configuration's name."""
-
-    @property
-    def values(self) -> Mapping[str, Value]:
-        """The fixed parameters."""
-
-    @property
-    def dimensions(self) -> Mapping[str, Dimension]:
-        """Tags of fixed parameters."""
-
-    @property
-    def producers(self) -> Sequence[Producer[Any]]:
-        """Π, in order."""
 
 
 class Campaign(Protocol):
@@ -65,28 +51,115 @@ class Instantiation:
     """All of a campaign's configurations, duplicates included.
 
     Attributes:
-        coverage: How much of the requested test space was realised, see `coverage_of`.
+        excluded: What constraints exclude; a partial configuration once, though more producers would have followed.
+        coverage: How much of the requested test space was realised, see `vastflow.producers.coverage.coverage_of`.
     """
 
     configurations: tuple[Configuration, ...]
     rejections: tuple[RejectedInstance, ...]
+    excluded: tuple[ExcludedInstance, ...]
     coverage: Mapping[str, Any]
 
 
 def instantiate(campaign: Campaign) -> Instantiation:
-    """Every family of a campaign, one producer after the other, in this process."""
-    configurations: list[Configuration] = []
-    rejections: list[RejectedInstance] = []
+    """Every family of a campaign, one producer after the other, in this process.
+
+    Raises:
+        CampaignError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
+    """
+    grown = []
     for family in campaign.families:
-        partials = start(family)
+        growth = growth_of(family)
         for producer in family.producers:
-            results = {key: evaluate(producer, inputs) for key, inputs in distinct_inputs(producer, partials).items()}
-            partials, rejected = join(family, producer, partials, results)
-            rejections += rejected
-        configurations += finish(family, partials, campaign.abstract, campaign.timeout_s)
-    configurations = mark_duplicates(configurations)
-    names = [family.name for family in campaign.families]
-    return Instantiation(tuple(configurations), tuple(rejections), coverage_of(names, configurations, rejections))
+            growth.join({key: evaluate(producer, inputs) for key, inputs in growth.inputs().items()})
+        grown.append(growth.grown())
+    return instantiation_of(campaign, grown)
+
+
+def growth_of(family: Family) -> Growth:
+    """The growth of a family by its design."""
+    return CartesianGrowth(family) if family.design.cartesian is not None else DesignGrowth(family)
+
+
+def instantiation_of(campaign: Campaign, grown: Sequence[Grown]) -> Instantiation:
+    """Configurations and coverage of all families, each grown.
+
+    Raises:
+        CampaignError: constraints exclude everything there is.
+    """
+    configurations = mark_duplicates(
+        configuration
+        for family, each in zip(campaign.families, grown, strict=True)
+        for configuration in finish(family, each.partials, campaign.abstract, campaign.timeout_s)
+    )
+    excluded = tuple(instance for each in grown for instance in each.excluded)
+    if not configurations and excluded:
+        raise CampaignError(
+            fault for family in campaign.families for fault in contradictions(family.constraints, family.name, excluded)
+        )
+    rejections = tuple(instance for each in grown for instance in each.rejections)
+    coverage = coverage_of([each.count for each in grown], configurations, rejections, excluded)
+    return Instantiation(tuple(configurations), rejections, excluded, coverage)
+
+
+def contradictions(constraints: Sequence[Constraint], family: str, excluded: Iterable[ExcludedInstance]) -> list[Fault]:
+    """One fault for a family of which constraints leave nothing: which they are and what each excluded."""
+    counts = {constraint.name: 0 for constraint in constraints}
+    for instance in excluded:
+        if instance.family == family:
+            counts[instance.constraint] += 1
+    guilty = [constraint for constraint in constraints if counts[constraint.name]]
+    if not guilty:
+        return []
+    named = ", ".join(f"{constraint.name} excludes {counts[constraint.name]}" for constraint in guilty)
+    what = f"the constraints leave nothing of family {family!r}: {named}"
+    return [guilty[0].place.fault(what, "constraints that some configuration keeps")]
+
+
+class CartesianGrowth:
+    """Every combination: the partial configurations there are, each with every choice of the next producer."""
+
+    def __init__(self, family: Family) -> None:
+        self._family = family
+        self._checker = Checker(family.name)
+        self._steps = [step_of(constraint, family.producers) for constraint in family.constraints]
+        self._rejections: list[RejectedInstance] = []
+        self._excluded: list[ExcludedInstance] = []
+        self._levels: list[int] = []
+        self._partials = self._kept(start(family))
+
+    def inputs(self) -> dict[str, dict[str, Value]]:
+        """See `Growth`."""
+        return distinct_inputs(self._family.producers[len(self._levels)], self._partials)
+
+    def join(self, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
+        """See `Growth`."""
+        producer = self._family.producers[len(self._levels)]
+        children, rejected = join(self._family, producer, self._partials, results)
+        self._rejections += rejected
+        self._levels.append(max(map(len, results.values()), default=0))
+        self._partials = self._kept(children)
+
+    def grown(self) -> Grown:
+        """See `Growth`."""
+        count = FamilyCount(self._family.name, self._family.producers, self._family.design, tuple(self._levels))
+        return Grown(self._partials, self._rejections, self._excluded, count)
+
+    def _kept(self, partials: list[Partial]) -> list[Partial]:
+        """The partial configurations that keep all constraints which can be looked at by now."""
+        step = len(self._levels) - 1
+        ready = [c for c, own in zip(self._family.constraints, self._steps, strict=True) if own == step]
+        if not ready:
+            return partials
+        kept = []
+        for partial in partials:
+            excluded = self._checker.excluded(partial, ready)
+            if excluded is None:
+                kept.append(partial)
+            else:
+                self._excluded.append(excluded)
+        self._checker.raise_faults()
+        return kept
 
 
 def start(family: Family) -> list[Partial]:
@@ -96,10 +169,12 @@ def start(family: Family) -> list[Partial]:
 
 def distinct_inputs(producer: Producer[Any], partials: Iterable[Partial]) -> dict[str, dict[str, Value]]:
     """Digest to input of everything `producer` must be evaluated on, in order of appearance."""
+    reads = producer.reads
     inputs: dict[str, dict[str, Value]] = {}
+    digest_of = _Digests()
     for partial in partials:
-        restricted = partial.restricted(producer.reads)
-        inputs.setdefault(restricted_digest(restricted), restricted)
+        restricted = partial.restricted(reads)
+        inputs.setdefault(digest_of(restricted), restricted)
     return inputs
 
 
@@ -109,7 +184,7 @@ def join(
     partials: Iterable[Partial],
     results: Mapping[str, Sequence[Fragment | Rejection]],
 ) -> tuple[list[Partial], list[RejectedInstance]]:
-    """C^i: each partial configuration with each fragment of its restricted input.
+    """C^i: each partial configuration with each fragment of its restricted input; one without results is dropped.
 
     Children are called `<parent>-<k>`, k from 1 for each parent; a rejection takes no number. A parent for
     which the producer yielded nothing at all is a rejected instance too, so that none is lost in silence.
@@ -120,24 +195,54 @@ def join(
     children: list[Partial] = []
     rejected: list[RejectedInstance] = []
     label = type(producer).__name__
-    tags = {key: tag for key, tag in producer.writes.items() if tag is not None}
+    reads, digest_of = producer.reads, _Digests()
+    offered = {digest: _offered(producer, items) for digest, items in results.items()}
     for parent in partials:
-        inputs = parent.restricted(producer.reads)
-        k = 0
-        for item in results[restricted_digest(inputs)] or [Rejection(f"{label} yielded nothing for this input")]:
-            if isinstance(item, Rejection):
-                rejected.append(RejectedInstance(family.name, parent.name, label, item.reason, item.requested, inputs))
-                continue
-            k += 1
+        inputs = parent.restricted(reads)
+        digest = digest_of(inputs)
+        if digest not in offered:
+            continue
+        fragments, rejections = offered[digest]
+        for item in rejections:
+            rejected.append(RejectedInstance(family.name, parent.name, label, item.reason, item.requested, inputs))
+        for suffix, values, tags, step in fragments:
+            dimensions = {**parent.dimensions, **tags} if tags else parent.dimensions
             children.append(
-                Partial(
-                    f"{parent.name}-{k}",
-                    {**parent.values, **item.values},
-                    {**parent.dimensions, **{key: tags[key] for key in item.values if key in tags}},
-                    (*parent.steps, Step(label, tuple(item.values))),
-                )
+                Partial(parent.name + suffix, {**parent.values, **values}, dimensions, (*parent.steps, step))
             )
     return children, rejected
+
+
+_Offered = list[tuple[str, Mapping[str, Value], Mapping[str, Dimension], Step]]
+
+
+def _offered(producer: Producer[Any], items: Sequence[Fragment | Rejection]) -> tuple[_Offered, list[Rejection]]:
+    """What every parent of one input gets: end of the name, values, their tags and the step of each fragment."""
+    label = type(producer).__name__
+    tags = {key: tag for key, tag in producer.writes.items() if tag is not None}
+    fragments: _Offered = []
+    for place, item in enumerate(items, 1):
+        if isinstance(item, Fragment):
+            own = {key: tags[key] for key in item.values if key in tags}
+            fragments.append((f"-{len(fragments) + 1}", item.values, own, Step(label, tuple(item.values), place)))
+    rejections = [item for item in items if isinstance(item, Rejection)]
+    if not items:
+        rejections.append(Rejection(f"{label} yielded nothing for this input"))
+    return fragments, rejections
+
+
+class _Digests:
+    """Digests of restricted inputs; equal objects are digested once, since siblings share their parents' values."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[tuple[str, int], ...], str] = {}
+
+    def __call__(self, restricted: Mapping[str, Value]) -> str:
+        """The digest; the values must outlive this object."""
+        key = tuple((name, id(value)) for name, value in restricted.items())
+        if key not in self._known:
+            self._known[key] = restricted_digest(restricted)
+        return self._known[key]
 
 
 def finish(family: Family, partials: Iterable[Partial], abstract: str, timeout_s: float) -> list[Configuration]:
@@ -170,40 +275,13 @@ def mark_duplicates(configurations: Iterable[Configuration]) -> list[Configurati
     """The same configurations; one whose scenario an earlier one has names that one in `duplicate_of`."""
     first: dict[str, str] = {}
     marked: list[Configuration] = []
+    texts = Texts()
     for configuration in configurations:
-        name = first.setdefault(configuration.scenario.digest, configuration.name)
-        marked.append(replace(configuration, duplicate_of=None if name == configuration.name else name))
+        name = first.setdefault(configuration.scenario.digested(texts), configuration.name)
+        duplicate_of = None if name == configuration.name else name
+        same = duplicate_of == configuration.duplicate_of
+        marked.append(configuration if same else replace(configuration, duplicate_of=duplicate_of))
     return marked
-
-
-def coverage_of(
-    families: Sequence[str], configurations: Sequence[Configuration], rejections: Sequence[RejectedInstance]
-) -> dict[str, Any]:
-    """Counts for the whole campaign and, below `families`, for each family.
-
-    `requested` is |Q|, the sum of `realised` (distinct scenarios), `duplicate` and `unrealisable`. A rejected
-    instance counts once, though later producers would have made several configurations of it.
-    """
-
-    def counts(members: Sequence[Configuration], rejected: int) -> dict[str, int]:
-        duplicates = sum(member.duplicate_of is not None for member in members)
-        return {
-            "requested": len(members) + rejected,
-            "unrealisable": rejected,
-            "duplicate": duplicates,
-            "realised": len(members) - duplicates,
-        }
-
-    return {
-        **counts(configurations, len(rejections)),
-        "families": {
-            family: counts(
-                [member for member in configurations if member.family == family],
-                sum(instance.family == family for instance in rejections),
-            )
-            for family in families
-        },
-    }
 
 
 def _abstract_of(partial: Partial) -> str:

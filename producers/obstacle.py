@@ -2,17 +2,15 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, Self
 
-import numpy as np
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.ground import MapParameter, ground_of, map_key, map_of
-from vastflow.producers.path import PATH_KEY, PATH_LENGTH_KEY
+from vastflow.producers.ground import MapParameter, map_needed
 from vastflow.producers.placement import Site, Wanted, place
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import (
@@ -23,10 +21,10 @@ from vastflow.producers.quantities import (
     Positive,
     Seed,
 )
-from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start
-from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.producers.site import LIST_KEY, SiteRequest
+from vastflow.producers.stops import KeyParameter
+from vastflow.sim.digest import Value, digest
 from vastflow.sim.obstacle import Obstacle, obstacle_of
-from vastflow.sim.octile import shortest_path
 from vastflow.sim.scenario import Dimension
 
 ROUNDING: Final = 1e-9
@@ -106,7 +104,7 @@ class ObstacleParameters(producer.Parameters):
     """Of `ObstacleVariation`.
 
     Attributes:
-        name: Key of the list of obstacles.
+        name: Key of the list of obstacles. What is in there already stays.
         obstacle_configs: The kinds of obstacle in each configuration. Listed values are combined, within a
             kind and over the kinds.
         count: Placements drawn of each combination.
@@ -114,7 +112,7 @@ class ObstacleParameters(producer.Parameters):
         map_file: A map, in place of the configuration's own.
     """
 
-    name: str = Field("static_objects", min_length=1)
+    name: KeyParameter = LIST_KEY
     obstacle_configs: list[ObstacleConfig] = Field(min_length=1)
     count: Count = 1
     seed: Seed = 0
@@ -125,22 +123,21 @@ class ObstacleParameters(producer.Parameters):
 class ObstacleVariation(Producer[ObstacleParameters]):
     """Boxes and cylinders near the path, on free cells, so that the robot still finds a way.
 
-    They keep clear of walls, unknown space, each other, and the robot at its start and goals. The path is the
-    one a path producer drew, else the shortest one from start to goals.
+    They keep clear of walls, unknown space, each other, obstacles that are there already, and the robot at its start and
+    goals. The path is the one a path producer drew, else the shortest one from start to goals.
     """
 
     Parameters = ObstacleParameters
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """The map, the path, start and goals."""
-        return (map_key(self.parameters.map_file), PATH_KEY, PATH_LENGTH_KEY, START_KEY, GOAL_KEY, GOALS_KEY)
+        """The map, the path, start and goals, and the lists of obstacles that are there already."""
+        return self._request.reads
 
     @property
     def needs(self) -> tuple[str, ...]:
         """The map, unless the parameters name a file."""
-        map_file = self.parameters.map_file
-        return () if isinstance(map_file, FileContent) else (map_key(map_file),)
+        return map_needed(self.parameters.map_file)
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
@@ -152,50 +149,50 @@ class ObstacleVariation(Producer[ObstacleParameters]):
 
         A placement depends on the seed, what is read, its combination and its number among equals.
         """
-        found = self._site(inputs)
-        for combination in itertools.product(*(config.choices() for config in self.parameters.obstacle_configs)):
-            kinds = [config.requested() for config in combination]
+        site = self._request.site(inputs)
+        for kinds in combinations(self.parameters.obstacle_configs):
             for number in range(1, self.parameters.count + 1):
-                requested: dict[str, Value] = {"obstacle_configs": kinds, "placement": number}
-                if isinstance(found, str):
-                    yield Rejection(found, requested)
-                    continue
-                site, length_m = found
-                wanted = [config.wanted(length_m) for config in combination]
-                obstacles = place(site, wanted, draws(int(digest(requested)[:16], 16)))
-                if isinstance(obstacles, str):
-                    yield Rejection(obstacles, requested)
+                requested: dict[str, Value] = {
+                    "obstacle_configs": [kind.requested() for kind in kinds],
+                    "placement": number,
+                }
+                entries = site if isinstance(site, str) else placed(site, kinds, draws, requested)
+                if isinstance(entries, str):
+                    yield Rejection(entries, requested)
                 else:
-                    configs = [c for c, w in zip(combination, wanted, strict=True) for _ in range(w.amount)]
-                    entries = [_entry(i, c, o) for i, (c, o) in enumerate(zip(configs, obstacles, strict=True))]
-                    yield Fragment({self.parameters.name: entries})
+                    yield Fragment(self._request.written(inputs, entries))
 
-    def _site(self, inputs: Mapping[str, Value]) -> tuple[Site, float] | str:
-        """Where to place, and the length of the path in metres; or why there is no path."""
-        map_file = map_of(inputs, self.parameters.map_file)
-        if isinstance(map_file, Rejection):
-            return map_file.reason
-        try:
-            start = given_start(inputs, START_KEY)
-            goals = given_goals(inputs, GOALS_KEY) or given_goals(inputs, GOAL_KEY)
-        except ValueError as error:
-            return str(error)
-        ground = ground_of(map_file, self.parameters.robot_diameter)
-        stops = [(pose.x_m, pose.y_m) for pose in ((start, *goals) if start is not None and goals else ())]
-        if PATH_KEY in inputs and PATH_LENGTH_KEY in inputs:
-            path_xy_m, length_m = np.array(inputs[PATH_KEY], dtype=np.float64), float(inputs[PATH_LENGTH_KEY])  # type: ignore[arg-type]
-            return Site(ground, path_xy_m, stops or [tuple(path_xy_m[0]), tuple(path_xy_m[-1])]), length_m
-        if not stops:
-            return f"there is no path to place obstacles at: no {START_KEY} with {GOAL_KEY} or {GOALS_KEY} was written before"
-        way = shortest_path(ground.occupancy, ground.passable, np.array(stops))
-        if way is None:
-            return f"there is no way from the start to the goals for a robot {ground.robot_diameter_m:g} m across"
-        return Site(ground, way[0], stops), way[1]
+    @property
+    def _request(self) -> SiteRequest:
+        asked = self.parameters
+        return SiteRequest(asked.name, asked.map_file, asked.robot_diameter)
 
 
-def _entry(i: int, config: ObstacleConfig, obstacle: Obstacle) -> dict[str, Value]:
+def combinations(configs: Sequence[ObstacleConfig]) -> Iterator[tuple[ObstacleConfig, ...]]:
+    """Every combination of the configs' listed values, as configs of one value each."""
+    return itertools.product(*(config.choices() for config in configs))
+
+
+def placed(
+    site: Site, kinds: Sequence[ObstacleConfig], draws: Draws, requested: Mapping[str, Value]
+) -> list[dict[str, Value]] | str:
+    """The obstacles of configs of one value each, as entries of a list; or why there is no room.
+
+    The randomness is that of `requested`.
+    """
+    wanted = [kind.wanted(site.length_m) for kind in kinds]
+    obstacles = place(site, wanted, draws(int(digest(dict(requested))[:16], 16)))
+    if isinstance(obstacles, str):
+        return obstacles
+    kind_of_each = itertools.chain.from_iterable([k] * w.amount for k, w in zip(kinds, wanted, strict=True))
+    taken = {obstacle.name for obstacle in site.standing}
+    names = (name for i in itertools.count(len(site.standing)) if (name := f"obstacle_{i}") not in taken)
+    return [_entry(name, k, o) for name, k, o in zip(names, kind_of_each, obstacles, strict=False)]
+
+
+def _entry(name: str, config: ObstacleConfig, obstacle: Obstacle) -> dict[str, Value]:
     return {
-        "entity_name": f"obstacle_{i}",
+        "entity_name": name,
         "model": config.model,
         "spawn_pose": obstacle.pose.value(),
         "xacro_arguments": config.xacro_arguments,

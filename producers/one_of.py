@@ -113,11 +113,6 @@ class OneOfVariation(Producer[OneOfParameters]):
                 writes.setdefault(key, self.parameters.dimension or tag)
         return writes
 
-    @property
-    def executed(self) -> bool:  # type: ignore[override]
-        """Whether every child is."""
-        return all(child.executed for child in self.children)
-
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield what the children yield; a rejection's reason says whose it is. Draws nothing itself."""
         for child in self.children:

@@ -4,8 +4,9 @@ They read nothing, so that their values are drawn once and shared by every paren
 """
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from typing import Annotated, Any, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, JsonValue, PlainSerializer, TypeAdapter, ValidationInfo, model_validator
@@ -92,17 +93,52 @@ class ParameterVariationList(Producer[ListParameters]):
             yield Fragment({name: value} if isinstance(name, str) else dict(zip(name, value, strict=True)))
 
 
-class UniformParameters(producer.Parameters):
-    """Of `ParameterVariationDistributionUniform`.
+class DistributionParameters(producer.Parameters):
+    """What the parameters of every distribution have.
 
     Attributes:
+        name: Key to vary.
         num_variations: How many values are drawn.
-        min, max: Bounds, both included for whole numbers. For `bool`, `max` is the probability of true.
-        type: What the values are; `str` writes the drawn number as text.
     """
 
     name: Name
     num_variations: Count
+
+
+D = TypeVar("D", bound=DistributionParameters)
+
+
+class DistributionProducer(Producer[D]):
+    """One configuration for each value drawn from a distribution."""
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Nothing."""
+        return ()
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """The named key."""
+        return {self.parameters.name: self.parameters.dimension}
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield `num_variations` values; the k-th is the same however many there are."""
+        for k in range(self.parameters.num_variations):
+            yield Fragment({self.parameters.name: self._draw(draws(k))})
+
+    @abstractmethod
+    def _draw(self, rng: np.random.Generator) -> Value:
+        """One value."""
+
+
+class UniformParameters(DistributionParameters):
+    """Of `ParameterVariationDistributionUniform`.
+
+    Attributes:
+        min, max: Bounds, both included for whole numbers. For `bool`, `max` is the probability of true.
+        type: What the values are; `str` writes the drawn number as text.
+    """
+
     min: Number
     max: Number
     type: Kind = "float"
@@ -119,25 +155,10 @@ class UniformParameters(producer.Parameters):
         return self
 
 
-class ParameterVariationDistributionUniform(Producer[UniformParameters]):
+class ParameterVariationDistributionUniform(DistributionProducer[UniformParameters]):
     """One configuration for each value drawn uniformly between bounds."""
 
     Parameters = UniformParameters
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        """Nothing."""
-        return ()
-
-    @property
-    def writes(self) -> Mapping[str, Dimension | None]:
-        """The named key."""
-        return {self.parameters.name: self.parameters.dimension}
-
-    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield `num_variations` values; the k-th is the same however many there are."""
-        for k in range(self.parameters.num_variations):
-            yield Fragment({self.parameters.name: self._draw(draws(k))})
 
     def _draw(self, rng: np.random.Generator) -> Value:
         asked = self.parameters
@@ -149,7 +170,7 @@ class ParameterVariationDistributionUniform(Producer[UniformParameters]):
         return str(value) if asked.type in ("str", "string") else value
 
 
-class GaussianParameters(producer.Parameters):
+class GaussianParameters(DistributionParameters):
     """Of `ParameterVariationDistributionGaussian`.
 
     Attributes:
@@ -158,8 +179,6 @@ class GaussianParameters(producer.Parameters):
         type: What the values are. Whole numbers are rounded; a `bool` is true from the mean upwards.
     """
 
-    name: Name
-    num_variations: Count
     mean: Number
     std: NotNegative
     min: Number | None = None
@@ -175,25 +194,10 @@ class GaussianParameters(producer.Parameters):
         return self
 
 
-class ParameterVariationDistributionGaussian(Producer[GaussianParameters]):
+class ParameterVariationDistributionGaussian(DistributionProducer[GaussianParameters]):
     """One configuration for each value drawn from a normal distribution."""
 
     Parameters = GaussianParameters
-
-    @property
-    def reads(self) -> tuple[str, ...]:
-        """Nothing."""
-        return ()
-
-    @property
-    def writes(self) -> Mapping[str, Dimension | None]:
-        """The named key."""
-        return {self.parameters.name: self.parameters.dimension}
-
-    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield `num_variations` values; the k-th is the same however many there are."""
-        for k in range(self.parameters.num_variations):
-            yield Fragment({self.parameters.name: self._draw(draws(k))})
 
     def _draw(self, rng: np.random.Generator) -> Value:
         asked = self.parameters

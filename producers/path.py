@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.ground import MAP_KEY, Ground, MapParameter, ground_of, map_key, map_of
+from vastflow.producers.ground import MAP_KEY, Ground, MapParameter, ground_of, map_key, map_needed, map_of
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import (
     DEFAULT_ROBOT_DIAMETER_M,
@@ -119,8 +119,7 @@ class PathVariationRandom(Producer[PathParameters]):
     @property
     def needs(self) -> tuple[str, ...]:
         """The map, unless the parameters name a file."""
-        map_file = self.parameters.map_file
-        return () if isinstance(map_file, FileContent) else (map_key(map_file),)
+        return map_needed(self.parameters.map_file)
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
@@ -172,8 +171,8 @@ class PathVariationRandom(Producer[PathParameters]):
         self, inputs: Mapping[str, Value], task: "_Task", legs: Sequence[Leg], rng: np.random.Generator
     ) -> dict[str, Value]:
         ground, asked = task.ground, self.parameters
-        start = task.start or Pose(*_centre(ground, legs[0].start), float(rng.uniform(-math.pi, math.pi)))
-        goals = task.goals or tuple(Pose(*_centre(ground, leg.end), _arrival_rad(ground, leg)) for leg in legs)
+        start = task.start or Pose(*centre_m(ground, legs[0].start), float(rng.uniform(-math.pi, math.pi)))
+        goals = task.goals or tuple(Pose(*centre_m(ground, leg.end), _arrival_rad(ground, leg)) for leg in legs)
         values: dict[str, Value] = {}
         if isinstance(asked.map_file, FileContent) and MAP_KEY not in inputs:
             values[MAP_KEY] = asked.map_file
@@ -183,10 +182,16 @@ class PathVariationRandom(Producer[PathParameters]):
             values[goals_key(self.parameters.goal_poses)] = (
                 goals[0].value() if goals_key(self.parameters.goal_poses) == GOAL_KEY else [g.value() for g in goals]
             )
-        cells = np.concatenate([legs[0].cells, *(leg.cells[1:] for leg in legs[1:])])
-        values[PATH_KEY] = [list(_centre(ground, (int(row), int(column)))) for row, column in corners(cells)]
-        values[PATH_LENGTH_KEY] = sum(leg.length_m for leg in legs)
-        return values
+        return {**values, **way_values(ground, legs)}
+
+
+def way_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
+    """The provenance of a path: where it begins, turns and ends (m), and its length (m)."""
+    cells = np.concatenate([legs[0].cells, *(leg.cells[1:] for leg in legs[1:])])
+    return {
+        PATH_KEY: [list(centre_m(ground, (int(row), int(column)))) for row, column in corners(cells)],
+        PATH_LENGTH_KEY: sum(leg.length_m for leg in legs),
+    }
 
 
 Drawer: TypeAlias = Callable[[np.random.Generator], "list[Leg] | str"]
@@ -211,7 +216,7 @@ class _Task:
         if self.goals:
             return self._to_given_goals(length_m)
         request = LegRequest(length_m / n_goals, asked.path_length_tolerance / n_goals, asked.min_distance)
-        what = f"{_several(n_goals)} of {_length(request.length_m, request.tolerance_m)}"
+        what = f"{legs_text(n_goals)} of {length_text(request.length_m, request.tolerance_m)}"
         if asked.min_distance > request.length_m + request.tolerance_m:
             return _always(f"a {what} can't lead {asked.min_distance:g} m away in a straight line")
         what = f"{what} and >= {asked.min_distance:g} m in a straight line"
@@ -258,11 +263,11 @@ class _Task:
             if LegRequest(length_m, asked.path_length_tolerance, 0.0).admits(given_m):
                 return _always(legs)
             return _always(
-                f"the given poses are {given_m:.2f} m apart, not {_length(length_m, asked.path_length_tolerance)}"
+                f"the given poses are {given_m:.2f} m apart, not {length_text(length_m, asked.path_length_tolerance)}"
             )
         if given_m > length_m + asked.path_length_tolerance:
             return _always(
-                f"the given goals alone are {given_m:.2f} m apart, more than {_length(length_m, asked.path_length_tolerance)}"
+                f"the given goals alone are {given_m:.2f} m apart, more than {length_text(length_m, asked.path_length_tolerance)}"
             )
         first_goal = self._cell(self.goals[0])
         request = LegRequest(length_m - given_m, asked.path_length_tolerance, asked.min_distance)
@@ -272,7 +277,7 @@ class _Task:
             if leg is not None:
                 return [leg.reversed(), *legs]
             return (
-                f"no start is {_length(request.length_m, request.tolerance_m)} from the first given goal for "
+                f"no start is {length_text(request.length_m, request.tolerance_m)} from the first given goal for "
                 f"{self._robot}; the longest shortest path from there is {farthest_m(ground, first_goal):.2f} m"
             )
 
@@ -294,11 +299,13 @@ def _size(requested: Mapping[str, Any]) -> tuple[float, int]:
     return requested["path_length"], requested["num_goal_poses"]
 
 
-def _several(n_legs: int) -> str:
+def legs_text(n_legs: int) -> str:
+    """What has so many legs, for a sentence that goes on with their length."""
     return "path" if n_legs == 1 else f"path of {n_legs} legs, each"
 
 
-def _length(length_m: float, tolerance_m: float) -> str:
+def length_text(length_m: float, tolerance_m: float) -> str:
+    """A promised length for a sentence, such as `20 m ± 1 m`."""
     return f"{length_m:.4g} m ± {tolerance_m:.2g} m"
 
 
@@ -309,7 +316,7 @@ def _arrival_rad(ground: Ground, leg: Leg) -> float:
     return math.atan2(row, column)
 
 
-def _centre(ground: Ground, cell: Cell) -> tuple[float, float]:
+def centre_m(ground: Ground, cell: Cell) -> tuple[float, float]:
     """A cell's centre to the micrometre: what a person would write."""
     x_m, y_m = ground.occupancy.centre_of(*cell)
     return round(x_m, 6), round(y_m, 6)

@@ -33,12 +33,18 @@ class Site:
 
     Attributes:
         path_xy_m: (N, 2) the polyline they are placed along.
+        length_m: Octile length of the whole path.
         stops_xy_m: Start and goals, which stay clear and connected.
+        standing: Obstacles that are there already.
+        from_start_m: How far from the start a centre must be, at least.
     """
 
     ground: Ground
     path_xy_m: NDArray[np.float64]
+    length_m: float
     stops_xy_m: Sequence[tuple[float, float]]
+    standing: Sequence[Obstacle] = ()
+    from_start_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +69,11 @@ def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> lis
     """
     refusals: Counter[str] = Counter()
     most = 0
+    passable = _around(site.ground, site.standing)
+    if site.standing and not _connected(site, passable):
+        return "the obstacles that are there already leave no way to the goals"
     for _ in range(MAX_ATTEMPTS):
-        layout = _Layout(site, refusals)
+        layout = _Layout(site, passable, refusals)
         if all(layout.add(pattern, rng) for pattern in _each(wanted)):
             return layout.obstacles
         most = max(most, len(layout.obstacles))
@@ -83,51 +92,52 @@ def _each(wanted: Sequence[Wanted]) -> Iterable[Wanted]:
 class _Layout:
     """The obstacles placed so far, and where the robot can still be."""
 
-    def __init__(self, site: Site, refusals: Counter[str]) -> None:
+    def __init__(self, site: Site, passable: NDArray[np.bool_], refusals: Counter[str]) -> None:
         self.obstacles: list[Obstacle] = []
         self._site = site
         self._refusals = refusals
-        self._footprints: list[Polygon] = []
-        self._passable = site.ground.passable
+        self._footprints = [obstacle.footprint() for obstacle in site.standing]
+        self._passable = passable
 
     def add(self, wanted: Wanted, rng: np.random.Generator) -> bool:
         """Place one more; False where no place was found."""
         for _ in range(MAX_TRIES):
             obstacle = replace(wanted.pattern, pose=draw_pose(self._site.path_xy_m, wanted.max_distance_m, rng))
-            refusal = self._refusal(obstacle.footprint())
+            refusal = self._refusal(obstacle)
             if refusal is None:
                 self.obstacles.append(obstacle)
                 return True
             self._refusals[refusal] += 1
         return False
 
-    def _refusal(self, footprint: Polygon) -> str | None:
-        ground = self._site.ground
-        if any(
-            footprint.distance(Point(stop)) < ground.robot_diameter_m / 2 + MARGIN_M for stop in self._site.stops_xy_m
-        ):
+    def _refusal(self, obstacle: Obstacle) -> str | None:
+        ground, stops, footprint = self._site.ground, self._site.stops_xy_m, obstacle.footprint()
+        if any(footprint.distance(Point(stop)) < ground.robot_diameter_m / 2 + MARGIN_M for stop in stops):
             return "left no room for the robot at its start or goals"
+        if math.dist((obstacle.pose.x_m, obstacle.pose.y_m), stops[0]) < self._site.from_start_m:
+            return f"lay within {self._site.from_start_m:g} m of the start"
         if any(footprint.distance(other) < MARGIN_M for other in self._footprints):
             return "came too close to another obstacle"
         covered = covered_cells(ground, footprint)
         if covered is None:
             return "lay on walls or unknown space"
-        passable = without(self._passable, covered, ground.robot_diameter_m / 2 / ground.occupancy.resolution_m)
-        if not self._connected(passable):
+        passable = without(self._passable, covered, _radius_cells(ground))
+        if not _connected(self._site, passable):
             return "left no way to the goals"
         self._footprints.append(footprint)
         self._passable = passable
         return None
 
-    def _connected(self, passable: NDArray[np.bool_]) -> bool:
-        occupancy = self._site.ground.occupancy
-        stops = np.array([occupancy.cell_of(*stop) for stop in self._site.stops_xy_m])
-        margin = math.ceil(NEIGHBOURHOOD_M / occupancy.resolution_m)
-        near = np.array([occupancy.cell_of(*point) for point in self._site.path_xy_m.tolist()])
-        corner = np.maximum(np.minimum(near.min(axis=0), stops.min(axis=0)) - margin, 0)
-        far_corner = np.maximum(near.max(axis=0), stops.max(axis=0)) + margin
-        window = passable[corner[0] : far_corner[0], corner[1] : far_corner[1]]
-        return _joined(window, stops - corner) or _joined(passable, stops)
+
+def _connected(site: Site, passable: NDArray[np.bool_]) -> bool:
+    occupancy = site.ground.occupancy
+    stops = np.array([occupancy.cell_of(*stop) for stop in site.stops_xy_m])
+    margin = math.ceil(NEIGHBOURHOOD_M / occupancy.resolution_m)
+    near = np.array([occupancy.cell_of(*point) for point in site.path_xy_m.tolist()])
+    corner = np.maximum(np.minimum(near.min(axis=0), stops.min(axis=0)) - margin, 0)
+    far_corner = np.maximum(near.max(axis=0), stops.max(axis=0)) + margin
+    window = passable[corner[0] : far_corner[0], corner[1] : far_corner[1]]
+    return _joined(window, stops - corner) or _joined(passable, stops)
 
 
 def _joined(passable: NDArray[np.bool_], cells: NDArray[np.int64]) -> bool:
@@ -157,9 +167,20 @@ def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | Non
     """(K, 2) row and column of the cells that a convex `footprint` touches; None where one is not known to be free."""
     occupancy = ground.occupancy
     left, bottom, right, top = footprint.bounds
-    first, last = occupancy.cell_of(left, bottom), occupancy.cell_of(right, top)
-    if not (occupancy.contains(*first) and occupancy.contains(*last)):
+    if not (
+        occupancy.contains(*occupancy.cell_of(left, bottom)) and occupancy.contains(*occupancy.cell_of(right, top))
+    ):
         return None
+    cells = touched_cells(ground, footprint)
+    return cells if occupancy.free[cells[:, 0], cells[:, 1]].all() else None
+
+
+def touched_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64]:
+    """(K, 2) row and column of the map's cells that a convex `footprint` touches, walls or not."""
+    occupancy = ground.occupancy
+    left, bottom, right, top = footprint.bounds
+    first = np.maximum(occupancy.cell_of(left, bottom), 0)
+    last = np.minimum(occupancy.cell_of(right, top), np.array(occupancy.shape) - 1)
     rows, columns = np.mgrid[first[0] : last[0] + 1, first[1] : last[1] + 1]
     cells = np.column_stack((rows.ravel(), columns.ravel()))
     centres = (cells[:, ::-1] + 0.5) * occupancy.resolution_m + occupancy.origin_xy_m
@@ -168,8 +189,20 @@ def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | Non
     normals = np.column_stack((sides[:, 1], -sides[:, 0]))
     # Separating axes: the grid's own are the bounds above. A tenth of the time of one shapely box a cell.
     beyond = centres @ normals.T - np.sum(outline[:-1] * normals, axis=1)
-    cells = cells[~np.any(beyond > np.abs(normals).sum(axis=1) * occupancy.resolution_m / 2, axis=1)]
-    return cells if occupancy.free[cells[:, 0], cells[:, 1]].all() else None
+    return np.asarray(cells[~np.any(beyond > np.abs(normals).sum(axis=1) * occupancy.resolution_m / 2, axis=1)])
+
+
+def _around(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
+    """The passable cells (H, W) when obstacles stand, on walls or beyond the map though they may."""
+    passable = ground.passable
+    for obstacle in obstacles:
+        touched = touched_cells(ground, obstacle.footprint())
+        passable = without(passable, touched, _radius_cells(ground)) if len(touched) else passable
+    return passable
+
+
+def _radius_cells(ground: Ground) -> float:
+    return ground.robot_diameter_m / 2 / ground.occupancy.resolution_m
 
 
 def without(passable: NDArray[np.bool_], covered: NDArray[np.int64], radius_cells: float) -> NDArray[np.bool_]:

@@ -56,11 +56,9 @@ class Producer(ABC, Generic[P]):
 
     Attributes:
         Parameters: The pydantic model of what stands below the producer's name in the campaign file.
-        executed: False for a producer whose file format is read but whose machinery does not exist yet.
     """
 
     Parameters: ClassVar[type[Parameters]]
-    executed: ClassVar[bool] = True
 
     def __init__(self, parameters: P) -> None:
         self.parameters = parameters

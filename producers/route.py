@@ -90,25 +90,65 @@ def shortest_leg(ground: Ground, start: Cell, end: Cell) -> Leg | None:
     return leg_of(ground, octile.descend(field, *start)) if math.isfinite(field[start]) else None
 
 
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """The shortest paths from a cell that are no longer than a limit.
+
+    Attributes:
+        corner: The cell of the map that is (0, 0) of `field`.
+        field: Distance in cells (h, w) from the start in the part of the map that the paths can be in.
+    """
+
+    ground: Ground
+    start: Cell
+    corner: Cell
+    field: NDArray[np.float32]
+
+    def lengths_m(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Lengths (N,) of the paths to `cells` (N, 2), to `FIELD_ERROR_M`; infinite beyond the limit."""
+        local = cells - self.corner
+        inside = np.all((local >= 0) & (local < self.field.shape), axis=1)
+        lengths = np.full(len(cells), np.inf)
+        lengths[inside] = self.field[tuple(local[inside].T)]
+        return lengths * self.ground.occupancy.resolution_m
+
+    def around(self, length_m: float, error_m: float) -> NDArray[np.int64]:
+        """The cells (N, 2) whose path is `length_m` ± `error_m` long, in reading order."""
+        resolution_m = self.ground.occupancy.resolution_m
+        least, most = (length_m - error_m) / resolution_m, (length_m + error_m) / resolution_m
+        # In single precision first, with a cell to spare: it is the whole field.
+        near = np.flatnonzero((self.field >= least - 1.0) & (self.field <= most + 1.0))
+        exact = np.abs(self.field.ravel()[near] * np.float64(resolution_m) - length_m) <= error_m
+        return np.asarray(np.column_stack(np.unravel_index(near[exact], self.field.shape)) + np.array(self.corner))
+
+    def leg_to(self, end: Cell) -> Leg:
+        """The leg to a cell that is reached."""
+        way = octile.descend(self.field, end[0] - self.corner[0], end[1] - self.corner[1])[::-1]
+        return leg_of(self.ground, way + np.array(self.corner))
+
+
+def reach_of(ground: Ground, start: Cell, limit_m: float) -> Reach:
+    """The shortest paths of at most `limit_m` from a passable cell."""
+    limit_cells = max(limit_m + 2 * FIELD_ERROR_M, 0.0) / ground.occupancy.resolution_m
+    # A path does not leave the square of its length round the start, so no more than that is looked at.
+    side = math.ceil(min(limit_cells, sum(ground.passable.shape))) + 1
+    top, left = max(start[0] - side, 0), max(start[1] - side, 0)
+    window = ground.passable[top : start[0] + side + 1, left : start[1] + side + 1]
+    field = octile.distance_field(window, start[0] - top, start[1] - left, limit_cells)
+    return Reach(ground, start, (top, left), field)
+
+
 def draw_leg(ground: Ground, start: Cell, request: LegRequest, rng: np.random.Generator) -> Leg | None:
     """A leg from `start` to a cell drawn uniformly from all that `request` admits; None where there is none.
 
     Draws from `rng` only where there are some.
     """
-    resolution_m = ground.occupancy.resolution_m
-    # A path does not leave the square of its length round the start, so no more than that is flooded.
-    reach = max(math.ceil((request.length_m + request.tolerance_m) / resolution_m), 0) + 2
-    top, left = max(start[0] - reach, 0), max(start[1] - reach, 0)
-    window = ground.passable[top : start[0] + reach + 1, left : start[1] + reach + 1]
-    field = octile.distance_field(window, start[0] - top, start[1] - left)
-    error_m = request.tolerance_m + FIELD_ERROR_M
-    rows, columns = np.nonzero(np.abs(field * np.float64(resolution_m) - request.length_m) <= error_m)
-    straight_m = np.hypot(rows + top - start[0], columns + left - start[1]) * resolution_m
-    far = straight_m >= request.min_distance_m - ROUNDING_M
-    rows, columns = rows[far], columns[far]
-    for i in rng.permutation(len(rows)) if len(rows) else ():
-        way = octile.descend(field, int(rows[i]), int(columns[i]))[::-1]
-        leg = leg_of(ground, way + np.array([top, left]))
+    reach = reach_of(ground, start, request.length_m + request.tolerance_m)
+    ends = reach.around(request.length_m, request.tolerance_m + FIELD_ERROR_M)
+    straight_m = np.hypot(*(ends - start).T) * ground.occupancy.resolution_m
+    ends = ends[straight_m >= request.min_distance_m - ROUNDING_M]
+    for i in rng.permutation(len(ends)) if len(ends) else ():
+        leg = reach.leg_to((int(ends[i, 0]), int(ends[i, 1])))
         if request.admits(leg.length_m):
             return leg
     return None
@@ -160,16 +200,30 @@ class StartSearch:
     def draw(self, rng: np.random.Generator) -> list[Leg] | None:
         """The legs of a route; None where there is none, or none was found (`gave_up`)."""
         order = rng.permutation(len(self._possible))
+        at = 0
         while not self.gave_up:
-            order = order[self._possible[order]]
-            if not order.size:
+            at = self._next_possible(order, at)
+            if at == len(order):
                 return None
-            legs = draw_legs(self._ground, self._cell(order[0]), self._n_legs, self._request, rng)
+            legs = draw_legs(self._ground, self._cell(order[at]), self._n_legs, self._request, rng)
             if legs is not None:
                 return legs
-            self._learn(int(order[0]))
+            self._learn(int(order[at]))
             self.gave_up = self._failed >= MAX_STARTS and bool(self._possible.any())
         return None
+
+    def _next_possible(self, order: NDArray[np.int64], at: int) -> int:
+        """Index in `order`, from `at`, of the first start that is still possible; its length where none is."""
+        size = (
+            64  # at first, for most starts are possible as a rule, and a gather over a large map takes as long as a leg
+        )
+        while at < len(order):
+            found = np.flatnonzero(self._possible[order[at : at + size]])
+            if found.size:
+                return at + int(found[0])
+            at += size
+            size *= 4
+        return len(order)
 
     def _learn(self, start: int) -> None:
         distance_m = self._exclude_round(start)

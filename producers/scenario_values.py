@@ -1,12 +1,16 @@
 """Values of a scenario that are known when the campaign file is read, checked against what the simulator takes."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from typing import TypeAlias
 
 from vastflow.producers.faults import shown
 from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.digest import Value
-from vastflow.sim.nav.parameters import ParameterError, parameters_of, unread
+from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, check_key, parameters_of, unread
+from vastflow.sim.nav.parameters.document import DocumentError
+from vastflow.sim.nav.parameters.interpretation import CONTROLLER_DEFAULTS
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.sim.obstacle import obstacle_of
 from vastflow.sim.pose import pose_of
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
@@ -17,8 +21,14 @@ Complaint: TypeAlias = tuple[str, str]
 """What was found, and what would be right."""
 
 
-def complaint_of(key: str, value: Value, dimension: Dimension) -> Complaint | None:
-    """What is wrong with a value the simulator would read; None for a good one and for one it does not read."""
+def complaint_of(
+    key: str, value: Value, dimension: Dimension, system: Mapping[str, Value] | None = None
+) -> Complaint | None:
+    """What is wrong with a value the simulator would read; None for a good one and for one it does not read.
+
+    Args:
+        system: What else of the system dimension is known, such as its Nav2 parameter file.
+    """
     if key in (START_KEY, GOAL_KEY):
         return _pose_complaint(value)
     if key == GOALS_KEY:
@@ -30,7 +40,7 @@ def complaint_of(key: str, value: Value, dimension: Dimension) -> Complaint | No
         return None if good else (f"found {shown(value)}", "a whole number, 0 or more")
     if dimension == "environment" and isinstance(value, Sequence) and not isinstance(value, str):
         return next(filter(None, map(_obstacle_complaint, value)), None)
-    return _parameter_complaint(key, value) if dimension == "system" else None
+    return _parameter_complaint(key, value, system or {}) if dimension == "system" else None
 
 
 def dimension_of(key: str, value: Value, given: Dimension | None) -> Dimension:
@@ -42,17 +52,25 @@ def dimension_of(key: str, value: Value, given: Dimension | None) -> Dimension:
     return "system"
 
 
-def unread_keys(keys: Iterable[str]) -> tuple[str, ...]:
-    """Those keys of the system dimension that nothing in the simulator reads."""
-    return unread(dict.fromkeys(keys))
+def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[str, ...]:
+    """Those keys of the system dimension that nothing in the simulator reads, sorted.
+
+    Args:
+        varied: Keys that producers write, so that their values are not known: whatever they may be.
+    """
+    found: list[set[str]] = []
+    for each in _contexts(system, varied):
+        with suppress(DocumentError):  # another controller than those varied need not suit the rest
+            found.append(set(unread(each, varied)))
+    return tuple(sorted(set.intersection(*found))) if found else ()
 
 
 def combined_complaint(system: Mapping[str, Value]) -> Complaint | None:
     """What is wrong with values that are each right on their own."""
     try:
         parameters_of(system)
-    except ParameterError as error:
-        return f"found parameters that contradict each other: {error}", "values that agree"
+    except DocumentError as error:
+        return error.faults[0].what, error.faults[0].right
     return None
 
 
@@ -75,12 +93,26 @@ def _obstacle_complaint(value: Value) -> Complaint | None:
     return None
 
 
-def _parameter_complaint(key: str, value: Value) -> Complaint | None:
-    try:
-        parameters_of({key: value})
-    except ParameterError as error:
-        message = str(error)
-        # A bound on a pair of parameters is for the pair: the other may be given too.
-        if message.partition(" must ")[0] in key:
-            return f"found {shown(value)}", message.partition(", got ")[0]
+def _parameter_complaint(key: str, value: Value, system: Mapping[str, Value]) -> Complaint | None:
+    if key == FILE_KEY:
+        return f"found {shown(value)}", f"no {FILE_KEY} here; execution.{FILE_KEY} is the file of all families"
+    others = {other: given for other, given in system.items() if other != key}
+    undecided = () if CONTROLLER_KEY in (key, *system) else _contexts(others, (CONTROLLER_KEY,))
+    for each in (others, *undecided):
+        try:
+            if check_key(each, key, value):
+                break
+        except DocumentError as error:
+            # A bound on a pair of parameters is for the pair: the other may be given too.
+            own = [fault for fault in error.faults if fault.where == key and not fault.together]
+            if not own and key == CONTROLLER_KEY:  # critics of another, for example
+                return f"found {shown(value)}", f"one that goes with the rest: {error.faults[0]}"
+            return (f"found {shown(value)}", own[0].right) if own else None
     return None
+
+
+def _contexts(system: Mapping[str, Value], varied: Collection[str]) -> list[Mapping[str, Value]]:
+    """The system with each controller, where it is not known which."""
+    if CONTROLLER_KEY not in varied:
+        return [system]
+    return [{**system, CONTROLLER_KEY: name.lower()} for name in CONTROLLER_DEFAULTS]

@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
-from pydantic import AfterValidator, BaseModel, Field, model_validator
+from pydantic import AfterValidator, BaseModel, Field, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
+from vastflow.producers.design import CARTESIAN, Design
 from vastflow.producers.faults import Location
 from vastflow.producers.quantities import Amount, Count, Positive, Seed
 from vastflow.producers.search import SearchSpec
@@ -53,6 +54,14 @@ def _one_env(entry: dict[str, Any]) -> dict[str, Any]:
 
 
 PerCluster: TypeAlias = list[dict[str, Count]]
+
+
+_EXPRESSIONS = {"type": "object", "additionalProperties": {"type": "string"}}
+
+Constraints: TypeAlias = Annotated[
+    Any, WithJsonSchema({"anyOf": [{"type": "array", "items": _EXPRESSIONS}, _EXPRESSIONS, {"type": "null"}]})
+]
+"""Named expressions; `vastflow.producers.constraint_reading` reads and checks them."""
 
 
 class Resources(Section):
@@ -115,8 +124,9 @@ class ExecutionSpec(Section):
     mission follows from the goal: goal_pose or goal_poses."""
     timeout: Positive | None = None
     """Simulated seconds after which a run ends as timed out; 360 where nothing is given."""
-    nav2_params: Annotated[str | None, Unexecuted("the navigation stack keeps Nav2's default parameters")] = None
-    """Nav2 parameter file. Not part of version 1 elsewhere."""
+    nav2_params: str | None = None
+    """Nav2 parameter file; the parameters of Nav2 Jazzy's default file where nothing is given. Not part of version 1
+    elsewhere."""
     simulation: Annotated[
         Annotated[str, Field(pattern=r"^[\w.]+:\w+$")] | None, Unexecuted("the simulator in this package is used")
     ] = None
@@ -161,10 +171,11 @@ class FamilySpec(Section):
     """Producers in order, `- Producer: {parameters}`; a producer is a known name or `file.py:Class`."""
     dimensions: Annotated[dict[str, Dimension], EmptyIsMap] = Field(default_factory=dict)
     """Dimension of a fixed parameter where it is not the usual one. Not part of version 1 elsewhere."""
-    design: Annotated[Any, Unexecuted("every combination is a configuration")] = None
-    """Which combinations become configurations. Not part of version 1 elsewhere."""
-    constraints: Annotated[Any, Unexecuted("no configuration is excluded by it")] = None
-    """Which combinations are excluded. Not part of version 1 elsewhere."""
+    design: Design = CARTESIAN
+    """Which combinations become configurations: `cartesian` (all), `t_way: {strength}` or
+    `sample: {method, size, seed}`. Not part of version 1 elsewhere."""
+    constraints: Constraints = None
+    """What a configuration must fulfil, `- name: "expression"`. Not part of version 1 elsewhere."""
 
 
 class ResultsProcessingSpec(Section):
@@ -217,8 +228,8 @@ class CampaignSpec(Section):
     """The scenario families."""
     search: Annotated[SearchSpec | None, Unexecuted()] = None
     """Families that an optimiser proposes, in place of `configuration`."""
-    constraints: Annotated[Any, Unexecuted("no configuration is excluded by it")] = None
-    """Which combinations are excluded in every family. Not part of version 1 elsewhere."""
+    constraints: Constraints = None
+    """What the configurations of every family must fulfil. Not part of version 1 elsewhere."""
     execution: Annotated[ExecutionSpec, EmptyIsMap] = Field(default_factory=ExecutionSpec)
     results_processing: Annotated[ResultsProcessingSpec, EmptyIsMap] = Field(default_factory=ResultsProcessingSpec)
     evaluation: Annotated[EvaluationSpec, EmptyIsMap] = Field(default_factory=EvaluationSpec)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, TypeAlias
 
-from pydantic import BeforeValidator
+from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from vastflow.sim.digest import Value
@@ -21,6 +21,8 @@ def _start(value: Any) -> Any:
 def _goals(value: Any) -> Any:
     if isinstance(value, str):
         return _key(value)
+    if isinstance(value, dict):
+        return (_pose(value),)
     if not isinstance(value, list) or not value:
         raise PydanticCustomError(
             "goals", "found {found}; a key such as '@goal_poses', or a list of poses", {"found": repr(value)}
@@ -46,12 +48,15 @@ def _pose(value: Any) -> Pose:
         raise PydanticCustomError("pose", "{error}", {"error": str(error)}) from None
 
 
+KeyParameter: TypeAlias = Annotated[str, Field(min_length=1), AfterValidator(_key)]
+"""`@key` or key of a value that a producer writes (without the @ once read)."""
 StartParameter: TypeAlias = Annotated[str | Pose, BeforeValidator(_start, json_schema_input_type=str | dict[str, Any])]
 """`@key` of the configuration's key that holds the start (without the @ once read), or the pose itself."""
 GoalsParameter: TypeAlias = Annotated[
-    str | tuple[Pose, ...], BeforeValidator(_goals, json_schema_input_type=str | list[dict[str, Any]])
+    str | tuple[Pose, ...],
+    BeforeValidator(_goals, json_schema_input_type=str | list[dict[str, Any]] | dict[str, Any]),
 ]
-"""`@key` of the configuration's key that holds the goals (without the @ once read), or the poses themselves."""
+"""`@key` of the configuration's key that holds the goals (without the @ once read), or the pose or poses themselves."""
 
 
 def start_key(parameter: str | Pose) -> str:

@@ -1,84 +1,197 @@
-"""The pinned benchmark: one closed loop in CPU time, with everything that could flatter it printed beside it."""
+"""The pinned benchmark: closed loops in CPU time, with everything that could flatter it printed beside it."""
 
 import itertools
 import time
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vastflow.sim.closed_loop import ClosedLoop
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import FREE, OCCUPIED, OccupancyMap
 from vastflow.sim.mission import Mission
 from vastflow.sim.nav.behaviour import REPLAN_TICKS
-from vastflow.sim.nav.mapping import GLOBAL_TICKS, LOCAL_TICKS
-from vastflow.sim.nav.parameters import NavParameters
+from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.profile import CLOCK, STAGES
 from vastflow.sim.nav.state import SUBSTEPS, TICK_S
 from vastflow.sim.octile import descend, distance_field, passable, path_xy_m
 from vastflow.sim.pose import Pose
-from vastflow.sim.prepared import prepare
+from vastflow.sim.prepared import PreparedMap, prepare
 from vastflow.sim.robot import Robot
 from vastflow.sim.run import execute
 from vastflow.sim.streams import run_entropy
 
-CONTROLLERS: Final = ("rpp",)
+CONTROLLERS: Final = {"mppi": MppiParameters, "dwb": DwbParameters, "rpp": RppParameters}
 MAP_SEED: Final = 20
-WIDTH_M, HEIGHT_M, RESOLUTION_M = 100.0, 70.0, 0.05
-ROUTE_M: Final = 20.0
+RESOLUTION_M: Final = 0.05
 ROUTES: Final = 5
 TIMEOUT_S: Final = 180.0
+REFERENCE_TURNS: Final = 5_000_000
 
 
-def bench(controller: str = "rpp") -> dict[str, Any]:
-    """Closed-loop speed over `ROUTES` routes of 20 m on the generated map, one core, kernels warm.
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """A generated floor, and the length of the routes driven on it."""
 
-    The time counts everything a run costs but reading and preparing the map, which its runs share.
+    width_m: float
+    height_m: float
+    route_m: float
+
+
+LARGE: Final = Floor(100.0, 70.0, 20.0)
+SMALL: Final = Floor(20.0, 20.0, 10.0)
+
+
+def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
+    """Closed-loop speed over `ROUTES` routes on each generated floor, one core, kernels warm.
+
+    The time counts everything a run costs but reading and preparing the map, which its runs share; what that costs, and what
+    a run costs before its first tick, is given beside it.
+
+    Args:
+        profile: Drive the routes of the large floor once more and say which stage of a tick took how long.
 
     Returns:
-        `x_real_time` (simulated seconds per CPU second) and what it was measured with.
+        `x_real_time` (simulated seconds per CPU second) and what it was measured with: of the large floor, and of
+        the small one under `small`.
 
     Raises:
-        ValueError: a controller this version does not have.
+        ValueError: a controller there is not.
     """
     if controller not in CONTROLLERS:
         raise ValueError(f"controller: found {controller!r}; one of {', '.join(CONTROLLERS)}")
-    occupancy = benchmark_map()
-    parameters, lidar, robot = NavParameters(), Lidar(), Robot()
-    prepared = prepare(occupancy, lidar, parameters)
-    missions = benchmark_missions(occupancy)
-    execute(prepared, parameters, lidar, robot, missions[0], (), run_entropy(MAP_SEED, "0", 0), TIMEOUT_S)
-    simulated_s, reached = 0.0, 0
-    began = time.process_time()
-    for index, mission in enumerate(missions):
-        outcome = execute(prepared, parameters, lidar, robot, mission, (), run_entropy(MAP_SEED, "0", index), TIMEOUT_S)
-        simulated_s += outcome.run.simulated_s
-        reached += outcome.run.outcome == "succeeded"
-    cpu_s = time.process_time() - began
-    return {
-        "controller": controller,
-        "x_real_time": round(simulated_s / cpu_s, 1),
-        "simulated_s": round(simulated_s, 2),
-        "cpu_s": round(cpu_s, 3),
-        "runs": len(missions),
-        "reached": reached,
-        "map": {"width_m": WIDTH_M, "height_m": HEIGHT_M, "resolution_m": RESOLUTION_M, "seed": MAP_SEED},
-        "route_m": ROUTE_M,
+    parameters, lidar = NavParameters(controller=CONTROLLERS[controller]()), Lidar()
+    large, small = _Course(LARGE, parameters), _Course(SMALL, parameters)
+    measured = {"controller": controller, **large.measured(), "small": small.measured()}
+    if profile:
+        measured["profile"] = large.profile()
+    return measured | {
+        "reference_cpu_s": round(_reference_cpu_s(), 3),
         "lidar": {"beams": lidar.beams, "rate_hz": lidar.rate_hz, "range_max_m": lidar.range_max_m},
         "rates_hz": {
             "physics": SUBSTEPS / TICK_S,
             "controller": 1 / TICK_S,
-            "local_costmap": 1 / (TICK_S * LOCAL_TICKS),
-            "global_costmap": 1 / (TICK_S * GLOBAL_TICKS),
+            "local_costmap": parameters.local_costmap.update_frequency,
+            "global_costmap": parameters.global_costmap.update_frequency,
             "planner": 1 / (TICK_S * REPLAN_TICKS),
         },
         "parameters": asdict(parameters),
     }
 
 
-def benchmark_map() -> OccupancyMap:
-    """The generated office floor, 100 m × 70 m: rooms of 5 to 9 m, a door in each wall, furniture."""
+class _Course:
+    """The routes of one floor, warm: its map is prepared and the kernels have run."""
+
+    def __init__(self, floor: Floor, parameters: NavParameters) -> None:
+        self.floor, self.parameters = floor, parameters
+        occupancy = benchmark_map(floor)
+        prepare(occupancy, Lidar(), parameters)  # kernels of the preparation are compiled here, and timed below
+        began = time.process_time()
+        self.prepared: PreparedMap = prepare(benchmark_map(floor), Lidar(), parameters)
+        self.preparation_s = time.process_time() - began
+        self.missions = benchmark_missions(occupancy, floor.route_m)
+        self.loop(0, self.missions[0]).advance()
+
+    def loop(self, index: int, mission: Mission) -> ClosedLoop:
+        return ClosedLoop(self.prepared, self.parameters, Lidar(), Robot(), mission, (), _entropy(index), TIMEOUT_S)
+
+    def measured(self) -> dict[str, Any]:
+        began = time.process_time()
+        runs = [
+            execute(self.prepared, self.parameters, Lidar(), Robot(), mission, (), _entropy(index), TIMEOUT_S).run
+            for index, mission in enumerate(self.missions)
+        ]
+        cpu_s = time.process_time() - began
+        simulated_s = sum(run.simulated_s for run in runs)
+        began = time.process_time()
+        for index, mission in enumerate(self.missions):
+            self.loop(index, mission)
+        start_s = (time.process_time() - began) / len(self.missions)
+        return {
+            "x_real_time": round(simulated_s / cpu_s, 1),
+            "simulated_s": round(simulated_s, 2),
+            "cpu_s": round(cpu_s, 3),
+            "ms_per_simulated_s": round(1e3 * cpu_s / simulated_s, 3),
+            "runs": len(runs),
+            "reached": sum(run.outcome == "succeeded" for run in runs),
+            "recoveries": sum(run.recoveries for run in runs),
+            "contacts": sum(event.kind == "contact" for run in runs for event in run.events),
+            "driven_m": round(sum(run.distance_m for run in runs), 1),
+            "start_of_a_run_ms": round(1e3 * start_s, 2),
+            "preparation_of_the_map_ms": round(1e3 * self.preparation_s, 1),
+            "map": {**asdict(self.floor), "resolution_m": RESOLUTION_M, "seed": MAP_SEED},
+            **self._counted(simulated_s),
+        }
+
+    def _counted(self, simulated_s: float) -> dict[str, Any]:
+        """What the same runs did, tick by tick, untimed."""
+        particles: list[int] = []
+        floods = 0
+        for index, mission in enumerate(self.missions):
+            loop = self.loop(index, mission)
+            m = loop.stack.m[0]
+            updates, flooded_tick = 0, -1
+            while loop.running:
+                loop.advance(loop.tick + 1)
+                if m["filter_updates"] > updates:
+                    updates = int(m["filter_updates"])
+                    particles.append(int(m["particles"]))
+                if m["planned_goal"] >= 0 and m["flooded_tick"] != flooded_tick:
+                    flooded_tick, floods = int(m["flooded_tick"]), floods + 1
+        return {
+            "amcl_updates_per_s": round(len(particles) / simulated_s, 2),
+            "amcl_particles_mean": round(float(np.mean(particles)), 1),
+            "floods_per_s": round(floods / simulated_s, 3),
+        }
+
+    def profile(self) -> dict[str, Any]:
+        """CPU time of each stage of a tick, less what the clock takes."""
+        laps = np.zeros((len(STAGES), 2))
+        simulated_s = 0.0
+        for index, mission in enumerate(self.missions):
+            loop = self.loop(index, mission)
+            m = loop.stack.m[0]
+            m["profiling"], m["lapped"] = 1, time.process_time() * 1e6
+            loop.advance()
+            laps += m["laps"]
+            simulated_s += loop.tick * TICK_S
+        return _table(laps, simulated_s)
+
+
+def _table(laps: NDArray[np.float64], simulated_s: float) -> dict[str, Any]:
+    stop_us = float(laps[CLOCK, 0] / laps[CLOCK, 1])
+    return {
+        stage: {
+            "ms_per_simulated_s": round(max(spent_us - count * stop_us, 0.0) / simulated_s / 1e3, 4),
+            "per_simulated_s": round(count / simulated_s, 2),
+        }
+        for index, (stage, (spent_us, count)) in enumerate(zip(STAGES, laps.tolist(), strict=True))
+        if index != CLOCK
+    }
+
+
+def _entropy(index: int) -> Sequence[int]:
+    return run_entropy(MAP_SEED, "0", index)
+
+
+def _reference_cpu_s() -> float:
+    """CPU time of an empty loop of Python's: what this machine is like at the moment."""
+    began = time.process_time()
+    for _ in range(REFERENCE_TURNS):
+        pass
+    return time.process_time() - began
+
+
+def benchmark_map(floor: Floor = LARGE) -> OccupancyMap:
+    """The generated office floor: rooms of 5 to 9 m, a door in each wall, furniture."""
     rng = np.random.default_rng(MAP_SEED)
-    rows, columns = round(HEIGHT_M / RESOLUTION_M), round(WIDTH_M / RESOLUTION_M)
+    rows, columns = round(floor.height_m / RESOLUTION_M), round(floor.width_m / RESOLUTION_M)
     cells = np.full((rows, columns), FREE, dtype=np.int8)
     xs, ys = _wall_positions(columns, rng), _wall_positions(rows, rng)
     wall, door = round(0.15 / RESOLUTION_M), round(1.2 / RESOLUTION_M)
@@ -103,16 +216,16 @@ def benchmark_map() -> OccupancyMap:
     return OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0))
 
 
-def benchmark_missions(occupancy: OccupancyMap) -> list[Mission]:
-    """Routes of 20 m (octile) between free poses, drawn with the map's seed."""
+def benchmark_missions(occupancy: OccupancyMap, route_m: float = LARGE.route_m) -> list[Mission]:
+    """Routes of one length (octile) between free poses, drawn with the map's seed."""
     rng = np.random.default_rng(MAP_SEED)
     free = passable(occupancy, 0.4)
     cells = np.argwhere(free)
     missions: list[Mission] = []
     while len(missions) < ROUTES:
         row, column = cells[rng.integers(len(cells))]
-        field = distance_field(free, int(row), int(column))
-        goals = np.argwhere(np.abs(field * RESOLUTION_M - ROUTE_M) < RESOLUTION_M)
+        field = distance_field(free, int(row), int(column), (route_m + 1.0) / RESOLUTION_M)
+        goals = np.argwhere(np.abs(field * RESOLUTION_M - route_m) < RESOLUTION_M)
         if len(goals) == 0:
             continue
         goal = goals[rng.integers(len(goals))]

@@ -5,10 +5,10 @@ never by its path or time.
 """
 
 import hashlib
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from json.encoder import encode_basestring_ascii
 from pathlib import Path
 from typing import TypeAlias
 
@@ -37,12 +37,35 @@ def canonical(value: Value) -> str:
         TypeError: a type that has no canonical form.
         ValueError: NaN, which is not equal to itself.
     """
-    return json.dumps(_tagged(value), sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return _text(value)
 
 
 def digest(*values: Value) -> str:
     """SHA-256 (64 hexadecimal digits) of the canonical form of `values`, in order."""
-    return hashlib.sha256(canonical(values).encode()).hexdigest()
+    return text_digest(canonical(values))
+
+
+class Texts:
+    """Canonical texts of values, each object's once: for many values that share the objects they are made of."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Value, str]] = {}  # with the value, so that no other gets its id
+
+    def __call__(self, value: Value) -> str:
+        """`canonical(value)`; what is inside of `value` must not be changed later."""
+        found = self._known.get(id(value))
+        if found is None:
+            found = self._known[id(value)] = value, canonical(value)
+        return found[1]
+
+    def of_map(self, value: Mapping[str, Value]) -> str:
+        """`canonical(value)` from the texts of the mapping's values."""
+        return _map_of([f"{encode_basestring_ascii(key)}:{self(value[key])}" for key in sorted(value)])
+
+
+def text_digest(canonical_text: str) -> str:
+    """The digest of the one value that has this canonical text."""
+    return hashlib.sha256(canonical_text.encode()).hexdigest()
 
 
 def file_digest(path: str | Path) -> str:
@@ -51,22 +74,46 @@ def file_digest(path: str | Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _tagged(value: Value) -> object:
-    if value is None or isinstance(value, bool | str):
-        return value
+def _text(value: Value) -> str:
+    """JSON as `json.dumps` writes it with sorted keys and no spaces, in one pass: half of instantiation is digests."""
+    kind = type(value)
+    if kind is str:
+        return encode_basestring_ascii(value)  # type: ignore[arg-type]
+    if kind is float:
+        return _float_text(value)  # type: ignore[arg-type]
+    if kind is dict:
+        return _map_text(value)  # type: ignore[arg-type]
+    if value is None or isinstance(value, bool):
+        return "null" if value is None else "true" if value else "false"
+    if isinstance(value, str):
+        return encode_basestring_ascii(value)
     if isinstance(value, int):
-        return int(value)
+        return int.__repr__(value)
     if isinstance(value, float):
-        if math.isnan(value):
-            raise ValueError("NaN has no digest: it is not equal to itself")
-        return {"float": float(value + 0.0).hex()}  # + 0.0 turns -0.0 into 0.0
+        return _float_text(value)
     if isinstance(value, FileContent):
-        return {"file": value.digest}
+        return f'{{"file":{encode_basestring_ascii(value.digest)}}}'
     if isinstance(value, Mapping):
-        return {"map": {_text_key(key): _tagged(item) for key, item in value.items()}}
+        return _map_text(value)
     if isinstance(value, Sequence) and not isinstance(value, bytes | bytearray):
-        return [_tagged(item) for item in value]
+        return f"[{','.join([_text(item) for item in value])}]"
     raise TypeError(f"{type(value).__name__} has no canonical form; use None, bool, int, float, str, list or dict")
+
+
+def _float_text(value: float) -> str:
+    if math.isnan(value):
+        raise ValueError("NaN has no digest: it is not equal to itself")
+    return f'{{"float":"{(float(value) + 0.0).hex()}"}}'  # + 0.0 turns -0.0 into 0.0
+
+
+def _map_text(value: Mapping[str, Value]) -> str:
+    for key in value:
+        _text_key(key)
+    return _map_of([f"{encode_basestring_ascii(key)}:{_text(value[key])}" for key in sorted(value)])
+
+
+def _map_of(items: list[str]) -> str:
+    return f'{{"map":{{{",".join(items)}}}}}'
 
 
 def _text_key(key: object) -> str:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
 from shapely.affinity import rotate, translate
@@ -16,20 +16,37 @@ Shape: TypeAlias = Literal["box", "cylinder"]
 DEFAULT_SIZE_M: Final = 0.5
 """Edge or diameter where the model's arguments give none (the models' own default)."""
 
+MASS_KG: Final = 5.0
+FRICTION: Final = 0.4
+"""Of an obstacle that appears, where its arguments give none: a carton that the robot can just push."""
+
 ARGUMENTS: Final[Mapping[Shape, tuple[str, ...]]] = {
-    "box": ("width", "length", "height", "box_width", "box_length", "box_height"),
-    "cylinder": ("diameter", "radius", "width", "length", "height"),
+    "box": ("width", "length", "height", "box_width", "box_length", "box_height", "mass", "friction"),
+    "cylinder": ("diameter", "radius", "width", "length", "height", "mass", "friction"),
 }
 """Sizes that a model takes; heights, and a cylinder's length, which is one, are no part of the plane."""
+
+TRIGGER_POINT_KEY: Final = "spawn_trigger_point"
+TRIGGER_THRESHOLD_KEY: Final = "spawn_trigger_threshold"
+
+
+@dataclass(frozen=True, slots=True)
+class Trigger:
+    """What makes an obstacle appear: the robot's true position within `distance_m` of a point."""
+
+    x_m: float
+    y_m: float
+    distance_m: float
 
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A fixed box or cylinder.
+    """A box or cylinder; one without a trigger stands from the start and is fixed, one with a trigger appears and can be pushed.
 
     Attributes:
         length_m: Extent along its own x (a cylinder's diameter).
         width_m: Extent along its own y (a cylinder's diameter).
+        mass_kg, friction: Of one that appears; friction with the floor.
     """
 
     name: str
@@ -37,11 +54,23 @@ class Obstacle:
     pose: Pose
     length_m: float
     width_m: float
+    trigger: Trigger | None = None
+    mass_kg: float = MASS_KG
+    friction: float = FRICTION
 
     @property
     def circumradius_m(self) -> float:
         """Greatest distance from the centre to the outline in the plane (paper: centre to corner)."""
         return self.length_m / 2 if self.shape == "cylinder" else math.hypot(self.length_m, self.width_m) / 2
+
+    @property
+    def mean_radius_m(self) -> float:
+        """Mean distance of its floor area's points from the centre: the lever of friction against turning."""
+        if self.shape == "cylinder":
+            return self.length_m / 3
+        a, b = self.length_m / 2, self.width_m / 2
+        d = math.hypot(a, b)
+        return d / 3 + a * a / (6 * b) * math.log((b + d) / a) + b * b / (6 * a) * math.log((a + d) / b)
 
     @property
     def size_class(self) -> str:
@@ -62,36 +91,86 @@ class Obstacle:
 def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
     """Every obstacle in the environment dimension: entries with a `spawn_pose` of any list-valued key, in key order.
 
+    An entry appears during the run when it has a trigger, a point and the distance from it (m) within which the robot sets
+    it off:
+
+    - `spawn_trigger: {point: …, threshold: …}` in the entry, each a value or the name of the key of the environment that
+      holds it; the point is `{x, y}`.
+    - Without it, the environment's `spawn_trigger_point` and `spawn_trigger_threshold` are the trigger of the entries that
+      stand at that point: what `ObstacleVariationWithDistanceTrigger` writes under its usual names.
+
     Raises:
-        ValueError: an entry whose pose or size can't be read.
+        ValueError: an entry whose pose, size or trigger can't be read.
     """
-    return tuple(
-        obstacle_of(entry, f"{key}[{i}]")
+    obstacles = [
+        obstacle_of(entry, f"{key}[{i}]", environment)
         for key in sorted(environment)
         for i, entry in enumerate(_entries(environment[key]))
-    )
+    ]
+    if TRIGGER_POINT_KEY in environment:
+        point, threshold = environment[TRIGGER_POINT_KEY], environment.get(TRIGGER_THRESHOLD_KEY)
+        trigger = _trigger_of(point, threshold, TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY)
+        there = [o.trigger is None and (o.pose.x_m, o.pose.y_m) == (trigger.x_m, trigger.y_m) for o in obstacles]
+        if not any(o.trigger == trigger for o in obstacles) and not any(there):
+            raise ValueError(
+                f"{TRIGGER_POINT_KEY}: found {point!r}; the position of an obstacle, and none stands there"
+            )
+        obstacles = [replace(o, trigger=trigger) if meant else o for o, meant in zip(obstacles, there, strict=True)]
+    return tuple(obstacles)
 
 
-def obstacle_of(entry: Mapping[str, Value], where: str = "obstacle") -> Obstacle:
-    """Read `{entity_name, model, spawn_pose, xacro_arguments}` (vast format).
+def obstacle_of(
+    entry: Mapping[str, Value], where: str = "obstacle", environment: Mapping[str, Value] | None = None
+) -> Obstacle:
+    """Read `{entity_name, model, spawn_pose, xacro_arguments}` (vast format) and its trigger, see `obstacles_of`.
 
     The shape follows from the model's file name, the size from its arguments, one of `ARGUMENTS`
-    (`width:=0.5, length:=0.5`).
+    (`width:=0.5, length:=0.5`); `mass:=5.0` (kg) and `friction:=0.4` are those of one that appears.
 
     Raises:
-        ValueError: a pose or a size that can't be read, or an argument that the model does not have.
+        ValueError: a pose, a size or a trigger that can't be read, or an argument that the model does not have.
     """
     model = str(entry.get("model") or "box")
     shape: Shape = "cylinder" if "cylinder" in model.rsplit("/", 1)[-1].lower() else "box"
-    sizes = _arguments(str(entry.get("xacro_arguments") or ""), shape, where)
+    numbers = _arguments(str(entry.get("xacro_arguments") or ""), shape, where)
     pose = pose_of(entry["spawn_pose"], f"{where}.spawn_pose")
-    name = str(entry.get("entity_name") or where)
     if shape == "cylinder":
-        diameter_m = sizes.get("diameter", 2 * sizes.get("radius", sizes.get("width", DEFAULT_SIZE_M) / 2))
-        return Obstacle(name, shape, pose, diameter_m, diameter_m)
-    width_m = sizes.get("width", sizes.get("box_width", DEFAULT_SIZE_M))
-    length_m = sizes.get("length", sizes.get("box_length", width_m))
-    return Obstacle(name, shape, pose, length_m, width_m)
+        length_m = width_m = numbers.get(
+            "diameter", 2 * numbers.get("radius", numbers.get("width", DEFAULT_SIZE_M) / 2)
+        )
+    else:
+        width_m = numbers.get("width", numbers.get("box_width", DEFAULT_SIZE_M))
+        length_m = numbers.get("length", numbers.get("box_length", width_m))
+    return Obstacle(
+        str(entry.get("entity_name") or where),
+        shape,
+        pose,
+        length_m,
+        width_m,
+        _trigger(entry, where, environment or {}),
+        numbers.get("mass", MASS_KG),
+        numbers.get("friction", FRICTION),
+    )
+
+
+def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, Value]) -> Trigger | None:
+    if "spawn_trigger" not in entry:
+        return None
+    found = entry["spawn_trigger"]
+    if not isinstance(found, Mapping) or set(found) != {"point", "threshold"}:
+        raise ValueError(f"{where}.spawn_trigger: found {found!r}; {{point: …, threshold: …}}")
+    point, threshold = (
+        environment.get(value, value) if isinstance(value, str) else value
+        for value in (found["point"], found["threshold"])
+    )
+    return _trigger_of(point, threshold, f"{where}.spawn_trigger.point", f"{where}.spawn_trigger.threshold")
+
+
+def _trigger_of(point: Value, distance: Value, point_where: str, distance_where: str) -> Trigger:
+    at = pose_of(point, point_where)
+    if isinstance(distance, bool) or not isinstance(distance, int | float) or not 0 <= distance < math.inf:
+        raise ValueError(f"{distance_where}: found {distance!r}; a distance in metres, 0 or more")
+    return Trigger(at.x_m, at.y_m, float(distance))
 
 
 def _entries(value: Value) -> Iterator[Mapping[str, Value]]:
@@ -108,7 +187,7 @@ def _arguments(text: str, shape: Shape, where: str) -> dict[str, float]:
         except ValueError:
             found = ""
         if not found or not sizes[key] > 0 or not math.isfinite(sizes[key]):
-            raise ValueError(f"{where}: found argument {part!r}; a size is written like width:=0.5, greater than 0 m")
+            raise ValueError(f"{where}: found argument {part!r}; a size is written like width:=0.5, greater than 0")
         if key not in ARGUMENTS[shape]:
             raise ValueError(f"{where}: a {shape} has no argument {key!r}; it has {', '.join(ARGUMENTS[shape])}")
     return sizes

@@ -35,16 +35,19 @@ def inflated_free(free: NDArray[np.bool_], radius_cells: float) -> NDArray[np.bo
     return np.asarray(distance > max(radius_cells, 0.0))
 
 
-def distance_field(free: NDArray[np.bool_], row: int, column: int) -> NDArray[np.float32]:
+def distance_field(
+    free: NDArray[np.bool_], row: int, column: int, limit_cells: float = math.inf
+) -> NDArray[np.float32]:
     """Octile distance in cells (H, W) from one cell to every other; infinite where there is no way.
 
     Args:
         free: (H, W) passable cells.
         row, column: The source; everything is unreached when it is not passable.
+        limit_cells: What is farther is left unreached, and costs nothing.
     """
     out = np.full(free.shape, UNREACHED, dtype=np.float32)
     if 0 <= row < free.shape[0] and 0 <= column < free.shape[1] and free[row, column]:
-        _flood(np.ascontiguousarray(free), row, column, out)
+        _flood(np.ascontiguousarray(free), row, column, float(limit_cells), out)
     return out
 
 
@@ -88,55 +91,52 @@ def shortest_path(
 
 
 @njit
-def _flood(free: Any, row: int, column: int, out: Any) -> None:
-    """Dijkstra with ring of buckets one cell wide: a step costs at least 1, so a bucket never refills itself."""
+def _flood(free: Any, row: int, column: int, limit: float, out: Any) -> None:
+    """Dijkstra with a ring of buckets one cell wide: a step costs at least 1, so a bucket never refills itself."""
     rows, columns = free.shape
+    passable = free.reshape(-1)
+    field = out.reshape(-1)
     sqrt2 = math.sqrt(2.0)
-    settled = np.zeros((rows, columns), dtype=np.bool_)
-    current = np.empty(1024, dtype=np.int64)
-    following = np.empty(1024, dtype=np.int64)
-    after = np.empty(1024, dtype=np.int64)
-    current[0] = row * columns + column
-    n_current, n_following, n_after = 1, 0, 0
-    out[row, column] = 0.0
+    # This bucket and the next two; a step is shorter than 2.
+    buckets = np.empty((3, 4096), dtype=np.int32)
+    counts = np.zeros(3, dtype=np.int64)
+    buckets[0, 0] = row * columns + column
+    counts[0] = 1
+    field[buckets[0, 0]] = 0.0
     level = 0
-    while n_current + n_following + n_after > 0:
-        for k in range(n_current):
-            r, c = current[k] // columns, current[k] % columns
-            if settled[r, c]:
-                continue
-            settled[r, c] = True
-            here = out[r, c]
-            for dr in range(-1, 2):
-                for dc in range(-1, 2):
-                    nr, nc = r + dr, c + dc
-                    if (dr == 0 and dc == 0) or nr < 0 or nc < 0 or nr >= rows or nc >= columns:
-                        continue
-                    if not free[nr, nc] or settled[nr, nc]:
-                        continue
-                    there = np.float32(here + (sqrt2 if dr != 0 and dc != 0 else 1.0))
-                    if there < out[nr, nc]:
-                        out[nr, nc] = there
-                        if int(there) <= level + 1:
-                            if n_following == following.shape[0]:
-                                following = _grown(following)
-                            following[n_following] = nr * columns + nc
+    while counts.sum() > 0:
+        now, following, after = level % 3, (level + 1) % 3, (level + 2) % 3
+        n_following, n_after = counts[following], counts[after]
+        if max(n_following, n_after) + 8 * counts[now] > buckets.shape[1]:
+            buckets = _widened(buckets, max(n_following, n_after) + 8 * counts[now])
+        for k in range(counts[now]):
+            cell = buckets[now, k]
+            here = field[cell]
+            if here < level:
+                continue  # was reached on a shorter way since, and is done
+            r = cell // columns
+            c = cell - r * columns
+            for near_r in range(max(r - 1, 0), min(r + 2, rows)):
+                for near_c in range(max(c - 1, 0), min(c + 2, columns)):
+                    near = near_r * columns + near_c
+                    there = np.float32(here + (sqrt2 if near_r != r and near_c != c else 1.0))
+                    # Most neighbours were reached before: this comparison first.
+                    if there < field[near] and passable[near] and there <= limit:
+                        field[near] = there
+                        if there < level + 2:
+                            buckets[following, n_following] = near
                             n_following += 1
                         else:
-                            if n_after == after.shape[0]:
-                                after = _grown(after)
-                            after[n_after] = nr * columns + nc
+                            buckets[after, n_after] = near
                             n_after += 1
-        current, following, after = following, after, current
-        n_current, n_following, n_after = n_following, n_after, 0
+        counts[now], counts[following], counts[after] = 0, n_following, n_after
         level += 1
 
 
 @inner
-def _grown(buffer: Any) -> Any:
-    larger = np.empty(2 * buffer.shape[0], dtype=buffer.dtype)
-    for k in range(buffer.shape[0]):
-        larger[k] = buffer[k]
+def _widened(buckets: Any, width: int) -> Any:
+    larger = np.empty((3, 2 * width), dtype=buckets.dtype)
+    larger[:, : buckets.shape[1]] = buckets
     return larger
 
 

@@ -18,10 +18,11 @@ class Event:
     """Something that happened at a moment: a contact, a recovery, a goal reached or missed.
 
     Attributes:
-        kind: `contact`, `recovery`, `goal_reached`, `goal_missed`, `plan_failed`, `control_failed`.
-        x_m, y_m: True position of the robot's centre.
-        what: The partner of a contact, the recovery's name, the number of a goal, the reason of a failure.
-        value: Closing speed of a contact (m/s); 0 where there is nothing to measure.
+        kind: `contact`, `recovery`, `goal_reached`, `goal_missed`, `plan_failed`, `control_failed`, `stopped_by_monitor`;
+            of an obstacle `spawned`, and `obstacle_moved` at each row at which it stands elsewhere than before.
+        x_m, y_m: True position of the robot's centre; of the obstacle's where the event is one of an obstacle.
+        what: The partner of a contact, the recovery's name, the number of a goal, the code of a failure, the obstacle.
+        value: Closing speed of a contact (m/s), yaw of an obstacle (rad); 0 where there is nothing to measure.
     """
 
     t_s: float
@@ -40,7 +41,7 @@ class Run:
         seed: Entropy of the run in hexadecimal, see `vastflow.sim.streams.run_entropy`.
         outcome: How the mission ended; a contact does not end it.
         error_code: Nav2's code of the last failure, 0 for a success.
-        reason: In words, empty for a success.
+        reason: In words, with the contacts there were; empty for a success without any.
         simulated_s: Simulated time from the start of the run to the mission's end.
         distance_m: True way driven.
         missed_goals: Goals of a waypoint mission that were given up.

@@ -1,54 +1,56 @@
 """One scenario, one seed → one run's recording."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.closed_loop import ClosedLoop
 from vastflow.sim.digest import FileContent
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.mission import Mission, mission_of
-from vastflow.sim.nav.behaviour import FAILED_TO_MAKE_PROGRESS, NO_VALID_PATH, PATIENCE_EXCEEDED
-from vastflow.sim.nav.parameters import NavParameters, parameters_of
-from vastflow.sim.nav.state import (
-    COLUMNS,
-    EVENT_KINDS,
-    EVENT_RECOVERY,
-    RECOVERIES,
-    RUNNING,
-    SUBSTEPS,
-    SUCCEEDED,
-    TICK_S,
-    Stack,
-    new_stack,
-)
-from vastflow.sim.nav.tick import nav_tick, start
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.state import COLUMNS, EVENT_KINDS, EVENT_RECOVERY, RECOVERIES, RUNNING, SUCCEEDED, TICK_S, Stack
 from vastflow.sim.obstacle import Obstacle, obstacles_of
-from vastflow.sim.prepared import PreparedMap, prepare
+from vastflow.sim.prepared import KEPT_MAPS, PreparedMap, prepare
 from vastflow.sim.recording import Event, Outcome, Recording, Run
 from vastflow.sim.robot import Robot
 from vastflow.sim.scenario import Scenario
-from vastflow.sim.streams import run_entropy, streams_of
-from vastflow.sim.world import World
+from vastflow.sim.streams import run_entropy
 
 REASONS: Mapping[int, str] = {
-    PATIENCE_EXCEEDED: "the controller found no valid command (PATIENCE_EXCEEDED)",
-    FAILED_TO_MAKE_PROGRESS: "no progress (FAILED_TO_MAKE_PROGRESS)",
-    NO_VALID_PATH: "no path to the goal (NO_VALID_PATH)",
+    103: "the plan led out of the local costmap (INVALID_PATH)",
+    104: "the controller found no valid command (PATIENCE_EXCEEDED)",
+    105: "no progress (FAILED_TO_MAKE_PROGRESS)",
+    203: "the robot is outside the map (START_OUTSIDE_MAP)",
+    204: "the goal is outside the map (GOAL_OUTSIDE_MAP)",
+    208: "no path to the goal (NO_VALID_PATH)",
+    303: "the robot is outside the map (START_OUTSIDE_MAP)",
+    304: "a goal is outside the map (GOAL_OUTSIDE_MAP)",
+    308: "no path through the goals (NO_VALID_PATH)",
 }
+"""Nav2's error codes, in words."""
 
 
 class ScenarioError(ValueError):
     """A scenario that can't be executed; says which key, what was found and what would be right."""
 
 
-def run(scenario: Scenario, run_index: int, seed: int = 0) -> Recording:
+def run(
+    scenario: Scenario,
+    run_index: int,
+    seed: int = 0,
+    watch: Callable[[Stack, int], None] | None = None,
+    watch_ticks: Sequence[int] = (),
+) -> Recording:
     """Execute one run. Equal (scenario, run index, seed, code) give equal recordings, whatever ran before.
 
     Args:
         seed: The campaign's `execution.seed`.
+        watch, watch_ticks: See `execute`.
 
     Raises:
         ScenarioError: no map, or a map that changed since the scenario was made.
@@ -57,9 +59,10 @@ def run(scenario: Scenario, run_index: int, seed: int = 0) -> Recording:
     mission = mission_of(scenario)
     parameters = parameters_of(scenario.system)
     obstacles = obstacles_of(scenario.environment)
-    prepared = _prepared(_map_of(scenario.environment), parameters)
+    prepared = prepare(_loaded(_map_of(scenario.environment)), Lidar(), parameters)
     entropy = run_entropy(seed, scenario.situation_digest, run_index)
-    return execute(prepared, parameters, Lidar(), Robot(), mission, obstacles, entropy, scenario.timeout_s)
+    robot, timeout_s = Robot(), scenario.timeout_s
+    return execute(prepared, parameters, Lidar(), robot, mission, obstacles, entropy, timeout_s, watch, watch_ticks)
 
 
 def execute(
@@ -71,53 +74,24 @@ def execute(
     obstacles: tuple[Obstacle, ...],
     entropy: Sequence[int],
     timeout_s: float,
+    watch: Callable[[Stack, int], None] | None = None,
+    watch_ticks: Sequence[int] = (),
 ) -> Recording:
-    """The closed loop of one run: stack and physics in turn, 20 times a simulated second.
+    """The whole of one run.
 
     Args:
         entropy: (seed, situation, run index), see `vastflow.sim.streams.run_entropy`.
+        watch: Is shown the stack as it is after a tick, and the tick; it may look and copy, and the run is the same.
+        watch_ticks: The ticks it is called after, in increasing order; those after the run's end are left out.
     """
-    world = World(robot, mission.start, prepared.walls, obstacles)
-    stack = new_stack(
-        prepared, parameters, lidar, robot, mission, obstacle_rows(obstacles), streams_of(entropy), timeout_s
-    )
-    start(stack.m)
-    velocities = stack.m[0]["velocities"]
-    status = RUNNING
-    for _ in range(round(timeout_s / TICK_S)):
-        x_m, y_m = world.robot.position
-        status = nav_tick(
-            stack.p,
-            stack.m,
-            stack.grids,
-            stack.cloud,
-            stack.route,
-            stack.obstacles,
-            stack.rows,
-            x_m,
-            y_m,
-            world.robot.angle,
-        )
-        if status != RUNNING:
-            break
-        world.drive(velocities.tolist(), TICK_S / SUBSTEPS)
-    return _recording(stack, status, entropy, world.contacts)
-
-
-def obstacle_rows(obstacles: tuple[Obstacle, ...]) -> NDArray[np.float64]:
-    """Obstacles as the rows (K, 6) that `vastflow.sim.lidar.scan` reads."""
-    rows = [
-        (
-            o.pose.x_m,
-            o.pose.y_m,
-            np.cos(o.pose.yaw_rad),
-            np.sin(o.pose.yaw_rad),
-            o.length_m / 2,
-            0.0 if o.shape == "cylinder" else o.width_m / 2,
-        )
-        for o in obstacles
-    ]
-    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+    loop = ClosedLoop(prepared, parameters, lidar, robot, mission, obstacles, entropy, timeout_s)
+    if watch is not None:
+        for tick in watch_ticks:
+            loop.advance(tick + 1)
+            if loop.tick > tick:
+                watch(loop.stack, tick)
+    loop.advance()
+    return _recording(loop, entropy)
 
 
 def _map_of(environment: Mapping[str, object]) -> FileContent:
@@ -127,12 +101,7 @@ def _map_of(environment: Mapping[str, object]) -> FileContent:
     return content
 
 
-@functools.lru_cache(maxsize=4)
-def _prepared(content: FileContent, parameters: NavParameters) -> PreparedMap:
-    return prepare(_loaded(content), Lidar(), parameters)
-
-
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=KEPT_MAPS)
 def _loaded(content: FileContent) -> OccupancyMap:
     occupancy = load_map(content.path)
     if occupancy.digest != content.digest:
@@ -140,7 +109,8 @@ def _loaded(content: FileContent) -> OccupancyMap:
     return occupancy
 
 
-def _recording(stack: Stack, status: int, entropy: Sequence[int], contacts: list[Event]) -> Recording:
+def _recording(loop: ClosedLoop, entropy: Sequence[int]) -> Recording:
+    stack, status = loop.stack, loop.status
     m = stack.m[0]
     outcome: Outcome = "succeeded" if status == SUCCEEDED else "timed_out" if status == RUNNING else "aborted"
     error_code = int(m["error_code"])
@@ -149,7 +119,10 @@ def _recording(stack: Stack, status: int, entropy: Sequence[int], contacts: list
         reason = f"{REASONS[error_code]}, after {int(m['recoveries'])} recoveries"
     elif outcome == "timed_out":
         reason = "the mission did not end within its time"
-    events = [_event(row) for row in m["event_rows"][: int(m["events"])]] + contacts
+    contacts = [event for event in loop.events if event.kind == "contact"]
+    if contacts:
+        reason = f"{reason}; {_told(contacts)}" if reason else _told(contacts)
+    events = [*(_event(row) for row in m["event_rows"][: int(m["events"])]), *loop.events]
     columns = {name: stack.rows[: int(m["rows"]), k].copy() for k, name in enumerate(COLUMNS)}
     return Recording(
         Run(
@@ -166,6 +139,11 @@ def _recording(stack: Stack, status: int, entropy: Sequence[int], contacts: list
         ),
         columns,
     )
+
+
+def _told(contacts: Sequence[Event]) -> str:
+    first = f"with {contacts[0].what} at {contacts[0].t_s:.1f} s"
+    return f"a contact {first}" if len(contacts) == 1 else f"{len(contacts)} contacts, the first {first}"
 
 
 def _event(row: NDArray[np.float64]) -> Event:

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, TypeAlias
 
-from vastflow.sim.digest import Value, digest
+from vastflow.sim.digest import Texts, Value, canonical, digest, text_digest
 
 Dimension: TypeAlias = Literal["environment", "task", "system"]
 
 DIMENSION_OF_KEY: Mapping[str, Dimension] = {
     "map_file": "environment",
     "mesh_file": "environment",
+    "spawn_trigger_point": "environment",
+    "spawn_trigger_threshold": "environment",
     "start_pose": "task",
     "goal_pose": "task",
     "goal_poses": "task",
@@ -43,6 +45,14 @@ class Scenario:
     def digest(self) -> str:
         """Digest of the whole content. Names and provenance of a configuration are not part of it."""
         return digest(self.abstract, self.timeout_s, self.environment, self.task, self.system)
+
+    def digested(self, texts: Texts) -> str:
+        """`digest`, from texts that are shared with other scenarios of the same values."""
+        if "digest" not in self.__dict__:
+            parts = ",".join(texts.of_map(part) for part in (self.environment, self.task, self.system))
+            text = f"[{canonical(self.abstract)},{canonical(self.timeout_s)},{parts}]"
+            self.__dict__["digest"] = text_digest(text)  # where the cached property looks first
+        return self.digest
 
     @cached_property
     def situation_digest(self) -> str:

@@ -16,7 +16,9 @@ from vastflow.sim.numeric import njit
 LIDAR: Final = 0
 AMCL: Final = 1
 PHASES: Final = 2
-SUBSYSTEMS: Final = 3
+CONTROLLER: Final = 3
+ODOMETRY: Final = 4
+SUBSYSTEMS: Final = 5
 
 
 def run_entropy(seed: int, situation_digest: str, run_index: int) -> list[int]:

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from vastflow.sim.maps import OccupancyMap
 
@@ -15,24 +14,25 @@ def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
     Cells that touch nothing but occupied cells are left out, since nothing can reach them. Runs of cells in a row are
     merged with equal runs in the rows above.
     """
-    occupied = occupancy.occupied
-    inner = ndimage.binary_erosion(occupied, structure=np.ones((3, 3)), border_value=1)
-    shell = occupied & ~inner
-    rectangles: list[tuple[int, int, int, int]] = []
-    open_runs: dict[tuple[int, int], int] = {}
-    for row in range(shell.shape[0] + 1):
-        runs = _runs(shell[row]) if row < shell.shape[0] else set()
-        for run in [run for run in open_runs if run not in runs]:
-            rectangles.append((run[0], open_runs.pop(run), run[1], row))
-        for run in runs:
-            open_runs.setdefault(run, row)
-    cells = np.array(sorted(rectangles), dtype=np.float64).reshape(-1, 4)
+    shell = _shell(occupancy.occupied)
+    edges = np.diff(np.pad(shell.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    row, first = np.nonzero(edges == 1)
+    last = np.nonzero(edges == -1)[1]
+    order = np.lexsort((row, last, first))
+    row, first, last = row[order], first[order], last[order]
+    new = np.ones(len(row), dtype=np.bool_)
+    new[1:] = (np.diff(first) != 0) | (np.diff(last) != 0) | (np.diff(row) != 1)
+    begins = np.flatnonzero(new)
+    ends = np.append(begins[1:], len(row))[: len(begins)] - 1
+    cells = np.column_stack([first[begins], row[begins], last[begins], row[ends] + 1]).astype(np.float64)
     return np.asarray(cells * occupancy.resolution_m + np.tile(np.asarray(occupancy.origin_xy_m), 2))
 
 
-def _runs(row: NDArray[np.bool_]) -> set[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], row.astype(np.int8), [0]])))
-    return {(int(start), int(end)) for start, end in edges.reshape(-1, 2)}
+def _shell(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Occupied cells with a neighbour among the eight that is not; beyond the map everything counts as occupied."""
+    framed = np.pad(occupied, 1, constant_values=True)
+    across = framed[:, :-2] & framed[:, 1:-1] & framed[:, 2:]
+    return np.asarray(occupied & ~(across[:-2] & across[1:-1] & across[2:]))
 
 
 class WallIndex:

@@ -5,22 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias
 
 from vastflow.producers.campaign import Campaign, Family
-from vastflow.producers.configuration import (
-    Fragment,
-    Partial,
-    RejectedInstance,
-    Rejection,
-    restricted_digest,
-)
-from vastflow.producers.instantiate import (
-    Instantiation,
-    coverage_of,
-    distinct_inputs,
-    finish,
-    join,
-    mark_duplicates,
-    start,
-)
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.growth import Growth
+from vastflow.producers.instantiate import Instantiation, growth_of, instantiation_of, mark_duplicates
 from vastflow.producers.producer import Producer
 from vastflow.sim.digest import Value
 from vastflow.tasks.evaluation import FRAGMENTS, evaluation_keys, files_in, read_evaluation
@@ -101,20 +88,13 @@ class Instantiator:
 
         Raises:
             Lost: an evaluation is damaged.
+            CampaignError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
         """
-        families = [_Growing(family, start(family)) for family in self.campaign.families]
+        families = [_Growing(family, growth_of(family)) for family in self.campaign.families]
         for step in range(max((len(family.producers) for family in self.campaign.families), default=0)):
             self._step([growing for growing in families if step < len(growing.family.producers)], step, evaluator)
-        campaign = self.campaign
-        configurations = mark_duplicates(
-            configuration
-            for growing in families
-            for configuration in finish(growing.family, growing.partials, campaign.abstract, campaign.timeout_s)
-        )
-        rejections = [rejected for growing in families for rejected in growing.rejections]
-        coverage = coverage_of([family.name for family in campaign.families], configurations, rejections)
-        faults = [fault for growing in families for fault in growing.faults]
-        return Instantiated(Instantiation(tuple(configurations), tuple(rejections), coverage), tuple(faults))
+        instantiation = instantiation_of(self.campaign, [growing.growth.grown() for growing in families])
+        return Instantiated(instantiation, tuple(fault for growing in families for fault in growing.faults))
 
     def _all_there(self, requests: Sequence[Request]) -> Mapping[str, str]:
         for request in requests:
@@ -129,7 +109,7 @@ class Instantiator:
         inputs, keys = [], []
         for growing in families:
             producer = growing.family.producers[step]
-            inputs.append(distinct_inputs(producer, growing.partials))
+            inputs.append(growing.growth.inputs())
             keys.append(evaluation_keys(self.keys, self.tree, producer, inputs[-1]))
             new = [Evaluation(key, inputs[-1][digest]) for digest, key in keys[-1].items() if key not in asked]
             asked.update(each.key for each in new)
@@ -138,30 +118,30 @@ class Instantiator:
         errors = evaluator(requests)
         for growing, their_inputs, their_keys in zip(families, inputs, keys, strict=True):
             files = files_in(growing.family.producers[step].parameters, *their_inputs.values())
-            results = {
-                digest: read_evaluation(self.store.read(key, FRAGMENTS), files)
-                for digest, key in their_keys.items()
-                if key not in errors
-            }
+            results = {digest: self._read(key, files) for digest, key in their_keys.items() if key not in errors}
             growing.join(step, results, [errors[key] for key in their_keys.values() if key in errors])
+
+    def _read(self, key: str, files: Mapping[str, str]) -> list[Fragment | Rejection]:
+        content = self.store.read(key, FRAGMENTS)
+        try:
+            return read_evaluation(content, files)
+        except Lost as error:  # it is whole, but names a file that a producer made and somebody deleted
+            self.store.discard(key, str(error))
+            raise
 
 
 class _Growing:
     """A family on its way through its producers."""
 
-    def __init__(self, family: Family, partials: Sequence[Partial]) -> None:
+    def __init__(self, family: Family, growth: Growth) -> None:
         self.family = family
-        self.partials = partials
-        self.rejections: list[RejectedInstance] = []
+        self.growth = growth
         self.faults: list[ProducerFault] = []
 
     def join(self, step: int, results: Results, errors: Sequence[str]) -> None:
-        producer = self.family.producers[step]
-        kind = type(producer).__name__
+        kind = type(self.family.producers[step]).__name__
         self.faults += [ProducerFault(self.family.name, kind, error) for error in dict.fromkeys(errors)]
-        known = [each for each in self.partials if restricted_digest(each.restricted(producer.reads)) in results]
-        self.partials, rejected = join(self.family, producer, known, results)
-        self.rejections += rejected
+        self.growth.join(results)
 
 
 def selected(instantiation: Instantiation, only: Sequence[str]) -> Instantiation:
@@ -172,7 +152,9 @@ def selected(instantiation: Instantiation, only: Sequence[str]) -> Instantiation
     Raises:
         UnknownName: nothing is called so.
     """
-    families = {c.family for c in instantiation.configurations} | {r.family for r in instantiation.rejections}
+    families = {
+        each.family for each in (*instantiation.configurations, *instantiation.rejections, *instantiation.excluded)
+    }
     names = {c.name for c in instantiation.configurations}
     for name in only:
         if name not in families | names:
@@ -183,6 +165,7 @@ def selected(instantiation: Instantiation, only: Sequence[str]) -> Instantiation
         instantiation,
         configurations=tuple(mark_duplicates(configurations)),
         rejections=tuple(r for r in instantiation.rejections if r.family in wanted),
+        excluded=tuple(e for e in instantiation.excluded if e.family in wanted),
     )
 
 

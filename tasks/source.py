@@ -17,6 +17,10 @@ from vastflow.sim.digest import digest
 PACKAGES: Final = tuple(f"vastflow.{name}" for name in ("sim", "producers", "oracles", "tasks"))
 
 NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
+    "PIL": ("pillow",),
+    "lark": ("lark",),
+    "llvmlite": ("llvmlite",),
+    "manifold3d": ("manifold3d", "numpy"),
     "numba": ("llvmlite", "numba", "numpy"),
     "numpy": ("numpy",),
     "pyarrow": ("pyarrow",),
@@ -24,6 +28,7 @@ NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
     "scipy": ("numpy", "scipy"),
     "shapely": ("numpy", "shapely"),
     "skimage": ("numpy", "scikit-image", "scipy"),
+    "yaml": ("pyyaml",),
 }
 """Import name to the distributions whose versions can change a number or a stored byte."""
 

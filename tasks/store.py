@@ -118,10 +118,10 @@ class LocalStore:
                     raise ValueError(f"{name} has {found} of {entry.size} bytes")
         except FileNotFoundError as error:
             if os.path.exists(place):
-                self._discard(key, f"no file {error.filename}")
+                self.discard(key, f"no file {error.filename}")
             return None
         except (ValueError, KeyError, TypeError) as error:
-            self._discard(key, str(error))
+            self.discard(key, str(error))
             return None
         return artifact
 
@@ -139,7 +139,7 @@ class LocalStore:
         except FileNotFoundError:
             raise Lost(f"{artifact.key}: {name} went away") from None
         if hashlib.sha256(content).hexdigest() != artifact.files[name].sha256:
-            self._discard(artifact.key, f"{name} is not what was written")
+            self.discard(artifact.key, f"{name} is not what was written")
             raise Lost(f"{artifact.key}: {name} is damaged")
         return content
 
@@ -195,7 +195,8 @@ class LocalStore:
             return None
         return artifact
 
-    def _discard(self, key: str, why: str) -> None:
+    def discard(self, key: str, why: str) -> None:
+        """Forget an artifact, so that it is computed again."""
         LOGGER.warning("%s is damaged and will be computed again: %s", key, why)
         aside = self._temporary()
         with contextlib.suppress(OSError):  # another process was first

@@ -171,8 +171,11 @@ def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[s
     """Evaluate a producer on one restricted input and store what it yields."""
     _log_plainly()
     from vastflow.producers import producer as producers
+    from vastflow.producers.floorplan.environment import environments_in
 
-    store.put(key, {FRAGMENTS: write_evaluation(producers.evaluate(producer.unpacked(), inputs))})
+    with environments_in(store.root / "environments"):
+        found = producers.evaluate(producer.unpacked(), inputs)
+    store.put(key, {FRAGMENTS: write_evaluation(found)})
 
 
 def _run_log(costs: Sequence[Mapping[str, float]]) -> bytes:

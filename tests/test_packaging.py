@@ -92,8 +92,9 @@ def needed(*folders: str) -> set[str]:
     """Distributions of everything foreign that the files in `folders` import."""
     providers = packages_distributions()
     foreign = imported_modules(*folders) - set(sys.stdlib_module_names) - {"vastflow"}
+    # A distribution that is one extension module is not listed before Python 3.12; manifold3d has the module's name.
     # pydantic's core is a distribution of its own, which pydantic pins to the exact version it needs.
-    return {canonical(providers[module][0]) for module in foreign} - {"pydantic-core"}
+    return {canonical(providers.get(module, [module])[0]) for module in foreign} - {"pydantic-core"}
 
 
 def test_everything_imported_is_a_declared_dependency():

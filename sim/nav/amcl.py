@@ -1,347 +1,287 @@
-"""AMCL: particles over the map, weighted by the likelihood field, resampled by KLD (Nav2's nav2_amcl).
+"""AMCL, Nav2's localization, by itself: the weight of one pose, and a filter that is fed from Python.
 
-Kernels work on preallocated arrays; a cloud is (3, max_particles) float64 of x, y, yaw, all of equal weight
-after each resampling.
+Both run the kernels of the closed loop, see `vastflow.sim.nav.particles` and `vastflow.sim.nav.localization`.
 """
 
+import dataclasses
+import functools
 import math
-from typing import Any, Final, NamedTuple
+from collections.abc import Sequence
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
+from numpy.typing import ArrayLike, NDArray
 
-from vastflow.sim.numeric import inner, njit
-from vastflow.sim.robot import wrapped
-from vastflow.sim.streams import normal_pair, uniform
+from vastflow.sim.nav import localization
+from vastflow.sim.nav.likelihood import likelihood_cubed, usable_range_m
+from vastflow.sim.nav.parameters.amcl import AmclParameters, covariance_of
+from vastflow.sim.nav.parameters.parameter import ParameterError, check
+from vastflow.sim.nav.particles import Cloud, new_cloud, points_for
+from vastflow.sim.nav.record import record_dtype, record_of
+from vastflow.sim.nav.sensor import weigh
+from vastflow.sim.numeric import njit
+from vastflow.sim.streams import SUBSYSTEMS, streams_of
 
-BIN_M: Final = 0.5
-BIN_RAD: Final = math.radians(10.0)
-MAX_BINS: Final = 4096
-SLOTS: Final = 4 * MAX_BINS
-GUIDE: Final = 2048
-MAX_BEAMS: Final = 1024
+Pose = Sequence[float]
+"""x, y (m) and yaw (rad)."""
+
+_PARAMETERS: Final = np.dtype(
+    [("amcl", record_dtype(AmclParameters())), ("initial_covariance", np.float64, (4,))]
+    + [(name, np.float64) for name in ("resolution", "origin_x", "origin_y")]
+    + [(name, np.float64) for name in ("range_min", "range_max", "mount_x", "mount_y")],
+    align=True,
+)
+_MEMORY: Final = np.dtype(
+    [(name, np.int64) for name in ("first_scan", "particles", "bins", "localized", "filter_updates")]
+    + [(name, np.float64) for name in ("x", "y", "yaw", "odom_x", "odom_y", "odom_yaw")]
+    + [(name, np.float64) for name in ("filter_odom_x", "filter_odom_y", "filter_odom_yaw")]
+    + [(name, np.float64) for name in ("map_odom_x", "map_odom_y", "map_odom_yaw")]
+    + [(name, np.float64) for name in ("pose_xx", "pose_xy", "pose_yy", "pose_aa")]
+    + [("streams", np.uint64, (SUBSYSTEMS, 1))],
+    align=True,
+)
+"""The part of the closed loop's records that localization reads and writes."""
 
 
-class Cloud(NamedTuple):
-    """A particle filter's memory.
+def weight(
+    *,
+    pose_xyt: Pose,
+    ranges_m: ArrayLike,
+    angle_min_rad: float,
+    angle_increment_rad: float,
+    range_min_m: float,
+    range_max_m: float,
+    laser_xyt: Pose,
+    occupied: ArrayLike,
+    resolution_m: float,
+    origin_xy_m: Sequence[float],
+    max_beams: int = 60,
+    z_hit: float = 0.5,
+    z_rand: float = 0.5,
+    sigma_hit_m: float = 0.2,
+    likelihood_max_dist_m: float = 2.0,
+) -> float:
+    """AMCL's unnormalised weight of one pose under a scan: 1 + Σ pz³ over the beams it uses (likelihood_field).
 
-    Attributes:
-        particles, resampled: (3, max_particles) float64.
-        headings: (2, max_particles) float64: cos and sin of each yaw, from weighting.
-        weights: (max_particles,) float64, cumulative after weighting.
-        guide: (GUIDE + 1,) int64: for each of GUIDE equal shares, the first particle whose weight ends in or behind it.
-        bins: (MAX_BINS, 4) int64: x, y, yaw bin and cluster label (-1: none yet).
-        bin_sums: (MAX_BINS, 5) float64: weight, x, y, cos, sin.
-        slots: (SLOTS,) int64 hash table of bin index + 1, 0 where empty.
-        stack: (MAX_BINS,) int64 scratch of the clustering.
-        cells: (MAX_BEAMS,) int32 scratch of the weighting.
+    Args:
+        pose_xyt: The robot's pose in the map.
+        ranges_m: (N,) one scan; `inf`, NaN and what lies at or beyond `range_max_m` are skipped.
+        range_max_m: Greatest usable range: the scanner's, or `laser_max_range` where that is less.
+        laser_xyt: The scanner's pose on the robot.
+        occupied: (H, W), true where the map has a wall; row 0 at the lowest y.
+        origin_xy_m: Map position of the lower left corner of cell (0, 0).
+
+    Raises:
+        ParameterError: a parameter out of range.
+        ValueError: an array of another shape.
+    """
+    ranges = _ranges_of(ranges_m)
+    q = _parameters_of(
+        {
+            "max_particles": 1,
+            "min_particles": 1,
+            "max_beams": max_beams,
+            "z_hit": z_hit,
+            "z_rand": z_rand,
+            "sigma_hit": sigma_hit_m,
+            "laser_likelihood_max_dist": likelihood_max_dist_m,
+        }
+    )
+    p = _record(q, resolution_m, origin_xy_m, laser_xyt)
+    p["range_min"], p["range_max"] = range_min_m, range_max_m
+    # The closed loop looks beams up with four-byte numbers; here all is done with eight.
+    cubed = _table(_walls_of(occupied), resolution_m, q, range_max_m, double=True)
+    cloud = new_cloud(1, beams=len(ranges), dtype=np.float64)
+    cloud.particles[:, 0] = _pose_of(pose_xyt, "pose_xyt")
+    directions = _directions(len(ranges), angle_min_rad, angle_increment_rad, laser_xyt[2])
+    _weigh_one(p, ranges, directions, cubed, cloud)
+    return float(cloud.likelihoods[0])
+
+
+class Filter:
+    """AMCL's particle filter, fed with odometry and scans.
+
+    Args:
+        occupied: (H, W), true where the map has a wall; row 0 at the lowest y.
+        origin_xy_m: Map position of the lower left corner of cell (0, 0).
+        laser_xyt: The scanner's pose on the robot.
+        seed: Same seed and same calls give the same particles.
+        parameters: Under Nav2's names, see `AmclParameters`; its defaults otherwise.
+
+    Raises:
+        ParameterError: a parameter that is unknown, of the wrong type or out of range.
+        ValueError: an array of another shape.
     """
 
-    particles: Any
-    resampled: Any
-    headings: Any
-    weights: Any
-    guide: Any
-    bins: Any
-    bin_sums: Any
-    slots: Any
-    stack: Any
-    cells: Any
+    def __init__(
+        self,
+        *,
+        occupied: ArrayLike,
+        resolution_m: float,
+        origin_xy_m: Sequence[float],
+        laser_xyt: Pose,
+        seed: int,
+        **parameters: Any,
+    ) -> None:
+        self.parameters: Final = _parameters_of(parameters)
+        self._occupied = _walls_of(occupied)
+        self._laser_yaw_rad = float(laser_xyt[2])
+        self._p = _record(self.parameters, resolution_m, origin_xy_m, laser_xyt)
+        self._m = np.zeros(1, dtype=_MEMORY)
+        self._m["streams"] = streams_of([seed])
+        self._cloud = new_cloud(self.parameters.max_particles)
+        self._cubed = np.zeros((0, 0), dtype=np.float32)
+        self._placed = False
+
+    @property
+    def particles(self) -> NDArray[np.float64]:
+        """(N, 3) x, y, yaw of the particles as they are now; the yaw is not wrapped."""
+        return np.ascontiguousarray(self._cloud.particles[:, : int(self._m["particles"][0])].T)
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(N,) weights of the particles, their sum 1."""
+        return np.array(self._cloud.weights[: int(self._m["particles"][0])])
+
+    def set_pose(self, xyt: Pose, covariance: Any) -> None:
+        """Begin anew at a pose: the next update draws `max_particles` particles there.
+
+        Args:
+            covariance: (3, 3) of x, y, yaw, or its diagonal (3,); as in AMCL, yaw is drawn independently of x and y.
+
+        Raises:
+            ParameterError: it is no covariance.
+            ValueError: `xyt` is not three finite numbers.
+        """
+        pose, drawn = _pose_of(xyt, "xyt"), covariance_of(covariance, "covariance")
+        self._m["x"], self._m["y"], self._m["yaw"] = pose
+        self._p["initial_covariance"] = drawn
+        self._m["first_scan"] = 1
+        self._placed = True
+
+    def update(
+        self,
+        odom_xyt: Pose,
+        ranges_m: ArrayLike,
+        angle_min_rad: float,
+        angle_increment_rad: float,
+        range_min_m: float,
+        range_max_m: float,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """One scan, taken at a pose of the odometry.
+
+        The first one after `set_pose` weighs and resamples the particles where they are drawn; later ones do nothing
+        until the robot has moved by `update_min_d` or turned by `update_min_a`.
+
+        Returns:
+            The pose (3,) that AMCL publishes and its covariance (3, 3), or None when it publishes none.
+
+        Raises:
+            ValueError: no pose was set, or an argument is of another shape.
+        """
+        if not self._placed:
+            raise ValueError("no initial pose: call set_pose before update")
+        ranges = _ranges_of(ranges_m)
+        p, m = self._p[0], self._m[0]
+        if self._cloud.points.shape[1] < points_for(len(ranges)):
+            self._cloud = self._cloud._replace(points=np.zeros((2, points_for(len(ranges))), dtype=np.float32))
+        if self._cubed.size == 0 or range_max_m != p["range_max"]:
+            self._cubed = _table(self._occupied, float(p["resolution"]), self.parameters, range_max_m, double=False)
+        p["range_min"], p["range_max"] = range_min_m, range_max_m
+        m["odom_x"], m["odom_y"], m["odom_yaw"] = _pose_of(odom_xyt, "odom_xyt")
+        m["localized"] = 0
+        directions = _directions(len(ranges), angle_min_rad, angle_increment_rad, self._laser_yaw_rad)
+        _update(self._p, self._m, ranges, directions, self._cubed, self._cloud)
+        if m["localized"] == 0:
+            return None
+        covariance = np.zeros((3, 3))
+        covariance[:2, :2] = [[m["pose_xx"], m["pose_xy"]], [m["pose_xy"], m["pose_yy"]]]
+        covariance[2, 2] = m["pose_aa"]
+        return np.array([m["x"], m["y"], m["yaw"]]), covariance
 
 
-def new_cloud(max_particles: int) -> Cloud:
-    """An empty cloud."""
-    return Cloud(
-        np.zeros((3, max_particles)),
-        np.zeros((3, max_particles)),
-        np.zeros((2, max_particles)),
-        np.zeros(max_particles),
-        np.zeros(GUIDE + 1, dtype=np.int64),
-        np.zeros((MAX_BINS, 4), dtype=np.int64),
-        np.zeros((MAX_BINS, 5)),
-        np.zeros(SLOTS, dtype=np.int64),
-        np.zeros(MAX_BINS, dtype=np.int64),
-        np.zeros(MAX_BEAMS, dtype=np.int32),
+@njit
+def _update(parameters: Any, memory: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cloud) -> None:
+    localization.update(parameters[0], memory[0], ranges_m, directions, cubed, cloud)
+    localization.estimate(memory[0])
+
+
+@njit
+def _weigh_one(parameters: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cloud) -> None:
+    weigh(parameters[0], 1, ranges_m, directions, cubed, cloud)
+
+
+def _record(q: AmclParameters, resolution_m: float, origin_xy_m: Sequence[float], laser_xyt: Pose) -> NDArray[np.void]:
+    """What localization reads of the closed loop's parameters; the scanner's range comes with each scan."""
+    if not (math.isfinite(resolution_m) and resolution_m > 0.0):
+        raise ValueError(f"resolution_m must be greater than 0, got {resolution_m!r}")
+    p = np.zeros(1, dtype=_PARAMETERS)
+    p["amcl"], p["resolution"] = record_of(q), resolution_m
+    p["origin_x"], p["origin_y"] = origin_xy_m
+    p["mount_x"], p["mount_y"], _ = _pose_of(laser_xyt, "laser_xyt")
+    return p
+
+
+def _parameters_of(given: dict[str, Any]) -> AmclParameters:
+    known = {field.name for field in dataclasses.fields(AmclParameters)}
+    unknown = sorted(set(given) - known)
+    if unknown:
+        raise ParameterError(f"AMCL has no modelled parameter {unknown[0]!r}; one of {', '.join(sorted(known))}")
+    q = AmclParameters(**given)
+    check(q)
+    if q.min_particles > q.max_particles:
+        raise ParameterError(f"min_particles {q.min_particles} must be <= max_particles {q.max_particles}")
+    return q
+
+
+def _table(
+    walls: NDArray[np.bool_], resolution_m: float, q: AmclParameters, range_max_m: float, *, double: bool
+) -> NDArray[Any]:
+    if not range_max_m > 0.0:
+        raise ValueError(f"range_max_m must be greater than 0, got {range_max_m!r}")
+    return _known_table(walls.tobytes(), walls.shape, resolution_m, q, usable_range_m(q, 0.0, range_max_m)[1], double)
+
+
+@functools.lru_cache(maxsize=4)
+def _known_table(
+    walls: bytes, shape: tuple[int, int], resolution_m: float, q: AmclParameters, range_max_m: float, double: bool
+) -> NDArray[Any]:
+    """One table a map, which takes far longer to make than a pose to weigh; nobody writes to it."""
+    return likelihood_cubed(
+        np.frombuffer(walls, dtype=np.bool_).reshape(shape),
+        resolution_m,
+        range_max_m=range_max_m,
+        z_hit=q.z_hit,
+        z_rand=q.z_rand,
+        sigma_hit_m=q.sigma_hit,
+        likelihood_max_dist_m=q.laser_likelihood_max_dist,
+        dtype=np.float64 if double else np.float32,
     )
 
 
-def likelihood_cubed(
-    occupied: NDArray[np.bool_],
-    resolution_m: float,
-    *,
-    range_max_m: float,
-    z_hit: float,
-    z_rand: float,
-    sigma_hit_m: float,
-    likelihood_max_dist_m: float,
-) -> NDArray[np.float32]:
-    """pz³ of a beam that ends in each cell; (H + 2, W + 2) float32 with a frame for beams that end off the map.
-
-    pz = z_hit exp(-d² / 2σ²) + z_rand / range_max, d the distance to the nearest occupied cell, capped.
-    """
-    if occupied.any():
-        distance_m = np.minimum(ndimage.distance_transform_edt(~occupied) * resolution_m, likelihood_max_dist_m)
-    else:
-        distance_m = np.full(occupied.shape, likelihood_max_dist_m)
-
-    def cubed(d_m: Any) -> Any:
-        return (z_hit * np.exp(-(d_m**2) / (2 * sigma_hit_m**2)) + z_rand / range_max_m) ** 3
-
-    framed = np.pad(distance_m, 1, constant_values=likelihood_max_dist_m)
-    return np.asarray(cubed(framed), dtype=np.float32)
+def _directions(
+    beams: int, angle_min_rad: float, angle_increment_rad: float, laser_yaw_rad: float
+) -> NDArray[np.float64]:
+    """(beams, 2) unit vectors of the beams in the robot's frame."""
+    bearings_rad = laser_yaw_rad + angle_min_rad + angle_increment_rad * np.arange(beams)
+    return np.column_stack([np.cos(bearings_rad), np.sin(bearings_rad)])
 
 
-@njit
-def gate(dx_m: float, dy_m: float, dyaw_rad: float, update_min_d: float, update_min_a: float) -> bool:
-    """Whether the robot moved enough since the last update: tested per axis of the odometry frame, as AMCL does."""
-    return abs(dx_m) > update_min_d or abs(dy_m) > update_min_d or abs(dyaw_rad) > update_min_a
+def _ranges_of(ranges_m: ArrayLike) -> NDArray[np.float64]:
+    ranges = np.ascontiguousarray(ranges_m, dtype=np.float64)
+    if ranges.ndim != 1:
+        raise ValueError(f"ranges_m must have one axis, the beams; its shape is {ranges.shape}")
+    return ranges
 
 
-@inner
-def move(
-    particles: Any,
-    n: int,
-    stream: Any,
-    dx_m: float,
-    dy_m: float,
-    old_yaw_rad: float,
-    dyaw_rad: float,
-    alpha1: float,
-    alpha2: float,
-    alpha3: float,
-    alpha4: float,
-) -> None:
-    """DifferentialMotionModel: move `n` particles by an odometry step with noise that grows with the step."""
-    trans = math.sqrt(dx_m * dx_m + dy_m * dy_m)
-    rot1 = 0.0 if trans < 0.01 else wrapped(math.atan2(dy_m, dx_m) - old_yaw_rad)
-    rot2 = wrapped(dyaw_rad - rot1)
-    n1 = min(abs(rot1), abs(wrapped(rot1 - math.pi)))
-    n2 = min(abs(rot2), abs(wrapped(rot2 - math.pi)))
-    s1 = math.sqrt(alpha1 * n1 * n1 + alpha2 * trans * trans)
-    st = math.sqrt(alpha3 * trans * trans + alpha4 * n1 * n1 + alpha4 * n2 * n2)
-    s2 = math.sqrt(alpha1 * n2 * n2 + alpha2 * trans * trans)
-    spare = 0.0
-    for k in range(n):
-        a, b = normal_pair(stream)
-        if k % 2 == 0:
-            c, spare = normal_pair(stream)
-        else:
-            c = spare
-        r1, t, r2 = rot1 - s1 * a, trans - st * b, rot2 - s2 * c
-        heading = particles[2, k] + r1
-        particles[0, k] += t * math.cos(heading)
-        particles[1, k] += t * math.sin(heading)
-        particles[2, k] += r1 + r2
+def _walls_of(occupied: ArrayLike) -> NDArray[np.bool_]:
+    walls = np.ascontiguousarray(occupied, dtype=np.bool_)
+    if walls.ndim != 2 or walls.size == 0:
+        raise ValueError(f"occupied must have rows and columns; its shape is {walls.shape}")
+    return walls
 
 
-@njit
-def beam_points(
-    ranges_m: Any,
-    max_beams: int,
-    directions: Any,
-    sensor_x_m: float,
-    sensor_y_m: float,
-    range_min_m: float,
-    range_max_m: float,
-    out: Any,
-) -> int:
-    """End points (2, M) in the robot's frame of the beams that AMCL uses; their number.
-
-    Every ((N - 1) div (max_beams - 1))-th beam; a reading at or below the minimum counts as the maximum, and one at
-    or above the maximum (or NaN) is skipped.
-    """
-    beams = ranges_m.shape[0]
-    step = max(1, (beams - 1) // (max_beams - 1))
-    n = 0
-    for b in range(0, beams, step):
-        reading = ranges_m[b]
-        if reading <= range_min_m:
-            reading = range_max_m
-        if not reading < range_max_m or n == out.shape[1]:
-            continue
-        out[0, n] = sensor_x_m + reading * directions[b, 0]
-        out[1, n] = sensor_y_m + reading * directions[b, 1]
-        n += 1
-    return n
-
-
-@njit
-def weight_of(
-    x_m: float,
-    y_m: float,
-    cos_yaw: float,
-    sin_yaw: float,
-    points: Any,
-    n_points: int,
-    cubed: Any,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-    cells: Any,
-) -> float:
-    """Unnormalised weight 1 + Σ pz³ of one pose.
-
-    The cell of an end point is found by rounding: AMCL takes the map's origin as the centre of cell 0.
-
-    Args:
-        points: (2, M) end points in the robot's frame; the first `n_points` count.
-        cubed: Table with its frame, from `likelihood_cubed`.
-        cells: (M,) int32 scratch.
-    """
-    columns = cubed.shape[1]
-    last_x, last_y = columns - 1.0, cubed.shape[0] - 1.0
-    c, s = cos_yaw / resolution_m, sin_yaw / resolution_m
-    x0 = (x_m - origin_x_m) / resolution_m + 1.5
-    y0 = (y_m - origin_y_m) / resolution_m + 1.5
-    # Two loops: the first has no branch and no gather, so that it runs on vector units.
-    for k in range(n_points):
-        fx = min(max(x0 + c * points[0, k] - s * points[1, k], 0.0), last_x)
-        fy = min(max(y0 + s * points[0, k] + c * points[1, k], 0.0), last_y)
-        cells[k] = np.int32(fy) * np.int32(columns) + np.int32(fx)
-    flat = cubed.ravel()
-    total = 1.0
-    for k in range(n_points):
-        total += flat[cells[k]]
-    return total
-
-
-@inner
-def weigh(
-    cloud: Cloud,
-    n: int,
-    points: Any,
-    n_points: int,
-    cubed: Any,
-    resolution_m: float,
-    origin_x_m: float,
-    origin_y_m: float,
-) -> None:
-    """Cumulative, normalised weights of `n` equally weighted particles."""
-    total = 0.0
-    for k in range(n):
-        cloud.headings[0, k], cloud.headings[1, k] = math.cos(cloud.particles[2, k]), math.sin(cloud.particles[2, k])
-        total += weight_of(
-            cloud.particles[0, k],
-            cloud.particles[1, k],
-            cloud.headings[0, k],
-            cloud.headings[1, k],
-            points,
-            n_points,
-            cubed,
-            resolution_m,
-            origin_x_m,
-            origin_y_m,
-            cloud.cells,
-        )
-        cloud.weights[k] = total
-    for k in range(n):
-        cloud.weights[k] /= total
-    k = 0
-    for share in range(GUIDE):
-        while k < n - 1 and cloud.weights[k] <= share / GUIDE:
-            k += 1
-        cloud.guide[share] = k
-
-
-@njit
-def kld_limit(bins: int, min_particles: int, max_particles: int, pf_err: float, pf_z: float) -> int:
-    """Particles needed for `bins` occupied bins (Fox 2001; `pf_z` is used as the normal quantile itself)."""
-    if bins <= 1:
-        return max_particles
-    b = 2.0 / (9.0 * (bins - 1))
-    x = 1.0 - b + math.sqrt(b) * pf_z
-    needed = math.ceil((bins - 1) / (2.0 * pf_err) * x * x * x)
-    return min(max(needed, min_particles), max_particles)
-
-
-@inner
-def resample(
-    cloud: Cloud, n: int, stream: Any, min_particles: int, max_particles: int, pf_err: float, pf_z: float
-) -> Any:
-    """Multinomial resampling until enough for the bins occupied so far: (particles, bins) now in the cloud."""
-    for k in range(SLOTS):
-        cloud.slots[k] = 0
-    bins, count, needed = 0, 0, max_particles
-    while count < max_particles:
-        draw = uniform(stream)
-        k = cloud.guide[int(draw * GUIDE)]
-        while k < n - 1 and cloud.weights[k] <= draw:
-            k += 1
-        x, y, yaw = cloud.particles[0, k], cloud.particles[1, k], cloud.particles[2, k]
-        cloud.resampled[0, count], cloud.resampled[1, count], cloud.resampled[2, count] = x, y, yaw
-        count += 1
-        bx, by, bt = math.floor(x / BIN_M), math.floor(y / BIN_M), math.floor(yaw / BIN_RAD)
-        slot = _slot(cloud, bx, by, bt)
-        if cloud.slots[slot] == 0:
-            if bins < MAX_BINS:
-                cloud.bins[bins, 0], cloud.bins[bins, 1], cloud.bins[bins, 2], cloud.bins[bins, 3] = bx, by, bt, -1
-                for j in range(5):
-                    cloud.bin_sums[bins, j] = 0.0
-                bins += 1
-                cloud.slots[slot] = bins
-                needed = kld_limit(bins, min_particles, max_particles, pf_err, pf_z)
-            else:
-                continue
-        entry = cloud.slots[slot] - 1
-        cloud.bin_sums[entry, 0] += 1.0
-        cloud.bin_sums[entry, 1] += x
-        cloud.bin_sums[entry, 2] += y
-        cloud.bin_sums[entry, 3] += cloud.headings[0, k]
-        cloud.bin_sums[entry, 4] += cloud.headings[1, k]
-        if count > needed:
-            break
-    for axis in range(3):
-        for k in range(count):
-            cloud.particles[axis, k] = cloud.resampled[axis, k]
-    return count, bins
-
-
-@inner
-def _slot(cloud: Cloud, bx: int, by: int, bt: int) -> int:
-    """Where a bin is, or would be put, in the hash table."""
-    slot = (bx * 73856093 ^ by * 19349663 ^ bt * 83492791) & (SLOTS - 1)
-    while cloud.slots[slot] != 0:
-        entry = cloud.slots[slot] - 1
-        if cloud.bins[entry, 0] == bx and cloud.bins[entry, 1] == by and cloud.bins[entry, 2] == bt:
-            return slot
-        slot = (slot + 1) & (SLOTS - 1)
-    return slot
-
-
-@inner
-def heaviest_cluster(cloud: Cloud, bins: int) -> Any:
-    """Mean pose (x, y, yaw) of the heaviest 26-connected cluster of bins; yaw bins do not wrap, as in AMCL."""
-    stack = cloud.stack
-    best_weight, best = -1.0, (0.0, 0.0, 0.0)
-    label = 0
-    for first in range(bins):
-        if cloud.bins[first, 3] >= 0:
-            continue
-        w, x, y, c, s = 0.0, 0.0, 0.0, 0.0, 0.0
-        cloud.bins[first, 3] = label
-        stack[0] = first
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            k = stack[depth]
-            w += cloud.bin_sums[k, 0]
-            x += cloud.bin_sums[k, 1]
-            y += cloud.bin_sums[k, 2]
-            c += cloud.bin_sums[k, 3]
-            s += cloud.bin_sums[k, 4]
-            for i in range(27):
-                slot = _slot(
-                    cloud,
-                    cloud.bins[k, 0] + i % 3 - 1,
-                    cloud.bins[k, 1] + i // 3 % 3 - 1,
-                    cloud.bins[k, 2] + i // 9 - 1,
-                )
-                if cloud.slots[slot] != 0 and cloud.bins[cloud.slots[slot] - 1, 3] < 0:
-                    cloud.bins[cloud.slots[slot] - 1, 3] = label
-                    stack[depth] = cloud.slots[slot] - 1
-                    depth += 1
-        label += 1
-        if w > best_weight:
-            best_weight, best = w, (x / w, y / w, math.atan2(s, c))
-    return best
+def _pose_of(xyt: Pose, name: str) -> tuple[float, float, float]:
+    if len(xyt) != 3 or not all(math.isfinite(value) for value in xyt):
+        raise ValueError(f"{name} must be x, y (m) and yaw (rad), got {xyt!r}")
+    return float(xyt[0]), float(xyt[1]), float(xyt[2])

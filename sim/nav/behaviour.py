@@ -7,8 +7,11 @@ the round of clear, spin, wait and back up, six times a goal at the most.
 import math
 from typing import Any, Final
 
+from vastflow.sim.nav.controllers.control import Controller, command, reset, take_new_path
+from vastflow.sim.nav.controllers.local_plan import local_plan
+from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.planning import plan
-from vastflow.sim.nav.rpp import outline_hits, pursue
+from vastflow.sim.nav.profile import BEHAVIOUR, CONTROLLER, PLANNER, lap
 from vastflow.sim.nav.state import (
     ABORTED,
     BACK_UP,
@@ -35,6 +38,7 @@ from vastflow.sim.nav.state import (
     WAIT,
     WAITING,
     Grids,
+    Local,
     Route,
 )
 from vastflow.sim.numeric import inner
@@ -43,34 +47,45 @@ from vastflow.sim.robot import wrapped
 RETRIES: Final = 6
 REPLAN_TICKS: Final = round(1.0 / TICK_S)
 REPLAN_THROUGH_POSES_TICKS: Final = round(3.0 / TICK_S)
-PAUSE_TICKS: Final = round(0.2 / TICK_S)
 WAIT_TICKS: Final = round(5.0 / TICK_S)
 ALLOWANCE_TICKS: Final = round(10.0 / TICK_S)
+BEHAVIOUR_TICKS: Final = 2
+"""Spin and BackUp run at 10 Hz."""
+
+CYCLE_S: Final = BEHAVIOUR_TICKS * TICK_S
 SPIN_RAD: Final = 1.57
 BACK_UP_M: Final = 0.30
 BACK_UP_MPS: Final = 0.15
-LOOK_AHEAD_S: Final = 2.0
 
-PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS, NO_VALID_PATH = 104, 105, 208
-"""Nav2's error codes of the controller and the planner."""
+INVALID_PATH, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS = 103, 104, 105
+"""Nav2's error codes of FollowPath; 103 is not among those that a recovery is tried for."""
+
+THROUGH_POSES: Final = 100
+"""By this much ComputePathThroughPoses' codes are greater than ComputePathToPose's."""
 
 
 @inner
-def behave(p: Any, m: Any, g: Grids, route: Route) -> Any:
-    """The command (v, ω) of this tick."""
+def behave(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Controller) -> None:
+    """Set the command of this tick; between the cycles of a slower behaviour the last one stands."""
     if m.state == STARTING and m.first_scan == 0:
         _begin_goal(m)
     if m.state == PAUSING and m.tick >= m.until:
         _begin_goal(m)
     if m.state == FOLLOWING:
-        return _follow(p, m, g, route)
-    if m.state == SPINNING:
-        return _spin(p, m, route.goals)
-    if m.state == BACKING_UP:
-        return _back_up(p, m, route.goals)
-    if m.state == WAITING and m.tick >= m.until:
+        _follow(p, m, g, local, route, controller)
+    elif m.state == SPINNING:
+        if m.tick % BEHAVIOUR_TICKS == 0:
+            _spin(p, m, local, route.goals)
+    elif m.state == BACKING_UP:
+        if m.tick % BEHAVIOUR_TICKS == 0:
+            _back_up(p, m, local, route.goals)
+    elif m.state == WAITING and m.tick >= m.until:
         _resume(m)
-    return 0.0, 0.0
+
+
+@inner
+def _order(m: Any, v_mps: float, w_radps: float) -> None:
+    m.command_v, m.command_w, m.command_tick = v_mps, w_radps, m.tick
 
 
 @inner
@@ -86,8 +101,8 @@ def note(m: Any, kind: int, what: int, value: float) -> None:
 @inner
 def _begin_goal(m: Any) -> None:
     m.attempts, m.round_robin = 0, 0
+    m.planner_code, m.controller_code = 0, 0
     m.planned_goal = -1
-    m.path_n = 0
     _resume(m)
 
 
@@ -100,6 +115,7 @@ def _resume(m: Any) -> None:
     m.plan_retries = 0
     m.follow_retries = 0
     _reset_checkers(m)
+    _order(m, 0.0, 0.0)
 
 
 @inner
@@ -110,50 +126,97 @@ def _reset_checkers(m: Any) -> None:
 
 
 @inner
-def _follow(p: Any, m: Any, g: Grids, route: Route) -> Any:
-    if m.replan_in <= 0:
-        if plan(p, m, g, route):
-            m.plan_retries = 0
-            m.replan_in = REPLAN_THROUGH_POSES_TICKS if p.mission == NAVIGATE_THROUGH_POSES else REPLAN_TICKS
-        else:
-            note(m, EVENT_PLAN_FAILED, NO_VALID_PATH, 0.0)
-            if m.plan_retries == 1:
-                return _recover(p, m, route.goals, NO_VALID_PATH)
-            m.plan_retries = 1
-            _clear(m, CLEAR_GLOBAL)
-            m.replan_in = REPLAN_TICKS  # the cleared costmap is current again after its next update
-    m.replan_in -= 1
-    if m.path_n == 0:
+def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Controller) -> None:
+    """One cycle of the pipeline: replan when it is time, then the controller server's loop."""
+    if m.replan_in > 0:
+        m.replan_in -= 1
+    elif m.global_current == 1 and not _replan(p, m, g, route, controller):
+        reset(controller)
+        _recover(p, m, route.goals)
+        return
+    # The controller server waits for a plan, and after a clearing for the local costmap's next update.
+    if m.path_n == 0 or m.local_current == 0:
         m.base_tick, m.valid_tick = m.tick, m.tick
-        return 0.0, 0.0
+        return
     if _goal_reached(p, m):
+        reset(controller)
+        _order(m, 0.0, 0.0)
+        m.controller_code = 0
         _goal_done(p, m, route.goals)
-        return 0.0, 0.0
-    if math.hypot(m.odom_x - m.base_x, m.odom_y - m.base_y) > p.required_movement_radius:
+        return
+    if math.hypot(m.odom_x - m.base_x, m.odom_y - m.base_y) > p.progress_checker.required_movement_radius:
         m.base_x, m.base_y, m.base_tick = m.odom_x, m.odom_y, m.tick
-    elif (m.tick - m.base_tick) * TICK_S > p.movement_time_allowance:
-        return _control_failed(p, m, route.goals, FAILED_TO_MAKE_PROGRESS)
-    valid, v, w = pursue(p, m, route.path)
+    elif (m.tick - m.base_tick) * TICK_S > p.progress_checker.movement_time_allowance:
+        _control_failed(p, m, route.goals, controller, FAILED_TO_MAKE_PROGRESS)
+        return
+    n, end_yaw = local_plan(p, m, local.window, route.path, route.ahead)
+    if n == 0:
+        _control_failed(p, m, route.goals, controller, INVALID_PATH)
+        return
+    valid, v, w = _controlled(p, m, local, route, n, end_yaw, controller)
     if valid:
         m.valid_tick = m.tick
-        return v, w
-    if (m.tick - m.valid_tick) * TICK_S > p.failure_tolerance:
-        return _control_failed(p, m, route.goals, PATIENCE_EXCEEDED)
-    return 0.0, 0.0
+        _order(m, v, w)
+    elif (m.tick - m.valid_tick) * TICK_S > p.controller_server.failure_tolerance:
+        _control_failed(p, m, route.goals, controller, PATIENCE_EXCEEDED)
+    else:
+        _order(m, 0.0, 0.0)
+
+
+@inner
+def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Controller) -> bool:
+    """ComputePath with its one contextual clearing; false when the pipeline has failed by it."""
+    through_poses = p.mission == NAVIGATE_THROUGH_POSES
+    lap(m, BEHAVIOUR)
+    code = plan(p, m, g, route)
+    lap(m, PLANNER)
+    if code == 0:
+        take_new_path(controller)
+        m.planner_code, m.plan_retries = 0, 0
+        m.replan_in = (REPLAN_THROUGH_POSES_TICKS if through_poses else REPLAN_TICKS) - 1
+        return True
+    m.planner_code = code + THROUGH_POSES if through_poses else code
+    note(m, EVENT_PLAN_FAILED, m.planner_code, 0.0)
+    if m.plan_retries == 1 or not _recoverable(m.planner_code):
+        return False
+    # The robot follows the path it has until the cleared costmap is current again and the planner answers.
+    m.plan_retries = 1
+    _clear(m, CLEAR_GLOBAL)
+    return True
+
+
+@inner
+def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: float, controller: Controller) -> Any:
+    """The controller's (valid, v, ω) for the local plan."""
+    c, s = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
+    dx, dy = m.goal_x - m.map_odom_x, m.goal_y - m.map_odom_y
+    goal = (c * dx + s * dy, c * dy - s * dx, wrapped(m.goal_yaw - m.map_odom_yaw))
+    v = m.odom_v if abs(m.odom_v) > p.controller_server.min_x_velocity_threshold else 0.0
+    w = m.odom_w if abs(m.odom_w) > p.controller_server.min_theta_velocity_threshold else 0.0
+    pose = (m.odom_x, m.odom_y, m.odom_yaw)
+    lap(m, BEHAVIOUR)
+    ordered = command(
+        controller, local.window, m.outline, p.inscribed_radius, pose, (v, w), route.ahead, n, end_yaw, goal
+    )
+    lap(m, CONTROLLER)
+    return ordered
 
 
 @inner
 def _goal_reached(p: Any, m: Any) -> bool:
-    """SimpleGoalChecker, stateful: the position once, then the yaw; a new path takes the latch back."""
-    if m.latched == 0 and math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= p.xy_goal_tolerance:
+    """SimpleGoalChecker: the position once, then the yaw; a new path takes the latch back."""
+    q = p.goal_checker
+    near = math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= q.xy_goal_tolerance
+    if near and q.stateful:
         m.latched = 1
-    return bool(m.latched == 1 and abs(wrapped(m.goal_yaw - m.yaw)) <= p.yaw_goal_tolerance)
+    return bool((near or m.latched == 1) and abs(wrapped(m.goal_yaw - m.yaw)) <= q.yaw_goal_tolerance)
 
 
 @inner
 def _goal_done(p: Any, m: Any, goals: Any) -> None:
     note(m, EVENT_GOAL_REACHED, m.goal, 0.0)
     if p.mission == FOLLOW_WAYPOINTS:
+        m.until = m.tick + round(p.waypoint_follower.waypoint_pause_duration * 1e-3 / TICK_S)
         _next_waypoint(p, m, goals)
     else:
         m.state, m.status = ENDED, SUCCEEDED
@@ -169,43 +232,57 @@ def _next_waypoint(p: Any, m: Any, goals: Any) -> None:
             m.goal = goals.shape[0] - 1
             m.state, m.status = ENDED, SUCCEEDED
             return
-    m.state, m.until = PAUSING, m.tick + PAUSE_TICKS
+    m.state = PAUSING
 
 
 @inner
-def _control_failed(p: Any, m: Any, goals: Any, code: int) -> Any:
+def _control_failed(p: Any, m: Any, goals: Any, controller: Controller, code: int) -> None:
+    """FollowPath has failed; once in a pipeline the local costmap is cleared for it, then it counts."""
+    reset(controller)
+    _order(m, 0.0, 0.0)
+    m.controller_code = code
     note(m, EVENT_CONTROL_FAILED, code, 0.0)
-    if m.follow_retries == 1:
-        return _recover(p, m, goals, code)
+    if m.follow_retries == 1 or not _recoverable(code):
+        _recover(p, m, goals)
+        return
     m.follow_retries = 1
     _clear(m, CLEAR_LOCAL)
     _reset_checkers(m)
-    return 0.0, 0.0
+
+
+@inner
+def _recoverable(code: int) -> bool:
+    """Whether the default trees try a recovery for an error: UNKNOWN, PATIENCE, PROGRESS, NO_VALID_CONTROL; no path, timeout."""
+    return code in (100, 104, 105, 106, 200, 207, 208, 300, 307, 308)
 
 
 @inner
 def _clear(m: Any, what: int) -> None:
-    m.recoveries += 1
+    m.recoveries += 2 if what == CLEAR_BOTH else 1
     note(m, EVENT_RECOVERY, what, 0.0)
     m.clear_local = int(what != CLEAR_GLOBAL)
     m.clear_global = int(what != CLEAR_LOCAL)
 
 
 @inner
-def _recover(p: Any, m: Any, goals: Any, code: int) -> Any:
-    """The next recovery of the round; the goal is given up when six have been used."""
-    m.pending_code = code
-    if m.attempts == RETRIES:
-        return _give_up(p, m, goals)
+def _recover(p: Any, m: Any, goals: Any) -> None:
+    """The next recovery of the round; the goal is given up when six have been used or none could help."""
+    _order(m, 0.0, 0.0)
+    if m.attempts == RETRIES or not (_recoverable(m.controller_code) or _recoverable(m.planner_code)):
+        _give_up(p, m, goals)
+        return
     m.attempts += 1
     m.tried = 0
-    return _next_recovery(p, m, goals)
+    _next_recovery(p, m, goals)
 
 
 @inner
-def _next_recovery(p: Any, m: Any, goals: Any) -> Any:
+def _next_recovery(p: Any, m: Any, goals: Any) -> None:
+    """The round goes on where it stopped; an action that fails passes the turn to the next."""
+    _order(m, 0.0, 0.0)
     if m.tried == 4:
-        return _give_up(p, m, goals)
+        _give_up(p, m, goals)
+        return
     turn = m.round_robin
     m.round_robin = (turn + 1) % 4
     m.tried += 1
@@ -215,51 +292,76 @@ def _next_recovery(p: Any, m: Any, goals: Any) -> Any:
     if turn == 0:
         _clear(m, CLEAR_BOTH)
         _resume(m)
-        return 0.0, 0.0
+        return
     m.recoveries += 1
     note(m, EVENT_RECOVERY, SPIN if turn == 1 else WAIT if turn == 2 else BACK_UP, 0.0)
     m.state = SPINNING if turn == 1 else WAITING if turn == 2 else BACKING_UP
     m.until = m.tick + (WAIT_TICKS if turn == 2 else ALLOWANCE_TICKS)
-    return 0.0, 0.0
 
 
 @inner
-def _give_up(p: Any, m: Any, goals: Any) -> Any:
+def _give_up(p: Any, m: Any, goals: Any) -> None:
     if p.mission == FOLLOW_WAYPOINTS:
         m.missed += 1
         note(m, EVENT_GOAL_MISSED, m.goal, 0.0)
-        _next_waypoint(p, m, goals)
-    else:
-        m.state, m.status, m.error_code = ENDED, ABORTED, m.pending_code
-    return 0.0, 0.0
+        if p.waypoint_follower.stop_on_failure == 0:
+            m.until = m.tick
+            _next_waypoint(p, m, goals)
+            return
+    m.state, m.status = ENDED, ABORTED
+    # Nav2 reports the smallest code on the blackboard that is not 0; a code stays there until its action succeeds.
+    codes = m.planner_code, m.controller_code
+    m.error_code = max(codes) if min(codes) == 0 else min(codes)
 
 
 @inner
-def _spin(p: Any, m: Any, goals: Any) -> Any:
-    m.done += abs(wrapped(m.odom_yaw - m.last_yaw))
+def _spin(p: Any, m: Any, local: Local, goals: Any) -> None:
+    q = p.behavior_server
+    m.done += wrapped(m.odom_yaw - m.last_yaw)
     m.last_yaw = m.odom_yaw
-    remaining = SPIN_RAD - m.done
-    if remaining <= 0.0:
+    remaining = SPIN_RAD - abs(m.done)
+    if remaining < 1e-6:
         _resume(m)
-        return 0.0, 0.0
-    if m.tick >= m.until or outline_hits(p, m, m.odom_x, m.odom_y):
-        return _next_recovery(p, m, goals)
-    return 0.0, min(max(math.sqrt(2.0 * 3.2 * remaining), 0.4), 1.0)
+        return
+    rate = math.sqrt(2.0 * q.rotational_acc_lim * remaining)
+    rate = min(max(rate, q.min_rotational_vel), q.max_rotational_vel)
+    if m.tick >= m.until or _spin_collides(m, local, rate, q.simulate_ahead_time):
+        _next_recovery(p, m, goals)
+        return
+    _order(m, 0.0, rate)
 
 
 @inner
-def _back_up(p: Any, m: Any, goals: Any) -> Any:
+def _spin_collides(m: Any, local: Local, rate: float, ahead_s: float) -> bool:
+    """Nav2 looks ahead no farther than the robot has turned already, so the first look sees nothing."""
+    for cycle in range(int(ahead_s / CYCLE_S)):
+        change = rate * cycle * CYCLE_S
+        if abs(m.done) - change <= 0.0:
+            return False
+        if outline_hits(local.published, m.outline, m.odom_x, m.odom_y, m.odom_yaw + change):
+            return True
+    return False
+
+
+@inner
+def _back_up(p: Any, m: Any, local: Local, goals: Any) -> None:
     m.done = math.hypot(m.odom_x - m.last_x, m.odom_y - m.last_y)
     if m.done >= BACK_UP_M:
         _resume(m)
-        return 0.0, 0.0
-    if m.tick >= m.until:
-        return _next_recovery(p, m, goals)
-    ahead_m = min(LOOK_AHEAD_S * BACK_UP_MPS, BACK_UP_M - m.done)
-    step = 0.0
-    while step < ahead_m:
-        step += p.resolution
-        x, y = m.odom_x - step * math.cos(m.odom_yaw), m.odom_y - step * math.sin(m.odom_yaw)
-        if outline_hits(p, m, x, y):
-            return _next_recovery(p, m, goals)
-    return -BACK_UP_MPS, 0.0
+        return
+    if m.tick >= m.until or _back_up_collides(m, local, p.behavior_server.simulate_ahead_time):
+        _next_recovery(p, m, goals)
+        return
+    _order(m, -BACK_UP_MPS, 0.0)
+
+
+@inner
+def _back_up_collides(m: Any, local: Local, ahead_s: float) -> bool:
+    c, s = math.cos(m.odom_yaw), math.sin(m.odom_yaw)
+    for cycle in range(int(ahead_s / CYCLE_S)):
+        change = BACK_UP_MPS * cycle * CYCLE_S
+        if BACK_UP_M - m.done - change <= 0.0:
+            return False
+        if outline_hits(local.published, m.outline, m.odom_x - change * c, m.odom_y - change * s, m.odom_yaw):
+            return True
+    return False

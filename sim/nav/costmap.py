@@ -1,64 +1,61 @@
 """The obstacle layers: what the scan marks and clears, globally and in the rolling window.
 
-The global layer clears up to the end of a beam (ObstacleLayer), the local one stops two cells before it (VoxelLayer);
-both clear to `raytrace_max_range` and mark to `obstacle_max_range`. Beams without a return, or nearer than
+An ObstacleLayer clears up to the end of a beam, a VoxelLayer stops two cells before it; both clear to `raytrace_max_range` and
+mark to `obstacle_max_range`. Beams without a return, or nearer than
 the scanner sees, neither mark nor clear.
 """
 
 import math
 from typing import Any, Final
 
-import numpy as np
-
-from vastflow.sim.nav.inflation import FREE, INSCRIBED, LETHAL, UNKNOWN, stamp_lethal
+from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.numeric import inner, njit
 
 UNSEEN: Final = 0
 SEEN_FREE: Final = 1
 MARKED: Final = 2
 
-LOCAL_CELLS: Final = 60
-"""Edge of the local window: 3 m at 0.05 m."""
-
-SHORT_CLEARING: Final = 2
-
 
 @njit
 def observe(
+    q: Any,
     layer: Any,
-    origin_x_m: float,
-    origin_y_m: float,
-    resolution_m: float,
-    sensor_x_m: float,
-    sensor_y_m: float,
-    yaw_rad: float,
+    place: Any,
+    sensor: Any,
     directions: Any,
     ranges_m: Any,
     range_min_m: float,
     range_max_m: float,
-    raytrace_m: float,
-    obstacle_m: float,
-    short_cells: int,
 ) -> None:
-    """One scan into a layer (H, W) uint8 of UNSEEN, SEEN_FREE and MARKED: all clearing first, then all marking."""
+    """One scan into a layer (H, W) uint8 of UNSEEN, SEEN_FREE and MARKED: all clearing first, then all marking.
+
+    Args:
+        q: Parameters of the obstacle layer.
+        place: x, y of the layer's lower left corner and its resolution, metres.
+        sensor: x, y of the scanner in the layer's frame, and the robot's yaw.
+        directions: (B, 2) beams in the robot's frame.
+    """
     rows, columns = layer.shape
+    origin_x_m, origin_y_m, resolution_m = place
+    sensor_x_m, sensor_y_m, yaw_rad = sensor
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     col0 = math.floor((sensor_x_m - origin_x_m) / resolution_m)
     row0 = math.floor((sensor_y_m - origin_y_m) / resolution_m)
     if row0 < 0 or col0 < 0 or row0 >= rows or col0 >= columns:
         return
-    for b in range(ranges_m.shape[0]):
+    for b in range(ranges_m.shape[0] if q.clearing else 0):
         reading = ranges_m[b]
         if not (reading >= range_min_m and reading < range_max_m):
             continue
-        length = min(reading, raytrace_m)
+        length = min(reading, q.raytrace_max_range)
         dx, dy = c * directions[b, 0] - s * directions[b, 1], s * directions[b, 0] + c * directions[b, 1]
         col1 = math.floor((sensor_x_m + length * dx - origin_x_m) / resolution_m)
         row1 = math.floor((sensor_y_m + length * dy - origin_y_m) / resolution_m)
-        clear_line(layer, col0, row0, col1, row1, short_cells)
-    for b in range(ranges_m.shape[0]):
+        clear_line(layer, col0, row0, col1, row1, q.short_clearing_cells)
+    nearest_m = max(range_min_m, q.obstacle_min_range)
+    for b in range(ranges_m.shape[0] if q.marking else 0):
         reading = ranges_m[b]
-        if not (reading >= range_min_m and reading < range_max_m and reading <= obstacle_m):
+        if not (reading >= nearest_m and reading < range_max_m and reading <= q.obstacle_max_range):
             continue
         dx, dy = c * directions[b, 0] - s * directions[b, 1], s * directions[b, 0] + c * directions[b, 1]
         column = math.floor((sensor_x_m + reading * dx - origin_x_m) / resolution_m)
@@ -69,25 +66,34 @@ def observe(
 
 @njit
 def clear_line(layer: Any, col0: int, row0: int, col1: int, row1: int, short_cells: int) -> None:
-    """Bresenham from the sensor's cell to the beam's end, its last `short_cells` cells left as they are."""
+    """Bresenham from the sensor's cell to the beam's end, its last `short_cells` cells left as they are.
+
+    The line ends where it leaves the layer. The sensor's cell is in it.
+    """
     rows, columns = layer.shape
     d_col, d_row = abs(col1 - col0), abs(row1 - row0)
     step_col, step_row = (1 if col1 >= col0 else -1), (1 if row1 >= row0 else -1)
-    longer = max(d_col, d_row)
-    error_col, error_row = longer // 2, longer // 2
-    column, row = col0, row0
-    for _ in range(longer + 1 - short_cells):
-        if row < 0 or column < 0 or row >= rows or column >= columns:
-            return
-        layer[row, column] = SEEN_FREE
-        error_col += d_col
-        if error_col >= longer:
-            error_col -= longer
-            column += step_col
-        error_row += d_row
-        if error_row >= longer:
-            error_row -= longer
-            row += step_row
+    room_col = columns - 1 - col0 if step_col > 0 else col0
+    room_row = rows - 1 - row0 if step_row > 0 else row0
+    if d_col >= d_row:
+        longer, shorter, room, room_aside = d_col, d_row, room_col, room_row
+        step, aside = step_col, step_row * columns
+    else:
+        longer, shorter, room, room_aside = d_row, d_col, room_row, room_col
+        step, aside = step_row * columns, step_col
+    error = longer // 2
+    last = min(longer - short_cells, room)
+    if shorter > 0:
+        # The last step before the line has gone aside once more than there is room.
+        last = min(last, ((room_aside + 1) * longer - error - 1) // shorter)
+    cells = layer.ravel()
+    at = row0 * columns + col0
+    for _ in range(last + 1):
+        cells[at] = SEEN_FREE
+        error += shorter
+        over = error >= longer
+        at += step + (aside if over else 0)
+        error -= longer if over else 0
 
 
 @inner
@@ -122,19 +128,9 @@ def roll(layer: Any, scratch: Any, shift_columns: int, shift_rows: int) -> None:
 
 
 @inner
-def inflate_layer(layer: Any, stamp: Any, lethal: Any, out: Any) -> None:
-    """Costs (H, W) of a window that has no static layer: marked cells and their inflation; unseen is free."""
-    rows, columns = layer.shape
-    for r in range(rows):
-        for c in range(columns):
-            lethal[r, c] = layer[r, c] == MARKED
-            out[r, c] = FREE
-    stamp_lethal(lethal, stamp, out)
-
-
-@inner
 def merge_window(
     static: Any,
+    static_costs: Any,
     layer: Any,
     stamp: Any,
     centre_column: int,
@@ -146,6 +142,7 @@ def merge_window(
 
     Args:
         static: (H, W) uint8 of 0, 254, 255.
+        static_costs: (H, W) uint8 inflation of the static layer's lethal cells, unknown cells no exception.
         layer: (H, W) obstacle layer.
         reach: Half edge of the window in cells; outside it `costs` stay as they are.
         costs: (H, W) uint8 master costmap, written in the window.
@@ -159,19 +156,41 @@ def merge_window(
     col0, col1 = max(0, centre_column - reach), min(columns, centre_column + reach + 1)
     if row0 >= row1 or col0 >= col1:
         return 0, 0, 0, 0  # the robot is, or takes itself to be, far off the map
-    wide_row0, wide_row1 = max(0, row0 - margin), min(rows, row1 + margin)
-    wide_col0, wide_col1 = max(0, col0 - margin), min(columns, col1 + margin)
-    lethal = np.zeros((wide_row1 - wide_row0, wide_col1 - wide_col0), dtype=np.uint8)
-    out = np.zeros(lethal.shape, dtype=np.uint8)
-    for r in range(lethal.shape[0]):
-        for c in range(lethal.shape[1]):
-            row, column = r + wide_row0, c + wide_col0
-            lethal[r, c] = static[row, column] == LETHAL or layer[row, column] == MARKED
-    stamp_lethal(lethal, stamp, out)
+    for row in range(row0, row1):
+        costs[row, col0:col1] = static_costs[row, col0:col1]
+    # Inflation is the maximum over lethal cells, so the walls' share need not be made again.
+    for row in range(max(0, row0 - margin), min(rows, row1 + margin)):
+        marks = layer[row]
+        for column in range(max(0, col0 - margin), min(columns, col1 + margin)):
+            if marks[column] == MARKED and static[row, column] != LETHAL:
+                _stamp_within(static, layer, stamp, row, column, row0, row1, col0, col1, costs)
     for row in range(row0, row1):
         for column in range(col0, col1):
-            cost = out[row - wide_row0, column - wide_col0]
-            if cost < INSCRIBED and static[row, column] == UNKNOWN and layer[row, column] == UNSEEN:
-                cost = UNKNOWN
-            costs[row, column] = cost
+            if static[row, column] == UNKNOWN and layer[row, column] == UNSEEN and costs[row, column] < INSCRIBED:
+                costs[row, column] = UNKNOWN
     return row0, row1, col0, col1
+
+
+@inner
+def _stamp_within(
+    static: Any, layer: Any, stamp: Any, row: int, column: int, row0: int, row1: int, col0: int, col1: int, costs: Any
+) -> None:
+    """Raise `costs` in a window to the stamp round a marked cell, but for one that other lethal cells wall in."""
+    rows, columns = layer.shape
+    if row0 <= row < row1 and col0 <= column < col1:
+        costs[row, column] = LETHAL
+    if 0 < row < rows - 1 and 0 < column < columns - 1:
+        walled_in = True
+        for r, c in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
+            walled_in = walled_in and (layer[r, c] == MARKED or static[r, c] == LETHAL)
+        if walled_in:
+            return
+    margin = stamp.shape[0] // 2
+    left, right = max(col0, column - margin), min(col1, column + margin + 1)
+    if left >= right:
+        return
+    for r in range(max(row0, row - margin), min(row1, row + margin + 1)):
+        target = costs[r, left:right]
+        source = stamp[r - row + margin, left - column + margin : right - column + margin]
+        for i in range(target.shape[0]):
+            target[i] = max(target[i], source[i])

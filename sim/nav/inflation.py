@@ -46,13 +46,24 @@ def inflate(
 
     An unknown cell stays unknown unless its inflated cost is at least 253.
     """
-    stamp = cost_stamp(resolution_m, inscribed_radius_m, inflation_radius_m, cost_scaling_factor)
+    return inflated(costmap_u8, cost_stamp(resolution_m, inscribed_radius_m, inflation_radius_m, cost_scaling_factor))
+
+
+def inflated(costmap_u8: NDArray[np.uint8], stamp: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A costmap as `inflate` makes it, by the cost round one cell that `cost_stamp` gives."""
+    return with_unknown(costmap_u8, inflation_of(costmap_u8, stamp))
+
+
+def inflation_of(costmap_u8: NDArray[np.uint8], stamp: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Costs (H, W) round the lethal cells of a costmap, unknown cells no exception."""
     out = np.zeros(costmap_u8.shape, dtype=np.uint8)
-    lethal = np.ascontiguousarray(costmap_u8 == LETHAL).view(np.uint8)
-    stamp_lethal(lethal, stamp, out)
-    unknown = (costmap_u8 == UNKNOWN) & (out < INSCRIBED)
-    out[unknown] = UNKNOWN
+    stamp_lethal(np.ascontiguousarray(costmap_u8 == LETHAL).view(np.uint8), stamp, out)
     return out
+
+
+def with_unknown(costmap_u8: NDArray[np.uint8], costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Inflation `costs` with those cells unknown that `costmap_u8` has so, unless they are inscribed or lethal."""
+    return np.where((costmap_u8 == UNKNOWN) & (costs < INSCRIBED), np.uint8(UNKNOWN), costs)
 
 
 @njit

@@ -3,8 +3,9 @@
 import math
 from typing import Any
 
-from vastflow.sim.nav import amcl
-from vastflow.sim.nav.amcl import Cloud
+from vastflow.sim.nav.particles import Cloud, gate, move, spread
+from vastflow.sim.nav.resampling import covariance, heaviest_cluster, resample
+from vastflow.sim.nav.sensor import normalise, weigh
 from vastflow.sim.numeric import inner
 from vastflow.sim.robot import wrapped
 from vastflow.sim.streams import AMCL
@@ -12,52 +13,58 @@ from vastflow.sim.streams import AMCL
 
 @inner
 def localize(p: Any, m: Any, cubed: Any, cloud: Cloud) -> None:
-    """One scan through the filter: gated motion, weighting, resampling, and a new transform map → odom."""
-    stream = m.streams[AMCL]
-    dx, dy = m.odom_x - m.filter_odom_x, m.odom_y - m.filter_odom_y
-    dyaw = wrapped(m.odom_yaw - m.filter_odom_yaw)
-    if m.first_scan == 1:
-        # The mission's initial pose has zero covariance (paper's study): every particle starts there.
-        m.first_scan = 0
-        m.particles = int(p.max_particles)
-        for k in range(m.particles):
-            cloud.particles[0, k], cloud.particles[1, k], cloud.particles[2, k] = m.x, m.y, m.yaw
-    elif amcl.gate(dx, dy, dyaw, p.update_min_d, p.update_min_a):
-        amcl.move(
-            cloud.particles,
-            m.particles,
-            stream,
-            dx,
-            dy,
-            m.filter_odom_yaw,
-            dyaw,
-            p.alpha1,
-            p.alpha2,
-            p.alpha3,
-            p.alpha4,
-        )
+    """One scan, `m.ranges`, through the filter."""
+    update(p, m, m.ranges, m.directions, cubed, cloud)
+
+
+@inner
+def update(p: Any, m: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cloud) -> None:
+    """One scan through the filter: gated motion, weighting, resampling, and a new transform map → odom.
+
+    At the first scan the particles are drawn round the initial pose (`m.x`, `m.y`, `m.yaw`), with
+    `p.initial_covariance` (4,) of xx, xy, yy and yaw, and weighted where they are. `m.localized` is 1 after an update
+    that gave a pose; its covariance is in `m.pose_xx`, `m.pose_xy`, `m.pose_yy` and `m.pose_aa`.
+
+    Args:
+        ranges_m, directions: (B,) readings and (B, 2) unit vectors of their beams in the robot's frame.
+        cubed: AMCL's likelihood field.
+    """
+    q, stream, first = p.amcl, m.streams[AMCL], m.first_scan == 1
+    if first:
+        m.first_scan, m.filter_updates, m.particles = 0, 0, q.max_particles
+        spread(cloud, m.particles, stream, m.x, m.y, m.yaw, p.initial_covariance)
     else:
-        return
+        dx, dy = m.odom_x - m.filter_odom_x, m.odom_y - m.filter_odom_y
+        dyaw = wrapped(m.odom_yaw - m.filter_odom_yaw)
+        if not gate(dx, dy, dyaw, q):
+            return
+        move(cloud, m.particles, stream, dx, dy, m.filter_odom_yaw, dyaw, q)
     m.filter_odom_x, m.filter_odom_y, m.filter_odom_yaw = m.odom_x, m.odom_y, m.odom_yaw
-    n_points = amcl.beam_points(
-        m.ranges, int(p.max_beams), m.directions, p.mount_x, p.mount_y, p.range_min, p.range_max, m.points
-    )
-    amcl.weigh(cloud, m.particles, m.points, n_points, cubed, p.resolution, p.origin_x, p.origin_y)
-    m.particles, m.bins = amcl.resample(
-        cloud, m.particles, stream, int(p.min_particles), int(p.max_particles), p.pf_err, p.pf_z
-    )
-    x, y, yaw = amcl.heaviest_cluster(cloud, m.bins)
+    weigh(p, m.particles, ranges_m, directions, cubed, cloud)
+    m.filter_updates += 1
+    x, y, yaw = m.x, m.y, m.yaw
+    if m.filter_updates % q.resample_interval == 0:
+        m.particles, m.bins = resample(cloud, m.particles, stream, q)
+        x, y, yaw = heaviest_cluster(cloud, m.bins)
+        m.pose_xx, m.pose_xy, m.pose_yy, m.pose_aa = covariance(cloud.sums, m.bins)
+    else:
+        normalise(cloud.weights, m.particles)
+        if not first:
+            return
+        initial = p.initial_covariance
+        # The first pose is published in any case: that of the particles as they were drawn.
+        m.pose_xx, m.pose_xy, m.pose_yy, m.pose_aa = initial[0], initial[1], initial[2], initial[3]
     m.map_odom_yaw = yaw - m.odom_yaw
-    c, sn = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
-    m.map_odom_x = x - (c * m.odom_x - sn * m.odom_y)
-    m.map_odom_y = y - (sn * m.odom_x + c * m.odom_y)
+    c, s = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
+    m.map_odom_x = x - (c * m.odom_x - s * m.odom_y)
+    m.map_odom_y = y - (s * m.odom_x + c * m.odom_y)
     m.localized = 1
 
 
 @inner
 def estimate(m: Any) -> None:
     """The robot's own idea of its pose: transform map → odom applied to odometry."""
-    c, sn = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
-    m.x = m.map_odom_x + c * m.odom_x - sn * m.odom_y
-    m.y = m.map_odom_y + sn * m.odom_x + c * m.odom_y
+    c, s = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
+    m.x = m.map_odom_x + c * m.odom_x - s * m.odom_y
+    m.y = m.map_odom_y + s * m.odom_x + c * m.odom_y
     m.yaw = wrapped(m.map_odom_yaw + m.odom_yaw)

@@ -1,110 +1,122 @@
-"""Costmap updates: the rolling window in the odom frame at 5 Hz, the global map at 1 Hz."""
+"""Costmap updates: the rolling window in the odom frame, and the global map."""
 
 import math
 from typing import Any, Final
 
-from vastflow.sim.nav.costmap import (
-    LOCAL_CELLS,
-    SHORT_CLEARING,
-    UNSEEN,
-    clear_disc,
-    inflate_layer,
-    merge_window,
-    observe,
-    roll,
-)
-from vastflow.sim.nav.inflation import FREE
+from vastflow.sim.nav.costmap import MARKED, UNSEEN, clear_disc, merge_window, observe, roll
+from vastflow.sim.nav.inflation import FREE, LETHAL, stamp_lethal
 from vastflow.sim.nav.navfn import NEUTRAL, UNREACHED, fill_travel_costs
-from vastflow.sim.nav.state import Grids
+from vastflow.sim.nav.state import Grids, Local
 from vastflow.sim.numeric import inner
-
-LOCAL_TICKS: Final = 4
-GLOBAL_TICKS: Final = 20
 
 CLEARED: Final = 64
 """By this much a travel cost falls where an obstacle went, and not where a mark moved by two cells."""
 
 
 @inner
-def update_local(p: Any, m: Any, stamp: Any) -> None:
-    """Roll the window to the robot, clear and mark by the newest scan, inflate. There is no static layer in it."""
-    column = math.floor(m.odom_x / p.resolution) - LOCAL_CELLS // 2
-    row = math.floor(m.odom_y / p.resolution) - LOCAL_CELLS // 2
+def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
+    """Roll the window to the robot, clear and mark by the newest scan, inflate."""
+    q = p.local_costmap
+    resolution = q.resolution
+    rows, columns = local.layer.shape
+    column = math.floor(m.odom_x / resolution) - columns // 2
+    row = math.floor(m.odom_y / resolution) - rows // 2
     if m.has_local == 1 and (column != m.local_column or row != m.local_row):
-        roll(m.local_layer, m.local_scratch, column - m.local_column, row - m.local_row)
-    m.local_column, m.local_row, m.has_local = column, row, 1
-    c, sn = math.cos(m.odom_yaw), math.sin(m.odom_yaw)
-    observe(
-        m.local_layer,
-        column * p.resolution,
-        row * p.resolution,
-        p.resolution,
-        m.odom_x + c * p.mount_x - sn * p.mount_y,
-        m.odom_y + sn * p.mount_x + c * p.mount_y,
-        m.odom_yaw,
-        m.directions,
-        m.ranges,
-        p.range_min,
-        p.range_max,
-        p.raytrace_max_range,
-        p.obstacle_max_range,
-        SHORT_CLEARING,
-    )
-    clear_disc(
-        m.local_layer,
-        m.odom_x / p.resolution - column,
-        m.odom_y / p.resolution - row,
-        (p.robot_radius + p.footprint_padding) / p.resolution,
-    )
-    inflate_layer(m.local_layer, stamp, m.local_lethal, m.local_costs)
+        roll(local.layer, local.scratch, column - m.local_column, row - m.local_row)
+    m.local_column, m.local_row, m.has_local, m.local_current = column, row, 1, 1
+    place = local.window.place
+    place[0], place[1] = column * resolution, row * resolution
+    if q.obstacle_layer.enabled:
+        c, sn = math.cos(m.odom_yaw), math.sin(m.odom_yaw)
+        sensor = m.odom_x + c * p.mount_x - sn * p.mount_y, m.odom_y + sn * p.mount_x + c * p.mount_y, m.odom_yaw
+        observe(
+            q.obstacle_layer,
+            local.layer,
+            (place[0], place[1], resolution),
+            sensor,
+            m.directions,
+            m.ranges,
+            p.range_min,
+            p.range_max,
+        )
+        if q.obstacle_layer.footprint_clearing_enabled:
+            radius = (q.robot_radius + q.footprint_padding) / resolution
+            clear_disc(local.layer, m.odom_x / resolution - column, m.odom_y / resolution - row, radius)
+    costs = local.window.costs
+    for r in range(rows):
+        for k in range(columns):
+            local.lethal[r, k] = local.layer[r, k] == MARKED
+            costs[r, k] = FREE
+    if q.static_layer.enabled:
+        _mark_static(p, m, g.static, local)
+    stamp_lethal(local.lethal, local.stamp, costs)
+
+
+@inner
+def publish_local(local: Local) -> None:
+    """What behaviours see from now on."""
+    for r in range(local.window.costs.shape[0]):
+        for c in range(local.window.costs.shape[1]):
+            local.published.costs[r, c] = local.window.costs[r, c]
+    for k in range(3):
+        local.published.place[k] = local.window.place[k]
+
+
+@inner
+def _mark_static(p: Any, m: Any, static: Any, local: Local) -> None:
+    """The map's walls where localization takes them to be: its error makes phantom walls."""
+    place = local.window.place
+    c, sn = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
+    for r in range(local.layer.shape[0]):
+        for k in range(local.layer.shape[1]):
+            x, y = place[0] + (k + 0.5) * place[2], place[1] + (r + 0.5) * place[2]
+            column = math.floor((m.map_odom_x + c * x - sn * y - p.origin_x) / p.resolution)
+            row = math.floor((m.map_odom_y + sn * x + c * y - p.origin_y) / p.resolution)
+            if 0 <= row < static.shape[0] and 0 <= column < static.shape[1] and static[row, column] == LETHAL:
+                local.lethal[r, k] = 1
 
 
 @inner
 def update_global(p: Any, m: Any, g: Grids) -> None:
     """Clear and mark by the newest scan at the estimated pose, then merge and inflate what it can have changed."""
+    q = p.global_costmap
+    m.global_current = 1
+    if q.obstacle_layer.enabled == 0:
+        return
     column = math.floor((m.x - p.origin_x) / p.resolution)
     row = math.floor((m.y - p.origin_y) / p.resolution)
     c, sn = math.cos(m.yaw), math.sin(m.yaw)
     observe(
+        q.obstacle_layer,
         g.layer,
-        p.origin_x,
-        p.origin_y,
-        p.resolution,
-        m.x + c * p.mount_x - sn * p.mount_y,
-        m.y + sn * p.mount_x + c * p.mount_y,
-        m.yaw,
+        (p.origin_x, p.origin_y, p.resolution),
+        (m.x + c * p.mount_x - sn * p.mount_y, m.y + sn * p.mount_x + c * p.mount_y, m.yaw),
         m.directions,
         m.ranges,
         p.range_min,
         p.range_max,
-        p.raytrace_max_range,
-        p.obstacle_max_range,
-        0,
     )
-    clear_disc(
-        g.layer,
-        (m.x - p.origin_x) / p.resolution,
-        (m.y - p.origin_y) / p.resolution,
-        (p.robot_radius + p.footprint_padding) / p.resolution,
-    )
-    reach = math.ceil((max(p.raytrace_max_range, p.obstacle_max_range) + 0.1) / p.resolution)
-    _merge(p, m, g, column, row, reach + g.stamp.shape[0] // 2)
+    if q.obstacle_layer.footprint_clearing_enabled:
+        radius = (q.robot_radius + q.footprint_padding) / p.resolution
+        clear_disc(g.layer, (m.x - p.origin_x) / p.resolution, (m.y - p.origin_y) / p.resolution, radius)
+    reach_m = max(q.obstacle_layer.raytrace_max_range, q.obstacle_layer.obstacle_max_range) + 0.1
+    _merge(p, m, g, column, row, math.ceil(reach_m / p.resolution) + g.stamp.shape[0] // 2)
 
 
 @inner
-def clear_local(m: Any) -> None:
-    """The clear-entirely service of the local costmap."""
-    m.clear_local = 0
-    for r in range(LOCAL_CELLS):
-        for c in range(LOCAL_CELLS):
-            m.local_layer[r, c] = UNSEEN
-            m.local_costs[r, c] = FREE
+def clear_local(m: Any, local: Local) -> None:
+    """The clear-entirely service of the local costmap; it is not current until its next update."""
+    m.clear_local, m.local_current = 0, 0
+    for r in range(local.layer.shape[0]):
+        for c in range(local.layer.shape[1]):
+            local.layer[r, c] = UNSEEN
+            local.window.costs[r, c] = FREE
 
 
 @inner
 def clear_global(p: Any, m: Any, g: Grids) -> None:
-    """The clear-entirely service of the global costmap: the static layer alone is left."""
-    m.clear_global = 0
+    """The clear-entirely service of the global costmap: the static layer alone is left; not current until its next update."""
+    m.clear_global, m.global_current = 0, 0
     for r in range(g.layer.shape[0]):
         for c in range(g.layer.shape[1]):
             g.layer[r, c] = UNSEEN
@@ -113,10 +125,10 @@ def clear_global(p: Any, m: Any, g: Grids) -> None:
 
 @inner
 def _merge(p: Any, m: Any, g: Grids, column: int, row: int, reach: int) -> None:
-    row0, row1, col0, col1 = merge_window(g.static, g.layer, g.stamp, column, row, reach, g.costs)
+    row0, row1, col0, col1 = merge_window(g.static, g.static_costs, g.layer, g.stamp, column, row, reach, g.costs)
     rows, columns = g.travel.shape
     row0, row1, col0, col1 = max(row0, 1), min(row1, rows - 1), max(col0, 1), min(col1, columns - 1)
-    fill_travel_costs(g.costs, p.allow_unknown != 0.0, row0, row1, col0, col1, g.travel)
+    fill_travel_costs(g.costs, p.planner.allow_unknown != 0, row0, row1, col0, col1, g.travel)
     if m.dirty == 1 or not (0 <= row < rows and 0 <= column < columns):
         return
     # What fell in price matters only where it may lie on a better way: nearer to the goal than the robot is, and not

@@ -13,6 +13,9 @@ from vastflow.sim.nav.navfn import NEUTRAL, OBSTACLE, UNREACHED, descend, propag
 from vastflow.sim.nav.state import NAVIGATE_THROUGH_POSES, TICK_S, Grids, Route
 from vastflow.sim.numeric import inner
 
+START_OUTSIDE, GOAL_OUTSIDE, NO_VALID_PATH = 203, 204, 208
+"""Nav2's error codes of ComputePathToPose; those of ComputePathThroughPoses are 100 greater."""
+
 PASSED_M: Final = 0.7
 """RemovePassedGoals' radius in the through-poses tree."""
 
@@ -23,16 +26,22 @@ CHANGE_TOLERANCE: Final = 0.05
 
 
 @inner
-def plan(p: Any, m: Any, g: Grids, route: Route) -> bool:
-    """Plan from the estimate through the remaining goals into `path`; whether there is a path."""
+def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
+    """Plan from the estimate through the remaining goals into `path`: 0, or ComputePathToPose's error code."""
     last = m.goal
     if p.mission == NAVIGATE_THROUGH_POSES:
         last = route.goals.shape[0] - 1
         while m.goal < last and math.hypot(route.goals[m.goal, 0] - m.x, route.goals[m.goal, 1] - m.y) <= PASSED_M:
             m.goal += 1
     column, row = cell(p, m.x, m.y)
+    if not on_map(g.travel, column, row):
+        return START_OUTSIDE
+    for k in range(m.goal, last + 1):
+        goal_column, goal_row = cell(p, route.goals[k, 0], route.goals[k, 1])
+        if not on_map(g.travel, goal_column, goal_row):
+            return GOAL_OUTSIDE
     if not inside(g.travel, column, row):
-        return False
+        return NO_VALID_PATH
     n = 0
     if m.planned_goal == m.goal and not _stale(p, m, g, route.path, column, row):
         n = descend(g.potential, g.travel, float(column), float(row), m.root_column, m.root_row, route.leg)
@@ -41,10 +50,10 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> bool:
         # Legs beyond the next goal do not depend on the robot; they are flooded first, so that the
         # potential which stays is the next goal's.
         if not _plan_tail(p, m, g, route, last):
-            return False
+            return NO_VALID_PATH
         n = _flood_leg(p, m, g, route.leg, column, row, route.goals[m.goal, 0], route.goals[m.goal, 1])
         if n == 0:
-            return False
+            return NO_VALID_PATH
         m.planned_goal = m.goal
         m.flooded_tick = m.tick
         m.dirty = 0
@@ -60,7 +69,7 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> bool:
     m.goal_yaw = route.goals[last, 2]
     m.path_i = 0
     m.latched = 0
-    return True
+    return 0
 
 
 @inner
@@ -91,6 +100,12 @@ def cell(p: Any, x_m: float, y_m: float) -> Any:
 
 
 @inner
+def on_map(travel: Any, column: int, row: int) -> bool:
+    """Whether a cell is one of the map's."""
+    return column >= 0 and row >= 0 and column < travel.shape[1] and row < travel.shape[0]
+
+
+@inner
 def inside(travel: Any, column: int, row: int) -> bool:
     """Whether a cell lies within the map's outermost cells, which NavFn never enters."""
     return column > 0 and row > 0 and column < travel.shape[1] - 1 and row < travel.shape[0] - 1
@@ -109,7 +124,7 @@ def _flood_leg(p: Any, m: Any, g: Grids, leg: Any, column: int, row: int, goal_x
     found = inside(g.travel, goal_column, goal_row) and g.travel[goal_row, goal_column] < OBSTACLE
     if not found:
         propagate(g.travel, column, row, -1, -1, g.potential, g.scratch)
-        reach = int(p.tolerance / p.resolution)
+        reach = int(p.planner.tolerance / p.resolution)
         nearest = math.inf
         best_column, best_row = goal_column, goal_row
         for r in range(goal_row - reach, goal_row + reach + 1):

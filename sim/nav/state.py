@@ -1,7 +1,6 @@
 """The navigation stack's whole state: preallocated arrays and two records, owned by one run."""
 
-import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -9,13 +8,19 @@ from numpy.typing import NDArray
 
 from vastflow.sim.lidar import BEAMS, Lidar
 from vastflow.sim.mission import Mission
-from vastflow.sim.nav.amcl import Cloud, new_cloud
-from vastflow.sim.nav.costmap import LOCAL_CELLS
+from vastflow.sim.nav.controllers.control import Controller, controller_of
+from vastflow.sim.nav.footprint import circumscribed_radius_m, inscribed_radius_m, padded_outline
 from vastflow.sim.nav.navfn import new_potential, new_scratch
-from vastflow.sim.nav.parameters import NavParameters
+from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.parameters.stack import ControllerParameters, NavParameters
+from vastflow.sim.nav.particles import Cloud, new_cloud
+from vastflow.sim.nav.profile import STAGES
+from vastflow.sim.nav.record import record_dtype, record_row
+from vastflow.sim.nav.window import Window
 from vastflow.sim.prepared import PreparedMap
 from vastflow.sim.robot import Robot
-from vastflow.sim.streams import SUBSYSTEMS
+from vastflow.sim.streams import CONTROLLER, SUBSYSTEMS
 
 TICK_S: Final = 0.05
 """The stack runs at 20 Hz: the controller's and the velocity smoother's rate."""
@@ -27,7 +32,7 @@ ROW_TICKS: Final = 2
 """A recording has a row every second tick: 10 Hz."""
 
 MAX_EVENTS: Final = 4096
-OUTLINE_POINTS: Final = 32
+AHEAD_POINTS: Final = 1024
 
 NAVIGATE_TO_POSE, NAVIGATE_THROUGH_POSES, FOLLOW_WAYPOINTS = 0, 1, 2
 MISSION_KINDS: Final = {
@@ -39,59 +44,47 @@ MISSION_KINDS: Final = {
 STARTING, FOLLOWING, SPINNING, WAITING, BACKING_UP, PAUSING, ENDED = 0, 1, 2, 3, 4, 5, 6
 RUNNING, SUCCEEDED, ABORTED = 0, 1, 2
 
-EVENT_RECOVERY, EVENT_GOAL_REACHED, EVENT_GOAL_MISSED, EVENT_PLAN_FAILED, EVENT_CONTROL_FAILED = 0, 1, 2, 3, 4
-EVENT_KINDS: Final = ("recovery", "goal_reached", "goal_missed", "plan_failed", "control_failed")
+EVENT_KINDS: Final = ("recovery", "goal_reached", "goal_missed", "plan_failed", "control_failed", "stopped_by_monitor")
+EVENT_RECOVERY, EVENT_GOAL_REACHED, EVENT_GOAL_MISSED, EVENT_PLAN_FAILED, EVENT_CONTROL_FAILED, EVENT_STOPPED = range(6)
 
-CLEAR_LOCAL, CLEAR_GLOBAL, CLEAR_BOTH, SPIN, WAIT, BACK_UP = 0, 1, 2, 3, 4, 5
+CLEAR_LOCAL, CLEAR_GLOBAL, CLEAR_BOTH, SPIN, WAIT, BACK_UP = range(6)
 RECOVERIES: Final = ("clear local costmap", "clear global costmap", "clear both costmaps", "spin", "wait", "back up")
 
 COLUMNS: Final = (
-    "t_ms",
-    "x_mm",
-    "y_mm",
-    "yaw_mrad",
-    "estimated_x_mm",
-    "estimated_y_mm",
-    "estimated_yaw_mrad",
-    "speed_mmps",
-    "yaw_rate_mradps",
-    "command_speed_mmps",
-    "command_yaw_rate_mradps",
-    "localized",
+    *("t_ms", "x_mm", "y_mm", "yaw_mrad"),
+    *("estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad"),
+    *("speed_mmps", "yaw_rate_mradps"),
+    *("command_speed_mmps", "command_yaw_rate_mradps", "sent_speed_mmps", "sent_yaw_rate_mradps"),
+    *("localized", "covariance_xx_mm2", "covariance_xy_mm2", "covariance_yy_mm2", "covariance_yaw_mrad2"),
 )
 
 _REAL: Final = (
-    # True pose of the tick before, true motion, true way driven.
+    # True pose, true motion of the last tick, true way driven.
     *("true_x", "true_y", "true_yaw", "true_v", "true_w", "distance"),
-    # Odometry: pose in the odom frame, limited wheel command of the last step.
-    *("odom_x", "odom_y", "odom_yaw", "wheel_v", "wheel_w"),
-    # Odometry at the last filter update; transform map -> odom; estimate in the map.
-    *("filter_odom_x", "filter_odom_y", "filter_odom_yaw", "map_odom_x", "map_odom_y", "map_odom_yaw", "x", "y", "yaw"),
-    # Commands: of controller or behaviour, after the smoother.
-    *("command_v", "command_w", "smooth_v", "smooth_w"),
+    # Odometry: pose in the odom frame, reported twist, limited wheel command of the last step.
+    *("odom_x", "odom_y", "odom_yaw", "odom_v", "odom_w", "wheel_v", "wheel_w"),
+    # Odometry at the last scan and at the last filter update; transform map -> odom; estimate in the map.
+    *("scan_odom_x", "scan_odom_y", "scan_odom_yaw", "filter_odom_x", "filter_odom_y", "filter_odom_yaw"),
+    *("map_odom_x", "map_odom_y", "map_odom_yaw", "x", "y", "yaw"),
+    # Covariance that AMCL published last.
+    *("pose_xx", "pose_xy", "pose_yy", "pose_aa"),
+    # Commands: of controller or behaviour, after the smoother, after the collision monitor.
+    *("command_v", "command_w", "smooth_v", "smooth_w", "sent_v", "sent_w"),
     # End of the leg just planned, goal of the path, progress baseline (odom frame), what a behaviour has done so far.
     *("end_x", "end_y", "goal_x", "goal_y", "goal_yaw", "base_x", "base_y", "done", "last_yaw", "last_x", "last_y"),
+    # When the last lap of a profile ended.
+    "lapped",
 )
 _WHOLE: Final = (
-    *(
-        "tick",
-        "status",
-        "localized",
-        "first_scan",
-        "particles",
-        "bins",
-        "phase_local",
-        "phase_global",
-        "events",
-        "rows",
-    ),
-    *("local_column", "local_row", "has_local", "clear_local", "clear_global", "outline_cost"),
+    *("tick", "status", "events", "rows"),
+    *("localized", "first_scan", "particles", "bins", "filter_updates"),
+    *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
+    *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
     *("planned_goal", "root_column", "root_row", "path_n", "path_i", "tail_n", "dirty", "flooded_tick"),
-    *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick"),
+    *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick", "command_tick"),
     *("attempts", "round_robin", "tried", "follow_retries", "plan_retries"),
-    *("pending_code", "error_code", "recoveries", "missed"),
+    *("planner_code", "controller_code", "error_code", "recoveries", "missed", "profiling"),
 )
-_WINDOW: Final = (LOCAL_CELLS, LOCAL_CELLS)
 MEMORY: Final = np.dtype(
     [(name, np.float64) for name in _REAL]
     + [(name, np.int64) for name in _WHOLE]
@@ -101,13 +94,10 @@ MEMORY: Final = np.dtype(
         ("ranges", np.float64, (BEAMS,)),
         ("order", np.int64, (BEAMS,)),
         ("directions", np.float64, (BEAMS, 2)),
-        ("points", np.float64, (2, BEAMS)),
-        ("outline", np.float64, (OUTLINE_POINTS, 2)),
-        ("local_layer", np.uint8, _WINDOW),
-        ("local_scratch", np.uint8, _WINDOW),
-        ("local_lethal", np.uint8, _WINDOW),
-        ("local_costs", np.uint8, _WINDOW),
+        ("near_points", np.float64, (2, BEAMS)),
+        ("outline", np.float64, (16, 2)),
         ("event_rows", np.float64, (MAX_EVENTS, 6)),
+        ("laps", np.float64, (len(STAGES), 2)),
     ],
     align=True,
 )
@@ -117,18 +107,18 @@ MEMORY: Final = np.dtype(
 """
 
 _EXTRA: Final = (
-    *("inscribed_radius", "resolution", "origin_x", "origin_y"),
+    *("resolution", "origin_x", "origin_y", "local_ticks", "publish_ticks", "global_ticks"),
+    *("inscribed_radius", "circumscribed_radius", "plan_ahead"),
     *("range_min", "range_max", "mount_x", "mount_y"),
     *("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration", "mission", "loops"),
 )
-PARAMETERS: Final = np.dtype([(f.name, np.float64) for f in fields(NavParameters)] + [(n, np.float64) for n in _EXTRA])
-"""Parameters under their Nav2 names, and those of map, lidar, robot and mission."""
 
 
 class Grids(NamedTuple):
     """The map and what the stack makes of it, all (H, W) but the stamp and the scratch.
 
     Attributes:
+        static, static_costs: Static layer, and the inflation of its lethal cells.
         layer: Global obstacle layer; `costs` the master costmap, `travel` NavFn's costs of it, `flooded` those at the
             time of the last flood, `potential` what that gave.
     """
@@ -136,6 +126,7 @@ class Grids(NamedTuple):
     leap: Any
     cubed: Any
     static: Any
+    static_costs: Any
     stamp: Any
     layer: Any
     costs: Any
@@ -145,13 +136,34 @@ class Grids(NamedTuple):
     scratch: Any
 
 
+class Local(NamedTuple):
+    """The local costmap, all (R, C) uint8: its obstacle layer, inflation round one cell, scratch, and what comes out.
+
+    Attributes:
+        window: The master costmap, which the controller reads.
+        published: As it was published last, which behaviours read.
+    """
+
+    layer: Any
+    stamp: Any
+    scratch: Any
+    lethal: Any
+    window: Window
+    published: Window
+
+
 class Route(NamedTuple):
-    """Goals (G, 3) x, y, yaw, and points (M, 2): the path and the legs behind the next goal in metres, a leg in cells."""
+    """Goals (G, 3) x, y, yaw, and points (M, 2): the path and the legs behind the next goal in metres, a leg in cells.
+
+    Attributes:
+        ahead: (A, 2) the part of the path that the controller follows, in the odom frame.
+    """
 
     goals: Any
     path: Any
     leg: Any
     tail: Any
+    ahead: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,16 +171,19 @@ class Stack:
     """Everything a run's ticks read and write.
 
     Attributes:
-        p, m: (1,) records of `PARAMETERS` and `MEMORY`.
+        p, m: (1,) records of parameters and `MEMORY`.
+        controller: Parameters and memory of the controller in use.
         obstacles: (K, 6) as in `vastflow.sim.lidar.scan`.
-        rows: (R, 12) int32 of `COLUMNS`.
+        rows: (R, C) int32 of `COLUMNS`.
     """
 
     p: NDArray[np.void]
     m: NDArray[np.void]
     grids: Grids
+    local: Local
     cloud: Cloud
     route: Route
+    controller: Controller
     obstacles: NDArray[np.float64]
     rows: NDArray[np.int32]
 
@@ -183,7 +198,7 @@ def new_stack(
     streams: NDArray[np.uint64],
     timeout_s: float,
 ) -> Stack:
-    """A stack at rest at the mission's start, its estimate there with zero covariance, nothing planned."""
+    """A stack at rest at the mission's start, its estimate there, nothing planned."""
     shape = prepared.static.shape
     leg_points = 4 * max(shape)
     path_points = leg_points * (len(mission.goals) if mission.kind == "navigate_through_poses" else 1)
@@ -192,15 +207,10 @@ def new_stack(
     m["true_x"], m["true_y"], m["true_yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["map_odom_x"], m["map_odom_y"], m["map_odom_yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["x"], m["y"], m["yaw"] = start.x_m, start.y_m, start.yaw_rad
-    m["first_scan"], m["planned_goal"] = 1, -1
+    m["first_scan"], m["planned_goal"], m["local_current"], m["global_current"] = 1, -1, 1, 1
     m["streams"], m["directions"], m["ranges"] = streams, lidar.directions(), np.inf
-    angles_rad = 2 * np.pi * np.arange(OUTLINE_POINTS) / OUTLINE_POINTS
-    radius_m = parameters.robot_radius + parameters.footprint_padding
-    m["outline"] = radius_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
-    # A lethal cell under the outline lies at most this far from the centre's cell, so it costs at least that there.
-    reach_cells = math.ceil(radius_m / prepared.occupancy.resolution_m) + 2
-    middle = prepared.stamp.shape[0] // 2
-    m["outline_cost"] = prepared.stamp[middle, middle + reach_cells] if reach_cells <= middle else 0
+    m["outline"] = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
+    local = _local(parameters, prepared.local_stamp)
     return Stack(
         p=_parameter_record(parameters, lidar, robot, prepared, mission),
         m=memory,
@@ -208,6 +218,7 @@ def new_stack(
             leap=prepared.leap,
             cubed=prepared.cubed,
             static=prepared.static,
+            static_costs=prepared.static_costs,
             stamp=prepared.stamp,
             layer=np.zeros(shape, dtype=np.uint8),
             costs=prepared.costs.copy(),
@@ -216,27 +227,45 @@ def new_stack(
             potential=new_potential(shape),
             scratch=new_scratch(shape),
         ),
-        cloud=new_cloud(parameters.max_particles),
+        local=local,
+        cloud=new_cloud(parameters.amcl.max_particles),
         route=Route(
             goals=np.array([[g.x_m, g.y_m, g.yaw_rad] for g in mission.goals]),
             path=np.zeros((path_points, 2)),
             leg=np.zeros((leg_points, 2)),
             tail=np.zeros((path_points, 2)),
+            ahead=np.zeros((AHEAD_POINTS, 2)),
         ),
+        controller=controller_of(parameters, local.window, streams[CONTROLLER].copy()),
         obstacles=obstacles,
         rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(COLUMNS)), dtype=np.int32),
     )
 
 
+def _local(parameters: NavParameters, stamp: NDArray[np.uint8]) -> Local:
+    q = parameters.local_costmap
+    shape = round(q.height / q.resolution), round(q.width / q.resolution)
+    layer, scratch, lethal, costs, published = (np.zeros(shape, dtype=np.uint8) for _ in range(5))
+    place = np.array([0.0, 0.0, q.resolution])
+    return Local(layer, stamp, scratch, lethal, Window(costs, place), Window(published, place.copy()))
+
+
 def _parameter_record(
     parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, mission: Mission
 ) -> NDArray[np.void]:
-    values: dict[str, float] = {
-        **asdict(parameters),
-        "inscribed_radius": parameters.inscribed_radius_m,
+    """Every group of the parameters but the controller's under its name, what `_EXTRA` names, and `initial_covariance`."""
+    groups = {f.name: getattr(parameters, f.name) for f in fields(parameters) if f.name != "controller"}
+    outline = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
+    extra: dict[str, float] = {
+        "inscribed_radius": inscribed_radius_m(outline),
+        "circumscribed_radius": circumscribed_radius_m(outline),
+        "plan_ahead": _plan_ahead_m(parameters.controller),
         "resolution": prepared.occupancy.resolution_m,
         "origin_x": prepared.occupancy.origin_xy_m[0],
         "origin_y": prepared.occupancy.origin_xy_m[1],
+        "local_ticks": _ticks(parameters.local_costmap.update_frequency),
+        "publish_ticks": _ticks(parameters.local_costmap.publish_frequency),
+        "global_ticks": _ticks(parameters.global_costmap.update_frequency),
         "range_min": lidar.range_min_m,
         "range_max": lidar.range_max_m,
         "mount_x": lidar.mount_xyt[0],
@@ -248,4 +277,32 @@ def _parameter_record(
         "mission": MISSION_KINDS[mission.kind],
         "loops": mission.loops,
     }
-    return np.array([tuple(float(values[name]) for name in PARAMETERS.names or ())], dtype=PARAMETERS)
+    perturbation = parameters.perturbation
+    covariance = (
+        perturbation.initial_pose_covariance_xx,
+        0.0,
+        perturbation.initial_pose_covariance_yy,
+        perturbation.initial_pose_covariance_yaw,
+    )
+    dtype = np.dtype(
+        [
+            *((name, record_dtype(value)) for name, value in groups.items()),
+            *((name, np.float64) for name in _EXTRA),
+            ("initial_covariance", np.float64, (4,)),
+        ],
+        align=True,
+    )
+    row = (*(record_row(value) for value in groups.values()), *(float(extra[name]) for name in _EXTRA), covariance)
+    return np.array([row], dtype=dtype)
+
+
+def _plan_ahead_m(controller: ControllerParameters) -> float:
+    """How much of the path the controller follows at a time, as far as the local costmap holds it."""
+    if isinstance(controller, MppiParameters):
+        return controller.prune_distance
+    return controller.forward_prune_distance if isinstance(controller, DwbParameters) else np.inf
+
+
+def _ticks(frequency_hz: float) -> int:
+    """Ticks between two cycles of a loop."""
+    return max(1, round(1.0 / (frequency_hz * TICK_S)))

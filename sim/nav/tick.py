@@ -1,71 +1,116 @@
-"""One tick of the navigation stack: 50 ms of sensing, localization, mapping, planning, control and actuation."""
+"""The ticks of a run: 50 ms of sensing, localization, mapping, planning, control, actuation and free motion each."""
 
 import math
 from typing import Any, Final
 
 from vastflow.sim import lidar
-from vastflow.sim.nav.amcl import Cloud
-from vastflow.sim.nav.behaviour import behave
+from vastflow.sim.motion import Body, due, move_freely
+from vastflow.sim.nav import profile
+from vastflow.sim.nav.behaviour import behave, note
+from vastflow.sim.nav.collision_monitor import approach, gather_near_points
+from vastflow.sim.nav.controllers.control import Controller
 from vastflow.sim.nav.localization import estimate, localize
-from vastflow.sim.nav.mapping import GLOBAL_TICKS, LOCAL_TICKS, clear_global, clear_local, update_global, update_local
-from vastflow.sim.nav.state import ROW_TICKS, RUNNING, SUBSTEPS, TICK_S, Grids, Route
+from vastflow.sim.nav.mapping import clear_global, clear_local, publish_local, update_global, update_local
+from vastflow.sim.nav.particles import Cloud
+from vastflow.sim.nav.profile import lap
+from vastflow.sim.nav.state import (
+    EVENT_STOPPED,
+    ROW_TICKS,
+    RUNNING,
+    SUBSTEPS,
+    TICK_S,
+    Grids,
+    Local,
+    Route,
+)
 from vastflow.sim.numeric import inner, njit
 from vastflow.sim.robot import arc, limited, wrapped
-from vastflow.sim.streams import LIDAR, PHASES, uniform
-
-SMOOTHER_ACCELERATION_MPS2: Final = 2.5
-SMOOTHER_YAW_ACCELERATION_RADPS2: Final = 3.2
-"""Velocity smoother of Nav2 Jazzy's default file: open loop, 20 Hz."""
+from vastflow.sim.streams import LIDAR, ODOMETRY, PHASES, normal_pair, uniform
 
 SCAN_TICKS: Final = 2
+DONE, PHYSICS, APPEARS = 0, 1, 2
+TWIST_STEPS: Final = 3
+"""Odometry reports the mean of its last steps, about 30 ms."""
 
 
 @njit
-def start(memory: Any) -> None:
+def start(parameters: Any, memory: Any) -> None:
     """Draw the phases of the costmap loops: in Nav2 they are arbitrary, and differ from run to run."""
-    m = memory[0]
-    m.phase_local = int(uniform(m.streams[PHASES]) * LOCAL_TICKS)
-    m.phase_global = int(uniform(m.streams[PHASES]) * GLOBAL_TICKS)
+    p, m = parameters[0], memory[0]
+    m.phase_local = int(uniform(m.streams[PHASES]) * p.local_ticks)
+    m.phase_global = int(uniform(m.streams[PHASES]) * p.global_ticks)
+    m.phase_publish = int(uniform(m.streams[PHASES]) * p.publish_ticks)
 
 
 @njit
-def nav_tick(
+def advance(
     parameters: Any,
     memory: Any,
     g: Grids,
+    local: Local,
     cloud: Cloud,
     route: Route,
-    obstacles: Any,
+    controller: Controller,
     rows: Any,
-    x_m: float,
-    y_m: float,
-    yaw_rad: float,
+    body: Body,
+    hold: int,
+    until_tick: int,
 ) -> int:
-    """Advance the stack (the fields of `Stack`) by 50 ms from the true pose; `velocities` then says what physics does.
+    """Run the stack (the fields of `Stack`) and the free motion of the robot's body, tick by tick.
+
+    Args:
+        hold: What the engine has, see `vastflow.sim.motion`.
+        until_tick: Ticks of the run after which to come back at the latest.
 
     Returns:
-        RUNNING, SUCCEEDED or ABORTED.
+        Why it came back: DONE when the ticks are done or the mission has ended; PHYSICS when the engine has to move
+        the body by the tick's `velocities`; `APPEARS + k` when obstacle k of the body's has to appear before the next tick.
     """
     p, m = parameters[0], memory[0]
-    _see_truth(m, x_m, y_m, yaw_rad)
-    if m.tick % SCAN_TICKS == 0:
-        _scan(p, m, g.leap, obstacles)
-        localize(p, m, g.cubed, cloud)
-    estimate(m)
-    if m.clear_global == 1:
-        clear_global(p, m, g)
-    if m.clear_local == 1:
-        clear_local(m)
-    if m.tick % LOCAL_TICKS == m.phase_local or m.has_local == 0:
-        update_local(p, m, g.stamp)
-    if m.tick % GLOBAL_TICKS == m.phase_global:
-        update_global(p, m, g)
-    m.command_v, m.command_w = behave(p, m, g, route)
-    _actuate(p, m)
-    if m.tick % ROW_TICKS == 0 or m.status != RUNNING:
-        _record(m, rows)
-    m.tick += 1
-    return int(m.status)
+    lap(m, profile.OUTSIDE)
+    while m.tick < until_tick and m.status == RUNNING:
+        index = due(body)
+        if index >= 0:
+            return APPEARS + index
+        _see_truth(m, body.pose[0], body.pose[1], body.pose[2])
+        lap(m, profile.RECORDING)
+        lap(m, profile.CLOCK)
+        if m.tick % SCAN_TICKS == 0:
+            _scan(p, m, g.leap, body.obstacles)
+            lap(m, profile.LIDAR)
+            gather_near_points(p, m)
+            lap(m, profile.COMMAND_PATH)
+            localize(p, m, g.cubed, cloud)
+            lap(m, profile.AMCL)
+        estimate(m)
+        if m.clear_global == 1:
+            clear_global(p, m, g)
+        if m.clear_local == 1:
+            clear_local(m, local)
+        if m.tick % p.local_ticks == m.phase_local or m.has_local == 0:
+            update_local(p, m, g, local)
+            lap(m, profile.LOCAL_COSTMAP)
+        if m.tick % p.publish_ticks == m.phase_publish:
+            publish_local(local)
+        if m.tick % p.global_ticks == m.phase_global:
+            update_global(p, m, g)
+            lap(m, profile.GLOBAL_COSTMAP)
+        behave(p, m, g, local, route, controller)
+        lap(m, profile.BEHAVIOUR)
+        _send(p, m)
+        lap(m, profile.COMMAND_PATH)
+        _actuate(p, m)
+        lap(m, profile.ACTUATORS)
+        if m.tick % ROW_TICKS == 0 or m.status != RUNNING:
+            _record(m, rows)
+        m.tick += 1
+        lap(m, profile.RECORDING)
+        if m.status == RUNNING and not move_freely(
+            g.leap, p.resolution, p.origin_x, p.origin_y, body, m.velocities, TICK_S / SUBSTEPS, hold
+        ):
+            return PHYSICS
+        lap(m, profile.MOTION)
+    return DONE
 
 
 @inner
@@ -94,20 +139,59 @@ def _scan(p: Any, m: Any, leap: Any, obstacles: Any) -> None:
         p.range_max,
         m.ranges,
     )
-    lidar.perturb(m.ranges, m.streams[LIDAR], p.random_drop_percentage, p.gaussian_noise_std_deviation, m.order)
+    q = p.perturbation
+    lidar.perturb(
+        m.ranges,
+        m.streams[LIDAR],
+        q.laserscan_random_drop_percentage,
+        q.laserscan_gaussian_noise_std_deviation,
+        m.order,
+    )
+
+
+@inner
+def _send(p: Any, m: Any) -> None:
+    """The command path: velocity smoother, open loop, then the collision monitor."""
+    q = p.velocity_smoother
+    v, w = m.command_v, m.command_w
+    if (m.tick - m.command_tick) * TICK_S > q.velocity_timeout:
+        v, w = 0.0, 0.0
+    m.smooth_v = _smoothed(q, 0, v, m.smooth_v)
+    m.smooth_w = _smoothed(q, 2, w, m.smooth_w)
+    factor = approach(p, m, m.smooth_v, m.smooth_w)
+    m.sent_v, m.sent_w = m.smooth_v * factor, m.smooth_w * factor
+    if factor == 0.0 and m.stopped == 0:
+        note(m, EVENT_STOPPED, 0, 0.0)
+    m.stopped = int(factor == 0.0)
+
+
+@inner
+def _smoothed(q: Any, axis: int, command: float, previous: float) -> float:
+    """The command within the velocity limits, and within one cycle's acceleration or braking of the one before."""
+    target = min(max(command, q.min_velocity[axis]), q.max_velocity[axis])
+    speeds_up = abs(target) >= abs(previous) and target * previous >= 0.0
+    limit = q.max_accel[axis] if speeds_up else -q.max_decel[axis]
+    return float(previous + min(max(target - previous, -limit * TICK_S), limit * TICK_S))
 
 
 @inner
 def _actuate(p: Any, m: Any) -> None:
-    """Smoother, then the actuators' limits at each physics step; odometry integrates what the wheels do."""
-    m.smooth_v = limited(m.command_v, m.smooth_v, p.max_speed, SMOOTHER_ACCELERATION_MPS2, TICK_S)
-    m.smooth_w = limited(m.command_w, m.smooth_w, p.max_yaw_rate, SMOOTHER_YAW_ACCELERATION_RADPS2, TICK_S)
+    """The actuators' limits at each physics step; odometry integrates what the wheels do, blocked or not."""
+    noise = p.perturbation.odometry_noise_std_deviation
     dt_s = TICK_S / SUBSTEPS
+    m.odom_v, m.odom_w = 0.0, 0.0
     for k in range(SUBSTEPS):
-        m.wheel_v = limited(m.smooth_v, m.wheel_v, p.max_speed, p.max_acceleration, dt_s)
-        m.wheel_w = limited(m.smooth_w, m.wheel_w, p.max_yaw_rate, p.max_yaw_acceleration, dt_s)
-        m.odom_x, m.odom_y, m.odom_yaw = arc(m.odom_x, m.odom_y, m.odom_yaw, m.wheel_v, m.wheel_w, dt_s)
+        m.wheel_v = limited(m.sent_v, m.wheel_v, p.max_speed, p.max_acceleration, dt_s)
+        m.wheel_w = limited(m.sent_w, m.wheel_w, p.max_yaw_rate, p.max_yaw_acceleration, dt_s)
+        v, w = m.wheel_v, m.wheel_w
+        if noise > 0.0:
+            a, b = normal_pair(m.streams[ODOMETRY])
+            v, w = v * (1.0 + noise * a), w * (1.0 + noise * b)
+        m.odom_x, m.odom_y, m.odom_yaw = arc(m.odom_x, m.odom_y, m.odom_yaw, v, w, dt_s)
         m.velocities[k, 0], m.velocities[k, 1] = m.wheel_v, m.wheel_w
+        if k >= SUBSTEPS - TWIST_STEPS:
+            m.odom_v += v / TWIST_STEPS
+            m.odom_w += w / TWIST_STEPS
 
 
 @inner
@@ -120,6 +204,9 @@ def _record(m: Any, rows: Any) -> None:
     row[4], row[5], row[6] = round(m.x * 1e3), round(m.y * 1e3), round(m.yaw * 1e3)
     row[7], row[8] = round(m.true_v * 1e3), round(m.true_w * 1e3)
     row[9], row[10] = round(m.command_v * 1e3), round(m.command_w * 1e3)
-    row[11] = m.localized
+    row[11], row[12] = round(m.sent_v * 1e3), round(m.sent_w * 1e3)
+    row[13] = m.localized
+    row[14], row[15], row[16] = round(m.pose_xx * 1e6), round(m.pose_xy * 1e6), round(m.pose_yy * 1e6)
+    row[17] = round(m.pose_aa * 1e6)
     m.localized = 0
     m.rows += 1

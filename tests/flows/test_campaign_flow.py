@@ -343,6 +343,24 @@ def test_an_unknown_name_is_a_users_mistake(again):
         again(only=["rom"])
 
 
+NAME = "  - name: room\n"
+
+
+def test_what_a_constraint_excludes_is_not_run_and_is_counted(again, no_prefect):
+    found = again(("tiny.vast", NAME, NAME + "    constraints: {far: straight_distance > 0.7}\n"))
+    assert (found.summary.configurations, found.summary.excluded_by) == (2, {"room": {"far": 1}})
+    assert json.loads((found.directory / "coverage.json").read_text())["excluded_by"] == {"far": 1}
+
+
+def test_constraints_that_leave_nothing_once_producers_have_run_are_a_users_mistake(again):
+    edits = [
+        ("tiny.vast", NAME, NAME + "    constraints: {far: straight_distance > 9}\n"),
+        ("tiny.vast", "[0.0, 0.01]", "[0.0, 0.03]"),
+    ]
+    with pytest.raises(CampaignError, match="the constraints leave nothing of family 'room': far excludes 2"):
+        again(*edits)
+
+
 def test_no_task_run_of_a_campaign_that_ended_is_left_open(place, first):
     ended = "select id from flow_run where state_name = 'Completed'"
     final = "('COMPLETED', 'FAILED', 'CRASHED', 'CANCELLED')"

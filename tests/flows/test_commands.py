@@ -146,18 +146,17 @@ def test_what_this_version_does_not_execute_is_said_and_the_file_is_ok(small_roo
     assert "execution.image" in note and "not executed by this version" in note and ok.startswith("OK")
 
 
-def test_a_campaign_this_version_cannot_run_is_a_valid_file_and_run_refuses_it(small_room, tmp_path):
-    edited(
-        small_room,
-        "    variations:\n",
-        "    variations:\n      - FloorplanGeneration:\n          floorplans: [rooms.fpm]\n",
+def test_a_campaign_this_version_cannot_run_is_a_valid_file_and_run_refuses_it(tmp_path):
+    file = tmp_path / "search.vast"
+    file.write_text(
+        "version: 1\nsearch:\n  strategy: random\n  search_space: {a: {type: bool}}\n  budget: {batches: 1}\n"
     )
-    result = called("validate", small_room)
+    result = called("validate", file)
     assert result.exit_code == 0
     reason, ok = result.stdout.splitlines()
-    assert "FloorplanGeneration is not executed by this version" in reason and ok.startswith("OK, but not to be run")
-    result = called("run", small_room, "--results", tmp_path / "results")
-    assert result.exit_code == 2 and "FloorplanGeneration" in result.stderr
+    assert "search is not executed by this version" in reason and ok.startswith("OK, but not to be run")
+    result = called("run", file, "--results", tmp_path / "results")
+    assert result.exit_code == 2 and "search" in result.stderr
     assert not (tmp_path / "results").exists()
 
 
@@ -262,10 +261,18 @@ def test_bench_prints_what_was_measured_as_json_or_as_a_table(monkeypatch):
     from vastflow.sim import bench
 
     monkeypatch.setattr(
-        bench, "bench", lambda controller: {"controller": controller, "x_real_time": 250.123, "map": {"seed": 20}}
+        bench,
+        "bench",
+        lambda controller, profile: {
+            "controller": controller,
+            "x_real_time": 250.123,
+            "map": {"seed": 20},
+            **({"profile": {"lidar": 0.3}} if profile else {}),
+        },
     )
     assert json.loads(called("bench", "sim", "--json").stdout)["x_real_time"] == 250.123
-    assert called("bench", "sim").stdout == "controller   rpp\nx_real_time  250.1\nmap.seed     20\n"
+    assert called("bench", "sim").stdout == "controller   mppi\nx_real_time  250.1\nmap.seed     20\n"
+    assert "profile.lidar  0.3\n" in called("bench", "sim", "--profile").stdout
 
 
 def test_the_entry_module_imports_nothing_heavy():

@@ -107,6 +107,7 @@ def test_the_directory_holds_what_was_asked_and_what_was_found(small_room, tmp_p
         "coverage.json",
         f"environments/{load_map(small_room.with_name('room.yaml')).digest}/map.pgm",
         f"environments/{load_map(small_room.with_name('room.yaml')).digest}/map.yaml",
+        "exclusions.parquet",
         "inputs/room.pgm",
         "inputs/room.yaml",
         "metadata.json",

@@ -28,6 +28,8 @@ def test_the_json_summary_has_exactly_these_keys():
         "wall_s",
         "results",
         "oracles",
+        "excluded",
+        "excluded_by",
     ]
 
 

@@ -210,3 +210,69 @@ def test_an_interval_is_written_with_one_sign() -> None:
 )
 def test_a_number_is_rounded_to_the_millimetre(value: float | None, text: str) -> None:
     assert number(value) == text
+
+
+NOISE = {"combinations": 4, "admissible": 3, "covered": 2, "share": 2 / 3}
+COVERAGE_COUNTS = {
+    "requested": 1234,
+    "excluded": 1100,
+    "unrealisable": 30,
+    "duplicate": 4,
+    "realised": 100,
+    "valid": 130,
+    "share": 100 / 130,
+}
+COVERAGE = {
+    **COVERAGE_COUNTS,
+    "t_way": {"strength": 2, **NOISE},
+    "families": {
+        "quiet": {
+            **COVERAGE_COUNTS,
+            "design": {"kind": "t_way", "strength": 2, "rows": 104, "product": 9000, "lower_bound": 96},
+            "excluded_by": {"see_<enough>": 1100},
+            "unrealisable_by": {"PathVariationRandom": {"count": 30, "reasons": {REASON: 30}, "reasons_not_listed": 0}},
+            "dimensions": {"system": {"factors": ["noise", "radius"], "distinct": 2, **NOISE}},
+            "t_way": {
+                "strength": 2,
+                **NOISE,
+                "pairs": [{"factors": ["noise", "radius"], **NOISE}],
+                "pairs_not_listed": 7,
+            },
+        }
+    },
+}
+
+
+@pytest.fixture
+def coverage_text(directory: Path) -> str:
+    """The words of the section on coverage, single spaces between them."""
+    (directory / "coverage.json").write_text(json.dumps(COVERAGE))
+    write_report(directory)
+    page = (directory / "report.html").read_text(encoding="utf-8")
+    (section,) = re.findall(r'<section id="coverage">.*?</section>', page, re.DOTALL)
+    return " ".join(Page(section.replace("<t", " <t")).text.split())
+
+
+def test_the_coverage_of_a_family_is_in_the_report_with_its_design(coverage_text: str):
+    assert "quiet 1,234 1,100 30 4 100 130 77 % 2-way: 104 of 9,000, at least 96" in coverage_text
+
+
+def test_the_report_names_what_constraints_and_producers_took(coverage_text: str):
+    assert "quiet: constraint see_<enough> excludes 1,100." in coverage_text
+    assert "quiet: PathVariationRandom can't build 30;" in coverage_text
+
+
+def test_the_report_shows_dimensions_and_pairs(coverage_text: str):
+    assert "quiet system 2 2 of 3 67 % noise, radius" in coverage_text
+    assert "quiet noise × radius 2 3 4 67 %" in coverage_text
+    assert "Counted, not listed: 7 pairs." in coverage_text
+
+
+def test_tags_of_a_report_with_coverage_are_closed_in_order(coverage_text: str, directory: Path):
+    page = Page((directory / "report.html").read_text(encoding="utf-8"))
+    assert (page.open, page.misnested) == ([], [])
+
+
+def test_a_directory_of_before_there_was_a_coverage_json_has_a_report_without_it(page: Page):
+    assert "coverage" not in page.ids
+    assert "#coverage" not in page.addresses

@@ -131,26 +131,14 @@ def test_nothing_given_is_one_run_with_seed_0_and_the_papers_timeout(load: Load)
     assert (campaign.runs, campaign.seed, campaign.timeout_s) == (1, 0, 360.0)
 
 
-def test_the_papers_listing_is_valid_and_says_what_keeps_it_from_running(load: Load, folder: Path) -> None:
+def test_the_papers_listing_is_valid_and_nothing_keeps_it_from_running(load: Load, folder: Path) -> None:
+    (folder / "environments/rooms").mkdir(parents=True)
+    (folder / "environments/rooms/rooms.fpm").write_text(
+        "Floor plan: rooms Defaults: walls: thickness: 0.1 m height: 2.5 m\n"
+        "Space hall: shape: Rectangle width=9.0 m, length=3.0 m location: wrt: world of: this\n"
+    )
     campaign = load(PAPER)
-    assert [str(note).replace(f"{folder}/", "") for note in campaign.notes] == [
-        "c.vast:4:5: configuration[0].variations[0].FloorplanGeneration: not executed by this version"
-    ]
-    (reason,) = campaign.unexecutable
-    assert (reason.line, reason.what) == (4, "FloorplanGeneration is not executed by this version")
-
-
-def test_a_producer_inside_of_one_of_is_found_that_keeps_it_from_running(load: Load) -> None:
-    (reason,) = load(
-        varied(
-            "PathVariationRandom: {path_length: 1}",
-            "OneOfVariation:",
-            "    variations:",
-            "    - ObstacleVariationWithDistanceTrigger: {obstacle_configs: [{amount: 1, max_distance: 0}], "
-            "spawn_trigger_point: p, spawn_trigger_threshold: t, trigger_distance: 1}",
-        ).replace("  -     ", "      ")
-    ).unexecutable
-    assert (reason.line, reason.column) == (10, 9)
+    assert (campaign.notes, campaign.unexecutable) == ((), ())
 
 
 def test_own_producers_stand_beside_the_file(load: Load) -> None:
@@ -190,15 +178,13 @@ def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, fold
 
 def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
     campaign = load(
-        FIXED + "  design: cartesian\nexecution: {image: i, scenario_file: s.osc, nav2_params: n.yaml}\n"
+        FIXED + "execution: {image: i, scenario_file: s.osc}\n"
         "results_processing: {postprocessing: [own]}\nevaluation: {visualization: [{Tab: {run: r.ipynb}}]}\n"
     )
     assert {note.kind for note in campaign.notes} == {"not executed"}
     assert {note.where for note in campaign.notes} == {
-        "configuration[0].design",
         "execution.image",
         "execution.scenario_file",
-        "execution.nav2_params",
         "results_processing.postprocessing",
         "evaluation.visualization",
     }

@@ -1,34 +1,92 @@
 """The checks for producers, on producers that break the contract."""
 
 import itertools
+import random
 
 import numpy as np
 import pytest
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.conformance import check_producer
+from vastflow.producers.conformance import CHECKS, check_producer
 from vastflow.producers.producer import Parameters, Producer
 
 
-def producer(produce, reads=("a",), writes=("b",)):
+def producer(produce, reads=("a",), writes=("b",), needs=(), tag=None, parameters=None):
     kind = type(
         "Mine",
         (Producer,),
         {
             "Parameters": Parameters,
             "reads": property(lambda self: reads),
-            "writes": property(lambda self: dict.fromkeys(writes)),
+            "needs": property(lambda self: needs),
+            "writes": property(lambda self: dict.fromkeys(writes, tag)),
             "produce": lambda self, inputs, draws: iter(produce(inputs, draws)),
         },
     )
-    return kind(Parameters())
+    return kind(Parameters() if parameters is None else parameters)
+
+
+def fragment_of_a(inputs, draws):
+    return [Fragment({"b": inputs["a"] + draws(0).random()})]
 
 
 INPUTS = [{"a": 1, "z": 5}, {"a": 2, "z": 6}]
 
 
 def test_a_producer_that_keeps_the_contract_passes():
-    check_producer(producer(lambda inputs, draws: [Fragment({"b": inputs["a"] + draws(0).random()})]), INPUTS)
+    check_producer(producer(fragment_of_a), INPUTS)
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_each_check_stands_alone(check):
+    check(producer(fragment_of_a), INPUTS)
+
+
+@pytest.mark.parametrize(
+    ("declared", "what"),
+    [
+        ({"reads": ["a"]}, r"Mine must declare `reads` as a tuple of keys, not \['a'\]"),
+        ({"needs": ("map_file",)}, r"Mine must declare \['map_file'\], which it needs, in `reads`"),
+        ({"writes": ("b", "_path")}, r"Mine must not declare \['_path'\] in `writes`"),
+        ({"tag": "robot"}, r"Mine must tag what it writes with one of .*, not \['robot'\]"),
+        ({"parameters": {"seed": 1}}, r"Mine's parameters must be a producer\.Parameters"),
+    ],
+)
+def test_a_declaration_of_another_form_is_found(declared, what):
+    with pytest.raises(AssertionError, match=what):
+        check_producer(producer(fragment_of_a, **declared), INPUTS)
+
+
+@pytest.mark.parametrize("generator", [random, np.random])
+def test_a_global_generator_is_found_even_where_it_is_seeded(generator):
+    def produce(inputs, draws):
+        generator.seed(inputs["a"])
+        return [Fragment({"b": float(generator.random())})]
+
+    with pytest.raises(AssertionError, match="Mine must not use a global generator; draw from `draws` alone"):
+        check_producer(producer(produce), INPUTS)
+
+
+def test_a_changed_input_is_found():
+    def produce(inputs, draws):
+        inputs["a"].append(1)
+        return [Fragment({"b": 1})]
+
+    with pytest.raises(AssertionError, match="Mine must not change its inputs"):
+        check_producer(producer(produce), [{"a": [0]}])
+
+
+def test_what_depends_on_how_many_keys_a_configuration_has_is_found():
+    class Curious(Producer):
+        Parameters = Parameters
+        reads = ("a",)
+        writes = {"b": None}  # noqa: RUF012 - never changed
+
+        def produce(self, inputs, draws):
+            yield Fragment({"b": type(inputs).__name__})
+
+    with pytest.raises(AssertionError, match="Curious must yield the same from a whole configuration"):
+        check_producer(Curious(Parameters()), INPUTS)
 
 
 def test_a_global_generator_is_found():

@@ -58,6 +58,7 @@ def test_a_second_time_the_same_key_is_a_fault_at_the_second(tmp_path: Path) -> 
     [
         ("a: [1, 2\n", "c.vast:2:1: file: not YAML: while parsing a flow sequence, did not find expected ',' or ']'; "),
         ("a: b: c\n", "c.vast:1:5: file: not YAML: mapping values are not allowed in this context; "),
+        ("  a: 1\nb: 2\n", "c.vast:2:1: file: not YAML: did not find expected <document start>; "),
         ("a:\n\t- b\n", "c.vast:2:1: file: not YAML: while scanning for the next token, found character"),
         ("ok: 1\nä: \x01\n", "c.vast:2:4: file: not YAML: control characters are not allowed; "),
         (b"ok: 1\na: \xff\n", "c.vast:2:4: file: not YAML: not UTF-8 text; a text file encoded as UTF-8"),

@@ -164,7 +164,7 @@ def test_listed_amounts_and_distances_are_combined_and_each_placed_count_times(s
 
 def test_no_obstacles_placed_three_times_are_three_equal_fragments(site):
     items = evaluate(obstacle_variation({"amount_per_m": 0, "max_distance": 0.3}, count=3), site)
-    assert items == [Fragment({"static_objects": []})] * 3
+    assert items == [Fragment({"static_objects": [], "_obstacles": {"static_objects": []}})] * 3
 
 
 def test_placements_of_one_combination_differ(site):
@@ -263,6 +263,75 @@ def test_a_parameter_out_of_range_is_refused(parameters, message):
         obstacle_variation({"amount": 1, "max_distance": 0}, **parameters)
 
 
+def test_a_second_producer_leaves_the_obstacles_of_the_first_their_place(site):
+    first, second = (
+        obstacle_variation({"amount": 3, "max_distance": 1.0, "args": "width:=0.4"}, name=name, seed=8)
+        for name in ("boxes", "more_boxes")
+    )
+    (one,) = evaluate(first, site)
+    values = {**site, **one.values}
+    assert "boxes" not in second.reads  # but what the first noted of it
+    (two,) = evaluate(second, {key: values[key] for key in second.reads if key in values})
+    assert "boxes" not in two.values
+    footprints = [o.footprint() for o in (*placed(one, "boxes"), *placed(two, "more_boxes"))]
+    assert all(one.distance(other) >= 0.05 for one, other in itertools.combinations(footprints, 2))
+    names = [entry["entity_name"] for entry in (*one.values["boxes"], *two.values["more_boxes"])]
+    assert names == [f"obstacle_{i}" for i in range(6)]
+
+
+def test_what_is_in_the_list_already_stays(site):
+    given_box = {"entity_name": "obstacle_1", "spawn_pose": {"x": 1.0, "y": 0.0}}
+    (item,) = evaluate(obstacle_variation({"amount": 2, "max_distance": 1}), {**site, "static_objects": [given_box]})
+    assert item.values["static_objects"][0] == given_box
+    assert [o.name for o in placed(item)] == ["obstacle_1", "obstacle_2", "obstacle_3"]
+
+
+def test_a_corridor_that_an_earlier_obstacle_narrows_is_not_closed(drawn_map):
+    inputs = {
+        "map_file": drawn_map(*["." * 30] * 3, cells=10),
+        "start_pose": {"x": 0.0, "y": -1.3},
+        "goal_pose": {"x": 10.0, "y": -1.3},
+        "static_objects": [{"spawn_pose": {"x": 5.0, "y": -1.65}, "xacro_arguments": "length:=9.0 width:=0.7"}],
+    }
+    # Of 1.5 m the earlier box leaves 0.8 m, and beside a cylinder of 0.5 m in it no robot passes.
+    producer = obstacle_variation(
+        {"amount": 1, "max_distance": 0.4, "model": "cylinder", "args": "radius:=0.25"}, count=2
+    )
+    items = evaluate(producer, inputs)
+    assert not any(abs(placed(item)[1].pose.x_m - 5.0) < 4.0 for item in items if isinstance(item, Fragment))
+    without_box = {key: value for key, value in inputs.items() if key != "static_objects"}
+    assert any(abs(placed(item)[0].pose.x_m - 5.0) < 4.0 for item in evaluate(producer, without_box))
+
+
+def test_obstacles_that_stand_in_the_only_way_are_named_as_the_reason(drawn_map):
+    inputs = {
+        "map_file": drawn_map(*["." * 30] * 2, cells=10),
+        "start_pose": {"x": 0.0, "y": -1.5},
+        "goal_pose": {"x": 10.0, "y": -1.5},
+        "static_objects": [{"spawn_pose": {"x": 5.0, "y": -1.5}, "xacro_arguments": "width:=2.0"}],
+    }
+    (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 0, "args": "width:=0.2"}), inputs)
+    assert item.reason == "the obstacles that are there already leave no way to the goals"
+
+
+@pytest.mark.parametrize(
+    ("there", "reason"),
+    [
+        (7, "static_objects: found 7; a list of obstacles"),
+        ([{"spawn_pose": 3}], r"static_objects[0].spawn_pose: found 3; a pose"),
+    ],
+)
+def test_a_list_that_is_none_of_obstacles_is_a_rejection_with_its_reason(site, there, reason):
+    (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 1}), {**site, "static_objects": there})
+    assert reason in item.reason
+
+
+def test_a_goal_beyond_the_map_is_a_rejection_with_its_reason(site):
+    inputs = {**site, "goal_poses": [{"x": 99.0, "y": 0.0}]}
+    (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 1}), inputs)
+    assert item.reason == "the start or a goal, (99, 0), lies beyond the map"
+
+
 def test_the_papers_listing_is_complete(site):
     config = {"amount_per_m": [0.4], "max_distance": [0.0], "args": "width:=0.8, length:=0.8, height:=1.0"}
     (item,) = evaluate(obstacle_variation(config, name="static_objects", seed=42), site)
@@ -276,6 +345,6 @@ def test_the_schema_for_editors_knows_the_short_name_of_the_arguments():
 
 def test_obstacle_producers_keep_the_contract(site):
     producer = obstacle_variation(
-        {"amount_per_m": [0.2, 0.5], "max_distance": 0.5}, {"amount": 1, "max_distance": 0, "args": "width:=9"}
+        {"amount_per_m": [0.2, 0.5], "max_distance": 0.5}, {"amount": 1, "max_distance": 0, "args": "width:=4"}
     )
     check_producer(producer, [{**site, "noise": 0.1}, {"noise": 1}])

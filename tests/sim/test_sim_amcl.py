@@ -1,301 +1,410 @@
-"""AMCL: weights by hand, motion noise, resampling limits, the gate and clusters."""
+"""AMCL from Python: the weight of one pose, and a filter fed with odometry and scans."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.nav.amcl import (
-    beam_points,
-    gate,
-    heaviest_cluster,
-    kld_limit,
-    likelihood_cubed,
-    move,
-    new_cloud,
-    resample,
-    weigh,
-    weight_of,
+from vastflow.sim.leaps import leaps_of
+from vastflow.sim.lidar import Lidar, scan
+from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.nav.amcl import Filter, weight
+from vastflow.sim.nav.parameters.amcl import AmclParameters, covariance_of
+from vastflow.sim.nav.parameters.parameter import ParameterError
+
+LIDAR = Lidar()
+BEAMS = {
+    "angle_min_rad": LIDAR.angle_min_rad,
+    "angle_increment_rad": LIDAR.angle_increment_rad,
+    "range_min_m": LIDAR.range_min_m,
+    "range_max_m": LIDAR.range_max_m,
+}
+RESOLUTION_M = 0.05
+
+
+def place(occupied, origin_xy_m=(0.0, 0.0)):
+    return {"occupied": occupied, "resolution_m": RESOLUTION_M, "origin_xy_m": origin_xy_m}
+
+
+def looked(occupied, pose_xyt, origin_xy_m=(0.0, 0.0)):
+    """The minimal TurtleBot 4's scan at a pose."""
+    x, y, yaw = pose_xyt
+    ranges_m = np.empty(LIDAR.beams)
+    mount_m = LIDAR.mount_xyt[0]
+    sensor = (x + mount_m * math.cos(yaw), y + mount_m * math.sin(yaw), yaw)
+    limits = (LIDAR.range_min_m, LIDAR.range_max_m)
+    leaps = leaps_of(np.ascontiguousarray(occupied))
+    scan(leaps, RESOLUTION_M, *origin_xy_m, np.zeros((0, 6)), sensor, LIDAR.directions(), *limits, ranges_m)
+    return ranges_m
+
+
+def frame_of(rows, columns, thick=1, margin=4):
+    """A room of free cells with walls `thick` cells wide, and as unknown cells round it."""
+    occupied = np.zeros((rows + 2 * margin, columns + 2 * margin), dtype=np.bool_)
+    occupied[margin - thick : margin + rows + thick, margin - thick : margin + columns + thick] = True
+    occupied[margin : margin + rows, margin : margin + columns] = False
+    return occupied
+
+
+@pytest.fixture(scope="module")
+def room():
+    """A room of 5 m × 4 m with two pillars; its free space begins at (0.2, 0.2)."""
+    occupied = frame_of(80, 100)
+    occupied[30:38, 30:36] = True
+    occupied[60:64, 80:90] = True
+    return occupied
+
+
+def pz(distance_m, range_max_m=20.0):
+    return 0.5 * math.exp(-(distance_m**2) / (2 * 0.2**2)) + 0.5 / range_max_m
+
+
+def weight_by_hand(pose_xyt, ranges_m, laser_xyt, occupied, origin_xy_m, max_beams, range_max_m):
+    """1 + Σ pz³ as the likelihood field model has it, beam by beam, with Euclidean distances."""
+    distances = ndimage.distance_transform_edt(~occupied) * RESOLUTION_M
+    x, y, yaw = pose_xyt
+    laser_x = x + laser_xyt[0] * math.cos(yaw) - laser_xyt[1] * math.sin(yaw)
+    laser_y = y + laser_xyt[0] * math.sin(yaw) + laser_xyt[1] * math.cos(yaw)
+    total = 1.0
+    for b in range(0, len(ranges_m), max(1, (len(ranges_m) - 1) // (max_beams - 1))):
+        reading = range_max_m if ranges_m[b] <= 0.164 else ranges_m[b]
+        if not reading < range_max_m:
+            continue
+        bearing = yaw + laser_xyt[2] + b * LIDAR.angle_increment_rad
+        column = math.floor((laser_x + reading * math.cos(bearing) - origin_xy_m[0]) / RESOLUTION_M + 0.5)
+        row = math.floor((laser_y + reading * math.sin(bearing) - origin_xy_m[1]) / RESOLUTION_M + 0.5)
+        inside = 0 <= row < occupied.shape[0] and 0 <= column < occupied.shape[1]
+        total += pz(min(distances[row, column], 2.0) if inside else 2.0, range_max_m) ** 3
+    return total
+
+
+@given(
+    x=st.floats(-1.0, 7.0),
+    y=st.floats(-1.0, 6.0),
+    yaw=st.floats(-7.0, 7.0),
+    laser=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-3.2, 3.2)),
+    beams=st.integers(2, 400),
+    max_beams=st.integers(2, 80),
+    range_max_m=st.floats(1.0, 30.0),
+    seed=st.integers(0, 2**32),
 )
-from vastflow.sim.numeric import njit
-from vastflow.sim.streams import streams_of
-
-RANGE_MAX_M = 20.0
-SIGMA_M = 0.2
-
-
-@njit
-def moved(particles, stream, dx, dy, old_yaw, dyaw, alpha):
-    move(particles, particles.shape[1], stream, dx, dy, old_yaw, dyaw, alpha, alpha, alpha, alpha)
-
-
-@njit
-def weighed(cloud, n, points, n_points, cubed, resolution):
-    weigh(cloud, n, points, n_points, cubed, resolution, 0.0, 0.0)
-
-
-@njit
-def resampled(cloud, n, stream, low, high):
-    return resample(cloud, n, stream, low, high, 0.05, 0.99)
-
-
-@njit
-def clustered(cloud, bins):
-    return heaviest_cluster(cloud, bins)
-
-
-def field(occupied, resolution_m=0.05, max_dist_m=2.0):
-    return likelihood_cubed(
-        np.asarray(occupied, dtype=np.bool_),
-        resolution_m,
-        range_max_m=RANGE_MAX_M,
-        z_hit=0.5,
-        z_rand=0.5,
-        sigma_hit_m=SIGMA_M,
-        likelihood_max_dist_m=max_dist_m,
+@settings(deadline=None, max_examples=60)
+def test_a_weight_is_the_likelihood_field_s_whatever_pose_scan_and_scanner(
+    x, y, yaw, laser, beams, max_beams, range_max_m, seed
+):
+    rng = np.random.default_rng(seed)
+    occupied = np.zeros((70, 90), dtype=np.bool_)
+    occupied[20, 15:60] = True  # one straight wall, to which every way of measuring gives the same distance
+    ranges_m = rng.uniform(-0.5, 8.0, beams)
+    ranges_m[rng.random(beams) < 0.1] = np.inf
+    ranges_m[rng.random(beams) < 0.1] = np.nan
+    origin = (-1.3, 0.7)
+    beam = {**BEAMS, "range_max_m": range_max_m}
+    found = weight(
+        pose_xyt=(x, y, yaw),
+        ranges_m=ranges_m,
+        laser_xyt=laser,
+        max_beams=max_beams,
+        **beam,
+        **place(occupied, origin),
     )
+    expected = weight_by_hand((x, y, yaw), ranges_m, laser, occupied, origin, max_beams, range_max_m)
+    assert found == pytest.approx(expected, abs=1e-6)
 
 
-def pz(distance_m):
-    return 0.5 * math.exp(-(distance_m**2) / (2 * SIGMA_M**2)) + 0.5 / RANGE_MAX_M
-
-
-def weight(pose, points, cubed, resolution_m=0.05, origin=(0.0, 0.0)):
-    points = np.asarray(points, dtype=np.float64).reshape(-1, 2).T.copy()
-    x, y, yaw = pose
-    cells = np.zeros(points.shape[1], dtype=np.int32)
-    return weight_of(x, y, math.cos(yaw), math.sin(yaw), points, points.shape[1], cubed, resolution_m, *origin, cells)
-
-
-@pytest.fixture
+@pytest.fixture(scope="module")
 def one_wall_cell():
     """9 × 11 cells, a wall in column 8, row 4."""
     occupied = np.zeros((9, 11), dtype=np.bool_)
     occupied[4, 8] = True
-    return field(occupied)
+    return occupied
 
 
-@pytest.mark.parametrize("cells_off", [0, 1, 2, 3])
-def test_a_beam_that_ends_some_cells_off_the_wall_weighs_by_the_likelihood_of_that_distance(one_wall_cell, cells_off):
-    found = weight((0.1, 0.2, 0.0), [(0.3 - 0.05 * cells_off, 0.0)], one_wall_cell)
-    assert found == pytest.approx(1 + pz(0.05 * cells_off) ** 3, rel=1e-6)
+def one_beam(pose_xyt, reading_m, occupied, **values):
+    laser = {"laser_xyt": (0.0, 0.0, 0.0), **BEAMS, **values}
+    return weight(pose_xyt=pose_xyt, ranges_m=[reading_m], **laser, **place(occupied))
 
 
-def test_beams_add_their_cubes_to_one(one_wall_cell):
-    points = [(0.3, 0.0), (0.3, 0.05), (0.2, -0.1)]
-    expected = 1 + pz(0.0) ** 3 + pz(0.05) ** 3 + pz(math.hypot(0.1, 0.1)) ** 3
-    assert weight((0.1, 0.2, 0.0), points, one_wall_cell) == pytest.approx(expected, rel=1e-6)
-
-
-def test_end_points_turn_with_the_pose(one_wall_cell):
-    assert weight((0.4, 0.0, math.pi / 2), [(0.2, 0.0)], one_wall_cell) == pytest.approx(1 + pz(0.0) ** 3, rel=1e-6)
-
-
-@pytest.mark.parametrize(("x", "cells_off"), [(0.376, 0), (0.424, 0), (0.374, 1), (0.426, 1)])
-def test_the_cell_of_an_end_point_is_found_by_rounding_as_amcl_does(one_wall_cell, x, cells_off):
+@pytest.mark.parametrize(("reading_m", "cells_off"), [(0.276, 0), (0.324, 0), (0.274, 1), (0.326, 1), (0.2, 2)])
+def test_the_cell_of_an_end_point_is_found_by_rounding_as_amcl_does(one_wall_cell, reading_m, cells_off):
     """Column 8 is x 0.40..0.45 m of the map; AMCL takes 0.375..0.425 for it."""
-    found = weight((0.0, 0.2, 0.0), [(x, 0.0)], one_wall_cell)
-    assert found == pytest.approx(1 + pz(0.05 * cells_off) ** 3, rel=1e-6)
+    found = one_beam((0.1, 0.2, 0.0), reading_m, one_wall_cell)
+    assert found == pytest.approx(1 + pz(0.05 * cells_off) ** 3, abs=1e-9)
 
 
-def test_the_origin_of_the_map_is_subtracted(one_wall_cell):
-    found = weight((5.1, -6.8, 0.0), [(0.3, 0.0)], one_wall_cell, origin=(5.0, -7.0))
-    assert found == pytest.approx(1 + pz(0.0) ** 3, rel=1e-6)
+def test_end_points_turn_with_the_pose_and_the_scanner(one_wall_cell):
+    on_the_wall = pytest.approx(1 + pz(0.0) ** 3, abs=1e-9)
+    assert one_beam((0.4, 0.0, math.pi / 2), 0.2, one_wall_cell) == on_the_wall
+    assert one_beam((0.4, 0.0, 0.0), 0.2, one_wall_cell, laser_xyt=(0.0, 0.0, math.pi / 2)) == on_the_wall
 
 
-@pytest.mark.parametrize("point", [(-9.0, 0.0), (9.0, 0.0), (0.0, 9.0), (0.0, -9.0)])
-def test_off_the_map_the_distance_is_the_cap(one_wall_cell, point):
-    assert weight((0.1, 0.2, 0.0), [point], one_wall_cell) == pytest.approx(1 + pz(2.0) ** 3, rel=1e-6)
+@pytest.mark.parametrize("pose", [(-9.0, 0.2, 0.0), (9.0, 0.2, 0.0), (0.1, 9.0, 0.0), (0.1, -9.0, 0.0)])
+def test_off_the_map_the_distance_is_the_cap(one_wall_cell, pose):
+    assert one_beam(pose, 0.3, one_wall_cell) == pytest.approx(1 + pz(2.0) ** 3, abs=1e-9)
 
 
-def test_distances_are_capped():
-    occupied = np.zeros((1, 100), dtype=np.bool_)
-    occupied[0, 0] = True
-    table = field(occupied, max_dist_m=0.5)
-    assert table[1, 1 + 10] == pytest.approx(pz(0.5) ** 3, rel=1e-6)
-    assert table[1, 1 + 90] == table[1, 1 + 11]
+@pytest.mark.parametrize("reading_m", [math.inf, math.nan, 20.0, 25.0, 0.164, 0.1, -0.2])
+def test_a_reading_beyond_the_limits_or_too_near_counts_as_none(one_wall_cell, reading_m):
+    assert one_beam((0.1, 0.2, 0.0), reading_m, one_wall_cell) == 1.0
 
 
-def test_a_map_without_walls_weighs_every_pose_alike():
-    table = field(np.zeros((20, 20)))
-    assert len(np.unique(table)) == 1
+def test_of_360_beams_every_sixth_is_used(room):
+    ranges_m = looked(room, (2.0, 2.0, 0.3))
+    others = np.arange(360) % 6 != 0
+    scrambled = np.where(others, 0.7, ranges_m)
+    arguments = {"pose_xyt": (2.0, 2.0, 0.3), "laser_xyt": LIDAR.mount_xyt, **BEAMS, **place(room)}
+    assert weight(ranges_m=scrambled, **arguments) == weight(ranges_m=ranges_m, **arguments)
 
 
-def test_a_perfect_scan_of_sixty_beams_weighs_about_ten_to_one():
-    assert 1 + 60 * pz(0.0) ** 3 == pytest.approx(9.68, abs=0.01)
+@pytest.mark.parametrize("occupied", [np.zeros((20, 20), dtype=np.bool_), np.ones((1, 1), dtype=np.bool_)])
+def test_maps_without_walls_or_of_one_cell_have_weights_too(occupied):
+    assert 1.0 < one_beam((0.0, 0.0, 0.0), 0.3, occupied) < 1.2
 
 
-def used(ranges, max_beams=60):
-    out = np.zeros((2, 360))
-    n = beam_points(
-        np.asarray(ranges, dtype=np.float64), max_beams, Lidar().directions(), -0.04, 0.0, 0.164, RANGE_MAX_M, out
-    )
-    return out[:, :n]
+def corridor_weights():
+    """Along a corridor of 12 m × 1 m between walls one cell thick."""
+    occupied = frame_of(20, 240, margin=20)
+    origin = (-1.0, -1.0)
+    x, y, yaw = 5.0, 0.5, 0.05
+    ranges_m = looked(occupied, (x, y, yaw), origin)
+    arguments = {"ranges_m": ranges_m, "laser_xyt": LIDAR.mount_xyt, **BEAMS, **place(occupied, origin)}
 
+    def at(dx, dy, dyaw):
+        return weight(pose_xyt=(x + dx, y + dy, yaw + dyaw), **arguments)
 
-def test_every_sixth_of_360_beams_is_used():
-    ranges = 1.0 + np.arange(360) / 1000
-    points = used(ranges)
-    lengths = np.hypot(points[0] + 0.04, points[1])
-    np.testing.assert_allclose(lengths, ranges[::6])
-
-
-@pytest.mark.parametrize("reading", [math.inf, math.nan, 20.0, 25.0, 0.164, 0.1, -0.2])
-def test_a_reading_beyond_the_limits_or_too_near_counts_as_none(reading):
-    ranges = np.full(360, 2.0)
-    ranges[12] = reading
-    assert used(ranges).shape == (2, 59)
+    return at
 
 
 @pytest.mark.parametrize(
-    ("motion", "updates"),
+    ("offset", "upstream", "tolerance"),
     [
-        ((0.25, 0.25, 0.2), False),
-        ((0.251, 0.0, 0.0), True),
-        ((0.0, -0.251, 0.0), True),
-        ((0.0, 0.0, -0.201), True),
-        ((0.2, 0.2, 0.0), False),
+        ((0.0, 0.0, 0.0), 9.31, 0.01),
+        ((0.5, 0.0, 0.0), 8.80, 0.02),
+        ((1.0, 0.0, 0.0), 8.76, 0.02),
+        ((0.0, 0.1, 0.0), 6.15, 0.03),
+        ((0.0, 0.2, 0.0), 2.89, 0.05),
+        ((0.0, 0.0, 0.1), 7.72, 0.05),
     ],
 )
-def test_the_gate_tests_each_axis_of_the_odometry_frame_by_itself(motion, updates):
-    assert gate(*motion, 0.25, 0.2) == updates
+def test_weights_in_a_corridor_are_those_measured_with_nav2_s_filter_in_one_like_it(offset, upstream, tolerance):
+    assert corridor_weights()(*offset) == pytest.approx(upstream, rel=tolerance)
 
 
-def cloud_after(dx, dy, old_yaw, dyaw, alpha=0.2, n=20_000, heading=0.0):
-    particles = np.zeros((3, n))
-    particles[2] = heading
-    moved(particles, streams_of([11])[0], dx, dy, old_yaw, dyaw, alpha)
-    return particles
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"sigma_hit_m": 0.0}, "sigma_hit must lie in"),
+        ({"max_beams": 1}, "max_beams must lie in"),
+        ({"z_hit": 1.5}, "z_hit must lie in"),
+        ({"likelihood_max_dist_m": -1.0}, "laser_likelihood_max_dist must lie in"),
+        ({"range_max_m": 0.0}, "range_max_m must be greater than 0"),
+        ({"laser_xyt": (0.0, 0.0)}, "laser_xyt must be x, y"),
+    ],
+)
+def test_a_weight_with_an_impossible_argument_is_refused(one_wall_cell, values, message):
+    with pytest.raises(ValueError, match=message):
+        one_beam((0.1, 0.2, 0.0), 0.3, one_wall_cell, **values)
 
 
-def test_without_noise_particles_move_as_the_odometry_did():
-    x, y, yaw = cloud_after(0.3, 0.1, 0.2, 0.4, alpha=0.0, n=4, heading=1.2)
-    turn = 1.0  # the map's heading less the odometry's
-    np.testing.assert_allclose(x, 0.3 * math.cos(turn) - 0.1 * math.sin(turn))
-    np.testing.assert_allclose(y, 0.3 * math.sin(turn) + 0.1 * math.cos(turn))
-    np.testing.assert_allclose(yaw, 1.6)
+START = (2.6, 2.1, 0.4)
 
 
-def test_a_quarter_metre_ahead_scatters_as_the_motion_model_says():
-    """σ_trans² = α3 d², σ_rot1² = σ_rot2² = α2 d²: 0.11 m and 0.11 rad."""
-    x, y, yaw = cloud_after(0.25, 0.0, 0.0, 0.0)
-    sigma = math.sqrt(0.2) * 0.25
-    assert sigma == pytest.approx(0.1118, abs=1e-4)
-    forward, heading = np.hypot(x, y) * np.sign(x), np.arctan2(y * np.sign(x), x * np.sign(x))
-    n = x.size
-    near = np.abs(forward) > 0.02  # the heading of a particle that hardly moved says nothing
-    assert forward.mean() == pytest.approx(0.25, abs=5 * sigma / math.sqrt(n))
-    assert forward.std() == pytest.approx(sigma, rel=0.03)
-    assert heading[near].std() == pytest.approx(sigma, rel=0.03)
-    assert yaw.std() == pytest.approx(math.sqrt(2) * sigma, rel=0.03)
-    assert yaw.mean() == pytest.approx(0.0, abs=5 * math.sqrt(2) * sigma / math.sqrt(n))
+@pytest.fixture
+def filters(room) -> Callable[..., Filter]:
+    def make(seed=3, **parameters):
+        return Filter(laser_xyt=LIDAR.mount_xyt, seed=seed, **place(room), **parameters)
+
+    return make
 
 
-def test_turning_in_place_scatters_the_yaw_alone():
-    """δtrans < 0.01 m: no first rotation; σ_rot2² = α1 δ², σ_trans² = α4 δ²."""
-    x, y, yaw = cloud_after(0.0, 0.0, 0.0, 0.5)
-    sigma = math.sqrt(0.2) * 0.5
-    assert yaw.mean() == pytest.approx(0.5, abs=5 * sigma / math.sqrt(yaw.size))
-    assert yaw.std() == pytest.approx(sigma, rel=0.03)
-    assert np.hypot(x, y).max() > 0.1  # α4: turning also scatters the position, along the heading
-    assert np.abs(y).max() < 1e-12
+def updated(amcl, room, driven_m=0.0):
+    """An update straight ahead of the start, its odometry beginning at 0."""
+    x, y, yaw = START
+    truth = (x + driven_m * math.cos(yaw), y + driven_m * math.sin(yaw), yaw)
+    return amcl.update((driven_m, 0.0, 0.0), looked(room, truth), *BEAMS.values())
 
 
-def test_driving_backwards_scatters_no_more_than_driving_forwards():
-    ahead, back = cloud_after(0.25, 0.0, 0.0, 0.0), cloud_after(-0.25, 0.0, 0.0, 0.0)
-    assert back[0].mean() == pytest.approx(-0.25 * math.exp(-0.0125 / 2), abs=0.005)
-    assert back[2].std() == pytest.approx(ahead[2].std(), rel=0.03)
-    assert back[1].std() == pytest.approx(ahead[1].std(), rel=0.05)
+def test_the_first_update_resamples_where_the_pose_was_set(filters, room):
+    amcl = filters()
+    amcl.set_pose(START, np.zeros((3, 3)))
+    pose, covariance = updated(amcl, room)
+    np.testing.assert_allclose(pose, START, atol=1e-9)
+    np.testing.assert_allclose(covariance, 0.0, atol=1e-9)
+    assert amcl.particles.shape == (2000, 3)
+    np.testing.assert_allclose(amcl.particles, np.tile(START, (2000, 1)))
+    assert amcl.weights.sum() == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(("bins", "limit"), [(0, 2000), (1, 2000), (2, 500), (40, 500), (100, 1129), (200, 2000)])
-def test_the_number_of_particles_for_some_bins(bins, limit):
-    assert kld_limit(bins, 500, 2000, 0.05, 0.99) == limit
+def test_between_the_gates_there_is_no_update(filters, room):
+    amcl = filters()
+    amcl.set_pose(START, np.zeros(3))
+    updated(amcl, room)
+    before = amcl.particles
+    assert updated(amcl, room, 0.25) is None
+    np.testing.assert_array_equal(amcl.particles, before)
+    assert updated(amcl, room, 0.26) is not None
 
 
-@given(st.integers(2, 4000))
-@settings(deadline=None)
-def test_the_limit_is_fox_s_formula_within_the_bounds(bins):
-    k = bins - 1
-    formula = math.ceil(k / 0.1 * (1 - 2 / (9 * k) + math.sqrt(2 / (9 * k)) * 0.99) ** 3)
-    assert abs(kld_limit(bins, 1, 10**6, 0.05, 0.99) - formula) <= 1
-    assert 500 <= kld_limit(bins, 500, 2000, 0.05, 0.99) <= 2000
+def test_the_filter_follows_a_drive(filters, room):
+    amcl = filters()
+    amcl.set_pose(START, np.zeros(3))
+    for step in range(6):
+        pose, covariance = updated(amcl, room, 0.3 * step)
+        off_m = np.hypot(
+            pose[0] - START[0] - 0.3 * step * math.cos(0.4), pose[1] - START[1] - 0.3 * step * math.sin(0.4)
+        )
+        assert off_m < 0.25
+        assert abs(pose[2] - 0.4) < 0.1
+    assert 500 < len(amcl.weights) <= 2000
+    assert (np.diag(covariance) > 0.0).all()
+    np.testing.assert_array_equal(covariance, covariance.T)
 
 
-def filled(groups):
-    """A cloud of (count, x, y, yaw) groups, all of equal weight."""
-    cloud = new_cloud(2000)
-    poses = np.concatenate([np.tile(pose, (count, 1)) for count, *pose in groups]).T
-    n = poses.shape[1]
-    cloud.particles[:, :n] = poses
-    weighed(cloud, n, np.zeros((2, 1)), 0, field(np.zeros((3, 3))), 0.05)
-    return cloud, n
+def test_a_published_covariance_is_that_of_the_particles(filters, room):
+    amcl = filters()
+    amcl.set_pose(START, [0.2, 0.3, 0.1])
+    _, covariance = updated(amcl, room)
+    x, y, yaw = amcl.particles.T
+    np.testing.assert_allclose(covariance[:2, :2], np.cov(x, y, bias=True), rtol=1e-6)
+    assert covariance[2, 2] == pytest.approx(-2 * math.log(abs(np.exp(1j * yaw).mean())), rel=1e-6)
+    assert covariance[0, 2] == covariance[1, 2] == 0.0
 
 
-def test_a_cloud_in_one_bin_is_resampled_to_the_greatest_number():
-    cloud, n = filled([(700, 0.1, 0.1, 0.01)])
-    assert resampled(cloud, n, streams_of([1])[0], 500, 2000) == (2000, 1)
+def test_an_uncertain_pose_is_drawn_to_where_the_scan_fits(filters, room):
+    amcl = filters()
+    amcl.set_pose((START[0] + 0.15, START[1] - 0.1, START[2] + 0.1), [0.04, 0.04, 0.04])
+    for step in range(8):
+        pose, _ = updated(amcl, room, 0.26 * step)
+    end = np.array(START) + 0.26 * 7 * np.array([math.cos(0.4), math.sin(0.4), 0.0])
+    np.testing.assert_allclose(pose, end, atol=0.15)
 
 
-def test_a_cloud_in_two_bins_is_resampled_to_one_more_than_the_least_number():
-    cloud, n = filled([(350, 0.1, 0.1, 0.01), (350, 0.6, 0.1, 0.01)])
-    assert resampled(cloud, n, streams_of([1])[0], 500, 2000) == (501, 2)
+def test_a_full_covariance_and_its_diagonal_spread_alike(filters, room):
+    clouds = []
+    for covariance in (np.diag([0.1, 0.2, 0.05]), [0.1, 0.2, 0.05], [[0.1, 0, 0.9], [0, 0.2, 0], [0, 0, 0.05]]):
+        amcl = filters()
+        amcl.set_pose(START, covariance)
+        updated(amcl, room)
+        clouds.append(amcl.particles)
+    np.testing.assert_array_equal(clouds[0], clouds[1])
+    np.testing.assert_array_equal(clouds[0], clouds[2])
 
 
-@pytest.mark.parametrize("pose", [(0.6, 0.1, 0.01), (0.1, -0.1, 0.01), (0.1, 0.1, 0.2), (0.1, 0.1, 0.01 - 2 * math.pi)])
-def test_bins_are_half_a_metre_and_ten_degrees_of_the_raw_yaw(pose):
-    cloud, n = filled([(350, 0.1, 0.1, 0.01), (350, *pose)])
-    assert resampled(cloud, n, streams_of([1])[0], 500, 2000)[1] == 2
+def test_same_seed_and_calls_give_the_same_particles_and_another_seed_others(filters, room):
+    clouds = []
+    for seed in (1, 1, 2):
+        amcl = filters(seed=seed)
+        amcl.set_pose(START, [0.1, 0.1, 0.05])
+        updated(amcl, room)
+        updated(amcl, room, 0.3)
+        clouds.append(amcl.particles)
+    np.testing.assert_array_equal(clouds[0], clouds[1])
+    assert clouds[0].shape != clouds[2].shape or (clouds[0] != clouds[2]).any()
 
 
-def test_resampling_draws_particles_by_their_weight():
-    cloud = new_cloud(2000)
-    occupied = np.zeros((40, 200), dtype=np.bool_)
-    occupied[20, 100] = True
-    cubed = field(occupied)
-    cloud.particles[:, 0], cloud.particles[:, 1] = (5.0, 1.0, 0.0), (1.0, 1.0, 0.0)
-    points = np.zeros((2, 60))  # sixty beams that end at the robot: on the wall for the first particle
-    weighed(cloud, 2, points, 60, cubed, 0.05)
-    heavy, light = 1 + 60 * pz(0.0) ** 3, 1 + 60 * pz(2.0) ** 3
-    share = heavy / (heavy + light)
-    assert cloud.weights[:2] == pytest.approx([share, 1.0])
-    counts = [0, 0]
-    for entropy in range(20):
-        cloud.particles[:, 0], cloud.particles[:, 1] = (5.0, 1.0, 0.0), (1.0, 1.0, 0.0)
-        n, _ = resampled(cloud, 2, streams_of([entropy])[0], 500, 2000)
-        counts[0] += int((cloud.particles[0, :n] == 5.0).sum())
-        counts[1] += n
-    found = counts[0] / counts[1]
-    assert found == pytest.approx(share, abs=5 * math.sqrt(share * (1 - share) / counts[1]))
+def test_setting_the_pose_again_begins_anew(filters, room):
+    amcl = filters()
+    amcl.set_pose(START, [0.1, 0.1, 0.05])
+    updated(amcl, room)
+    amcl.set_pose((1.0, 1.0, 0.0), np.zeros(3))
+    pose, _ = updated(amcl, room)
+    np.testing.assert_allclose(pose, (1.0, 1.0, 0.0), atol=1e-9)
+    assert len(amcl.weights) == 2000
 
 
-def test_the_pose_is_the_mean_of_the_heaviest_cluster_and_not_of_the_cloud():
-    cloud, n = filled([(300, 0.1, 0.1, 0.1), (300, 0.6, 0.3, 0.2), (700, 5.2, 5.2, 1.0), (50, 9.0, 1.0, -1.0)])
-    _, bins = resampled(cloud, n, streams_of([1])[0], 500, 2000)
-    assert bins == 4
-    assert clustered(cloud, bins) == pytest.approx((5.2, 5.2, 1.0))
+@pytest.mark.parametrize("beams", [1, 59, 361, 362, 363, 364, 1440])
+def test_scans_may_change_their_number_of_beams(filters, room, beams):
+    amcl = filters(max_beams=2000)
+    amcl.set_pose(START, np.zeros(3))
+    updated(amcl, room)
+    ranges_m = np.resize(looked(room, START), beams)
+    assert amcl.update((0.3, 0.0, 0.0), ranges_m, 0.0, LIDAR.angle_increment_rad, 0.164, 20.0) is not None
 
 
-def test_bins_that_touch_at_a_corner_are_one_cluster():
-    """Apart, each half is lighter than the third group; together they are heavier."""
-    cloud, n = filled([(450, 0.1, 0.1, 0.1), (450, 0.6, 0.6, 0.2), (600, 5.2, 5.2, 1.0)])
-    count, bins = resampled(cloud, n, streams_of([1])[0], 500, 2000)
-    x, y, yaw = clustered(cloud, bins)
-    assert (x, y, yaw) == pytest.approx((0.35, 0.35, 0.15), abs=0.05)
-    assert count == 501
+def test_with_an_interval_of_two_every_second_update_resamples_and_publishes(filters, room):
+    amcl = filters(resample_interval=2)
+    amcl.set_pose(START, [0.1, 0.1, 0.05])
+    pose, covariance = updated(amcl, room)
+    np.testing.assert_allclose(pose, START)
+    np.testing.assert_allclose(np.diag(covariance), [0.1, 0.1, 0.05])
+    assert amcl.weights.sum() == pytest.approx(1.0)
+    assert np.ptp(amcl.weights) > 0.0
+    assert updated(amcl, room, 0.3) is not None
+    assert np.ptp(amcl.weights) == 0.0
+    assert updated(amcl, room, 0.6) is None
+    assert np.ptp(amcl.weights) > 0.0
 
 
-def test_the_yaw_of_a_cluster_is_a_circular_mean():
-    cloud, n = filled([(500, 0.1, 0.1, math.radians(178)), (500, 0.1, 0.1, math.radians(182))])
-    _, bins = resampled(cloud, n, streams_of([1])[0], 500, 2000)
-    assert math.cos(clustered(cloud, bins)[2] - math.pi) == pytest.approx(1.0, abs=1e-3)
+def test_the_filter_weighs_its_particles_as_poses_are_weighed_alone(filters, room):
+    """In four bytes a beam that ends on the very edge of a cell may fall into the next one."""
+    amcl = filters(resample_interval=2)
+    amcl.set_pose(START, [0.2, 0.2, 0.5])
+    updated(amcl, room)
+    arguments = {"ranges_m": looked(room, START), "laser_xyt": LIDAR.mount_xyt, **BEAMS, **place(room)}
+    alone = np.array([weight(pose_xyt=pose, **arguments) for pose in amcl.particles[:60]])
+    ratio = amcl.weights[:60] / alone
+    assert np.mean(np.abs(ratio / np.median(ratio) - 1.0) < 1e-5) > 0.9
+    assert np.ptp(alone) > 3.0
 
 
-def test_bins_do_not_wrap_at_half_a_turn():
-    cloud, n = filled([(300, 0.1, 0.1, math.pi - 0.01), (500, 0.1, 0.1, 0.01 - math.pi)])
-    _, bins = resampled(cloud, n, streams_of([1])[0], 500, 2000)
-    assert bins == 2
-    assert clustered(cloud, bins)[2] == pytest.approx(0.01 - math.pi)
+def test_a_laser_range_too_short_for_the_walls_leaves_the_particles_unweighted(filters, room):
+    amcl = filters(laser_max_range=0.3, resample_interval=5)
+    amcl.set_pose(START, [0.1, 0.1, 0.05])
+    updated(amcl, room)
+    assert np.ptp(amcl.weights) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"max_particle": 3000}, "no modelled parameter 'max_particle'; one of alpha1, .*max_particles"),
+        ({"alpha1": -0.1}, r"alpha1 must lie in \[0, 100\], got -0.1"),
+        ({"min_particles": 3000}, "min_particles 3000 must be <= max_particles 2000"),
+        ({"max_beams": 60.5}, "max_beams must be a whole number"),
+        ({"z_hit": "0.5"}, "z_hit must be a number"),
+    ],
+)
+def test_unknown_or_impossible_parameters_are_refused(filters, parameters, message):
+    with pytest.raises(ParameterError, match=message):
+        filters(**parameters)
+
+
+def test_an_update_before_a_pose_is_refused(filters, room):
+    with pytest.raises(ValueError, match="no initial pose: call set_pose before update"):
+        updated(filters(), room)
+
+
+@pytest.mark.parametrize(
+    "covariance",
+    [[0.1, 0.1], [-0.1, 0.1, 0.1], [0.1, 0.1, math.nan], [[0.1, 0.2, 0], [0.2, 0.1, 0], [0, 0, 0.1]], "wide", 0.1],
+)
+def test_what_is_no_covariance_is_refused(covariance):
+    with pytest.raises(ParameterError, match="initial_pose_covariance: found"):
+        covariance_of(covariance, "initial_pose_covariance")
+
+
+@pytest.mark.parametrize("covariance", [[0.25, 0.16, 0.07], [[0.25, 0.1, 9], [0.1, 0.16, 9], [9, 9, 0.07]]])
+def test_a_covariance_is_its_planar_block_and_its_yaw(covariance):
+    xx, xy, yy, yaw = covariance_of(covariance, "initial_pose_covariance")
+    assert (xx, yy, yaw) == (0.25, 0.16, 0.07)
+    assert xy == (0.1 if isinstance(covariance[0], list) else 0.0)
+
+
+def test_the_defaults_are_those_of_nav2_s_default_file():
+    q = AmclParameters()
+    assert (q.min_particles, q.max_particles, q.pf_err, q.pf_z) == (500, 2000, 0.05, 0.99)
+    assert (q.alpha1, q.alpha2, q.alpha3, q.alpha4) == (0.2, 0.2, 0.2, 0.2)
+    assert (q.max_beams, q.z_hit, q.z_rand, q.sigma_hit, q.laser_likelihood_max_dist) == (60, 0.5, 0.5, 0.2, 2.0)
+    assert (q.update_min_d, q.update_min_a, q.resample_interval) == (0.25, 0.2, 1)
+
+
+def test_a_map_may_be_read_only_and_of_any_kind_of_truth(room):
+    occupied = OccupancyMap(np.where(room, 100, 0).astype(np.int8), RESOLUTION_M, (0.0, 0.0)).occupied
+    for kind in (occupied, occupied.astype(np.int8), occupied.tolist()):
+        amcl = Filter(laser_xyt=LIDAR.mount_xyt, seed=1, **place(kind))
+        amcl.set_pose(START, np.zeros(3))
+        assert updated(amcl, room) is not None

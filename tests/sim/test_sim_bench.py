@@ -4,31 +4,69 @@ import math
 
 import pytest
 
-from vastflow.sim.bench import ROUTES, bench, benchmark_map, benchmark_missions
+from vastflow.sim.bench import LARGE, ROUTES, SMALL, bench, benchmark_map, benchmark_missions
 from vastflow.sim.octile import passable, shortest_path
 
 
-@pytest.fixture(scope="module")
-def occupancy():
-    return benchmark_map()
+@pytest.mark.parametrize(
+    ("floor", "shape", "digest"),
+    [
+        (LARGE, (1400, 2000), "4b81e330fcdd2310eae21c696bc16a8ff887bb27fe050f20540a942f46686ec1"),
+        (SMALL, (400, 400), "bb0fe3f30afcb6791c224b22cdc6ca6e9e690a779577cf57375f49c9d01323da"),
+    ],
+    ids=["large", "small"],
+)
+def test_the_map_is_pinned(floor, shape, digest):
+    occupancy = benchmark_map(floor)
+    assert occupancy.shape == shape
+    assert occupancy.digest == digest
 
 
-def test_the_map_is_pinned(occupancy):
-    assert occupancy.shape == (1400, 2000)
-    assert occupancy.digest == "4b81e330fcdd2310eae21c696bc16a8ff887bb27fe050f20540a942f46686ec1"
-
-
-def test_every_route_is_twenty_metres(occupancy):
+@pytest.mark.parametrize("floor", [LARGE, SMALL], ids=["large", "small"])
+def test_every_route_has_the_length_of_its_floor(floor):
+    occupancy = benchmark_map(floor)
     free = passable(occupancy, 0.4)
-    missions = benchmark_missions(occupancy)
+    missions = benchmark_missions(occupancy, floor.route_m)
     assert len(missions) == ROUTES
     for mission in missions:
         stops = [(pose.x_m, pose.y_m) for pose in (mission.start, *mission.goals)]
         way = shortest_path(occupancy, free, stops)
         assert way is not None
-        assert math.isclose(way[1], 20.0, abs_tol=0.06)
+        assert math.isclose(way[1], floor.route_m, abs_tol=0.06)
 
 
 def test_a_controller_that_does_not_exist_is_refused():
-    with pytest.raises(ValueError, match="controller: found 'mppi'; one of rpp"):
-        bench("mppi")
+    with pytest.raises(ValueError, match="controller: found 'teb'; one of mppi, dwb, rpp"):
+        bench("teb")
+
+
+@pytest.fixture(scope="module")
+def measured():
+    return bench("rpp", profile=True)
+
+
+def test_what_was_measured_says_what_it_was_measured_with(measured):
+    assert measured["controller"] == "rpp"
+    assert measured["parameters"]["controller"]["desired_linear_vel"] == 0.5
+    assert measured["lidar"] == {"beams": 360, "rate_hz": 10.0, "range_max_m": 20.0}
+    assert measured["rates_hz"]["controller"] == 20.0
+    assert 500 <= measured["amcl_particles_mean"] <= 2000
+    assert 0.5 < measured["amcl_updates_per_s"] < 10.0
+    assert 0.0 < measured["floods_per_s"] <= 1.0
+
+
+@pytest.mark.parametrize("floor", ["large", "small"])
+def test_the_routes_are_driven_to_their_ends(measured, floor):
+    found = measured if floor == "large" else measured["small"]
+    assert (found["runs"], found["reached"], found["contacts"]) == (ROUTES, ROUTES, 0)
+    assert found["driven_m"] == pytest.approx(ROUTES * found["map"]["route_m"], rel=0.15)
+    assert found["x_real_time"] == pytest.approx(found["simulated_s"] / found["cpu_s"], rel=0.02)
+
+
+def test_the_stages_of_a_profile_add_up_to_about_what_the_run_takes(measured):
+    stages = measured["profile"]
+    total = sum(stage["ms_per_simulated_s"] for stage in stages.values())
+    assert total == pytest.approx(measured["ms_per_simulated_s"], rel=0.5)
+    assert stages["controller"]["per_simulated_s"] == pytest.approx(20.0, rel=0.05)
+    assert stages["lidar"]["per_simulated_s"] == pytest.approx(10.0, rel=0.05)
+    assert stages["planner"]["per_simulated_s"] == pytest.approx(1.0, rel=0.2)

@@ -14,17 +14,17 @@ from vastflow.sim.nav.costmap import (
     UNSEEN,
     clear_disc,
     clear_line,
-    inflate_layer,
     merge_window,
     observe,
     roll,
 )
-from vastflow.sim.nav.inflation import cost_stamp, inflate
-from vastflow.sim.nav.parameters import NavParameters
+from vastflow.sim.nav.inflation import cost_stamp, inflate, inflation_of
+from vastflow.sim.nav.parameters.costmap import ObstacleLayer
+from vastflow.sim.nav.record import record_of
 from vastflow.sim.numeric import njit
 
 RESOLUTION_M = 0.05
-PARAMETERS = (RESOLUTION_M, NavParameters().inscribed_radius_m, 0.70, 3.0)
+PARAMETERS = (RESOLUTION_M, 0.225498, 0.70, 3.0)
 GLOBAL, LOCAL = 0, 2
 """Cells before the end of a beam at which clearing stops."""
 
@@ -40,24 +40,27 @@ def disc_cleared(layer, x_cells, y_cells, radius_cells):
 
 
 @njit
-def window_costs(layer, stamp):
-    lethal, out = np.empty_like(layer), np.empty_like(layer)
-    inflate_layer(layer, stamp, lethal, out)
-    return out
+def merged_into(static, static_costs, layer, stamp, column, row, reach, costs):
+    return merge_window(static, static_costs, layer, stamp, column, row, reach, costs)
+
+
+def merged(static, layer, column, row, reach, costs):
+    stamp = cost_stamp(*PARAMETERS)
+    return merged_into(static, inflation_of(static, stamp), layer, stamp, column, row, reach, costs)
 
 
 @njit
-def merged(static, layer, stamp, column, row, reach, costs):
-    return merge_window(static, layer, stamp, column, row, reach, costs)
+def observed(parameters, layer, sensor, directions, ranges):
+    observe(parameters[0], layer, (0.0, 0.0, 0.05), sensor, directions, ranges, 0.164, 20.0)
 
 
-def seen(ranges, short=GLOBAL, layer=None, bearings=None, yaw=0.0, at=(2.025, 2.025)):
+def seen(ranges, short=GLOBAL, layer=None, bearings=None, yaw=0.0, at=(2.025, 2.025), **parameters):
     """A layer of 80 × 160 cells after one scan from `at`; beam k has its range and bearing."""
     layer = np.zeros((80, 160), dtype=np.uint8) if layer is None else layer
     bearings = np.zeros(len(ranges)) if bearings is None else np.asarray(bearings)
     directions = np.column_stack([np.cos(bearings), np.sin(bearings)])
     ranges = np.asarray(ranges, dtype=np.float64)
-    observe(layer, 0.0, 0.0, RESOLUTION_M, *at, yaw, directions, ranges, 0.164, 20.0, 3.0, 2.5, short)
+    observed(record_of(ObstacleLayer(short_clearing_cells=short, **parameters)), layer, (*at, yaw), directions, ranges)
     return layer
 
 
@@ -137,6 +140,32 @@ def test_a_sensor_outside_the_grid_changes_nothing():
     assert (seen([1.0], at=(-0.1, 2.0)) == UNSEEN).all()
 
 
+def test_a_layer_that_does_not_clear_only_marks():
+    layer = np.full((80, 160), UNSEEN, dtype=np.uint8)
+    row = seen([2.0], layer=layer, clearing=False)[ROW]
+    assert row[COLUMN + 40] == MARKED
+    assert not (layer == SEEN_FREE).any()
+
+
+def test_a_layer_that_does_not_mark_only_clears():
+    layer = seen([2.0], marking=False)
+    assert (layer[ROW, COLUMN : COLUMN + 41] == SEEN_FREE).all()
+    assert not (layer == MARKED).any()
+
+
+def test_nearer_than_the_least_obstacle_range_nothing_is_marked():
+    assert not (seen([0.9], obstacle_min_range=1.0) == MARKED).any()
+
+
+@given(*[st.integers(0, 29)] * 2, *[st.integers(-60, 90)] * 2, st.integers(0, 2))
+@settings(deadline=None)
+def test_a_line_that_leaves_the_layer_clears_what_the_whole_line_would_there(col0, row0, col1, row1, short):
+    layer, wide = np.zeros((30, 30), dtype=np.uint8), np.zeros((160, 160), dtype=np.uint8)
+    clear_line(layer, col0, row0, col1, row1, short)
+    clear_line(wide, col0 + 65, row0 + 65, col1 + 65, row1 + 65, short)
+    np.testing.assert_array_equal(layer, wide[65:95, 65:95])
+
+
 @given(*[st.integers(0, 29)] * 4, st.integers(0, 4))
 @settings(deadline=None)
 def test_a_cleared_line_is_connected_and_ends_where_it_should(col0, row0, col1, row1, short):
@@ -186,13 +215,6 @@ def test_under_the_robot_every_cell_that_its_outline_touches_is_cleared(x, y, ra
             assert layer[row, column] == (SEEN_FREE if away < radius else MARKED)
 
 
-@given(arrays(np.uint8, (60, 60), elements=st.sampled_from([UNSEEN] * 20 + [SEEN_FREE] * 20 + [MARKED])))
-@settings(max_examples=50, deadline=None)
-def test_the_window_s_costs_are_the_inflation_of_its_marks(layer):
-    static = np.where(layer == MARKED, 254, 0).astype(np.uint8)
-    np.testing.assert_array_equal(window_costs(layer, cost_stamp(*PARAMETERS)), inflate(static, *PARAMETERS))
-
-
 @given(
     arrays(np.uint8, (50, 60), elements=st.sampled_from([0] * 40 + [254, 255])),
     arrays(np.uint8, (50, 60), elements=st.sampled_from([UNSEEN] * 20 + [SEEN_FREE] * 20 + [MARKED])),
@@ -200,7 +222,7 @@ def test_the_window_s_costs_are_the_inflation_of_its_marks(layer):
 @settings(max_examples=50, deadline=None)
 def test_the_merged_costmap_is_the_greater_of_both_layers_inflated(static, layer):
     costs = np.zeros_like(static)
-    merged(static, layer, cost_stamp(*PARAMETERS), 30, 25, 60, costs)
+    merged(static, layer, 30, 25, 60, costs)
     master = np.where((static == 254) | (layer == MARKED), 254, static)
     master = np.where((master == 255) & (layer == SEEN_FREE), 0, master).astype(np.uint8)
     np.testing.assert_array_equal(costs, inflate(master, *PARAMETERS))
@@ -210,7 +232,7 @@ def test_only_the_window_is_merged_and_it_counts_what_lies_just_outside():
     static = np.zeros((50, 60), dtype=np.uint8)
     static[25, 41] = 254
     costs = np.full_like(static, 7)
-    window = merged(static, np.zeros_like(static), cost_stamp(*PARAMETERS), 30, 25, 10, costs)
+    window = merged(static, np.zeros_like(static), 30, 25, 10, costs)
     assert window == (15, 36, 20, 41)
     assert costs[25, 40] == 253  # beside a wall that is not in the window
     outside = np.ones(static.shape, dtype=bool)
@@ -222,5 +244,5 @@ def test_a_static_wall_is_not_cleared_by_a_beam_through_it():
     static, layer = np.zeros((50, 60), dtype=np.uint8), np.full((50, 60), SEEN_FREE, dtype=np.uint8)
     static[25, 30] = 254
     costs = np.zeros_like(static)
-    merged(static, layer, cost_stamp(*PARAMETERS), 30, 25, 60, costs)
+    merged(static, layer, 30, 25, 60, costs)
     assert costs[25, 30] == 254

@@ -10,10 +10,10 @@ from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
 from vastflow.sim.maps import load_map
+from vastflow.sim.nav.footprint import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.inflation import cost_stamp, inflate
-from vastflow.sim.nav.parameters import NavParameters
 
-JAZZY = (0.05, NavParameters().inscribed_radius_m, 0.70, 3.0)
+JAZZY = (0.05, inscribed_radius_m(padded_outline(0.22, 0.01)), 0.70, 3.0)
 
 
 def by_formula(costmap, resolution_m, inscribed_m, radius_m, k):
@@ -49,11 +49,11 @@ def test_no_cell_of_a_map_of_the_dataset_differs_from_the_formula(shared_map, na
 
 @pytest.mark.parametrize(("robot_radius", "inscribed_m"), [(0.22, 0.225498), (0.175, 0.181353)])
 def test_the_inscribed_radius_is_that_of_the_padded_footprint(robot_radius, inscribed_m):
-    assert NavParameters(robot_radius=robot_radius).inscribed_radius_m == pytest.approx(inscribed_m, abs=5e-7)
+    assert inscribed_radius_m(padded_outline(robot_radius, 0.01)) == pytest.approx(inscribed_m, abs=5e-7)
 
 
 def test_without_padding_the_inscribed_circle_is_that_of_a_regular_16_gon():
-    found = NavParameters(robot_radius=0.2, footprint_padding=0.0).inscribed_radius_m
+    found = inscribed_radius_m(padded_outline(0.2, 0.0))
     assert found == pytest.approx(0.2 * math.cos(math.pi / 16))
 
 
@@ -71,7 +71,7 @@ def test_beyond_the_inflation_radius_the_cost_drops_to_nothing():
 
 
 def test_costs_of_the_turtlebot_s_own_parameters():
-    stamp = cost_stamp(0.06, NavParameters(robot_radius=0.175).inscribed_radius_m, 0.45, 4.0)
+    stamp = cost_stamp(0.06, 0.181353, 0.45, 4.0)
     assert stamp[8, 8:].tolist()[:9] == [254, 253, 253, 253, 199, 156, 123, 97, 76]
 
 

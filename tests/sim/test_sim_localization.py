@@ -1,30 +1,50 @@
 """How well AMCL keeps the robot's place in the closed loop, on maps of the dataset."""
 
+import functools
+
 import numpy as np
 import pytest
 
 from vastflow.sim.bench import benchmark_missions
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import load_map
-from vastflow.sim.nav.parameters import NavParameters
+from vastflow.sim.nav.parameters.servers import Perturbation
+from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.prepared import prepare
 from vastflow.sim.recording import si
 from vastflow.sim.robot import Robot
 from vastflow.sim.run import execute
 
+ROUTES = 3
+ROUTE_M = 15.0
 
-def errors(map_file, **parameters):
-    """Position (m) and yaw error (rad) of five routes of 20 m, and how many of them ended at the goal."""
-    occupancy, parameters = load_map(map_file), NavParameters(**parameters)
+
+@functools.cache
+def recordings(map_file, **perturbation):
+    """Routes on a map, as they were driven."""
+    occupancy = load_map(map_file)
+    parameters = NavParameters(perturbation=Perturbation(**perturbation))
     prepared = prepare(occupancy, Lidar(), parameters)
-    away_m, turned_rad, reached = [], [], 0
-    for index, mission in enumerate(benchmark_missions(occupancy)):
-        recording = execute(prepared, parameters, Lidar(), Robot(), mission, (), [0, 7, index], 180.0)
-        x, y, yaw, ex, ey, eyaw = (si(recording.columns[name]) for name in list(recording.columns)[1:7])
-        away_m.append(np.hypot(x - ex, y - ey))
-        turned_rad.append(np.abs((yaw - eyaw + np.pi) % (2 * np.pi) - np.pi))
-        reached += recording.run.outcome == "succeeded"
-    return np.concatenate(away_m), np.concatenate(turned_rad), reached
+    missions = benchmark_missions(occupancy, ROUTE_M)[:ROUTES]
+    return [
+        execute(prepared, parameters, Lidar(), Robot(), mission, (), [0, 7, index], 180.0)
+        for index, mission in enumerate(missions)
+    ]
+
+
+def poses(recording, prefix=""):
+    """(R, 3) true or estimated poses."""
+    return np.column_stack([si(recording.columns[prefix + name]) for name in ("x_mm", "y_mm", "yaw_mrad")])
+
+
+def wrapped(angle_rad):
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
+
+
+def errors(map_file, **perturbation):
+    """Position (m) and yaw error (rad) over all routes."""
+    off = np.concatenate([poses(r) - poses(r, "estimated_") for r in recordings(map_file, **perturbation)])
+    return np.hypot(off[:, 0], off[:, 1]), np.abs(wrapped(off[:, 2]))
 
 
 @pytest.mark.parametrize("name", ["rooms", "hallways"])
@@ -34,14 +54,36 @@ def test_the_localization_error_is_that_of_nav2_s_filter_and_noise_hardly_adds_t
 
     Exact odometry and a likelihood of 0.2 m leave that much, so a smaller error would be as wrong as a larger one.
     """
-    away_m, turned_rad, reached = errors(shared_map(name), gaussian_noise_std_deviation=noise_m)
+    away_m, turned_rad = errors(shared_map(name), laserscan_gaussian_noise_std_deviation=noise_m)
     assert 0.03 < away_m.mean() < 0.25
     assert np.percentile(away_m, 95) < 0.55
     assert 0.003 < turned_rad.mean() < 0.04
-    assert reached >= 3
 
 
 def test_without_nine_beams_of_ten_the_filter_loses_its_place(shared_map):
     map_file = shared_map("rooms")
-    full, few = errors(map_file)[0], errors(map_file, random_drop_percentage=0.9)[0]
+    full, few = errors(map_file)[0], errors(map_file, laserscan_random_drop_percentage=0.9)[0]
     assert few.mean() > 2.5 * full.mean()
+
+
+def test_a_pose_is_published_at_the_first_scan_and_then_after_each_gate(shared_map):
+    recording = recordings(shared_map("rooms"))[0]
+    published = poses(recording)[recording.columns["localized"] == 1]
+    np.testing.assert_allclose(published[0], poses(recording)[0], atol=0.01)
+    steps = np.diff(published, axis=0)
+    assert len(steps) > 20
+    # The gate is tested on each axis of the odometry frame, which is turned like the start.
+    yaw = poses(recording)[0, 2]
+    along = np.cos(yaw) * steps[:, 0] + np.sin(yaw) * steps[:, 1]
+    across = np.cos(yaw) * steps[:, 1] - np.sin(yaw) * steps[:, 0]
+    assert (np.maximum(np.maximum(abs(along), abs(across)) / 0.25, abs(wrapped(steps[:, 2])) / 0.2) > 0.97).all()
+
+
+def test_an_uncertain_initial_pose_is_published_as_such_and_found_again(shared_map):
+    map_file = shared_map("rooms")
+    spread = {f"initial_pose_covariance_{axis}": value for axis, value in (("xx", 0.1), ("yy", 0.1), ("yaw", 0.05))}
+    sure, unsure = recordings(map_file)[0], recordings(map_file, **spread)[0]
+    assert sure.columns["covariance_xx_mm2"][0] == 0
+    assert 2e4 < unsure.columns["covariance_xx_mm2"][0] < 2e5
+    off_m = np.hypot(*(poses(unsure) - poses(unsure, "estimated_"))[:, :2].T)
+    assert np.median(off_m[len(off_m) // 2 :]) < 0.3

@@ -1,19 +1,23 @@
 """One tick of the stack at rest: what the window and the global map make of the scan, each in its own frame."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from vastflow.sim.closed_loop import obstacle_rows
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import load_map
 from vastflow.sim.mission import mission_of
+from vastflow.sim.motion import FREE, new_body
 from vastflow.sim.nav.costmap import MARKED, SEEN_FREE, UNSEEN
-from vastflow.sim.nav.parameters import NavParameters
-from vastflow.sim.nav.state import new_stack
-from vastflow.sim.nav.tick import nav_tick
+from vastflow.sim.nav.parameters.costmap import Costmap, StaticLayer, global_costmap
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.state import COLUMNS, new_stack
+from vastflow.sim.nav.tick import advance
 from vastflow.sim.obstacle import obstacle_of
 from vastflow.sim.prepared import prepare
 from vastflow.sim.robot import Robot
-from vastflow.sim.run import obstacle_rows
 from vastflow.sim.streams import streams_of
 
 START = {"x": 2.98, "y": 2.42}
@@ -30,24 +34,25 @@ def prepared(two_rooms):
 def after_a_tick(prepared, scenario):
     """The stack after its first tick, its layers filled with `before`; the robot stands before the door, facing it."""
 
-    def tick(before=UNSEEN, obstacles=(CRATE,), **start):
+    def tick(before=UNSEEN, obstacles=(CRATE,), parameters=NavParameters(), **start):  # noqa: B008
         mission = mission_of(scenario(start_pose={**START, **start}))
         rows = obstacle_rows(tuple(obstacle_of(entry) for entry in obstacles))
-        stack = new_stack(prepared, NavParameters(), Lidar(), Robot(), mission, rows, streams_of([1]), 60.0)
-        stack.m["local_layer"] = before
+        stack = new_stack(prepared, parameters, Lidar(), Robot(), mission, rows, streams_of([1]), 60.0)
+        stack.local.layer[:] = before
         stack.grids.layer[:] = before
-        pose = mission.start
-        nav_tick(
+        body = new_body(mission.start, Robot().radius_m, rows, np.full((len(rows), 3), -1.0))
+        advance(
             stack.p,
             stack.m,
             stack.grids,
+            stack.local,
             stack.cloud,
             stack.route,
-            stack.obstacles,
+            stack.controller,
             stack.rows,
-            pose.x_m,
-            pose.y_m,
-            pose.yaw_rad,
+            body,
+            FREE,
+            1,
         )
         return stack
 
@@ -55,7 +60,7 @@ def after_a_tick(prepared, scenario):
 
 
 def test_the_window_s_marks_stay_two_cells_before_what_is_seen(after_a_tick):
-    ahead = after_a_tick(MARKED).m[0]["local_layer"][30]
+    ahead = after_a_tick(MARKED).local.layer[30]
     assert (ahead[29:47] == SEEN_FREE).all()
     assert (ahead[47:49] == MARKED).all()
 
@@ -67,23 +72,43 @@ def test_the_global_map_is_cleared_up_to_what_is_seen(after_a_tick):
 
 
 def test_the_window_lies_in_the_odometry_s_frame_with_the_robot_in_its_middle(after_a_tick):
-    m = after_a_tick(yaw=1.0).m[0]
-    assert (m["local_column"], m["local_row"]) == (-30, -30)
-    assert m["local_layer"][30, 30] == SEEN_FREE
+    local = after_a_tick(yaw=1.0).local
+    np.testing.assert_allclose(local.window.place, (-1.5, -1.5, 0.05))
+    assert local.layer[30, 30] == SEEN_FREE
 
 
 def test_what_is_ahead_lies_ahead_in_the_window_wherever_the_robot_faces(after_a_tick):
     """Odometry begins at zero; the global map keeps the directions of the map."""
     ahead = {**CRATE, "spawn_pose": {"x": 2.98, "y": 3.44, "yaw": np.pi / 2}}
     stack = after_a_tick(obstacles=(ahead,), yaw=np.pi / 2)
-    assert stack.m[0]["local_layer"][30, 48] == MARKED
+    assert stack.local.layer[30, 48] == MARKED
     assert stack.grids.layer[67, 59] == MARKED
 
 
 def test_the_window_holds_only_what_is_seen_and_no_wall_of_the_map(after_a_tick, prepared):
-    m = after_a_tick().m[0]
-    hidden = m["local_layer"][30, 52:55]  # the wall's place behind the crate
+    hidden = after_a_tick().local.layer[30, 52:55]  # the wall's place behind the crate
     assert (hidden == UNSEEN).all()
+
+
+def test_with_a_static_layer_the_window_has_the_map_s_walls_where_localization_puts_them(after_a_tick):
+    """TurtleBot 4's own file has one: its error then makes phantom walls (here there is none)."""
+    with_walls = NavParameters(local_costmap=Costmap(static_layer=StaticLayer(enabled=True)))
+    costs = after_a_tick(parameters=with_walls).local.window.costs
+    # The wall's near face is at x 4.1 m, 1.12 m ahead of the robot; beside the door (y 1.8..3.0 m) it is seen nowhere.
+    assert costs[50, 53] == 254
+    assert after_a_tick().local.window.costs[50, 53] < 254
+
+
+def test_a_window_has_the_size_and_the_cells_of_its_parameters(after_a_tick):
+    wide = NavParameters(local_costmap=Costmap(width=4, height=5, resolution=0.1))
+    local = after_a_tick(parameters=wide).local
+    assert local.window.costs.shape == (50, 40)
+    np.testing.assert_allclose(local.window.place, (-2.0, -2.5, 0.1))
+
+
+def test_a_map_that_the_global_costmap_does_not_use_leaves_it_free(two_rooms):
+    unused = NavParameters(global_costmap=replace(global_costmap(), static_layer=StaticLayer(enabled=False)))
+    assert not prepare(load_map(two_rooms.path), Lidar(), unused).costs.any()
 
 
 def test_the_global_costs_join_the_map_s_walls_and_the_obstacle(after_a_tick, prepared):
@@ -104,8 +129,7 @@ def test_where_the_robot_stands_nothing_is_marked(after_a_tick):
     """The outline of the footprint reaches 4.6 cells; a crate is put over the robot itself."""
     over = {**CRATE, "xacro_arguments": "width:=0.3, length:=0.3", "spawn_pose": {"x": 2.98, "y": 2.42}}
     stack = after_a_tick(obstacles=(over,))
-    m = stack.m[0]
-    assert not (m["local_layer"][26:35, 26:35] == MARKED).any()
+    assert not (stack.local.layer[26:35, 26:35] == MARKED).any()
     assert not (stack.grids.layer[44:53, 55:64] == MARKED).any()
 
 
@@ -113,7 +137,7 @@ def test_particles_begin_at_the_start_without_spread(after_a_tick):
     stack = after_a_tick()
     m = stack.m[0]
     assert m["localized"] == 0  # the row of the first tick has taken it
-    assert stack.rows[0, 11] == 1
+    assert stack.rows[0, COLUMNS.index("localized")] == 1
     assert m["particles"] == 2000
     np.testing.assert_allclose(stack.cloud.particles[:, :2000].T, np.tile([2.98, 2.42, 0.0], (2000, 1)))
 

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.nav.footprint import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.navfn import new_potential, new_scratch, path, potential, propagate, travel_costs
-from vastflow.sim.nav.parameters import NavParameters
 
 F = np.float32
 UNREACHED = F(1e10)
-INSCRIBED_M = NavParameters().inscribed_radius_m
+INSCRIBED_M = inscribed_radius_m(padded_outline(0.22, 0.01))
 
 
 def by_the_book(travel, root, stop):
@@ -147,7 +147,7 @@ def rooms_with_a_door(door_cells):
 )
 def test_a_door_is_passed_from_the_width_that_nav2_passes(resolution_m, radius_m, scaling, robot_radius, cells, passes):
     static = np.where(rooms_with_a_door(cells).occupied, 254, 0).astype(np.uint8)
-    inscribed_m = NavParameters(robot_radius=robot_radius).inscribed_radius_m
+    inscribed_m = inscribed_radius_m(padded_outline(robot_radius, 0.01))
     way = path(inflate(static, resolution_m, inscribed_m, radius_m, scaling), (10, 29), (70, 29))
     assert (len(way) > 0) == passes
 

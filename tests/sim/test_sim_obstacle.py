@@ -2,11 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.obstacle import Obstacle, obstacle_of, obstacles_of
+from vastflow.sim.obstacle import FRICTION, MASS_KG, Obstacle, Trigger, obstacle_of, obstacles_of
 from vastflow.sim.pose import Pose, pose_of
 
 NUMBERS = st.floats(-1e3, 1e3)
@@ -87,7 +88,7 @@ def test_obstacles_are_the_entries_with_a_spawn_pose_of_any_list_in_order_of_key
         ("box", "w:=3", "obstacle: a box has no argument 'w'; it has width, length, height, box_width"),
         ("box", "radius:=0.3", "a box has no argument 'radius'"),
         ("cylinder", "box_width:=0.3", "a cylinder has no argument 'box_width'; it has diameter, radius"),
-        ("box", "width=3", "found argument 'width=3'; a size is written like width:=0.5, greater than 0 m"),
+        ("box", "width=3", "found argument 'width=3'; a size is written like width:=0.5, greater than 0"),
         ("box", "width:=wide", "found argument 'width:=wide'"),
         ("box", "width:=0", "found argument 'width:=0'"),
         ("box", "width:=-1", "found argument 'width:=-1'"),
@@ -126,3 +127,81 @@ def test_a_cylinder_s_footprint_is_its_circle():
 def test_obstacles_of_one_shape_and_size_have_one_class():
     assert Obstacle("a", "box", Pose(0, 0), 0.5, 0.25).size_class == "box 0.5 x 0.25 m"
     assert Obstacle("a", "cylinder", Pose(0, 0), 0.5, 0.5).size_class == "cylinder 0.5 m"
+
+
+def test_mass_and_friction_are_those_of_the_arguments_or_of_a_carton():
+    assert (read().mass_kg, read().friction) == (MASS_KG, FRICTION)
+    heavy = read("cylinder", "radius:=0.2, mass:=20, friction:=0.7")
+    assert (heavy.mass_kg, heavy.friction) == (20.0, 0.7)
+
+
+@given(st.floats(0.05, 3.0), st.floats(0.05, 3.0))
+def test_the_mean_radius_is_the_mean_distance_of_the_floor_area_s_points_from_its_centre(length_m, width_m):
+    box = Obstacle("it", "box", Pose(0, 0), length_m, width_m)
+    x, y = np.meshgrid((np.arange(200) + 0.5) / 200 - 0.5, (np.arange(200) + 0.5) / 200 - 0.5)
+    assert box.mean_radius_m == pytest.approx(np.hypot(x * length_m, y * width_m).mean(), rel=1e-3)
+
+
+def test_the_mean_radius_of_a_cylinder_is_two_thirds_of_its_own():
+    assert Obstacle("it", "cylinder", Pose(0, 0), 0.6, 0.6).mean_radius_m == pytest.approx(0.2)
+
+
+ENTRY = {"entity_name": "obstacle_0", "model": "box.sdf.xacro", "spawn_pose": {"position": {"x": 1.5, "y": -2.0}}}
+POINT = {"x": 1.5, "y": -2.0, "z": 0}
+
+
+def test_an_obstacle_without_a_trigger_stands_from_the_start():
+    assert [o.trigger for o in obstacles_of({"static_objects": [ENTRY]})] == [None]
+
+
+def test_the_trigger_of_the_usual_keys_is_that_of_the_obstacle_at_its_point():
+    (static, triggered) = obstacles_of(
+        {
+            "static_objects": [{**ENTRY, "spawn_pose": {"x": 0, "y": 0}}],
+            "the_dynamic_one": [ENTRY],
+            "spawn_trigger_point": POINT,
+            "spawn_trigger_threshold": 2.0,
+        }
+    )
+    assert (static.trigger, triggered.trigger) == (None, Trigger(1.5, -2.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    "spawn_trigger",
+    [{"point": {"x": 4, "y": 5}, "threshold": 1}, {"point": "where", "threshold": "near"}],
+    ids=["values", "keys"],
+)
+def test_an_entry_s_own_trigger_is_written_as_values_or_as_keys_of_the_environment(spawn_trigger):
+    environment = {"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}], "where": {"x": 4, "y": 5, "z": 0}, "near": 1}
+    assert [o.trigger for o in obstacles_of(environment)] == [Trigger(4.0, 5.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("environment", "message"),
+    [
+        ({"spawn_trigger_point": POINT}, "spawn_trigger_threshold: found None; a distance in metres, 0 or more"),
+        ({"spawn_trigger_point": POINT, "spawn_trigger_threshold": -1}, "spawn_trigger_threshold: found -1; a dist"),
+        ({"spawn_trigger_point": [1, 2], "spawn_trigger_threshold": 1}, r"spawn_trigger_point: found \[1, 2\]; a pose"),
+        (
+            {"spawn_trigger_point": {"x": 1.5, "y": 2.0}, "spawn_trigger_threshold": 1},
+            "spawn_trigger_point: found .*; the position of an obstacle, and none stands there",
+        ),
+    ],
+)
+def test_a_trigger_that_can_not_be_read_or_is_no_obstacle_s_is_refused(environment, message):
+    with pytest.raises(ValueError, match=message):
+        obstacles_of({"crates": [ENTRY], **environment})
+
+
+@pytest.mark.parametrize(
+    ("spawn_trigger", "message"),
+    [
+        (2.0, r"crates\[0\]\.spawn_trigger: found 2\.0; \{point: …, threshold: …\}"),
+        ({"point": POINT}, r"crates\[0\]\.spawn_trigger: found .*; \{point: …, threshold: …\}"),
+        ({"point": "there", "threshold": 1}, r"crates\[0\]\.spawn_trigger\.point: found 'there'; a pose"),
+        ({"point": POINT, "threshold": True}, r"crates\[0\]\.spawn_trigger\.threshold: found True; a distance"),
+    ],
+)
+def test_an_entry_s_own_trigger_that_can_not_be_read_is_refused_by_its_place(spawn_trigger, message):
+    with pytest.raises(ValueError, match=message):
+        obstacles_of({"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}]})

@@ -29,6 +29,21 @@ def test_the_field_is_that_of_a_minimum_cost_path(free, data):
     np.testing.assert_allclose(field, expected, rtol=1e-6)
 
 
+def test_the_field_of_a_wide_open_map_is_that_of_a_minimum_cost_path_too():
+    free = np.random.default_rng(3).random((240, 300)) > 0.02
+    free[120, 150] = True
+    expected, _ = MCP_Geometric(np.where(free, 1.0, -1.0), fully_connected=True).find_costs([(120, 150)])
+    np.testing.assert_allclose(distance_field(free, 120, 150), expected, rtol=1e-6)
+
+
+@given(GRIDS, st.data(), st.floats(0.0, 12.0))
+@settings(max_examples=100, deadline=None)
+def test_a_limit_leaves_what_is_nearer_and_nothing_else(free, data, limit):
+    source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
+    whole = distance_field(free, *source)
+    np.testing.assert_array_equal(distance_field(free, *source, limit), np.where(whole <= limit, whole, np.inf))
+
+
 @given(GRIDS, st.data())
 @settings(max_examples=100, deadline=None)
 def test_the_way_down_the_field_is_connected_free_and_as_long_as_the_field_says(free, data):

@@ -1,125 +1,342 @@
-"""Missions and parameters, as a scenario gives them."""
+"""The stack's parameters as a scenario's system dimension chooses them."""
 
-from dataclasses import asdict
+import dataclasses
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from vastflow.sim.mission import Mission, MissionError, mission_of
-from vastflow.sim.nav.parameters import RANGES, NavParameters, ParameterError, parameters_of, unread
-from vastflow.sim.pose import Pose
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.digest import FileContent, canonical
+from vastflow.sim.nav.parameters.chosen import (
+    PERTURBATION_KEYS,
+    check_key,
+    default_document,
+    parameters_of,
+    unread,
+)
+from vastflow.sim.nav.parameters.document import DocumentError
+from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.parameters.parameter import ParameterError
+from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.parameters.servers import Perturbation
+from vastflow.sim.nav.parameters.stack import NavParameters
 
-HERE, THERE = {"x": 1.0, "y": 2.0}, {"x": 3.0, "y": 4.0, "yaw": 1.0}
+GLOBAL_RADIUS = "global_costmap.global_costmap.ros__parameters.robot_radius"
+
+FILE = """
+controller_server:
+  ros__parameters:
+    controller_plugins: [Fast, Slow]
+    Fast: {plugin: "dwb_core::DWBLocalPlanner", max_vel_x: 0.4, critics: [PathDist]}
+    Slow: {plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController", desired_linear_vel: 0.2}
+local_costmap:
+  local_costmap:
+    ros__parameters: {robot_radius: 0.3}
+"""
 
 
-def a_mission(kind, **task):
-    return mission_of(Scenario(f"builtin:{kind}", 60.0, {}, {"start_pose": HERE, **task}, {}))
+@pytest.fixture
+def content(tmp_path):
+    """A parameter file as a value."""
+    (tmp_path / "nav2.yaml").write_text(FILE)
+    return nav2_file(tmp_path / "nav2.yaml")
 
 
-def test_to_a_pose_there_is_one_goal():
-    assert a_mission("navigate_to_pose", goal_pose=THERE) == Mission("navigate_to_pose", Pose(1, 2), (Pose(3, 4, 1),))
+def radii(system):
+    found = parameters_of(system)
+    return found.local_costmap.robot_radius, found.global_costmap.robot_radius
 
 
-@pytest.mark.parametrize("kind", ["navigate_through_poses", "follow_waypoints"])
-def test_through_poses_and_waypoints_take_a_list_or_one_goal(kind):
-    assert a_mission(kind, goal_poses=[THERE, HERE]).goals == (Pose(3, 4, 1), Pose(1, 2))
-    assert a_mission(kind, goal_pose=THERE).goals == (Pose(3, 4, 1),)
-
-
-def test_waypoints_are_repeated_as_often_as_asked_and_through_poses_never():
-    assert a_mission("follow_waypoints", goal_poses=[THERE], number_of_loops=2).loops == 2
-    assert a_mission("navigate_through_poses", goal_poses=[THERE], number_of_loops=2).loops == 0
+def test_nothing_chosen_is_nav2_jazzys_default():
+    assert parameters_of({}) == NavParameters()
 
 
 @pytest.mark.parametrize(
-    ("kind", "task", "message"),
+    ("parameter", "value"),
     [
-        ("fly", {}, "scenario: found 'builtin:fly'; one of builtin:navigate_to_pose, "),
-        ("navigate_to_pose", {}, "goal_pose: nothing in the task; this mission needs a pose"),
-        ("navigate_to_pose", {"goal_pose": THERE, "start_pose": "here"}, "start_pose: found 'here'; a pose is"),
-        ("follow_waypoints", {}, "goal_poses: found None; a list of one pose or more"),
-        ("follow_waypoints", {"goal_poses": []}, r"goal_poses: found \[\]; a list of one pose or more"),
-        ("follow_waypoints", {"goal_poses": "@x"}, "goal_poses: found '@x'"),
-        ("navigate_through_poses", {"goal_poses": [THERE, 3]}, r"goal_poses\[1\]: found 3; a pose is"),
-        ("follow_waypoints", {"goal_poses": [THERE], "number_of_loops": -1}, "number_of_loops: found -1; a whole"),
-        ("follow_waypoints", {"goal_poses": [THERE], "number_of_loops": True}, "number_of_loops: found True"),
-        ("follow_waypoints", {"goal_poses": [THERE], "number_of_loops": 1.5}, "number_of_loops: found 1.5"),
+        ("local_costmap.robot_radius", 0.22),
+        ("local_costmap.footprint_padding", 0.01),
+        ("local_costmap.inflation_layer.inflation_radius", 0.70),
+        ("local_costmap.inflation_layer.cost_scaling_factor", 3.0),
+        ("local_costmap.obstacle_layer.obstacle_max_range", 2.5),
+        ("global_costmap.obstacle_layer.raytrace_max_range", 3.0),
+        ("goal_checker.xy_goal_tolerance", 0.25),
+        ("goal_checker.yaw_goal_tolerance", 0.25),
+        ("progress_checker.required_movement_radius", 0.5),
+        ("progress_checker.movement_time_allowance", 10.0),
+        ("controller_server.failure_tolerance", 0.3),
+        ("planner.tolerance", 0.5),
+        ("amcl.min_particles", 500),
+        ("amcl.max_particles", 2000),
+        ("amcl.pf_err", 0.05),
+        ("amcl.pf_z", 0.99),
+        ("amcl.alpha1", 0.2),
+        ("amcl.max_beams", 60),
+        ("amcl.sigma_hit", 0.2),
+        ("amcl.laser_likelihood_max_dist", 2.0),
+        ("amcl.update_min_d", 0.25),
+        ("amcl.update_min_a", 0.2),
+        ("collision_monitor.time_before_collision", 1.2),
+        ("collision_monitor.min_points", 6),
+        ("velocity_smoother.max_accel", (2.5, 0.0, 3.2)),
     ],
 )
-def test_a_task_that_is_no_mission_is_refused(kind, task, message):
-    with pytest.raises(MissionError, match=message):
-        a_mission(kind, **task)
+def test_defaults_are_those_of_nav2_jazzy(parameter, value):
+    found = NavParameters()
+    for name in parameter.split("."):
+        found = getattr(found, name)
+    assert found == value
 
 
-def test_defaults_are_those_of_nav2_jazzy():
-    given_by_nav2 = {
-        "robot_radius": 0.22,
-        "footprint_padding": 0.01,
-        "inflation_radius": 0.70,
-        "cost_scaling_factor": 3.0,
-        "obstacle_max_range": 2.5,
-        "raytrace_max_range": 3.0,
-        "xy_goal_tolerance": 0.25,
-        "yaw_goal_tolerance": 0.25,
-        "required_movement_radius": 0.5,
-        "movement_time_allowance": 10.0,
-        "failure_tolerance": 0.3,
-        "tolerance": 0.5,
-        "min_particles": 500,
-        "max_particles": 2000,
-        "pf_err": 0.05,
-        "pf_z": 0.99,
-        "alpha1": 0.2,
-        "max_beams": 60,
-        "sigma_hit": 0.2,
-        "laser_likelihood_max_dist": 2.0,
-        "update_min_d": 0.25,
-        "update_min_a": 0.2,
-        "desired_linear_vel": 0.5,
-        "lookahead_dist": 0.6,
+def test_a_leaf_key_rewrites_every_occurrence():
+    assert radii({"robot_radius": 0.3}) == (0.3, 0.3)
+
+
+def test_a_whole_dotted_key_rewrites_just_one():
+    assert radii({GLOBAL_RADIUS: 0.3}) == (0.22, 0.3)
+
+
+def test_the_last_names_of_a_path_rewrite_what_ends_so():
+    assert radii({"local_costmap.robot_radius": 0.3}) == (0.3, 0.22)
+    assert (
+        parameters_of({"inflation_layer.inflation_radius": 0.4}).global_costmap.inflation_layer.inflation_radius == 0.4
+    )
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_longest_key_counts_whatever_the_order(order):
+    keys = [("robot_radius", 0.1), (GLOBAL_RADIUS, 0.3), ("global_costmap.robot_radius", 0.2)]
+    assert radii(dict(keys[::order])) == (0.1, 0.3)
+
+
+def test_an_item_of_a_list_is_rewritten_by_its_number():
+    assert parameters_of({"max_velocity.0": 0.4}).velocity_smoother.max_velocity == (0.4, 0.0, 2.0)
+
+
+@pytest.mark.parametrize("end", ["max_velocity.x", "max_velocity.7", "max_velocity.\u00b2", ""])
+def test_what_is_no_item_of_a_list_is_unread_or_refused(end):
+    key = f"velocity_smoother.ros__parameters.{end}"
+    try:
+        assert unread({key: 0.1}) == (key,)
+    except DocumentError as error:
+        assert "max_velocity must be a list of 3 numbers" in str(error)
+
+
+def test_a_whole_list_is_rewritten():
+    assert parameters_of({"max_accel": [1, 0, 2.0]}).velocity_smoother.max_accel == (1.0, 0.0, 2.0)
+
+
+def test_text_that_is_a_number_or_a_flag_is_that():
+    found = parameters_of(
+        {"laserscan_random_drop_percentage": "0.1", "min_particles": "100", "allow_unknown": "False", "pf_err": "1e-2"}
+    )
+    assert found.perturbation.laserscan_random_drop_percentage == 0.1
+    assert (found.amcl.min_particles, found.amcl.pf_err, found.planner.allow_unknown) == (100, 0.01, False)
+
+
+def test_whole_numbers_may_be_written_with_a_point_and_lengths_without():
+    found = parameters_of({"max_beams": 30.0, "robot_radius": 1})
+    assert (found.amcl.max_beams, type(found.amcl.max_beams)) == (30, int)
+    assert isinstance(found.local_costmap.robot_radius, float)
+
+
+def test_lists_of_plug_ins_can_be_varied():
+    assert not parameters_of({"local_costmap.plugins": ["voxel_layer"]}).local_costmap.inflation_layer.enabled
+
+
+def test_sensing_goes_by_the_launch_arguments_or_the_relays_own_names():
+    found = [
+        parameters_of({f"{prefix}gaussian_noise_std_deviation": 0.1, f"{prefix}random_drop_percentage": 0.2})
+        for prefix in ("", "laserscan_")
+    ]
+    assert found[0] == found[1]
+    assert found[0].perturbation == Perturbation(0.1, 0.2)
+
+
+def test_every_perturbation_has_a_key():
+    assert {name for names in PERTURBATION_KEYS.values() for name in names} == {
+        field.name for field in dataclasses.fields(Perturbation)
     }
-    assert given_by_nav2.items() <= asdict(NavParameters()).items()
 
 
-def test_parameters_are_read_by_their_own_name_and_sensing_by_the_launch_argument_s():
-    found = parameters_of({"robot_radius": 0.3, "laserscan_gaussian_noise_std_deviation": 0.1, "max_beams": 30.0})
-    assert (found.robot_radius, found.gaussian_noise_std_deviation, found.max_beams) == (0.3, 0.1, 30)
+def test_the_initial_covariance_is_a_list_of_three():
+    found = parameters_of({"initial_pose_covariance": [0.25, "0.2", 0.0685]}).perturbation
+    covariances = (
+        found.initial_pose_covariance_xx,
+        found.initial_pose_covariance_yy,
+        found.initial_pose_covariance_yaw,
+    )
+    assert covariances == (0.25, 0.2, 0.0685)
 
 
-def test_numbers_may_be_text():
-    found = parameters_of({"laserscan_random_drop_percentage": "0.1", "min_particles": "100"})
-    assert (found.random_drop_percentage, found.min_particles) == (0.1, 100)
+@pytest.mark.parametrize(("name", "default"), [("dwb", DwbParameters()), ("rpp", RppParameters())])
+def test_a_controller_by_name_has_its_own_default_parameters(name, default):
+    assert parameters_of({"controller": name}) == dataclasses.replace(NavParameters(), controller=default)
+
+
+def test_the_default_controller_by_name_changes_nothing():
+    assert parameters_of({"controller": "mppi"}) == NavParameters()
+
+
+def test_other_keys_rewrite_the_controller_that_was_named():
+    assert parameters_of({"desired_linear_vel": 0.3, "controller": "rpp"}).controller.desired_linear_vel == 0.3
+
+
+def test_a_controller_that_the_file_has_is_the_files_own(content):
+    assert parameters_of({"nav2_params": content, "controller": "rpp"}).controller.desired_linear_vel == 0.2
+    assert parameters_of({"nav2_params": content, "controller": "dwb"}).controller.max_vel_x == 0.4
+
+
+def test_a_controller_that_the_file_does_not_have_comes_with_its_defaults(content):
+    found = parameters_of({"nav2_params": content, "controller": "mppi"})
+    assert found.controller == NavParameters().controller
+
+
+def test_a_file_is_rewritten_like_the_default(content):
+    assert radii({"nav2_params": content}) == (0.3, 0.22)
+    assert radii({"nav2_params": content, "robot_radius": 0.4}) == (0.4, 0.22)
+    assert radii({"nav2_params": content, GLOBAL_RADIUS: 0.4}) == (0.3, 0.4)
+
+
+def test_a_file_without_a_controller_server_still_gets_the_controller_asked_for(tmp_path):
+    (tmp_path / "nav2.yaml").write_text("amcl: {ros__parameters: {pf_err: 0.1}}")
+    found = parameters_of({"nav2_params": nav2_file(tmp_path / "nav2.yaml"), "controller": "rpp"})
+    assert (found.amcl.pf_err, found.controller) == (0.1, RppParameters())
+    assert found.goal_checker == NavParameters().goal_checker
+
+
+def test_a_file_is_the_same_value_wherever_it_lies_and_however_it_is_written(content, tmp_path):
+    other = tmp_path / "other.yaml"
+    local, _, rest = FILE.rpartition("local_costmap:\n  local")
+    other.write_text(f"# A comment.\nlocal_costmap:\n  local{rest}bt_navigator: {{ros__parameters: {{a: 1}}}}\n{local}")
+    assert nav2_file(other) == content
+    assert canonical(nav2_file(other)) == canonical(content)
+
+
+@pytest.mark.parametrize("edit", ["0.3}|0.31}", "Fast, Slow|Slow, Fast", "[PathDist]|[GoalDist]"])
+def test_a_file_that_says_something_else_is_another_value(content, tmp_path, edit):
+    (tmp_path / "other.yaml").write_text(FILE.replace(*edit.split("|")))
+    assert nav2_file(tmp_path / "other.yaml") != content
+
+
+def test_a_node_without_parameters_is_not_the_same_as_no_node(content, tmp_path):
+    (tmp_path / "other.yaml").write_text(f"{FILE}collision_monitor:\n  ros__parameters:\n")
+    assert nav2_file(tmp_path / "other.yaml") != content
+
+
+def test_a_file_that_changed_since_it_was_read_is_refused(tmp_path):
+    file = tmp_path / "nav2.yaml"
+    file.write_text("amcl: {ros__parameters: {pf_err: 0.07}}")
+    content = nav2_file(file)
+    file.write_text("amcl: {ros__parameters: {pf_err: 0.08}}")
+    with pytest.raises(ParameterError, match=r"nav2.yaml changed since the campaign was read; run the campaign again"):
+        parameters_of({"nav2_params": content})
 
 
 def test_keys_that_nothing_reads_are_named():
-    system = {"robot_radius": 0.3, "vx_max": 0.5, "laserscan_gaussian_noise_std_deviation": 0.1, "amcl": 1}
-    assert unread(system) == ("amcl", "vx_max")
+    system = {"robot_radius": 0.3, "laserscan_gaussian_noise_std_deviation": 0.1, "amcl": 1, "desired_linear_vel": 0.4}
+    assert unread(system) == ("amcl", "desired_linear_vel")
 
 
-@pytest.mark.parametrize(
-    ("system", "message"),
-    [
-        ({"robot_radius": -0.1}, r"robot_radius must lie in \[0.01, 10\], got -0.1"),
-        ({"random_drop_percentage": 20}, r"random_drop_percentage must lie in \[0, 1\], got 20.0"),
-        ({"robot_radius": "wide"}, "robot_radius must be a number, got 'wide'"),
-        ({"robot_radius": True}, "robot_radius must be a number, got True"),
-        ({"robot_radius": float("inf")}, "robot_radius must be a number, got inf"),
-        ({"robot_radius": [0.2]}, r"robot_radius must be a number, got \[0.2\]"),
-        ({"max_beams": 2.5}, "max_beams must be a whole number, got 2.5"),
-        ({"allow_unknown": 1}, "allow_unknown must be true or false, got 1"),
-        ({"min_particles": 3000}, "min_particles 3000 must be <= max_particles 2000"),
-    ],
-)
-def test_a_parameter_of_the_wrong_type_or_out_of_range_is_refused(system, message):
+def test_keys_whose_values_are_not_decided_are_asked_for_too():
+    found = unread(
+        {"controller": "rpp"}, ["desired_linear_vel", "max_vel_x", "max_velocity.0", "initial_pose_covariance"]
+    )
+    assert found == ("max_vel_x",)
+
+
+def test_a_key_is_unread_where_the_file_has_nothing_of_that_name(content):
+    assert unread({"nav2_params": content, "sigma_hit": 0.1, "robot_radius": 0.2}) == ("sigma_hit",)
+
+
+def test_a_parameter_that_is_there_and_not_modelled_is_unread(tmp_path):
+    (tmp_path / "nav2.yaml").write_text("controller_server: {ros__parameters: {controller_frequency: 20.0}}")
+    assert unread({"nav2_params": nav2_file(tmp_path / "nav2.yaml"), "controller_frequency": 10.0}) == (
+        "controller_frequency",
+    )
+
+
+def test_a_whole_dotted_key_is_read_if_the_file_could_have_it(content):
+    keys = [f"controller_server.ros__parameters.Fast.{name}" for name in ("sim_time", "sim_tim")]
+    assert unread({"nav2_params": content}, keys) == (keys[1],)
+
+
+WRONG = [
+    ({"robot_radius": -0.1}, r"robot_radius: found -0.1; robot_radius must lie in \[0.01, 10\]"),
+    ({GLOBAL_RADIUS: -0.1}, r"ros__parameters.robot_radius: found -0.1; robot_radius must lie"),
+    (
+        {"random_drop_percentage": 20},
+        r"random_drop_percentage: found 20; \w+random_drop_percentage must lie in \[0, 1\]",
+    ),
+    ({"robot_radius": "wide"}, "found 'wide'; robot_radius must be a number"),
+    ({"robot_radius": True}, "found true; robot_radius must be a number"),
+    ({"robot_radius": float("inf")}, "found inf; robot_radius must be a number"),
+    ({"robot_radius": 10**400}, "; robot_radius must be a number"),
+    ({"robot_radius": None}, "found nothing; robot_radius must be a number"),
+    ({"robot_radius": [0.2]}, r"found \[0.2\]; robot_radius must be a number"),
+    ({"max_beams": 2.5}, "found 2.5; max_beams must be a whole number"),
+    ({"allow_unknown": 1}, "found 1; allow_unknown must be true or false"),
+    ({"max_velocity": [0.5, 0.0]}, r"found \[0.5, 0.0\]; max_velocity must be a list of 3 numbers"),
+    ({"max_velocity.1": "fast"}, r"max_velocity\.1: found .*; max_velocity\[1\] must be a number"),
+    ({"min_particles": 3000}, "contradict each other: amcl.min_particles 3000 must be <= max_particles 2000"),
+    ({"controller": "teb"}, "controller: found 'teb'; one of mppi, dwb, rpp"),
+    ({"controller": None}, "controller: found nothing; one of mppi, dwb, rpp"),
+    ({"controller": 3}, "controller: found 3; one of mppi, dwb, rpp"),
+    ({"controller": "dwb", "critics": ["PathDist", "Foo"]}, "critics: DWB has no critic 'Foo'; known: RotateToGoal, "),
+    (
+        {"GridBased.plugin": "a::B"},
+        "GridBased.plugin: no planner 'a::B' is known; known: nav2_navfn_planner::NavfnPlanner",
+    ),
+    ({"initial_pose_covariance": 0.1}, "initial_pose_covariance: found 0.1; a list of three variances"),
+    (
+        {"initial_pose_covariance": [0.1, 0.1, -1]},
+        "initial_pose_covariance: found -1; initial_pose_covariance_yaw must lie",
+    ),
+    ({"nav2_params": "nav2.yaml"}, "nav2_params: found 'nav2.yaml'; a file, which execution.nav2_params names"),
+]
+
+
+@pytest.mark.parametrize(("system", "message"), WRONG)
+def test_a_value_that_cannot_be_used_is_refused_by_its_key(system, message):
     with pytest.raises(ParameterError, match=message):
         parameters_of(system)
 
 
-@given(st.sampled_from(RANGES), st.booleans())
-def test_both_ends_of_a_range_are_in_it(limits, high):
-    name, low, top = limits
-    others = {"max_particles": 100_000} if name == "min_particles" else {"min_particles": 1}
-    value = top if high else low
-    assert getattr(NavParameters(**{**others, name: value}), name) == value
+@pytest.mark.parametrize(
+    ("system", "message"), [wrong for wrong in WRONG if not {"nav2_params", "min_particles"} & wrong[0].keys()]
+)
+def test_one_more_key_is_refused_as_in_the_whole(system, message):
+    *others, (key, value) = system.items()
+    with pytest.raises(DocumentError, match=message):
+        check_key(dict(others), key, value)
+
+
+def test_all_faults_are_there_at_once_and_each_once():
+    with pytest.raises(DocumentError) as caught:
+        parameters_of({"robot_radius": -1, "pf_err": "x", "laserscan_gaussian_noise_std_deviation": -1})
+    named = sorted(fault.where for fault in caught.value.faults)
+    assert named == ["laserscan_gaussian_noise_std_deviation", "pf_err", "robot_radius"]
+
+
+def test_another_key_is_checked_though_the_system_has_a_fault():
+    with pytest.raises(DocumentError) as caught:
+        check_key({"pf_err": -1}, "robot_radius", -1)
+    assert {fault.where for fault in caught.value.faults} == {"pf_err", "robot_radius"}
+
+
+def test_one_more_key_says_whether_it_stands_for_anything():
+    assert check_key({}, "robot_radius", 0.3)
+    assert not check_key({}, "robot_colour", "red")
+
+
+def test_the_default_document_has_the_names_of_nav2_jazzys_file():
+    values = default_document().values
+    assert values["controller_server", "ros__parameters", "controller_plugins"] == ["FollowPath"]
+    assert values["local_costmap", "local_costmap", "ros__parameters", "plugins"] == ["voxel_layer", "inflation_layer"]
+    assert values["global_costmap", "global_costmap", "ros__parameters", "static_layer", "plugin"] == (
+        "nav2_costmap_2d::StaticLayer"
+    )
+
+
+def test_a_value_of_another_files_content_is_not_mistaken_for_it(content):
+    with pytest.raises(ParameterError, match="changed since"):
+        parameters_of({"nav2_params": FileContent(content.path, "0" * 64)})

@@ -6,20 +6,31 @@ import numpy as np
 import pytest
 from shapely.geometry import Point
 
+from vastflow.sim.closed_loop import ClosedLoop, obstacle_rows
 from vastflow.sim.digest import FileContent
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.mission import mission_of
-from vastflow.sim.nav.parameters import NavParameters, ParameterError
-from vastflow.sim.nav.state import COLUMNS, SUBSTEPS, TICK_S, new_stack
-from vastflow.sim.nav.tick import nav_tick, start
+from vastflow.sim.nav.parameters.parameter import ParameterError
+from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.state import COLUMNS, TICK_S
 from vastflow.sim.obstacle import obstacle_of
 from vastflow.sim.prepared import prepare
 from vastflow.sim.recording import si
 from vastflow.sim.robot import Robot
-from vastflow.sim.run import ScenarioError, obstacle_rows, run
-from vastflow.sim.streams import streams_of
-from vastflow.sim.world import World
+from vastflow.sim.run import ScenarioError, execute, run
+
+
+@pytest.fixture(scope="module")
+def scenario(scenario):
+    """The two rooms' missions with the controller that is quickest to compute."""
+
+    def make(*args, **values):
+        return scenario(*args, **{"controller": "rpp", **values})
+
+    return make
+
 
 GOALS = [{"x": 3.0, "y": 4.0}, {"x": 6.0, "y": 1.5}, {"x": 7.0, "y": 4.0}]
 
@@ -123,7 +134,8 @@ def test_a_goal_behind_a_wall_is_given_up_after_the_round_of_recoveries(scenario
     assert (recording.run.outcome, recording.run.error_code) == ("aborted", 208)
     assert recording.run.reason.startswith("no path to the goal (NO_VALID_PATH), after ")
     recoveries = kinds(recording, "recovery")
-    assert len(recoveries) == recording.run.recoveries
+    # Nav2 counts actions, and a clearing of both costmaps is two.
+    assert recording.run.recoveries == len(recoveries) + recoveries.count("clear both costmaps")
     in_turn = [name for name in recoveries if name != "clear global costmap"]
     assert in_turn == ["clear both costmaps", "spin", "wait", "back up", "clear both costmaps", "spin"]
     assert recoveries.count("clear global costmap") == 7
@@ -142,7 +154,7 @@ def test_a_waypoint_behind_a_wall_is_missed_and_the_next_one_reached(scenario, w
 def test_one_goal_of_many_behind_a_wall_aborts_a_mission_through_poses(scenario, walled_off):
     goals = [{"x": 3.0, "y": 4.0}, {"x": 7.0, "y": 4.0}]
     recording = run(scenario("navigate_through_poses", map_file=walled_off, goal_poses=goals), 0)
-    assert (recording.run.outcome, recording.run.error_code) == ("aborted", 208)
+    assert (recording.run.outcome, recording.run.error_code) == ("aborted", 308)
 
 
 def test_a_goal_in_a_wall_is_replaced_by_the_nearest_one_within_the_tolerance(scenario):
@@ -202,28 +214,118 @@ def test_the_first_of_two_equal_timesteps_of_localization_is_marked(scenario):
     assert 5 < localized.sum() < len(localized) / 2
 
 
-def test_a_body_wider_than_the_stack_believes_pushes_a_wall_while_its_wheels_and_odometry_turn_on(two_rooms, scenario):
-    """The way is planned for 0.22 m; the body is 0.65 m and sticks in the door of 1.2 m."""
-    mission = mission_of(scenario())
-    prepared = prepare(load_map(two_rooms.path), Lidar(), NavParameters())
-    robot = Robot(radius_m=0.65)
-    world = World(robot, mission.start, prepared.walls, ())
-    stack = new_stack(prepared, NavParameters(), Lidar(), robot, mission, obstacle_rows(()), streams_of([1]), 60.0)
-    start(stack.m)
-    m = stack.m[0]
+@pytest.fixture
+def wide(two_rooms, scenario):
+    """A robot whose way is planned for 0.22 m and whose body is 0.65 m: it sticks in the door of 1.2 m."""
+
+    def make(obstacles=(), timeout_s=60.0):
+        parameters = NavParameters(controller=RppParameters())
+        prepared = prepare(load_map(two_rooms.path), Lidar(), parameters)
+        mission = mission_of(scenario())
+        return prepared, parameters, Lidar(), Robot(radius_m=0.65), mission, obstacles, (0, 1, 2), timeout_s
+
+    return make
+
+
+def test_a_body_that_pushes_a_wall_stays_while_its_wheels_and_odometry_turn_on(wide):
+    loop = ClosedLoop(*wide())
+    m = loop.stack.m[0]
     rolled_m, truly_m = 0.0, 0.0
-    for _ in range(round(12 / TICK_S)):
-        here, odometry = tuple(world.robot.position), (m["odom_x"], m["odom_y"])
-        nav_tick(
-            stack.p, stack.m, stack.grids, stack.cloud, stack.route, stack.obstacles, stack.rows, *here,
-            world.robot.angle,
-        )  # fmt: skip
-        world.drive(m["velocities"].tolist(), TICK_S / SUBSTEPS)
-        if world.contacts:
-            truly_m += math.dist(here, world.robot.position)
+    for tick in range(1, round(12 / TICK_S)):
+        here, odometry = tuple(loop.body.pose), (m["odom_x"], m["odom_y"])
+        loop.advance(tick)
+        if loop.events:
+            truly_m += math.dist(here[:2], loop.body.pose[:2])
             rolled_m += math.dist(odometry, (m["odom_x"], m["odom_y"]))
-    assert {contact.what for contact in world.contacts} == {"wall"}
+    assert {event.what for event in loop.events} == {"wall"}
     assert rolled_m > truly_m + 0.2
+
+
+def test_contacts_are_told_with_the_reason_of_the_outcome(wide):
+    run = execute(*wide(timeout_s=12.0)).run
+    contacts = [event for event in run.events if event.kind == "contact"]
+    first = contacts[0]
+    told = "a contact" if len(contacts) == 1 else f"{len(contacts)} contacts, the first"
+    assert run.reason == f"the mission did not end within its time; {told} with wall at {first.t_s:.1f} s"
+
+
+def test_a_run_tick_by_tick_is_the_run_in_one_go(wide):
+    whole, by_ticks = ClosedLoop(*wide()), ClosedLoop(*wide())
+    whole.advance()
+    for tick in range(whole.last_tick + 1):
+        by_ticks.advance(tick)
+    assert whole.stack.m.tobytes() == by_ticks.stack.m.tobytes()
+    assert whole.stack.rows.tobytes() == by_ticks.stack.rows.tobytes()
+    assert list(whole.events) == list(by_ticks.events)
+
+
+def appearing(distance_m, x=3.0, y=2.4):
+    """A carton that appears when the robot, which starts at (1, 1), comes that near; by default on its way to the door."""
+    return {
+        "entity_name": "carton",
+        "model": "box",
+        "xacro_arguments": "width:=0.4",
+        "spawn_pose": {"x": x, "y": y},
+        "spawn_trigger": {"point": {"x": x, "y": y}, "threshold": distance_m},
+    }
+
+
+def happened(recording, kind):
+    return [event for event in recording.run.events if event.kind == kind]
+
+
+def at(recording, t_s):
+    row = np.searchsorted(recording.columns["t_ms"], round(t_s * 1000))
+    return si(recording.columns["x_mm"])[row], si(recording.columns["y_mm"])[row]
+
+
+def test_an_obstacle_appears_when_the_robot_comes_within_its_distance(scenario):
+    recording = run(scenario(obstacles=[appearing(1.0)]), 0)
+    (spawned,) = happened(recording, "spawned")
+    assert (spawned.what, spawned.x_m, spawned.y_m) == ("carton", 3.0, 2.4)
+    assert math.dist(at(recording, spawned.t_s), (3.0, 2.4)) == pytest.approx(1.0, abs=0.03)
+    assert recording.run.outcome == "succeeded"
+
+
+def test_what_appeared_is_driven_round(scenario):
+    recording = run(scenario(obstacles=[appearing(1.5)]), 0)
+    (spawned,) = happened(recording, "spawned")
+    assert recording.run.outcome == "succeeded"
+    assert happened(recording, "contact") == []
+    carton = obstacle_of(appearing(1.5)).footprint()
+    later = si(recording.columns["t_ms"]) >= spawned.t_s
+    way = zip(si(recording.columns["x_mm"])[later], si(recording.columns["y_mm"])[later], strict=True)
+    assert min(carton.distance(Point(*point)) for point in way) > Robot().radius_m
+
+
+def test_an_obstacle_that_nobody_comes_near_does_not_appear(scenario):
+    without = run(scenario(), 0)
+    recording = run(scenario(obstacles=[appearing(0.5, x=1.0, y=4.5)]), 0)
+    assert happened(recording, "spawned") == []
+    assert recording.run.outcome == without.run.outcome == "succeeded"
+
+
+def test_an_obstacle_whose_distance_the_robot_starts_within_is_there_from_the_first_scan(scenario):
+    recording = run(scenario(obstacles=[appearing(5.0)]), 0)
+    (spawned,) = happened(recording, "spawned")
+    assert spawned.t_s == 0.0
+
+
+def test_a_box_that_appears_right_before_the_robot_is_struck_pushed_and_told(scenario):
+    """At 0.5 m/s and 0.38 m from its centre there is no stopping, nor time for a scan."""
+    recording = run(scenario(obstacles=[appearing(0.38)]), 0)
+    (spawned,) = happened(recording, "spawned")
+    contact = happened(recording, "contact")[0]
+    moved = happened(recording, "obstacle_moved")
+    assert (contact.what, contact.t_s >= spawned.t_s, contact.value > 0.1) == ("carton", True, True)
+    assert moved and math.dist((moved[-1].x_m, moved[-1].y_m), (3.0, 2.4)) > 0.001
+    assert " with carton at " in recording.run.reason
+
+
+def test_a_box_that_appears_on_the_robot_is_a_contact_and_the_run_ends_all_the_same(scenario):
+    recording = run(scenario(obstacles=[appearing(3.0, x=1.1, y=1.0)], timeout_s=60.0), 0)
+    assert happened(recording, "contact")[0].what == "carton"
+    assert recording.run.outcome == "succeeded" or recording.run.reason
 
 
 @pytest.mark.parametrize(

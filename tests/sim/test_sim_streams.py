@@ -22,6 +22,8 @@ def test_the_streams_of_a_run_are_pinned():
         "0x6eb0dec9e8a52720",
         "0xe78f09fd730e95a0",
         "0xe30f00bcc8520b3e",
+        "0xd3e2e01f84ff0fd4",
+        "0x49c9ce63094355bf",
     ]
 
 
@@ -99,5 +101,5 @@ def test_another_numba_has_another_folder_of_compiled_kernels(monkeypatch):
 def test_kernels_are_compiled_for_a_generic_processor_into_that_folder():
     from numba.core import config
 
-    assert (config.CPU_NAME, config.CPU_FEATURES) == ("generic", "")
+    assert ("generic", numeric.processor_features()) == (config.CPU_NAME, config.CPU_FEATURES)
     assert str(numeric.kernel_cache_dir()) == config.CACHE_DIR

@@ -1,4 +1,4 @@
-"""Physics: free motion, walls, obstacles and contacts."""
+"""Physics: walls, obstacles, contacts, and obstacles that appear and can be pushed."""
 
 import math
 
@@ -9,16 +9,19 @@ from hypothesis import strategies as st
 from shapely.geometry import Point
 
 from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.motion import FREE, MOVING, TOUCHING
+from vastflow.sim.obstacle import Obstacle, Trigger
 from vastflow.sim.pose import Pose
 from vastflow.sim.robot import Robot, arc
 from vastflow.sim.walls import WallIndex
-from vastflow.sim.world import World
+from vastflow.sim.world import GRAVITY_MPS2, TRACTION, World
 
 DT_S = 0.01
+TICK_S = 0.05
 ROBOT = Robot()
 STEP_M = 0.006
 """How far a body may stand in a wall: what it drives in one step at 0.5 m/s, and the engine's slop."""
+HERE = Trigger(0.0, 0.0, 1.0)
 
 
 def hall(length_m=6.0, width_m=4.0):
@@ -28,37 +31,50 @@ def hall(length_m=6.0, width_m=4.0):
     return WallIndex(OccupancyMap(cells, 0.05, (-0.1, -0.1)))
 
 
-def drive(world, v_mps, w_radps, seconds):
-    for _ in range(round(seconds / (5 * DT_S))):
-        world.drive([(v_mps, w_radps)] * 5, DT_S)
+class Driven:
+    """A robot in a world, driven by the engine alone."""
 
+    def __init__(self, start, obstacles=(), walls=None):
+        self.world = World(ROBOT, walls or hall(), obstacles)
+        self.pose = np.array([start.x_m, start.y_m, start.yaw_rad])
+        self.t_s = 0.0
 
-def pose(world):
-    return (*world.robot.position, world.robot.angle)
+    def drive(self, v_mps, w_radps, seconds):
+        for _ in range(round(seconds / TICK_S)):
+            self.world.drive(self.pose, [(v_mps, w_radps)] * 5, DT_S, self.t_s)
+            self.t_s += TICK_S
+
+    def appear(self, index=0):
+        self.world.appear(index, self.t_s)
+
+    @property
+    def contacts(self):
+        return [event for event in self.world.events if event.kind == "contact"]
 
 
 @given(st.floats(-4, 4), st.floats(-0.5, 0.5), st.floats(-2, 2))
 @settings(max_examples=50, deadline=None)
 def test_free_motion_is_the_exact_arc(yaw, v, w):
-    world = World(ROBOT, Pose(3.0, 2.0, yaw), hall(), ())
-    drive(world, v, w, 1.0)
-    assert pose(world) == pytest.approx(arc(3.0, 2.0, yaw, v, w, 1.0), abs=1e-9)
-    assert world.contacts == []
+    driven = Driven(Pose(3.0, 2.0, yaw))
+    driven.drive(v, w, 1.0)
+    assert driven.pose == pytest.approx(arc(3.0, 2.0, yaw, v, w, 1.0), abs=1e-9)
+    assert driven.world.events == []
+    assert driven.world.hold == FREE
 
 
 def test_a_robot_that_drives_against_a_wall_stops_with_its_body_at_the_wall():
-    world = World(ROBOT, Pose(4.0, 2.0), hall(), ())
-    drive(world, 0.5, 0.0, 8.0)
-    x, y, yaw = pose(world)
-    assert x == pytest.approx(6.0 - ROBOT.radius_m, abs=STEP_M)
-    assert (y, yaw) == pytest.approx((2.0, 0.0))
+    driven = Driven(Pose(4.0, 2.0))
+    driven.drive(0.5, 0.0, 8.0)
+    assert driven.pose[0] == pytest.approx(6.0 - ROBOT.radius_m, abs=STEP_M)
+    assert driven.pose[1:] == pytest.approx((2.0, 0.0))
+    assert driven.world.hold != FREE
 
 
 def test_a_contact_says_when_where_with_what_and_how_fast():
-    world = World(ROBOT, Pose(4.0, 2.0), hall(), ())
-    drive(world, 0.5, 0.0, 8.0)
-    (contact,) = world.contacts
-    assert (contact.kind, contact.what) == ("contact", "wall")
+    driven = Driven(Pose(4.0, 2.0))
+    driven.drive(0.5, 0.0, 8.0)
+    (contact,) = driven.contacts
+    assert contact.what == "wall"
     assert contact.value == pytest.approx(0.5)
     assert contact.t_s == pytest.approx((2.0 - ROBOT.radius_m) / 0.5, abs=0.03)
     assert (contact.x_m, contact.y_m) == pytest.approx((6.0 - ROBOT.radius_m, 2.0), abs=0.01)
@@ -66,63 +82,216 @@ def test_a_contact_says_when_where_with_what_and_how_fast():
 
 def test_a_glancing_contact_closes_with_the_part_of_the_speed_towards_the_wall():
     yaw = math.radians(30)
-    world = World(ROBOT, Pose(1.0, 3.0, yaw), hall(), ())
-    drive(world, 0.5, 0.0, 4.0)
-    assert world.contacts[0].value == pytest.approx(0.5 * math.sin(yaw))
+    driven = Driven(Pose(1.0, 3.0, yaw))
+    driven.drive(0.5, 0.0, 4.0)
+    assert driven.contacts[0].value == pytest.approx(0.5 * math.sin(yaw))
 
 
 def test_a_robot_slides_along_a_wall_that_blocks_one_part_of_its_motion():
     yaw = math.radians(30)
-    world = World(ROBOT, Pose(1.0, 3.5, yaw), hall(), ())
-    drive(world, 0.5, 0.0, 4.0)
-    x, y, _ = pose(world)
-    assert y == pytest.approx(4.0 - ROBOT.radius_m, abs=STEP_M)
-    assert x == pytest.approx(1.0 + 4.0 * 0.5 * math.cos(yaw), abs=0.02)
+    driven = Driven(Pose(1.0, 3.5, yaw))
+    driven.drive(0.5, 0.0, 4.0)
+    assert driven.pose[1] == pytest.approx(4.0 - ROBOT.radius_m, abs=STEP_M)
+    assert driven.pose[0] == pytest.approx(1.0 + 4.0 * 0.5 * math.cos(yaw), abs=0.02)
 
 
 def test_a_robot_that_leaves_a_wall_and_comes_back_touches_it_twice():
-    world = World(ROBOT, Pose(5.5, 2.0), hall(), ())
+    driven = Driven(Pose(5.5, 2.0))
     for v in (0.5, -0.5, 0.5):
-        drive(world, v, 0.0, 1.0)
-    assert [contact.what for contact in world.contacts] == ["wall", "wall"]
+        driven.drive(v, 0.0, 1.0)
+    assert [contact.what for contact in driven.contacts] == ["wall", "wall"]
+
+
+def test_the_engine_holds_a_robot_while_it_touches_and_no_longer():
+    driven = Driven(Pose(5.5, 2.0))
+    found = []
+    for v in (0.5, -0.5, 0.5):
+        driven.drive(v, 0.0, 1.0)
+        found.append(driven.world.hold != FREE)
+    assert found == [True, False, True]
 
 
 @pytest.mark.parametrize(
     ("shape", "length_m", "width_m", "face_m"), [("box", 0.4, 1.0, 0.2), ("cylinder", 0.6, 0.6, 0.3)]
 )
 def test_an_obstacle_stops_the_robot_and_is_named_in_the_contact(shape, length_m, width_m, face_m):
-    obstacle = Obstacle("crate", shape, Pose(3.0, 2.0), length_m, width_m)
-    world = World(ROBOT, Pose(1.0, 2.0), hall(), (obstacle,))
-    drive(world, 0.5, 0.0, 5.0)
-    assert pose(world)[0] == pytest.approx(3.0 - face_m - ROBOT.radius_m, abs=STEP_M)
-    assert {contact.what for contact in world.contacts} == {"crate"}
+    driven = Driven(Pose(1.0, 2.0), [Obstacle("crate", shape, Pose(3.0, 2.0), length_m, width_m)])
+    driven.drive(0.5, 0.0, 5.0)
+    assert driven.pose[0] == pytest.approx(3.0 - face_m - ROBOT.radius_m, abs=STEP_M)
+    assert {contact.what for contact in driven.contacts} == {"crate"}
 
 
 def test_a_robot_slides_off_the_corner_of_an_obstacle_and_never_enters_it():
     obstacle = Obstacle("crate", "box", Pose(3.0, 2.0, 0.7), 0.4, 0.4)
-    world = World(ROBOT, Pose(1.0, 2.0), hall(), (obstacle,))
+    driven = Driven(Pose(1.0, 2.0), [obstacle])
     for _ in range(40):
-        drive(world, 0.5, 0.0, 0.2)
-        assert obstacle.footprint().distance(Point(*world.robot.position)) >= ROBOT.radius_m - STEP_M
-    assert pose(world)[0] > 3.5
+        driven.drive(0.5, 0.0, 0.2)
+        assert obstacle.footprint().distance(Point(*driven.pose[:2])) >= ROBOT.radius_m - STEP_M
+    assert driven.pose[0] > 3.5
 
 
 def test_walls_join_as_the_robot_comes_near_them_and_stop_it_all_the_same():
-    world = World(ROBOT, Pose(1.0, 2.0), hall(length_m=24.0), ())
+    driven = Driven(Pose(1.0, 2.0), walls=hall(length_m=24.0))
+    driven.drive(0.5, 0.0, 0.1)
+    world = driven.world
     near_the_start = set(world._present)
     assert len(near_the_start) < len(world._walls.rectangles)
-    drive(world, 0.5, 0.0, 50.0)
+    driven.drive(0.5, 0.0, 50.0)
     assert near_the_start < world._present
-    assert pose(world)[0] == pytest.approx(24.0 - ROBOT.radius_m, abs=STEP_M)
+    assert driven.pose[0] == pytest.approx(24.0 - ROBOT.radius_m, abs=STEP_M)
 
 
 @given(st.floats(0.5, 5.5), st.floats(0.5, 3.5), st.floats(-4, 4), st.floats(-1, 1))
 @settings(max_examples=30, deadline=None)
 def test_the_body_never_enters_a_wall(x, y, yaw, w):
-    world = World(ROBOT, Pose(x, y, yaw), hall(), ())
+    driven = Driven(Pose(x, y, yaw))
     for _ in range(10):
-        drive(world, 0.5, w, 1.0)
-        x, y, _ = pose(world)
+        driven.drive(0.5, w, 1.0)
         reach = ROBOT.radius_m - STEP_M
-        assert reach <= x <= 6.0 - reach
-        assert reach <= y <= 4.0 - reach
+        assert reach <= driven.pose[0] <= 6.0 - reach
+        assert reach <= driven.pose[1] <= 4.0 - reach
+
+
+def test_a_robot_that_has_come_to_a_stand_at_a_wall_is_held_as_touching_and_stays():
+    driven = Driven(Pose(5.5, 2.0))
+    driven.drive(0.5, 0.0, 1.0)
+    driven.drive(0.0, 0.0, 0.1)
+    assert driven.world.hold == TOUCHING
+    stands = tuple(driven.pose)
+    driven.drive(0.0, 0.0, 5.0)
+    assert tuple(driven.pose) == stands
+    assert len(driven.contacts) == 1
+
+
+def test_a_box_in_motion_is_held_as_moving_even_when_the_robot_has_left_it():
+    driven = Driven(Pose(2.55, 2.0), [carton(mass_kg=0.5, friction=0.05)])
+    driven.appear()
+    driven.drive(0.5, 0.0, 0.2)
+    driven.drive(-0.5, 0.0, 0.1)
+    assert driven.world.hold == MOVING
+
+
+def carton(x_m=3.0, y_m=2.0, yaw_rad=0.0, mass_kg=5.0, friction=0.4, shape="box"):
+    return Obstacle("carton", shape, Pose(x_m, y_m, yaw_rad), 0.5, 0.5, HERE, mass_kg, friction)
+
+
+def test_what_has_a_trigger_is_not_there_until_it_appears():
+    driven = Driven(Pose(1.0, 2.0), [carton()])
+    driven.drive(0.5, 0.0, 5.0)
+    assert driven.pose[0] == pytest.approx(3.5)
+    assert driven.world.events == []
+
+
+def test_what_appears_says_when_where_and_how_it_is_turned():
+    driven = Driven(Pose(1.0, 2.0), [carton(yaw_rad=0.3)])
+    driven.drive(0.0, 0.0, 1.0)
+    driven.appear()
+    (event,) = driven.world.events
+    assert (event.kind, event.what, event.t_s) == ("spawned", "carton", 1.0)
+    assert (event.x_m, event.y_m, event.value) == (3.0, 2.0, 0.3)
+
+
+def test_a_box_that_nothing_touches_stays_where_it_appeared():
+    driven = Driven(Pose(1.0, 2.0), [carton(yaw_rad=0.3)])
+    driven.appear()
+    driven.drive(0.0, 0.5, 2.0)
+    assert driven.world.pose_of(0) == (3.0, 2.0, 0.3)
+    assert driven.world.hold == FREE
+
+
+@pytest.mark.parametrize("shape", ["box", "cylinder"])
+def test_the_robot_pushes_a_light_box_before_it(shape):
+    driven = Driven(Pose(1.0, 2.0), [carton(shape=shape)])
+    driven.appear()
+    driven.drive(0.5, 0.0, 6.0)
+    x, y, _ = driven.world.pose_of(0)
+    assert x > 3.5
+    assert y == pytest.approx(2.0, abs=0.01)
+    assert driven.pose[0] == pytest.approx(x - 0.25 - ROBOT.radius_m, abs=STEP_M)
+    assert driven.world.hold != FREE
+
+
+def test_a_box_whose_friction_is_more_than_the_tyres_is_struck_and_then_stands():
+    heavy = carton(mass_kg=30.0, friction=0.5)
+    assert heavy.mass_kg * heavy.friction > ROBOT.mass_kg * TRACTION
+    driven = Driven(Pose(1.0, 2.0), [heavy])
+    driven.appear()
+    driven.drive(0.5, 0.0, 4.0)
+    struck_at = driven.world.pose_of(0)
+    assert struck_at[0] == pytest.approx(3.0, abs=0.002)
+    driven.drive(0.5, 0.0, 20.0)
+    assert driven.world.pose_of(0) == pytest.approx(struck_at, abs=1e-6)
+    assert driven.pose[0] == pytest.approx(struck_at[0] - 0.25 - ROBOT.radius_m, abs=STEP_M)
+
+
+def test_a_struck_box_slides_as_far_as_friction_lets_it():
+    """Inelastic: both go on at one speed, and the box slides v² / 2μg where the robot stops at once."""
+    driven = Driven(Pose(2.5, 2.0), [carton(mass_kg=1.0, friction=0.2)])
+    driven.appear()
+    while not driven.contacts:
+        driven.drive(0.5, 0.0, TICK_S)
+    body = driven.world._appeared[0]
+    at, speed = body.position.x, body.velocity.x
+    assert 0.3 < speed < 0.5
+    driven.drive(0.0, 0.0, 2.0)
+    assert driven.world.pose_of(0)[0] - at == pytest.approx(speed**2 / (2 * 0.2 * GRAVITY_MPS2), abs=0.004)
+    assert driven.world.hold == FREE
+
+
+def test_a_box_struck_off_its_centre_turns():
+    driven = Driven(Pose(1.0, 2.15), [carton()])
+    driven.appear()
+    driven.drive(0.5, 0.0, 5.0)
+    assert driven.world.pose_of(0)[2] < -0.05
+
+
+def test_a_box_pushed_against_a_wall_stops_the_robot():
+    driven = Driven(Pose(4.5, 2.0), [carton(x_m=5.4)])
+    driven.appear()
+    driven.drive(0.5, 0.0, 10.0)
+    assert driven.world.pose_of(0)[0] == pytest.approx(6.0 - 0.25, abs=2 * STEP_M)
+    assert driven.pose[0] == pytest.approx(6.0 - 0.5 - ROBOT.radius_m, abs=3 * STEP_M)
+
+
+def test_the_moves_of_a_box_are_events_and_its_rest_is_none():
+    driven = Driven(Pose(2.3, 2.0), [carton()])
+    driven.appear()
+    for _ in range(20):
+        driven.drive(0.5, 0.0, 0.1)
+        driven.world.note_moves(driven.t_s)
+    moves = [event for event in driven.world.events if event.kind == "obstacle_moved"]
+    assert (moves[-1].x_m, moves[-1].y_m, moves[-1].value) == pytest.approx(driven.world.pose_of(0), abs=1e-4)
+    assert np.all(np.diff([event.x_m for event in moves]) > 0.0)
+    driven.drive(-0.5, 0.0, 0.5)
+    driven.world.note_moves(driven.t_s)
+    events = len(driven.world.events)
+    driven.world.note_moves(driven.t_s + 0.1)
+    assert len(driven.world.events) == events
+
+
+def test_a_box_that_appears_on_the_robot_puts_it_out_of_its_place_and_is_a_contact():
+    driven = Driven(Pose(3.1, 2.0), [carton()])
+    driven.appear()
+    driven.drive(0.0, 0.0, 1.0)
+    assert [event.kind for event in driven.world.events] == ["spawned", "contact"]
+    assert driven.contacts[0].value == 0.0
+    assert driven.world.pose_of(0) == (3.0, 2.0, 0.0)
+    assert carton().footprint().distance(Point(*driven.pose[:2])) == pytest.approx(ROBOT.radius_m, abs=STEP_M)
+
+
+def test_a_box_that_appears_in_a_wall_stands_in_it():
+    driven = Driven(Pose(3.0, 2.0), [carton(x_m=6.0)])
+    driven.appear()
+    driven.drive(0.0, 0.0, 1.0)
+    assert driven.world.pose_of(0) == (6.0, 2.0, 0.0)
+    assert driven.world.hold == FREE
+
+
+def test_a_pushed_box_pushes_the_next_one():
+    driven = Driven(Pose(1.0, 2.0), [carton(mass_kg=1.0), carton(x_m=3.6, mass_kg=1.0)])
+    driven.appear(0)
+    driven.appear(1)
+    driven.drive(0.5, 0.0, 5.0)
+    first, second = driven.world.pose_of(0), driven.world.pose_of(1)
+    assert second[0] > 3.7
+    assert second[0] - first[0] == pytest.approx(0.5, abs=STEP_M)

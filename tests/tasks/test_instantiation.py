@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from vastflow.producers.campaign import load_campaign
@@ -75,6 +77,21 @@ def test_it_gives_what_instantiation_in_one_process_gives(campaign, instantiator
     assert instantiator.instantiated(Here(instantiator.store, "none")).instantiation == instantiate(campaign)
 
 
+DESIGNED = CAMPAIGN.replace(
+    "  - name: hall\n",
+    "  - name: hall\n    design: {t_way: {strength: 2}}\n    constraints: {odd: a + b != 11, long: path_length > 0.5}\n",
+)
+
+
+def test_designs_and_constraints_are_those_of_instantiation_in_one_process(campaign, instantiator):
+    campaign.path.write_text(DESIGNED)
+    designed = replace(instantiator, campaign=load_campaign(campaign.path))
+    found = designed.instantiated(Here(instantiator.store, "none")).instantiation
+    assert found == instantiate(designed.campaign)
+    assert [c.name for c in found.configurations] == ["hall-2-1", "hall-3-1", "yard-1-1", "yard-2-1"]
+    assert [e.constraint for e in found.excluded] == ["odd"]
+
+
 def test_an_input_that_two_families_share_is_evaluated_once(instantiator):
     here = Here(instantiator.store, "none")
     instantiator.instantiated(here)
@@ -90,7 +107,7 @@ def test_nothing_is_missing_once_all_is_stored(instantiator):
 def test_a_damaged_evaluation_is_missing(instantiator):
     instantiator.instantiated(Here(instantiator.store, "none"))
     fragments = next((instantiator.store.root / "evaluate").rglob("fragments.json"))
-    fragments.write_bytes(fragments.read_bytes().replace(b"1", b"3"))
+    fragments.write_bytes(fragments.read_bytes()[::-1])
     assert instantiator.stored() is None
 
 

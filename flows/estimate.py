@@ -1,0 +1,71 @@
+"""The estimate: how long a campaign may take, before anything of it was run."""
+
+import itertools
+import math
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.path import PATH_LENGTH_KEY
+from vastflow.sim.mission import MissionError, mission_of
+
+MEAN_SPEED_MPS: Final = 0.3
+"""Along the path, with stops and recoveries: 120 runs of some 6 m in `campaigns/quickstart` are about 40 minutes."""
+TIMES_REAL_TIME: Final = 200.0
+"""Of one core. `vastflow bench sim` measures it; less than it printed on a shared core of 2026, for runs are judged too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Simulated time of all runs, and what it takes on so many cores.
+
+    Attributes:
+        timeout_s: Simulated time that no run exceeds.
+    """
+
+    simulated_s: float
+    timeout_s: float
+    cores: int
+
+    @property
+    def wall_s(self) -> float:
+        """Time it may take on this machine."""
+        return self.simulated_s / (TIMES_REAL_TIME * self.cores)
+
+    @property
+    def how(self) -> str:
+        """What was assumed, in one sentence."""
+        cores = "1 core" if self.cores == 1 else f"{self.cores} cores"
+        return (
+            f"each run its path at {MEAN_SPEED_MPS:g} m/s, {self.timeout_s:g} s at most, {cores} of {TIMES_REAL_TIME:g} times "
+            "real time each; without Prefect's start, compilation and what the store has"
+        )
+
+
+def estimate_of(configurations: Iterable[Configuration], runs: int, timeout_s: float, cores: int) -> Estimate:
+    """The estimate for `runs` of each configuration that is no duplicate."""
+    distinct = (configuration for configuration in configurations if configuration.duplicate_of is None)
+    simulated_s = runs * sum(min(timeout_s, way_m(each) / MEAN_SPEED_MPS) for each in distinct)
+    return Estimate(simulated_s, timeout_s, cores)
+
+
+def cores_here() -> int:
+    """Cores that this process may use: as many as `vastflow run` starts workers."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def way_m(configuration: Configuration) -> float:
+    """Length of a configuration's way: of its path, else straight from stop to stop; infinite where it has no mission."""
+    try:
+        mission = mission_of(configuration.scenario)
+    except MissionError:
+        return math.inf
+    length_m = configuration.provenance.get(PATH_LENGTH_KEY)
+    if not isinstance(length_m, int | float):
+        stops = (mission.start, *mission.goals)
+        length_m = sum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise(stops))
+    return (1 + mission.loops) * length_m

@@ -1,0 +1,116 @@
+"""The command `params`: what of a Nav2 parameter file the simulator uses."""
+
+import json
+import math
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+if TYPE_CHECKING:
+    from vastflow.sim.nav.parameters.findings import Finding
+    from vastflow.sim.nav.parameters.interpretation import Interpretation
+
+MEANING: Final[Mapping[str, str]] = {
+    "modelled": "used",
+    "built in": "what the simulator does anyway",
+    "no effect": "no difference to missions in the simulator",
+    "differs": "something else is built in",
+    "not modelled": "nothing is done",
+}
+
+
+def params(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Nav2 parameter file.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """Show what of a Nav2 parameter file is modelled.
+
+    Every parameter of the file, with the value that is used or with what is done in its place.
+    """
+    from vastflow.producers.nav2_params import faults_of
+    from vastflow.sim.nav.parameters.document import DocumentError, read_document
+    from vastflow.sim.nav.parameters.findings import findings
+    from vastflow.sim.nav.parameters.interpretation import interpretation
+
+    try:
+        found = interpretation(read_document(file))
+    except DocumentError as error:
+        print(*faults_of(error), sep="\n", file=sys.stderr)
+        raise typer.Exit(2) from None
+    rows = findings(found)
+    if as_json:
+        print(json.dumps(_as_json(found, rows)))
+        return
+    for line in (*_table(rows), "", *_summary(found, rows)):
+        print(line)
+
+
+def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str, Any]:
+    from vastflow.sim.nav.parameters.document import dotted
+    from vastflow.sim.nav.parameters.findings import left_out
+
+    return {
+        "file": found.document.file,
+        "counts": _counts(rows),
+        "parameters": [
+            {
+                "path": dotted(row.path),
+                "line": row.place[0],
+                "column": row.place[1],
+                "value": _finite(row.value),
+                "status": row.status,
+                "used": row.used,
+                "why": row.why,
+            }
+            for row in rows
+        ],
+        "left_out": {dotted(path): value for path, value in left_out(found).items()},
+        "nodes_of_jazzy": found.replaced,
+        "nodes_left_away": found.left_away,
+    }
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity, which a parameter that is not modelled may be."""
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _counts(rows: Sequence["Finding"]) -> Mapping[str, int]:
+    counted = Counter(row.status for row in rows)
+    return {status: counted[status] for status in MEANING}
+
+
+def _table(rows: Sequence["Finding"]) -> Iterator[str]:
+    from vastflow.producers.faults import shown
+    from vastflow.producers.nav2_params import short
+
+    cells = [(str(row.place[0]), short(row.path), shown(row.value, 40), _said(row)) for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)] if cells else [0] * 4
+    for line, name, value, said in cells:
+        yield f"{line:>{widths[0]}}  {name:<{widths[1]}}  {value:<{widths[2]}}  {said}"
+
+
+def _said(row: "Finding") -> str:
+    from vastflow.producers.faults import shown
+
+    if row.status == "differs":
+        return f"differs: {shown(row.used)} is built in"
+    if row.status == "modelled" and row.used != row.value:
+        return f"modelled: {shown(row.used)}"
+    return f"{row.status}: {row.why}" if row.why else row.status
+
+
+def _summary(found: "Interpretation", rows: Sequence["Finding"]) -> Iterator[str]:
+    from vastflow.sim.nav.parameters.findings import left_out
+
+    for status, count in _counts(rows).items():
+        yield f"{count:>4}  {status}: {MEANING[status]}"
+    yield f"{len(left_out(found)):>4}  more are modelled, not in the file, and as in Nav2's code"
+    if found.replaced:
+        yield f"not in the file and as in Nav2 Jazzy's default: {', '.join(found.replaced)}"
+    if found.left_away:
+        yield f"not in the file and left away: {', '.join(found.left_away)}"

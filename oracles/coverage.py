@@ -1,0 +1,131 @@
+"""Coverage as `coverage.json` has it, in rows: for the report and for the terminal."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+Coverage = Mapping[str, Any]
+"""What `vastflow.producers.coverage.coverage_of` gives."""
+
+FILE: Final = "coverage.json"
+COUNTS: Final = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid")
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """Requests of a family that became no configuration.
+
+    Attributes:
+        by: The constraint or the producer.
+        reason: The producer's; empty for a constraint.
+    """
+
+    family: str
+    by: str
+    reason: str
+    times: int
+
+
+@dataclass(frozen=True, slots=True)
+class Covered:
+    """How many combinations of some producers' choices are in a configuration.
+
+    Attributes:
+        factors: What these producers write; empty where none varies.
+        combinations, admissible, covered: All there are, those that can be built and are not excluded, those that are
+            in some configuration.
+        share: Covered of admissible; None where nothing is.
+        distinct: Different contents of a dimension among the configurations; None for a pair.
+    """
+
+    family: str
+    what: str
+    factors: tuple[str, ...]
+    combinations: int
+    admissible: int
+    covered: int
+    share: float | None
+    distinct: int | None
+
+
+def read_coverage(directory: Path) -> Coverage:
+    """The coverage of the campaign directory `directory`.
+
+    Raises:
+        OSError: there is none.
+        ValueError: it is damaged.
+    """
+    found = json.loads((directory / FILE).read_text(encoding="utf-8"))
+    try:
+        for lines in (excluded, unrealisable, dimensions, pairs):
+            tuple(lines(found))
+        for _, part in parts(found):
+            counts(part)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{FILE}: not what vastflow writes there: {error!r}") from None
+    return found  # type: ignore[no-any-return]
+
+
+def parts(coverage: Coverage) -> list[tuple[str, Coverage]]:
+    """Each family and, where there are several, the whole campaign as `all`, last."""
+    families = list(coverage["families"].items())
+    return families if len(families) == 1 else [*families, ("all", coverage)]
+
+
+def counts(part: Coverage) -> tuple[int, ...]:
+    """`COUNTS` of the campaign or of a family."""
+    return tuple(part[key] for key in COUNTS)
+
+
+def excluded(coverage: Coverage) -> Iterator[Lost]:
+    """What each constraint excluded."""
+    for family, part in coverage["families"].items():
+        for constraint, times in part["excluded_by"].items():
+            yield Lost(family, constraint, "", times)
+
+
+def unrealisable(coverage: Coverage) -> Iterator[Lost]:
+    """What each producer rejected, a row for each reason; the last of a producer counts the reasons not listed."""
+    for family, part in coverage["families"].items():
+        for producer, said in part["unrealisable_by"].items():
+            for reason, times in said["reasons"].items():
+                yield Lost(family, producer, reason, times)
+            if said["reasons_not_listed"]:
+                rest = said["count"] - sum(said["reasons"].values())
+                yield Lost(family, producer, f"{said['reasons_not_listed']:,} other reasons", rest)
+
+
+def dimensions(coverage: Coverage) -> Iterator[Covered]:
+    """Environment, task and system of each family."""
+    for family, part in coverage["families"].items():
+        for dimension, said in part["dimensions"].items():
+            yield _covered(family, dimension, said, said["distinct"])
+
+
+def pairs(coverage: Coverage) -> Iterator[Covered]:
+    """The pairs of producers that are listed, of each family the least covered first."""
+    for family, part in coverage["families"].items():
+        for said in part["t_way"].get("pairs", ()):
+            yield _covered(family, " × ".join(said["factors"]), said, None)
+
+
+def pairs_not_listed(coverage: Coverage) -> int:
+    """How many pairs `pairs` leaves out."""
+    return sum(part["t_way"].get("pairs_not_listed", 0) for part in coverage["families"].values())
+
+
+def design_text(design: Mapping[str, Any]) -> str:
+    """A family's design in a few words, with its size against the full product."""
+    product = f"{design['product']:,}"
+    if design["kind"] == "t_way":
+        return f"{design['strength']}-way: {design['rows']:,} of {product}, at least {design['lower_bound']:,}"
+    if design["kind"] == "sample":
+        return f"{design['method']} sample: {design['rows']:,} of {product}"
+    return f"all combinations: {product}"
+
+
+def _covered(family: str, what: str, said: Mapping[str, Any], distinct: int | None) -> Covered:
+    combinations, admissible, covered, share = (said[key] for key in ("combinations", "admissible", "covered", "share"))
+    return Covered(family, what, tuple(said["factors"]), combinations, admissible, covered, share, distinct)

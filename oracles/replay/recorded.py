@@ -1,0 +1,179 @@
+"""Recorded runs: one run of a campaign directory, with everything it takes to execute it once more."""
+
+import difflib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from vastflow.oracles.verdict import Judgement, run_judgement
+from vastflow.sim.blocks import read_recordings
+from vastflow.sim.digest import FileContent, file_digest
+from vastflow.sim.maps import map_content
+from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.recording import Recording
+from vastflow.sim.scenario import Scenario
+from vastflow.sim.streams import run_entropy
+
+_DAMAGED: Final = "damaged campaign directory"
+_DIGEST: Final = re.compile("[0-9a-f]{64}")
+
+
+class NotRecorded(ValueError):
+    """A run that a campaign directory does not hold, or no longer holds whole; says what was found and what is there."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRun:
+    """A run as it was recorded.
+
+    Attributes:
+        configuration: The one that was executed; a duplicate's original.
+        scenario: Its files lie in the campaign directory.
+        seed: The campaign's `execution.seed`.
+        judgement: What all oracles together said.
+        metadata: `metadata.json` of the campaign.
+    """
+
+    configuration: str
+    scenario: Scenario
+    recording: Recording = field(repr=False)
+    seed: int
+    judgement: Judgement
+    metadata: Mapping[str, Any] = field(repr=False)
+
+
+def recorded_run(directory: Path, configuration: str, run_index: int) -> RecordedRun:
+    """Read one run from the campaign directory alone.
+
+    Raises:
+        NotRecorded: an unknown configuration or run; a file that is missing, unreadable or not what was recorded.
+    """
+    try:
+        row = _configuration(directory, configuration)
+        name = row["duplicate_of"] or configuration
+        recording = _recording(directory, name, run_index)
+        scenario = _scenario(directory, row)
+        return RecordedRun(
+            name,
+            scenario,
+            recording,
+            _seed(recording, scenario),
+            _judgement(directory, name, run_index),
+            _metadata(directory),
+        )
+    except NotRecorded as error:
+        raise NotRecorded(f"{directory}: {error}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:  # pyarrow's and json's errors are ValueErrors
+        raise NotRecorded(f"{directory}: {_DAMAGED}: {' '.join(str(error).split())}") from None
+
+
+def _configuration(directory: Path, name: str) -> dict[str, Any]:
+    file = directory / "configurations.parquet"
+    rows = _rows(file, name=name)
+    if rows:
+        return rows[0]
+    names: list[str] = pq.ParquetFile(file).read(columns=["name"]).column("name").to_pylist()
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"it has {_some(names)}"
+    raise NotRecorded(f"no configuration {name!r}; {hint}")
+
+
+def _recording(directory: Path, name: str, run_index: int) -> Recording:
+    file = directory / "recordings" / f"{name}.parquet"
+    if not file.is_file():
+        raise NotRecorded(f"no run of {name} was recorded; `vastflow show` says why")
+    recordings = {r.run.run_index: r for r in read_recordings(file.read_bytes())}
+    if run_index not in recordings:
+        raise NotRecorded(f"no run {run_index} of {name}; it has {_some([str(index) for index in sorted(recordings)])}")
+    return recordings[run_index]
+
+
+def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
+    """The scenario of a row, rebuilt; its digest tells whether it is the one that was executed."""
+    content = _value(json.loads(row["scenario"]), _Files(directory))
+    scenario = Scenario(row["abstract"], row["timeout_s"], content["environment"], content["task"], content["system"])
+    if scenario.digest != row["scenario_digest"]:
+        found = f"{scenario.digest[:12]}…, recorded was {row['scenario_digest'][:12]}…"
+        raise NotRecorded(f"{_DAMAGED}: the scenario of {row['name']} has digest {found}")
+    return scenario
+
+
+def _seed(recording: Recording, scenario: Scenario) -> int:
+    """`execution.seed`, which begins the run's entropy; the rest of that must be the scenario's and the run's."""
+    entropy = [int(part, 16) for part in recording.run.seed.split(":")]
+    if entropy != run_entropy(entropy[0], scenario.situation_digest, recording.run.run_index):
+        raise NotRecorded(f"{_DAMAGED}: the seed {recording.run.seed} in the recording is not this scenario's")
+    return entropy[0]
+
+
+def _judgement(directory: Path, name: str, run_index: int) -> Judgement:
+    rows = _rows(directory / "verdicts.parquet", configuration=name, run_index=run_index)
+    return run_judgement([row["judgement"] for row in rows])
+
+
+def _metadata(directory: Path) -> Mapping[str, Any]:
+    metadata: dict[str, Any] = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+    missing = [key for key in ("name", "created", "vastflow", "versions", "host") if key not in metadata]
+    if missing:
+        raise NotRecorded(f"{_DAMAGED}: metadata.json has no {', '.join(missing)}")
+    return metadata
+
+
+def _rows(file: Path, **wanted: str | int) -> list[dict[str, Any]]:
+    table = pq.ParquetFile(file).read()
+    for column, value in wanted.items():
+        table = table.filter(pc.equal(table.column(column), value))
+    rows: list[dict[str, Any]] = table.to_pylist()
+    return rows
+
+
+class _Files:
+    """The campaign directory's files by the digests that scenarios have of them."""
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+
+    def path(self, digest: str) -> Path:
+        """Where the file with a digest lies."""
+        environment = self._directory / "environments" / digest / "map.yaml"
+        if environment.is_file() and digest in _digests(environment):
+            return environment
+        if digest not in self._found:
+            raise NotRecorded(f"{_DAMAGED}: no file has the digest {digest[:12]}… that the scenario names")
+        return self._found[digest]
+
+    @cached_property
+    def _found(self) -> Mapping[str, Path]:
+        folders = (self._directory / "inputs", self._directory / "environments")
+        files = [file for folder in folders for file in sorted(folder.rglob("*")) if file.is_file()]
+        return {digest: file for file in files for digest in _digests(file)}
+
+
+def _digests(file: Path) -> Iterator[str]:
+    """Those that a file can have in a scenario: as any file, as a map, as parameters of Nav2."""
+    yield file_digest(file)
+    if file.suffix in (".yaml", ".yml"):
+        for content in (map_content, nav2_file):
+            with suppress(ValueError):
+                yield content(file).digest
+
+
+def _value(value: Any, files: _Files) -> Any:
+    """What `vastflow.flows.tables.json_text` wrote, as a value."""
+    if isinstance(value, dict):
+        if set(value) == {"file"} and _DIGEST.fullmatch(str(value["file"])):
+            return FileContent(str(files.path(value["file"])), value["file"])
+        return {key: _value(item, files) for key, item in value.items()}
+    return [_value(item, files) for item in value] if isinstance(value, list) else value
+
+
+def _some(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:7])}, … {names[-1]} ({len(names)} in all)"

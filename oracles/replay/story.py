@@ -1,0 +1,128 @@
+"""The story of one run: what all pictures of a replay share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.figures import COLOURS
+from vastflow.oracles.replay.caption import happening
+from vastflow.oracles.replay.close_up import Way
+from vastflow.oracles.replay.highlights import tick_of
+from vastflow.oracles.verdict import Judgement
+from vastflow.sim.maps import UNKNOWN, OccupancyMap
+from vastflow.sim.pose import Pose
+from vastflow.sim.recording import Run
+from vastflow.sim.snapshot import Box, Moment
+
+WHOLE_M: Final = 6.5
+"""A run that fits into such a square is shown whole in every picture."""
+FOLLOWED_M: Final = 5.5
+"""Else the pictures go with the robot, and show such a square."""
+RECENT_TICKS: Final = 10
+"""What happened within so many ticks is still told."""
+_SMALLEST_M: Final = 4.0
+_MARGIN_M: Final = 0.9
+_EDGE_M: Final = 0.3
+_WIDEST, _NARROWEST = 1.6, 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What part of the map the pictures show.
+
+    Attributes:
+        whole: In every picture the same; None where they go with the robot.
+    """
+
+    whole: Box | None
+
+    def box(self, moment: Moment) -> Box:
+        """The part at a moment; they all are of one size."""
+        if self.whole is not None:
+            return self.whole
+        return _box(np.array([moment.true.x_m, moment.true.y_m]), FOLLOWED_M, FOLLOWED_M)
+
+
+def view_of(moments: Sequence[Moment], goals: Sequence[Pose]) -> View:
+    """The whole run and its goals where that is small, else what is round the robot."""
+    points = np.array([(p.x_m, p.y_m) for p in (*(m.true for m in moments), *goals)])
+    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+    if max(high - low) > WHOLE_M:
+        return View(None)
+    width, height = np.maximum(high - low, _SMALLEST_M).tolist()
+    return View(_box((low + high) / 2, max(width, height * _NARROWEST), max(height, width / _WIDEST)))
+
+
+def _box(centre: NDArray[np.float64], width_m: float, height_m: float) -> Box:
+    x, y = centre.tolist()
+    return Box(x - width_m / 2, y - height_m / 2, x + width_m / 2, y + height_m / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Story:
+    """A replayed run.
+
+    Attributes:
+        title: Configuration and run.
+        subtitle: Campaign and when it was made.
+        run: Its row, as it was executed now.
+        warning: Why this is not the recorded run; empty where it is.
+        moments: One a tick from the run's first on.
+    """
+
+    title: str
+    subtitle: str
+    run: Run
+    judgement: Judgement
+    warning: str
+    occupancy: OccupancyMap = field(repr=False)
+    moments: Sequence[Moment] = field(repr=False)
+    view: View
+
+    @property
+    def colour(self) -> str:
+        """The colour of its trajectory: that of the judgement on it."""
+        return COLOURS[self.judgement]
+
+    @property
+    def ending(self) -> str:
+        """How it ended, in words, and how long and far it was."""
+        outcome = self.run.outcome.replace("_", " ")
+        how = f"{outcome}: {self.run.reason}" if self.run.reason else outcome
+        return f"{how}  ·  {self.run.simulated_s:.2f} s, {self.run.distance_m:.1f} m"
+
+    def way_until(self, tick: int) -> Way:
+        """Where the robot has been."""
+        contacts = [(e.x_m, e.y_m) for e in self.run.events if e.kind == "contact" and tick_of(e) <= tick]
+        return Way(
+            self._true_xy_m[: tick + 1],
+            self._estimated_xy_m[: tick + 1],
+            np.array(contacts, dtype=np.float64).reshape(-1, 2),
+            self.colour,
+        )
+
+    def happenings(self, after: int, until: int) -> list[str]:
+        """What happened behind tick `after` and no later than tick `until`, each thing once."""
+        events = [e for e in self.run.events if after < tick_of(e) <= until]
+        return list(dict.fromkeys(text for event in events if (text := happening(event))))
+
+    @cached_property
+    def known(self) -> Box:
+        """What is known of the map, with a margin."""
+        known = self.occupancy.cells != UNKNOWN
+        rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
+        x0, y0 = self.occupancy.centre_of(int(rows[0]), int(columns[0]))
+        x1, y1 = self.occupancy.centre_of(int(rows[-1]), int(columns[-1]))
+        return Box(x0 - _EDGE_M, y0 - _EDGE_M, x1 + _EDGE_M, y1 + _EDGE_M)
+
+    @cached_property
+    def _true_xy_m(self) -> NDArray[np.float64]:
+        return np.array([(m.true.x_m, m.true.y_m) for m in self.moments])
+
+    @cached_property
+    def _estimated_xy_m(self) -> NDArray[np.float64]:
+        return np.array([(m.estimate.x_m, m.estimate.y_m) for m in self.moments])

@@ -1,0 +1,141 @@
+"""Constraints φ: named expressions that a configuration must fulfil."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from vastflow.producers.configuration import ExcludedInstance, Partial
+from vastflow.producers.constraint_quantities import QUANTITIES, Quantities, may_write_for
+from vastflow.producers.expression import Expression, Name, NotEvaluable, expression_of
+from vastflow.producers.faults import CampaignError, Fault
+from vastflow.producers.producer import Producer
+from vastflow.sim.digest import Value
+
+MOST_REPORTED: Final = 3
+"""Instances in which a constraint can't be evaluated that are told of, for each constraint."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a constraint stands in a file, for messages."""
+
+    file: str = "campaign"
+    line: int = 1
+    column: int = 1
+    where: str = "constraints"
+
+    def fault(self, what: str, right: str) -> Fault:
+        """A fault at this place."""
+        return Fault(self.file, self.line, self.column, self.where, what, right)
+
+
+NOWHERE: Final = Place()
+
+
+@dataclass(frozen=True, slots=True)
+class Constraint:
+    """A named expression.
+
+    Attributes:
+        name: In the report, with the number of what it excluded.
+    """
+
+    name: str
+    expression: Expression
+    place: Place = NOWHERE
+
+    def touched_by(self, producer: Producer[Any]) -> bool:
+        """Whether what it looks at can depend on what a producer writes."""
+        return any(_touches(producer, name) for name in self.expression.names)
+
+
+def constraint_of(name: str, text: str, place: Place | None = None) -> Constraint:
+    """A constraint from its text.
+
+    Raises:
+        ExpressionFault: what is wrong with the text.
+    """
+    return Constraint(name, expression_of(text), place or NOWHERE)
+
+
+def _touches(producer: Producer[Any], name: Name) -> bool:
+    keys = [key for key, _ in name.readings]
+    if any(key in producer.writes for key in keys):
+        return True
+    if name.text.startswith("_"):
+        return True  # provenance is declared nowhere
+    return name.text in QUANTITIES and may_write_for(name.text, producer)
+
+
+class Checker:
+    """Evaluates constraints on configurations of one family, and keeps what it has computed of maps and paths."""
+
+    def __init__(self, family: str) -> None:
+        self._family = family
+        self._quantities = Quantities()
+        self._faults: dict[str, list[Fault]] = {}
+
+    def excluded(self, partial: Partial, constraints: Sequence[Constraint]) -> ExcludedInstance | None:
+        """The first constraint that `partial` breaks, with what it looked at; None where it keeps them all.
+
+        One that can't be evaluated is remembered for `raise_faults` and excludes nothing.
+        """
+        for constraint in constraints:
+            looked: dict[str, Value] = {}
+            try:
+                if constraint.expression.holds(self._look(partial, looked)):
+                    continue
+            except NotEvaluable as error:
+                self._remember(constraint, partial, str(error))
+                continue
+            return ExcludedInstance(self._family, partial.name, constraint.name, looked)
+        return None
+
+    def raise_faults(self) -> None:
+        """Raise what could not be evaluated.
+
+        Raises:
+            CampaignError: constraint, instance and reason.
+        """
+        if self._faults:
+            raise CampaignError(fault for faults in self._faults.values() for fault in faults[:MOST_REPORTED])
+
+    def _remember(self, constraint: Constraint, partial: Partial, reason: str) -> None:
+        what = f"constraint {constraint.name!r} can't be evaluated for {partial.name}: {reason}"
+        right = "an expression that is true or false of every configuration; 'defined(name) implies …' where a name is not always there"
+        faults = self._faults.setdefault(constraint.name, [])
+        if len(faults) < MOST_REPORTED:
+            faults.append(constraint.place.fault(what, right))
+
+    def _look(self, partial: Partial, looked: dict[str, Value]) -> Any:
+        def look(name: Name) -> Any:
+            value = looked[name.text] = self._value(name, partial)
+            return value
+
+        return look
+
+    def _value(self, name: Name, partial: Partial) -> Any:
+        for key, within in name.readings:
+            if key in partial.values:
+                return _inside(name, partial.values[key], within)
+        if name.text in QUANTITIES:
+            try:
+                return self._quantities.of(name.text, partial)
+            except NotEvaluable as error:
+                raise NotEvaluable(f"{name.text}: {error}") from None
+        raise NotEvaluable(f"it has no {name.text!r}")
+
+
+def _inside(name: Name, value: Any, within: Sequence[str | int]) -> Any:
+    for part in within:
+        in_map = isinstance(part, str) and isinstance(value, Mapping) and part in value
+        in_list = isinstance(part, int) and isinstance(value, list | tuple) and part < len(value)
+        if not (in_map or in_list):
+            raise NotEvaluable(f"{name.text!r}: there is no {part!r} in {str(value)[:60]}")
+        value = value[part]
+    return value
+
+
+def step_of(constraint: Constraint, producers: Sequence[Producer[Any]]) -> int:
+    """Index of the producer after which all that a constraint names is written; -1: it is from the beginning."""
+    return max((i for i, producer in enumerate(producers) if constraint.touched_by(producer)), default=-1)

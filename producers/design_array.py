@@ -1,0 +1,228 @@
+"""Covering arrays: few rows in which every admissible combination of any t factors' levels stands.
+
+Greedy, a row at a time (as AETG, Cohen et al. 1997): candidates begin with a tuple that is missing yet and take factor
+by factor the level that adds most; the best candidate becomes a row. Nothing is random. As a candidate only ever takes
+levels that its block's table completes, every row is admissible and every admissible tuple is met in the end.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from random import Random
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.producers.design_space import Block, TooLarge
+
+CANDIDATES: Final = 24
+MOST_TUPLES: Final = 3_000_000
+"""Combinations of t factors' levels that can be looked after."""
+
+Cover: TypeAlias = dict[tuple[int, ...], NDArray[np.bool_]]
+"""Factors, ascending, to a flag for each combination of their levels."""
+
+
+class IncompleteDesign(RuntimeError):
+    """A fault of ours: a design that does not do what it promises."""
+
+
+def covering_array(blocks: Sequence[Block], level_counts: Sequence[int], strength: int) -> NDArray[np.int64]:
+    """(N, F) levels of each factor in rows that cover every admissible combination of `strength` factors.
+
+    With fewer factors of more than one level than that, these are combined in all ways.
+
+    Raises:
+        TooLarge: more combinations than can be looked after.
+    """
+    if any(len(block.table) == 0 for block in blocks):
+        return np.empty((0, len(level_counts)), np.int64)
+    varied = varied_factors(blocks)
+    missing = admissible_tuples(blocks, level_counts, varied, min(strength, len(varied)))
+    greedy = _Greedy(blocks, level_counts, varied, missing)
+    rows = []
+    while (row := greedy.next_row()) is not None:
+        rows.append(row)
+    return np.unique(np.array(rows, dtype=np.int64).reshape(len(rows), len(level_counts)), axis=0)
+
+
+def varied_factors(blocks: Sequence[Block]) -> tuple[int, ...]:
+    """Factors with more than one admissible level, ascending."""
+    return tuple(
+        sorted(
+            factor
+            for block in blocks
+            for place, factor in enumerate(block.factors)
+            if len(np.unique(block.table[:, place])) > 1
+        )
+    )
+
+
+def admissible_tuples(
+    blocks: Sequence[Block], level_counts: Sequence[int], factors: Sequence[int], strength: int
+) -> Cover:
+    """A flag for each combination of levels of any `strength` of `factors` that some admissible row has."""
+    total = sum(math.prod(level_counts[f] for f in combo) for combo in itertools.combinations(factors, strength))
+    if total > MOST_TUPLES:
+        raise TooLarge(f"{total} combinations of {strength} choices")
+    cover: Cover = {}
+    for combo in itertools.combinations(factors, strength):
+        flags = np.ones([level_counts[f] for f in combo], dtype=np.bool_)
+        for block in blocks:
+            inside = [f for f in combo if f in block.factors]
+            if inside:
+                part = np.zeros([level_counts[f] for f in inside], dtype=np.bool_)
+                part[tuple(block.table[:, block.factors.index(f)] for f in inside)] = True
+                flags &= part.reshape([level_counts[f] if f in inside else 1 for f in combo])
+        cover[combo] = flags
+    return cover
+
+
+def lower_bound(cover: Cover) -> int:
+    """Rows that any array needs at least: the most admissible combinations that some t factors have.
+
+    Without dependences and constraints this is the product of the t largest numbers of levels.
+    """
+    return max((int(flags.sum()) for flags in cover.values()), default=0)
+
+
+class _Greedy:
+    def __init__(
+        self, blocks: Sequence[Block], level_counts: Sequence[int], varied: Sequence[int], missing: Cover
+    ) -> None:
+        self._blocks = blocks
+        self._block_of = {f: b for b, block in enumerate(blocks) for f in block.factors}
+        self._level_counts = level_counts
+        self._varied = varied
+        self._missing = {combo: flags.copy() for combo, flags in missing.items()}
+        self._left = {combo: int(flags.sum()) for combo, flags in missing.items()}
+        self._strength = len(next(iter(missing))) if missing else 0
+        self._used = [np.zeros(n, dtype=np.int64) for n in level_counts]
+        self._rows = 0
+
+    def next_row(self) -> list[int] | None:
+        """The next row; None where nothing is missing any more."""
+        combos = sorted((combo for combo in self._left if self._left[combo]), key=lambda combo: -self._left[combo])
+        if not combos and self._rows:
+            return None
+        weight = self._weights()
+        best: tuple[int, list[int]] = (-1, [])
+        for c in range(CANDIDATES if combos else 1):
+            candidate = _Candidate(self._blocks, self._block_of)
+            gain = 0
+            if combos:
+                combo = combos[c % min(len(combos), CANDIDATES)]
+                places = np.flatnonzero(self._missing[combo])
+                # Spread over what is missing, by a stride that is not a divisor of usual numbers of levels.
+                place = places[(c * 7919 + self._rows * 104729) % len(places)]
+                for factor, level in zip(combo, np.unravel_index(place, self._missing[combo].shape), strict=True):
+                    candidate.take(factor, int(level))
+                gain = 1
+            gain += self._fill(candidate, weight, c)
+            if gain > best[0]:
+                best = gain, candidate.row(len(self._level_counts))
+        self._cover(best[1])
+        return best[1]
+
+    def _weights(self) -> dict[int, NDArray[np.int64]]:
+        """How many missing tuples each level of each factor is in."""
+        weight = {f: np.zeros(self._level_counts[f], dtype=np.int64) for f in self._varied}
+        for combo, flags in self._missing.items():
+            if self._left[combo]:
+                for axis, factor in enumerate(combo):
+                    others = tuple(a for a in range(len(combo)) if a != axis)
+                    weight[factor] += flags.sum(axis=others)
+        return weight
+
+    def _fill(self, candidate: "_Candidate", weight: dict[int, NDArray[np.int64]], turn: int) -> int:
+        """Give every other factor a level; how many missing tuples that adds."""
+        # Shuffled by the one method of `Random` whose numbers Python promises to keep.
+        chance = Random(self._rows * CANDIDATES + turn)
+        open_factors = sorted((f for f in self._varied if f not in candidate.levels), key=lambda f: chance.random())
+        total = 0
+        for factor in open_factors:
+            allowed = candidate.allowed(factor, self._level_counts[factor])
+            gains = np.zeros(self._level_counts[factor], dtype=np.int64)
+            for others in itertools.combinations(sorted(candidate.levels.keys() & weight.keys()), self._strength - 1):
+                combo = tuple(sorted((*others, factor)))
+                if self._left[combo]:
+                    place = tuple(slice(None) if f == factor else candidate.levels[f] for f in combo)
+                    gains += self._missing[combo][place]
+            # First what it adds now, then what it could still add, then what was taken least; and another in turn.
+            n = len(gains)
+            order = np.lexsort(
+                ((np.arange(n) + turn + self._rows) % n, self._used[factor], -weight[factor], -gains, ~allowed)
+            )
+            level = int(order[0])
+            total += int(gains[level])
+            candidate.take(factor, level)
+        return total
+
+    def _cover(self, row: Sequence[int]) -> None:
+        self._rows += 1
+        for combo, flags in self._missing.items():
+            place = tuple(row[f] for f in combo)
+            if flags[place]:
+                flags[place] = False
+                self._left[combo] -= 1
+        for factor, level in enumerate(row):
+            self._used[factor][level] += 1
+
+
+class _Candidate:
+    """A row that grows; every step leaves at least one row of each block's table."""
+
+    def __init__(self, blocks: Sequence[Block], block_of: dict[int, int]) -> None:
+        self.levels: dict[int, int] = {}
+        self._blocks = blocks
+        self._block_of = block_of
+        self._live: dict[int, NDArray[np.int64]] = {}
+
+    def take(self, factor: int, level: int) -> None:
+        b = self._block_of[factor]
+        block = self._blocks[b]
+        self.levels[factor] = level
+        if len(block.factors) > 1:
+            live = self._live.get(b, block.table)
+            self._live[b] = live[live[:, block.factors.index(factor)] == level]
+
+    def allowed(self, factor: int, n: int) -> NDArray[np.bool_]:
+        b = self._block_of[factor]
+        block = self._blocks[b]
+        live = self._live.get(b, block.table)
+        return np.bincount(live[:, block.factors.index(factor)], minlength=n) > 0
+
+    def row(self, n: int) -> list[int]:
+        for b, block in enumerate(self._blocks):
+            first = self._live.get(b, block.table)[0]
+            for factor, level in zip(block.factors, first.tolist(), strict=True):
+                self.levels.setdefault(factor, level)
+        return [self.levels[f] for f in range(n)]
+
+
+def verify(rows: NDArray[np.int64], blocks: Sequence[Block], strength: int) -> None:
+    """Check an array in the plainest way, apart from what made it.
+
+    Raises:
+        IncompleteDesign: a row is not admissible, or an admissible combination is in no row.
+    """
+    listed = [tuple(row) for row in rows.tolist()]
+    tables = [(block.factors, set(map(tuple, block.table.tolist()))) for block in blocks]
+    for row in listed:
+        for factors, table in tables:
+            if tuple(row[f] for f in factors) not in table:
+                raise IncompleteDesign(f"row {row} is not admissible in factors {factors}")
+    if any(not table for _, table in tables):
+        return
+    n_factors = sum(len(factors) for factors, _ in tables)
+    for combo in itertools.combinations(range(n_factors), min(strength, n_factors)):
+        covered = {tuple(row[f] for f in combo) for row in listed}
+        inside = [(factors, {tuple(row[factors.index(f)] for f in combo if f in factors) for row in table})
+                  for factors, table in tables if set(factors) & set(combo)]  # fmt: skip
+        owned = [f for factors, _ in inside for f in combo if f in factors]
+        places = [owned.index(f) for f in combo]
+        for parts in itertools.product(*(part for _, part in inside)):
+            flat = tuple(itertools.chain(*parts))
+            if tuple(flat[place] for place in places) not in covered:
+                raise IncompleteDesign(f"levels {flat} of factors {owned} are in no row")

@@ -1,0 +1,84 @@
+"""Samples: rows spread over a space, each admissible and none twice."""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.producers.design import Sample
+from vastflow.producers.design_space import Block, product_of
+
+DENSE: Final = 4
+"""A sample of more than one in so many of all rows is filled up from a list of the others."""
+
+
+def sampled(blocks: Sequence[Block], n_factors: int, asked: Sample) -> NDArray[np.int64]:
+    """(N, n_factors) levels; N is `asked.size`, or the size of the whole space where that is less.
+
+    A point of the unit cube has a coordinate for each factor. In turn each is mapped onto the levels that the earlier
+    ones leave, by the share of the block's admissible rows that have them: without dependences and constraints that
+    is the plain floor(u × levels), with them no point is lost. Points that meet a row again are drawn anew.
+    """
+    size = min(asked.size, product_of(blocks))
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([asked.seed])))
+    rows: dict[tuple[int, ...], None] = {}
+    for point in itertools.chain(_points(asked, n_factors, rng), _others(blocks, n_factors, size, rng)):
+        if len(rows) == size:
+            break
+        rows.setdefault(_row(blocks, n_factors, point))
+    if len(rows) < size:
+        _fill(rows, blocks, n_factors, size, rng)
+    return np.array(sorted(rows), dtype=np.int64).reshape(len(rows), n_factors)
+
+
+def _points(asked: Sample, n_factors: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    if asked.method == "random" or n_factors == 0:
+        return rng.random((asked.size, n_factors))
+    from scipy.stats import qmc  # half a second, for this design only
+
+    if asked.method == "lhs":
+        points: NDArray[np.float64] = qmc.LatinHypercube(n_factors, rng=rng).random(asked.size)
+        return points
+    exponent = math.ceil(math.log2(asked.size)) if asked.size > 1 else 0
+    points = qmc.Sobol(n_factors, rng=rng).random_base2(exponent)[: asked.size]
+    return points
+
+
+def _others(
+    blocks: Sequence[Block], n_factors: int, size: int, rng: np.random.Generator
+) -> Iterator[NDArray[np.float64]]:
+    """More points, where most of them meet a row that is not there yet."""
+    while size * DENSE <= product_of(blocks):
+        yield rng.random(n_factors)
+
+
+def _row(blocks: Sequence[Block], n_factors: int, point: NDArray[np.float64]) -> tuple[int, ...]:
+    levels = [0] * n_factors
+    for block in blocks:
+        live = block.table
+        for place, factor in enumerate(block.factors):
+            # Rows are in lexicographic order, so those of one level are beside each other.
+            column = live[:, place]
+            chosen = int(column[min(int(point[factor] * len(column)), len(column) - 1)])
+            live = live[np.searchsorted(column, chosen, "left") : np.searchsorted(column, chosen, "right")]
+            levels[factor] = chosen
+    return tuple(levels)
+
+
+def _fill(
+    rows: dict[tuple[int, ...], None], blocks: Sequence[Block], n_factors: int, size: int, rng: np.random.Generator
+) -> None:
+    """Add rows drawn from all that are not there yet; the space is at most `DENSE` times the size."""
+    rest = []
+    for parts in itertools.product(*(block.table.tolist() for block in blocks)):
+        levels = [0] * n_factors
+        for block, part in zip(blocks, parts, strict=True):
+            for factor, level in zip(block.factors, part, strict=True):
+                levels[factor] = level
+        if tuple(levels) not in rows:
+            rest.append(tuple(levels))
+    for k in rng.permutation(len(rest))[: size - len(rows)]:
+        rows.setdefault(rest[k])

@@ -1,0 +1,243 @@
+"""The space of a family's choices: which combinations exist, as far as producers depend on each other.
+
+A factor is a producer, its levels are the places of what it yields. A producer that reads what another wrote has
+levels for each of the other's, so the two and all that a constraint ties to them are looked at together, as one table
+of the combinations that can be built and are not excluded; producers that nothing ties together stay apart, and the
+product of their tables is never made.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.producers.configuration import (
+    ExcludedInstance,
+    Fragment,
+    Partial,
+    RejectedInstance,
+    Rejection,
+    Step,
+    restricted_digest,
+)
+from vastflow.producers.constraint import Checker, Constraint
+from vastflow.producers.producer import Producer
+from vastflow.sim.digest import Value
+from vastflow.sim.scenario import Dimension
+
+MOST_COMBINATIONS: Final = 300_000
+"""Of choices that depend on each other."""
+
+Levels: TypeAlias = tuple[int, ...]
+"""One level for each of some factors, in the order of these."""
+
+
+class TooLarge(Exception):
+    """More combinations depend on each other than can be looked at."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Factors that depend on each other, and on no others.
+
+    Attributes:
+        factors: Ascending.
+        table: (N, len(factors)) every admissible combination of their levels, in lexicographic order.
+    """
+
+    factors: tuple[int, ...]
+    table: NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class _Factor:
+    """What is known of a producer: `choices` maps levels of `depends` to what it yielded there."""
+
+    producer: Producer[Any]
+    depends: tuple[int, ...] = ()
+    choices: dict[Levels, Sequence[Fragment | Rejection]] = field(default_factory=dict)
+    digests: dict[Levels, str] = field(default_factory=dict)
+    written: set[str] = field(default_factory=set)
+
+
+class Space:
+    """Grows producer by producer: `inputs` of the next one, then `join` with what it yielded.
+
+    Attributes:
+        rejections, excluded: What can't be built and what constraints exclude, each partial combination once.
+    """
+
+    def __init__(
+        self,
+        family: str,
+        values: Mapping[str, Value],
+        dimensions: Mapping[str, Dimension],
+        producers: Sequence[Producer[Any]],
+        constraints: Sequence[Constraint],
+        checker: Checker,
+        most: int = MOST_COMBINATIONS,
+    ) -> None:
+        self.rejections: list[RejectedInstance] = []
+        self.excluded: list[ExcludedInstance] = []
+        self._name = family
+        self._root = Partial(family, dict(values), dict(dimensions))
+        self._factors = [_Factor(producer) for producer in producers]
+        self._touched = [(c, [i for i, p in enumerate(producers) if c.touched_by(p)]) for c in constraints]
+        self._checker = checker
+        self._verdicts: list[dict[Levels, bool]] = [{} for _ in constraints]
+        self._most = most
+        self._grown = 0
+
+    def inputs(self) -> dict[str, dict[str, Value]]:
+        """Digest to restricted input of everything the next producer must be evaluated on.
+
+        Raises:
+            TooLarge: there is more of it than can be looked at.
+        """
+        factor = self._factors[self._grown]
+        reads = set(factor.producer.reads)
+        depends = self._closed(i for i in range(self._grown) if self._factors[i].written & reads)
+        factor.depends = depends
+        inputs: dict[str, dict[str, Value]] = {}
+        for levels in self._combinations(depends):
+            restricted = self._partial(depends, levels).restricted(factor.producer.reads)
+            digest = factor.digests[levels] = restricted_digest(restricted)
+            inputs[digest] = restricted
+        return inputs
+
+    def join(self, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
+        """Take what the producer yielded for each digest; without a result there are no choices, nor rejections."""
+        i = self._grown
+        factor = self._factors[i]
+        label = type(factor.producer).__name__
+        for levels, digest in factor.digests.items():
+            if digest not in results:
+                continue
+            items = factor.choices[levels] = results[digest]
+            for item in items or [Rejection(f"{label} yielded nothing for this input")]:
+                if isinstance(item, Rejection):
+                    parent = self._partial(factor.depends, levels, upto=i)
+                    inputs = parent.restricted(factor.producer.reads)
+                    self.rejections.append(
+                        RejectedInstance(self._name, parent.name, label, item.reason, item.requested, inputs)
+                    )
+                else:
+                    factor.written |= item.values.keys()
+        self._grown += 1
+
+    @property
+    def level_counts(self) -> list[int]:
+        """For each factor the greatest number of choices it was asked for, rejections included."""
+        return [max(map(len, factor.choices.values()), default=0) for factor in self._factors]
+
+    def blocks(self) -> list[Block]:
+        """The whole space: every combination of one row of each block's table is a configuration, and no other is.
+
+        Raises:
+            TooLarge: a block has more rows than can be looked at.
+        """
+        if not self._combinations(()):
+            return [Block((i,), np.empty((0, 1), np.int64)) for i in range(len(self._factors))]
+        groups = [{i, *factor.depends} for i, factor in enumerate(self._factors)]
+        groups += [set(self._closed(touched)) for _, touched in self._touched if touched]
+        blocks = []
+        for factors in _merged(groups):
+            rows = self._combinations(factors)
+            blocks.append(Block(factors, np.array(rows, dtype=np.int64).reshape(len(rows), len(factors))))
+        return blocks
+
+    def partial(self, levels: Sequence[int]) -> Partial:
+        """The configuration of one level for each factor."""
+        return self._partial(tuple(range(len(self._factors))), tuple(levels))
+
+    def _closed(self, factors: Iterable[int]) -> tuple[int, ...]:
+        """Factors with all that they depend on, ascending."""
+        return tuple(sorted({each for i in factors for each in (i, *self._factors[i].depends)}))
+
+    def _combinations(self, factors: tuple[int, ...]) -> list[Levels]:
+        """Every combination of levels of `factors` (closed, ascending) that can be built and is not excluded."""
+        found: list[Levels] = [()]
+        checked = set(self._within(()))
+        found = self._kept(found, (), sorted(checked))
+        for n, i in enumerate(factors):
+            factor, before = self._factors[i], factors[:n]
+            places = [before.index(j) for j in factor.depends]
+            grown = []
+            for levels in found:
+                items = factor.choices.get(tuple(levels[place] for place in places), ())
+                grown += [(*levels, k) for k, item in enumerate(items) if isinstance(item, Fragment)]
+                if len(grown) > self._most:
+                    raise TooLarge(type(factor.producer).__name__)
+            ready = [c for c in self._within(factors[: n + 1]) if c not in checked]
+            checked.update(ready)
+            found = self._kept(grown, factors[: n + 1], ready)
+        return found
+
+    def _within(self, factors: Sequence[int]) -> list[int]:
+        """Constraints that depend on no other factors."""
+        known = set(factors)
+        return [
+            c
+            for c, (_, touched) in enumerate(self._touched)
+            if all(i < self._grown for i in touched) and known.issuperset(self._closed(touched))
+        ]
+
+    def _kept(self, combinations: list[Levels], factors: tuple[int, ...], constraints: Sequence[int]) -> list[Levels]:
+        for c in constraints:
+            own = self._closed(self._touched[c][1])
+            places = [factors.index(i) for i in own]
+            combinations = [
+                levels for levels in combinations if self._keeps(c, own, tuple(levels[place] for place in places))
+            ]
+        return combinations
+
+    def _keeps(self, c: int, factors: tuple[int, ...], levels: Levels) -> bool:
+        """Whether a combination of the factors that constraint `c` depends on keeps it."""
+        verdicts = self._verdicts[c]
+        if levels not in verdicts:
+            excluded = self._checker.excluded(self._partial(factors, levels), [self._touched[c][0]])
+            verdicts[levels] = excluded is None
+            if excluded is not None:
+                self.excluded.append(excluded)
+        return verdicts[levels]
+
+    def _partial(self, factors: Sequence[int], levels: Levels, upto: int | None = None) -> Partial:
+        """The fixed values with the chosen fragments; `*` for factors below `upto` or the last that have none."""
+        level_of = dict(zip(factors, levels, strict=True))
+        root = self._root
+        values, dimensions = dict(root.values), dict(root.dimensions)
+        steps = []
+        numbers: list[str] = []
+        last = upto if upto is not None else (factors[-1] + 1 if factors else 0)
+        for i in range(last):
+            if i not in level_of:
+                numbers.append("*")
+                continue
+            factor, level = self._factors[i], level_of[i]
+            items = factor.choices[tuple(level_of[j] for j in factor.depends)]
+            fragment = items[level]
+            assert isinstance(fragment, Fragment)
+            values.update(fragment.values)
+            tags = factor.producer.writes
+            dimensions.update({key: tag for key in fragment.values if (tag := tags.get(key)) is not None})
+            steps.append(Step(type(factor.producer).__name__, tuple(fragment.values), level + 1))
+            numbers.append(str(1 + sum(isinstance(item, Fragment) for item in items[:level])))
+        return Partial("-".join([root.name, *numbers]), values, dimensions, tuple(steps))
+
+
+def product_of(blocks: Sequence[Block]) -> int:
+    """How many configurations there are in all."""
+    return math.prod(len(block.table) for block in blocks)
+
+
+def _merged(groups: Iterable[set[int]]) -> list[tuple[int, ...]]:
+    """The smallest disjoint sets that hold every group whole, in the order of their first member."""
+    merged: list[set[int]] = []
+    for group in groups:
+        apart = [other for other in merged if other.isdisjoint(group)]
+        merged = [*apart, group.union(*itertools.chain(other for other in merged if not other.isdisjoint(group)))]
+    return sorted(tuple(sorted(group)) for group in merged)

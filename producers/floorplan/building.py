@@ -1,0 +1,301 @@
+"""The building a floor plan describes: every floor, wall, obstacle and opening in the world, in metres."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import shapely
+
+from vastflow.producers.faults import Fault, Note
+from vastflow.producers.floorplan.faults import FloorplanError
+from vastflow.producers.floorplan.frames import IDENTITY, Transform, sharp_corner, wall_frame, wall_outlines
+from vastflow.producers.floorplan.outline import edges
+from vastflow.producers.floorplan.plan import (
+    Feature,
+    FeatureKind,
+    FloorPlan,
+    Frame,
+    Offset,
+    Opening,
+    OpeningKind,
+    Outline,
+    Space,
+)
+
+ROUNDING_M: Final = 1e-9
+"""What sums of a user's decimal numbers may miss each other by."""
+
+LEAST_OVERLAP_M2: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """The floor of a space: `outline` has the corners in the plan's order."""
+
+    name: str
+    outline: Outline
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """The wall along one edge of a room.
+
+    Attributes:
+        name: `<space>-wall-<number>`.
+        outline: Outer start, outer end, inner end, inner start.
+        length_m: Of its inner face.
+        frame: Origin in the middle of its inner face, x along it, y into the wall.
+    """
+
+    name: str
+    outline: Outline
+    height_m: float
+    length_m: float
+    thickness_m: float
+    frame: Transform
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """A column or divider, solid from the floor to its height."""
+
+    name: str
+    kind: FeatureKind
+    outline: Outline
+    height_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """An entryway or window.
+
+    Attributes:
+        walls: The names of those it cuts; nothing else is cut.
+        shape: (x, z) in the frame of the first wall; it goes `depth_m` deep into that wall's +y.
+        frame: That wall's.
+        outline: Of all it takes away, seen from above.
+        bottom_m, top_m: Lowest and highest point of the shape; a bottom below the floor is as good as 0.
+    """
+
+    name: str
+    kind: OpeningKind
+    walls: tuple[str, ...]
+    shape: Outline
+    depth_m: float
+    frame: Transform
+    outline: Outline
+    bottom_m: float
+    top_m: float
+
+    def section(self, z_m: float) -> tuple[tuple[float, float], ...]:
+        """The stretches of x that are open at a height, in increasing order."""
+        if not self.bottom_m <= z_m <= self.top_m:
+            return ()
+        inset = (self.top_m - self.bottom_m) * 1e-9  # at the very top or bottom, what is open just beside it
+        z = min(max(z_m, self.bottom_m + inset), self.top_m - inset)
+        crossings = sorted(
+            x0 + (z - z0) * (x1 - x0) / (z1 - z0) for (x0, z0), (x1, z1) in edges(self.shape) if (z0 > z) != (z1 > z)
+        )
+        return tuple(zip(crossings[::2], crossings[1::2], strict=True))
+
+    def footprint(self, x0: float, x1: float, margin_m: float = 0.0) -> Outline:
+        """A stretch of x through the whole depth, and `margin_m` beyond both faces, seen from above."""
+        y0, y1 = -margin_m, self.depth_m + margin_m
+        return self.frame.outline(((x0, y1), (x1, y1), (x1, y0), (x0, y0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Building:
+    """All geometry of a floor plan.
+
+    Attributes:
+        file: The plan's name for messages.
+        notes: What its author should know of it.
+    """
+
+    name: str
+    file: str
+    rooms: tuple[Room, ...]
+    walls: tuple[Wall, ...]
+    obstacles: tuple[Obstacle, ...]
+    holes: tuple[Hole, ...]
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def floor_bounds(self) -> tuple[float, float, float, float]:
+        """Lowest x and y, highest x and y of the rooms' corners."""
+        xs, ys = zip(*(point for room in self.rooms for point in room.outline), strict=True)
+        return min(xs), min(ys), max(xs), max(ys)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """As `floor_bounds`, of everything."""
+        parts: list[Room | Wall | Obstacle] = [*self.rooms, *self.walls, *self.obstacles]
+        xs, ys = zip(*(point for part in parts for point in part.outline), strict=True)
+        return min(xs), min(ys), max(xs), max(ys)
+
+
+def build(plan: FloorPlan) -> Building:
+    """The building of a plan.
+
+    Raises:
+        FloorplanError: spaces placed by each other in a circle, a corner too sharp for walls, an opening that is not
+            within its wall.
+    """
+    return _Builder(plan).building()
+
+
+class _Builder:
+    def __init__(self, plan: FloorPlan) -> None:
+        self._plan = plan
+        self._spaces = {space.name: space for space in plan.spaces}
+        self._poses: dict[str, Transform] = {}
+        self._faults: list[Fault] = []
+        self._notes = list(plan.notes)
+
+    def building(self) -> Building:
+        self._place_all()
+        self._stop_if_wrong()
+        rooms = tuple(Room(space.name, self._poses[space.name].outline(space.outline)) for space in self._plan.spaces)
+        walls = {wall.name: wall for space in self._plan.spaces for wall in self._walls(space)}
+        self._stop_if_wrong()
+        obstacles = tuple(self._obstacles())
+        holes = tuple(hole for opening in self._plan.openings if (hole := self._hole(opening, walls)) is not None)
+        self._stop_if_wrong()
+        self._note_misses(holes, walls)
+        return Building(
+            self._plan.name, self._plan.file, rooms, tuple(walls.values()), obstacles, holes, tuple(self._notes)
+        )
+
+    def _fault(self, place: tuple[int, int], where: str, what: str, right: str) -> None:
+        self._faults.append(Fault(self._plan.file, *place, where, what, right))
+
+    def _stop_if_wrong(self) -> None:
+        if self._faults:
+            raise FloorplanError(self._faults)
+
+    # Placing
+
+    def _place_all(self) -> None:
+        """Place every space after the one it is placed by."""
+        for space in self._plan.spaces:
+            chain = [space]
+            while (last := chain[-1]).name not in self._poses:
+                before = last.wrt.space
+                if before is None or before in self._poses:
+                    self._poses[last.name] = self._placed(last)
+                    chain.pop()
+                    if not chain:
+                        break
+                elif any(before == other.name for other in chain):
+                    circle = [other.name for other in chain]
+                    circle = [*circle[circle.index(before) :], before]
+                    what = f"placed in a circle: {' by '.join(circle)}"
+                    self._fault(last.wrt.place, f"Space {last.name}", what, "one of them placed in the world")
+                    return
+                else:
+                    chain.append(self._spaces[before])
+
+    def _placed(self, space: Space) -> Transform:
+        """The world pose of a space whose `wrt` is placed: W · T(x, y, a) · O⁻¹."""
+        wall_to_wall = space.wrt.wall is not None and space.of_wall is not None
+        offset = space.offset
+        y_m, yaw_rad = offset.y_m, offset.yaw_rad
+        if wall_to_wall and space.spaced:
+            y_m += space.thickness_m + self._spaces[space.wrt.space or ""].thickness_m
+        if wall_to_wall and space.aligned:
+            yaw_rad += math.pi
+        own = IDENTITY if space.of_wall is None else wall_frame(space.outline, space.of_wall)
+        return self._frame(space.wrt).then(Transform(offset.x_m, y_m, yaw_rad)).then(own.inverse())
+
+    def _frame(self, frame: Frame) -> Transform:
+        if frame.space is None:
+            return IDENTITY
+        pose = self._poses[frame.space]
+        return pose if frame.wall is None else pose.then(wall_frame(self._spaces[frame.space].outline, frame.wall))
+
+    # Walls, obstacles, openings
+
+    def _walls(self, space: Space) -> list[Wall]:
+        pose, corners = self._poses[space.name], space.outline
+        if (sharp := sharp_corner(corners)) is not None:
+            x, y = corners[sharp]
+            what = f"the corner at ({x:g}, {y:g}) is sharper than 1°, where no walls can meet"
+            self._fault(space.place, f"Space {space.name}", what, "a wider angle")
+            return []
+        return [
+            Wall(
+                wall_name(space.name, i),
+                pose.outline(outline),
+                space.height_m,
+                math.dist(*edge),
+                space.thickness_m,
+                pose.then(wall_frame(corners, i)),
+            )
+            for i, (edge, outline) in enumerate(
+                zip(edges(corners), wall_outlines(corners, space.thickness_m), strict=True)
+            )
+        ]
+
+    def _obstacles(self) -> Iterable[Obstacle]:
+        count = Counter(feature.name for feature in self._plan.features)
+        for feature in self._plan.features:
+            name = feature.name if count[feature.name] == 1 else f"{feature.space or 'world'}.{feature.name}"
+            yield Obstacle(name, feature.kind, self._feature_outline(feature), feature.height_m)
+
+    def _feature_outline(self, feature: Feature) -> Outline:
+        return self._frame(feature.wrt).then(_transform(feature.offset)).outline(feature.outline)
+
+    def _hole(self, opening: Opening, walls: Mapping[str, Wall]) -> Hole | None:
+        cut = [walls[wall_name(frame.space or "", frame.wall or 0)] for frame in opening.walls]
+        where = f"{opening.kind} {opening.name}"
+        x0, x1 = _span(x for x, _ in opening.outline)
+        z0, z1 = _span(z for _, z in opening.outline)
+        half_m = cut[0].length_m / 2
+        if max(-x0, x1) > half_m + ROUNDING_M:
+            what = f"it reaches from {x0:g} m to {x1:g} m along {opening.walls[0]}"
+            right = f"within ±{half_m:g} m, for that wall is {cut[0].length_m:g} m long"
+            self._fault(opening.place, where, what, right)
+            return None
+        height_m = max(wall.height_m for wall in cut)
+        if z1 <= 0.0 or z0 >= height_m:
+            what = f"it cuts nothing, being {'below the floor' if z1 <= 0.0 else 'above the wall'}"
+            right = f"part of it between 0 m and {height_m:g} m; it reaches from {z0:g} m to {z1:g} m"
+            self._fault(opening.place, where, what, right)
+            return None
+        frame, depth_m = cut[0].frame, sum(wall.thickness_m for wall in cut)
+        footprint = frame.outline(((x0, depth_m), (x1, depth_m), (x1, 0.0), (x0, 0.0)))
+        names = tuple(wall.name for wall in cut)
+        return Hole(opening.name, opening.kind, names, opening.outline, depth_m, frame, footprint, z0, z1)
+
+    def _note_misses(self, holes: Iterable[Hole], walls: Mapping[str, Wall]) -> None:
+        """Say which openings do not reach the second wall they name, or go past its end."""
+        pairs = [(hole, opening) for hole, opening in zip(holes, self._plan.openings, strict=True) if hole.walls[1:]]
+        if not pairs:
+            return
+        taken = shapely.polygons([hole.outline for hole, _ in pairs])
+        second = shapely.polygons([walls[hole.walls[1]].outline for hole, _ in pairs])
+        missed = shapely.area(shapely.intersection(taken, second)) < LEAST_OVERLAP_M2
+        for k in np.flatnonzero(missed):
+            hole, opening = pairs[k]
+            what = f"it does not reach {opening.walls[1]}, {hole.depth_m:g} m deep as it is"
+            right = f"walls that touch, or {opening.walls[0]} alone"
+            where = f"{opening.kind} {opening.name}"
+            self._notes.append(Note("warning", self._plan.file, *opening.place, where, what, right))
+
+
+def wall_name(space: str, wall: int) -> str:
+    """Name of a wall in every output."""
+    return f"{space}-wall-{wall}"
+
+
+def _transform(offset: Offset) -> Transform:
+    return Transform(offset.x_m, offset.y_m, offset.yaw_rad)
+
+
+def _span(values: Iterable[float]) -> tuple[float, float]:
+    found = list(values)
+    return min(found), max(found)

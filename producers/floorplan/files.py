@@ -1,0 +1,88 @@
+"""Floor plans and variations as files: what is read, and with which names faults speak of it."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from vastflow.producers.floorplan.building import Building, build
+from vastflow.producers.floorplan.faults import FloorplanError, complain
+from vastflow.producers.floorplan.parsing import read_text
+from vastflow.producers.floorplan.reading import plan_of, read_plan
+from vastflow.producers.floorplan.syntax import parse
+from vastflow.producers.floorplan.variation import Variation, variation_of
+from vastflow.producers.floorplan.variation_syntax import parse_variation
+
+
+@dataclass(frozen=True, slots=True)
+class PlanFile:
+    """A floor plan's text and the name of the file it came from; nothing but these says what it is."""
+
+    name: str
+    text: str
+
+    def called(self, name: str) -> "PlanFile":
+        """The same text under another name."""
+        return replace(self, name=name)
+
+    def building(self) -> Building:
+        """What it describes.
+
+        Raises:
+            FloorplanError: its faults.
+        """
+        return build(read_plan(self.text, self.name))
+
+
+@dataclass(frozen=True, slots=True)
+class VariationFile:
+    """A variation's text, the name of its file, and the plan that it imports.
+
+    Attributes:
+        imported: The plan's path as the file has it.
+    """
+
+    name: str
+    text: str
+    imported: str
+    plan: PlanFile
+
+    def called(self, name: str) -> "VariationFile":
+        """The same texts under another name; the plan's follows from it."""
+        return replace(self, name=name, plan=self.plan.called(str(Path(name).parent / self.imported)))
+
+    def variation(self) -> Variation:
+        """The variation on its plan, which is known to be one that can be built.
+
+        Raises:
+            FloorplanError: faults of the plan or of the variation.
+        """
+        plan = parse(self.plan.text, self.plan.name)
+        build(plan_of(plan))
+        return variation_of(parse_variation(self.text, self.name), plan)
+
+
+def read_plan_file(path: str | Path) -> PlanFile:
+    """The file at `path`, unchecked.
+
+    Raises:
+        FloorplanError: it can't be read.
+    """
+    return PlanFile(str(path), read_text(path))
+
+
+def read_variation_file(path: str | Path) -> VariationFile:
+    """The variation file at `path` and the plan it imports, whose place is relative to it.
+
+    Raises:
+        FloorplanError: one of the two can't be read, or the variation is not in its language.
+    """
+    path = Path(path)
+    text = read_text(path)
+    variation = parse_variation(text, str(path))
+    imported = path.parent / variation.imported
+    try:
+        plan = read_text(imported)
+    except FloorplanError as error:
+        fault = error.faults[0]
+        what = f"{str(imported)!r}: {fault.what}"
+        complain(str(path), variation.imported_at, "import", what, "a floor plan, by its place relative to this file")
+    return VariationFile(str(path), text, variation.imported, PlanFile(str(imported), plan))

@@ -1,0 +1,129 @@
+"""The building as an occupancy grid: a slice at the height of the laser, in ROS map_server's format."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from vastflow.producers.floorplan.building import Building, Obstacle, Wall
+from vastflow.producers.floorplan.faults import START, complain
+from vastflow.producers.floorplan.plan import Outline
+from vastflow.sim.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+
+RESOLUTION_M: Final = 0.05
+LASER_HEIGHT_M: Final = 0.193
+"""Of the lidar of the simulated robot, a TurtleBot 4."""
+
+BORDER_CELLS: Final = 25
+"""Unknown cells round the rooms, on each side; more only where a wall would not fit in."""
+
+MOST_CELLS: Final = 50_000_000
+
+GREY_UNKNOWN: Final = 200
+GREY_OCCUPIED: Final = 0
+GREY_FREE: Final = 255
+OCCUPIED_THRESHOLD: Final = 0.65
+FREE_THRESHOLD: Final = 0.196
+
+ROUNDING_CELLS: Final = 1e-6
+"""Added before truncation, so that rounding noise does not choose the cell of a point on the border of two."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """An occupancy grid.
+
+    Attributes:
+        grey: (H, W) uint8 as in the picture, row 0 at the top: 0 occupied, 255 free, 200 unknown.
+        origin_xy_m: World position of the picture's lower left corner.
+    """
+
+    grey: NDArray[np.uint8]
+    resolution_m: float
+    origin_xy_m: tuple[float, float]
+    laser_height_m: float
+
+    @property
+    def occupancy(self) -> OccupancyMap:
+        """The map that `load_map` reads from the grid's files."""
+        cells = np.full(self.grey.shape, UNKNOWN, dtype=np.int8)
+        cells[self.grey == GREY_FREE] = FREE
+        cells[self.grey == GREY_OCCUPIED] = OCCUPIED
+        return OccupancyMap(np.ascontiguousarray(cells[::-1]), self.resolution_m, self.origin_xy_m)
+
+    def picture(self) -> bytes:
+        """The picture as PGM (P5)."""
+        rows, columns = self.grey.shape
+        return b"P5\n%d %d\n255\n" % (columns, rows) + self.grey.tobytes()
+
+    def header(self, image: str) -> bytes:
+        """The map's YAML file; `image` is the picture's place relative to it."""
+        content = {
+            "image": image,
+            "resolution": self.resolution_m,
+            "origin": [*self.origin_xy_m, 0.0],
+            "negate": 0,
+            "occupied_thresh": OCCUPIED_THRESHOLD,
+            "free_thresh": FREE_THRESHOLD,
+            "laser_height": self.laser_height_m,
+        }
+        return yaml.safe_dump(content, sort_keys=False).encode()
+
+
+def grid_of(building: Building, resolution_m: float = RESOLUTION_M, laser_height_m: float = LASER_HEIGHT_M) -> Grid:
+    """The slice of a building at the height of the laser.
+
+    Floors are free, walls occupied, columns and dividers occupied where they are as high as the laser; entryways that
+    are open at that height are free, and a cell beyond both faces. Windows stay wall: what is behind glass is no way.
+    Borders of what is drawn belong to it, so a wall is up to a cell thicker than it is, and so is an entryway wider.
+
+    Raises:
+        FloorplanError: more than `MOST_CELLS` cells.
+    """
+    low_x, low_y, high_x, high_y = building.floor_bounds
+    border = max(BORDER_CELLS, _needed_border(building, resolution_m))
+    columns, rows = (
+        _cells((high - low) / resolution_m) + 2 * border for low, high in ((low_x, high_x), (low_y, high_y))
+    )
+    if rows * columns > MOST_CELLS:
+        what = f"{high_x - low_x:g} m × {high_y - low_y:g} m at {resolution_m:g} m are {rows * columns:,} cells"
+        complain(building.file, START, f"Floor plan {building.name}", what, f"at most {MOST_CELLS:,}")
+    picture = Image.new("L", (columns, rows), GREY_UNKNOWN)
+    draw = ImageDraw.Draw(picture)
+
+    def fill(outline: Outline, grey: int) -> None:
+        corners = [
+            (_cells((x - low_x) / resolution_m + border), _cells((y - low_y) / resolution_m + border))
+            for x, y in outline
+        ]
+        draw.polygon(corners, fill=grey)
+
+    for room in building.rooms:
+        fill(room.outline, GREY_FREE)
+    columns_first = sorted(building.obstacles, key=lambda obstacle: obstacle.kind)
+    solids: list[Wall | Obstacle] = [*building.walls, *columns_first]
+    for solid in solids:
+        if laser_height_m <= solid.height_m:
+            fill(solid.outline, GREY_OCCUPIED)
+    for hole in building.holes:
+        if hole.kind == "Entryway":
+            for x0, x1 in hole.section(laser_height_m):
+                fill(hole.footprint(x0, x1, resolution_m), GREY_FREE)
+    # To the micrometre: the map's digest must not hang on the last bit of a C library's cosine.
+    origin_m = (round(low_x - border * resolution_m, 6), round(low_y - border * resolution_m, 6))
+    grey = np.asarray(picture, dtype=np.uint8)[::-1]
+    return Grid(np.ascontiguousarray(grey), resolution_m, origin_m, laser_height_m)
+
+
+def _cells(value: float) -> int:
+    return math.trunc(value + ROUNDING_CELLS)
+
+
+def _needed_border(building: Building, resolution_m: float) -> int:
+    inner, outer = building.floor_bounds, building.bounds
+    beyond_m = max(abs(o - i) for i, o in zip(inner, outer, strict=True))
+    return math.ceil(beyond_m / resolution_m) + 2

@@ -1,0 +1,125 @@
+"""Parsing by a grammar, and the words for what does not follow it."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from lark import Lark, UnexpectedCharacters, UnexpectedToken
+
+from vastflow.producers.floorplan.faults import START, complain, nearest
+
+MOST_BYTES: Final = 1_000_000
+
+SPELLED: Final[Mapping[str, str]] = {
+    "NAME": "a name",
+    "NUMBER": "a number",
+    "WALL_OF": "a wall such as hall.walls[0]",
+    "STRING": "a file name in quotes",
+    "$END": "the end of the file",
+    "FLOOR_PLAN": "'Floor plan:'",
+    "NOT_ALIGNED": "'not aligned'",
+    "COLON": "':'",
+    "COMMA": "','",
+    "DOT": "'.'",
+    "EQUAL": "'='",
+    "MINUS": "'-'",
+    "LPAR": "'('",
+    "RPAR": "')'",
+    "LSQB": "'['",
+    "RSQB": "']'",
+    "LBRACE": "'{'",
+    "RBRACE": "'}'",
+}
+"""Terminals whose name does not say how they are written."""
+
+CAPITALS: Final = frozenset(
+    {"DEFAULTS", "SPACE", "COLUMN", "DIVIDER", "ENTRYWAY", "WINDOW", "RECTANGLE", "POLYGON", "CIRCLE"}
+)
+BARE: Final = (CAPITALS - {"DEFAULTS"}) | {
+    "VAR",
+    "SPACED",
+    "_AND",
+    "IMPORT",
+    "UNIFORM",
+    "DISCRETE",
+    "NORMAL",
+    "_MEAN",
+    "_STD",
+}
+"""Keywords without a colon."""
+
+MOST_EXPECTED: Final = 6
+
+
+def parsed(parser: Lark, text: str, file: str) -> Any:
+    """What `parser` makes of `text`.
+
+    Raises:
+        FloorplanError: nothing; where and why.
+    """
+    try:
+        return parser.parse(text)
+    except UnexpectedCharacters as error:
+        at, expected = error.pos_in_stream or 0, error.allowed or set()
+    except UnexpectedToken as error:
+        at = len(text.rstrip()) if error.token.type == "$END" else error.token.start_pos or 0
+        expected = error.accepts or error.expected
+    found = WORD.match(text, at)
+    before = text[:at]
+    place = before.count("\n") + 1, at - (before.rfind("\n") + 1) + 1
+    what = f"found {found[0][:40]!r}" if found else "the file ends here"
+    complain(file, place, "syntax", what, _right(found[0] if found else "", before.rstrip(), set(expected)))
+
+
+WORD: Final = re.compile(r"\w+|\S")
+
+
+def _right(found: str, before: str, expected: set[str]) -> str:
+    if found[:1].isalpha() and NUMBER_AT_END.search(before):
+        return "the units are m, rad and deg; 'm' for a length, 'rad' or 'deg' for an angle"
+    if found in (".", "[") and before[-1:].isalnum():
+        return "a wall is written as in hall.walls[0]"
+    spelled = {spelling.strip("'"): spelling for spelling in map(_spelled, expected)}
+    if near := nearest(found, [name for name in spelled if " " not in name]):
+        return f"did you mean {near!r}?"
+    names = sorted(spelled.values())
+    if len(names) > MOST_EXPECTED:
+        names = [*names[:MOST_EXPECTED], "others"]
+    return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]])) if names else "something else here"
+
+
+NUMBER_AT_END: Final = re.compile(r"(?<![\w.])[0-9][0-9.eE+-]*$")
+
+
+def _spelled(terminal: str) -> str:
+    if terminal in SPELLED:
+        return SPELLED[terminal]
+    word = terminal.strip("_").lower()
+    if word.endswith("_is"):
+        return f"'{word[:-3]} ='"
+    word = word.capitalize() if terminal in CAPITALS else word
+    return f"'{word}'" if terminal in BARE else f"'{word}:'"
+
+
+def read_text(path: str | Path) -> str:
+    """The text of a file.
+
+    Raises:
+        FloorplanError: it can't be read.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        complain(str(path), START, "file", "no such file", "the path of a floor plan or variation file")
+    except (OSError, ValueError) as error:  # ValueError for a NUL in the path
+        complain(str(path), START, "file", f"can't be read: {error}", "a text file")
+    if len(content) > MOST_BYTES:
+        complain(str(path), START, "file", f"found {len(content)} bytes", f"at most {MOST_BYTES}")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        column = error.start - (content.rfind(b"\n", 0, error.start) + 1) + 1
+        complain(str(path), (line, column), "file", f"byte {content[error.start]:#04x} is not UTF-8", "a text in UTF-8")

@@ -1,0 +1,204 @@
+"""The producers of environments: floor plans as they are written, and with drawn dimensions."""
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self, TypeAlias, TypeVar
+
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from vastflow.producers import producer
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.floorplan.environment import environment_of, keep
+from vastflow.producers.floorplan.faults import FloorplanError
+from vastflow.producers.floorplan.files import PlanFile, VariationFile, read_plan_file, read_variation_file
+from vastflow.producers.floorplan.grid import LASER_HEIGHT_M, RESOLUTION_M, grid_of
+from vastflow.producers.floorplan.variation import GREATEST_SEED
+from vastflow.producers.ground import MAP_KEY
+from vastflow.producers.producer import Draws, Producer
+from vastflow.producers.quantities import Count, NotNegative, Positive, Seed
+from vastflow.sim.digest import Value
+from vastflow.sim.scenario import Dimension
+
+MESH_KEY = "mesh_file"
+FLOORPLAN_KEY = "_floorplan"
+
+F = TypeVar("F", PlanFile, VariationFile)
+
+
+def _some(value: Any) -> Any:
+    # A least length of the field would complain a second time of a list whose files are wrong.
+    if isinstance(value, list | tuple) and not value:
+        raise PydanticCustomError("floorplan", "found an empty list; the path of at least one file")
+    return value
+
+
+AtLeastOne = BeforeValidator(_some)
+
+
+def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, ValidationInfo], F]:
+    """A validator that reads a path, relative to the validation context's `base`, and checks what is there."""
+
+    def validate(value: Any, info: ValidationInfo) -> F:
+        if isinstance(value, kind):
+            return value
+        if not isinstance(value, str):
+            raise PydanticCustomError("floorplan", "found {found}; the path of a file", {"found": repr(value)})
+        try:
+            found = read(Path((info.context or {}).get("base", "."), value))
+            if isinstance(found, PlanFile):
+                found.building()
+            else:
+                found.variation()
+        except FloorplanError as error:
+            raise PydanticCustomError("floorplan", "{error}", {"error": error.brief}) from None
+        return found.called(value)  # where the campaign lies is no part of what it says
+
+    return validate
+
+
+def _name(file: PlanFile | VariationFile) -> str:
+    return file.name
+
+
+Plan: TypeAlias = Annotated[
+    PlanFile,
+    PlainValidator(_read(read_plan_file, PlanFile)),
+    PlainSerializer(_name, return_type=str),
+    WithJsonSchema({"type": "string"}),
+]
+"""The path of a `.fpm` file, relative to the campaign file; its text once read."""
+
+VariedPlan: TypeAlias = Annotated[
+    VariationFile,
+    PlainValidator(_read(read_variation_file, VariationFile)),
+    PlainSerializer(_name, return_type=str),
+    WithJsonSchema({"type": "string"}),
+]
+"""The path of a `.variation` file, relative to the campaign file; its text and its plan's once read."""
+
+
+class EnvironmentParameters(producer.Parameters):
+    """Of both producers.
+
+    Attributes:
+        name: Keys of the map and of the mesh.
+        resolution: Edge of a cell of the map (m).
+        laser_height: Height of the slice that is the map (m).
+    """
+
+    name: Annotated[tuple[str, ...], Field(min_length=2, max_length=2)] = (MAP_KEY, MESH_KEY)
+    resolution: Positive = RESOLUTION_M
+    laser_height: NotNegative = LASER_HEIGHT_M
+
+    @model_validator(mode="after")
+    def _check_name(self) -> Self:
+        if len(set(self.keys)) < 2 or not all(self.keys):
+            raise PydanticCustomError("name", "name: found {found}; two names", {"found": repr(list(self.name))})
+        return self
+
+    @property
+    def keys(self) -> tuple[str, str]:
+        """The two keys without the `@` that may stand before them."""
+        map_key, mesh_key = (key.removeprefix("@") for key in self.name)
+        return map_key, mesh_key
+
+
+E = TypeVar("E", bound=EnvironmentParameters)
+
+
+class EnvironmentProducer(Producer[E]):
+    """Base of both: what depends on nothing and writes a map and a mesh."""
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Nothing: an environment is made once, whatever else varies."""
+        return ()
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """The map and the mesh."""
+        return dict.fromkeys(self.parameters.keys, self.parameters.dimension or "environment")
+
+    def _made(self, plan: PlanFile, requested: Mapping[str, Value]) -> Fragment | Rejection:
+        """The environment of a plan, `requested` saying which it is; a rejection where it can't be built."""
+        try:
+            building = plan.building()
+            grid = grid_of(building, self.parameters.resolution, self.parameters.laser_height)
+            environment = environment_of(building, grid, plan.text, requested)
+        except FloorplanError as error:
+            return Rejection(error.brief, requested)
+        map_key, mesh_key = self.parameters.keys
+        map_file, mesh_file = keep(environment)
+        return Fragment({map_key: map_file, mesh_key: mesh_file, FLOORPLAN_KEY: {"plan": building.name, **requested}})
+
+
+class FloorplanGenerationParameters(EnvironmentParameters):
+    """Of `FloorplanGeneration`.
+
+    Attributes:
+        floorplans: FloorPlan DSL files (`.fpm`), relative to the campaign file.
+    """
+
+    floorplans: Annotated[tuple[Plan, ...], AtLeastOne]
+
+
+class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
+    """Floor plans as they are written: an environment each, in their order."""
+
+    Parameters = FloorplanGenerationParameters
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield each plan's environment; draws nothing."""
+        for plan in self.parameters.floorplans:
+            yield self._made(plan, {"file": plan.name})
+
+
+class FloorplanVariationParameters(EnvironmentParameters):
+    """Of `FloorplanVariation`.
+
+    Attributes:
+        variation_files: Variation DSL files (`.variation`), relative to the campaign file.
+        num_variations: Environments drawn from each file.
+        seed: Of the first variation of each file; the next ones have the next numbers.
+    """
+
+    variation_files: Annotated[tuple[VariedPlan, ...], AtLeastOne]
+    num_variations: Count = 1
+    seed: Seed = 0
+
+    @model_validator(mode="after")
+    def _check_seed(self) -> Self:
+        last = self.seed + self.num_variations - 1
+        if last > GREATEST_SEED:
+            raise PydanticCustomError(
+                "seed", "the last seed is {last}; at most {most}", {"last": last, "most": GREATEST_SEED}
+            )
+        return self
+
+
+class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
+    """Floor plans with drawn dimensions: `num_variations` environments from each file.
+
+    Variation k has the seed `seed` + k and is drawn from numpy's `RandomState` as the Variation DSL documents it, not
+    from the generator that other producers draw from: the same file and seed give the same numbers in other tools.
+    """
+
+    Parameters = FloorplanVariationParameters
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield each variation's environment; one whose drawn numbers make no building is a rejection."""
+        for file in self.parameters.variation_files:
+            variation = file.variation()
+            for k in range(self.parameters.num_variations):
+                sample = variation.sample(self.parameters.seed + k)
+                requested: dict[str, Value] = {"file": file.name, "seed": sample.seed, "drawn": dict(sample.values)}
+                yield self._made(PlanFile(f"{file.plan.name} with seed {sample.seed}", sample.text), requested)

@@ -1,0 +1,172 @@
+"""Variations of a floor plan: which numbers of its text are drawn anew, and the plans that come of it."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from lark import Token
+
+from vastflow.producers.faults import Fault, did_you_mean
+from vastflow.producers.floorplan.faults import FloorplanError
+from vastflow.producers.floorplan.syntax import PlanText, Quantity, Section
+from vastflow.producers.floorplan.variation_syntax import Distribution, Path, VariationText
+
+GREATEST_SEED: Final = 2**32 - 1
+"""Of numpy's legacy generator."""
+
+
+@dataclass(frozen=True, slots=True)
+class Varied:
+    """A number of the plan's text that is drawn.
+
+    Attributes:
+        name: As the variation file has it, such as `study.post.height`.
+        start, end: Where the number stands in the plan's text.
+    """
+
+    name: str
+    distribution: Distribution
+    start: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One variation of a plan.
+
+    Attributes:
+        values: Name to the number drawn, in the order of drawing.
+        text: The plan with these numbers; whether it can be built is not known.
+    """
+
+    seed: int
+    values: Mapping[str, float]
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """A variation file and the plan it varies.
+
+    Attributes:
+        source: The variation file's name.
+        varied: In the order of the file, which is that of drawing.
+    """
+
+    source: str
+    plan: PlanText
+    varied: tuple[Varied, ...]
+
+    def sample(self, seed: int) -> Sample:
+        """The plan with every varied number drawn anew from `RandomState(seed)`.
+
+        Args:
+            seed: 0 to `GREATEST_SEED`.
+        """
+        rng = np.random.RandomState(seed)
+        drawn = [(varied, varied.distribution.draw(rng)) for varied in self.varied]
+        text = [f"// Variation of the floor plan {self.plan.token}, drawn from {self.source}\n// Seed {seed}\n"]
+        behind = 0
+        for varied, value in sorted(drawn, key=lambda pair: pair[0].start):
+            text += [self.plan.text[behind : varied.start], repr(value)]
+            behind = varied.end
+        values = {varied.name: value for varied, value in drawn}
+        return Sample(seed, values, "".join([*text, self.plan.text[behind:]]))
+
+
+def variation_of(text: VariationText, plan: PlanText) -> Variation:
+    """A variation file on the plan it names.
+
+    Raises:
+        FloorplanError: it varies what the plan does not have, or one number twice.
+    """
+    numbers = _Numbers(plan)
+    faults: list[Fault] = []
+    varied: list[Varied] = []
+    taken: set[int] = set()
+    for item in text.items:
+        found = numbers.variable(item.path) if not item.attribute else numbers.attribute(item.path, item.attribute)
+        if isinstance(found, Quantity) and found.span[0] in taken:
+            what = f"the number in line {found.token.line} of the plan is varied a second time"
+            found = _Wrong((item.attribute or item.path)[0], what, "one distribution for it")
+        if isinstance(found, _Wrong):
+            place = (found.token.line or 1, found.token.column or 1)
+            faults.append(Fault(text.file, *place, str(item), found.what, found.right))
+        else:
+            taken.add(found.span[0])
+            varied.append(Varied(str(item), item.distribution, *found.span))
+    if faults:
+        raise FloorplanError(faults)
+    return Variation(text.file, plan, tuple(varied))
+
+
+@dataclass(frozen=True, slots=True)
+class _Wrong:
+    token: Token
+    what: str
+    right: str
+
+
+class _Numbers:
+    """The numbers of a plan's text by the paths that name them."""
+
+    def __init__(self, plan: PlanText) -> None:
+        self._variables = {str(variable.token): variable.number for variable in plan.variables}
+        own = [(str(section.token), section) for section in (*plan.spaces, *plan.openings, *plan.features)]
+        inner = [(f"{space.token}.{feature.token}", feature) for space in plan.spaces for feature in _features(space)]
+        self._sections: dict[str, Section] = dict([*own, *inner])
+        count = Counter(name for name, _ in own)
+        self._ambiguous = {name for name in count if count[name] > 1}
+
+    def variable(self, path: Path) -> Quantity | _Wrong:
+        """The number that a variable is declared with."""
+        name = ".".join(path)
+        if name in self._variables:
+            return self._variables[name]
+        if name in self._sections:
+            return _Wrong(path[0], f"{name!r} is no variable", f"{name}: {{ ... }} with attributes of it")
+        right = did_you_mean(name, self._variables) if self._variables else "it declares none"
+        return _Wrong(path[0], f"the plan has no variable {name!r}", right)
+
+    def attribute(self, path: Path, attribute: Path) -> Quantity | _Wrong:
+        """The number of an attribute of a space, feature or opening."""
+        name, wanted = ".".join(path), ".".join(attribute)
+        section = self._sections.get(name)
+        if section is None:
+            what = f"the plan has no space, feature or opening {name!r}"
+            return _Wrong(path[0], what, did_you_mean(name, self._sections))
+        if name in self._ambiguous:
+            return _Wrong(path[0], f"the plan has more than one {name!r}", "a name that one of them has alone")
+        known = dict(_attributes(section))
+        quantity = known.get(wanted)
+        if quantity is None:
+            return _Wrong(attribute[0], f"{section.kind} {name} states no {wanted!r}", did_you_mean(wanted, known))
+        if quantity.is_variable:
+            variable = quantity.text
+            what = f"{wanted} of {name} is the variable {variable!r}"
+            return _Wrong(attribute[0], what, f"vary {variable!r} itself, or write a number in the plan")
+        return quantity
+
+
+def _features(space: Section) -> Iterator[Section]:
+    for part in space.parts:
+        if part.key == "features":
+            yield from part.value
+
+
+def _attributes(section: Section) -> Iterator[tuple[str, Quantity]]:
+    """Every number that a section states and that may be varied, variables included, by its path."""
+    parts: dict[str, Any] = {part.key: part.value for part in section.parts}
+    if "shape" in parts:
+        for name, size in parts["shape"].sizes.items():
+            yield f"shape.{name}", size
+    if "height" in parts:
+        yield "height", parts["height"]
+    for part in parts.get("walls", ()):
+        yield f"defaults.wall.{part.key}", part.value
+    for part in parts.get("location", ()):
+        if part.key in ("translation", "rotation"):
+            for coordinate in part.value:
+                yield f"location.{part.key}.{coordinate.key}", coordinate.value

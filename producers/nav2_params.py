@@ -1,0 +1,90 @@
+"""The user's Nav2 parameter file, as `execution.nav2_params` names it: its content, its faults, what is not modelled."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from vastflow.producers.document import Document
+from vastflow.producers.faults import Fault, Location, Note, shown
+from vastflow.sim.digest import Value
+from vastflow.sim.nav.parameters import document as parameters
+from vastflow.sim.nav.parameters.findings import Finding, findings
+from vastflow.sim.nav.parameters.interpretation import Interpretation, critics_of, interpretation
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, file_value
+
+WHERE: Final[Location] = ("execution", FILE_KEY)
+
+
+@dataclass(frozen=True, slots=True)
+class Nav2Params:
+    """What a campaign file's Nav2 parameter file comes to.
+
+    Attributes:
+        system: What it adds to every family's system dimension; empty without a file that can be used.
+    """
+
+    system: Mapping[str, Value]
+    faults: tuple[Fault, ...] = ()
+    notes: tuple[Note, ...] = ()
+
+
+def nav2_params_of(document: Document, base: Path) -> Nav2Params:
+    """Read the Nav2 parameter file of a campaign file, which is relative to `base`."""
+    if document.known(WHERE) != WHERE or not isinstance(name := document.value(WHERE), str):
+        return Nav2Params({})
+    path = base / name
+    if not path.is_file():
+        what = f"found {shown(name)}, and there is no such file"
+        return Nav2Params({}, (document.fault(WHERE, what, "a Nav2 parameter file"),))
+    try:
+        found = interpretation(parameters.read_document(path))
+    except parameters.DocumentError as error:
+        return Nav2Params({}, tuple(faults_of(error)))
+    return Nav2Params({FILE_KEY: file_value(found.document)}, (), tuple(notes_of(found)))
+
+
+def faults_of(error: parameters.DocumentError) -> Iterator[Fault]:
+    """A parameter file's faults at their places."""
+    for fault in error.faults:
+        line, column = fault.place
+        yield Fault(error.file, max(line, 1), max(column, 1), fault.where, fault.what, fault.right)
+
+
+def notes_of(found: Interpretation) -> Iterator[Note]:
+    """What of a parameter file is not modelled or built in otherwise; a group that is not modelled is one note."""
+    document = found.document
+    for nodes, consequence in (
+        (found.replaced, "as in Nav2 Jazzy's default file"),
+        (found.left_away, "the stack does without"),
+    ):
+        if nodes:
+            yield Note("warning", document.file, 1, 1, "file", f"has no {', '.join(nodes)}", consequence)
+    critics = critics_of(found.parameters.controller).values()
+    if critics and not any(critic.enabled for critic in critics):
+        node = document.node("controller_server") or ()
+        what = "enables no critic of its controller"
+        yield Note(
+            "warning", document.file, *document.place(node), "controller_server", what, "it will not follow a path"
+        )
+    for path in document.repeated:
+        yield Note("warning", document.file, *document.place(path), short(path), "a second time; this value counts")
+    said = [finding for finding in findings(found) if finding.status in ("not modelled", "differs")]
+    sizes = Counter(finding.about for finding in said)
+    for about, size in sizes.items():
+        first = next(finding for finding in said if finding.about == about)
+        yield _note(document, first, size)
+
+
+def _note(document: parameters.Document, finding: Finding, size: int) -> Note:
+    if finding.status == "differs":
+        what, right = f"found {shown(finding.value)}, which is not modelled", f"{shown(finding.used)} is built in"
+    else:
+        what, right = "not modelled" if size == 1 else f"its {size} parameters are not modelled", finding.why
+    return Note("not modelled", document.file, *document.place(finding.about), short(finding.about), what, right)
+
+
+def short(path: parameters.Location) -> str:
+    """A path without `ros__parameters`, as campaign files may have it for a key."""
+    return ".".join(name for name in path if name != parameters.PARAMETERS)

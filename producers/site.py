@@ -1,0 +1,101 @@
+"""Where obstacles can be placed in a configuration: its map, its path, and what stands there already."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from vastflow.producers.configuration import Rejection
+from vastflow.producers.ground import ground_of, map_key, map_of
+from vastflow.producers.path import PATH_KEY, PATH_LENGTH_KEY
+from vastflow.producers.placement import Site
+from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start, goals_key, start_key
+from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.obstacle import Obstacle, obstacle_of
+from vastflow.sim.octile import shortest_path
+from vastflow.sim.pose import Pose
+
+LIST_KEY: Final = "static_objects"
+"""The usual key of a list of obstacles."""
+LISTS_KEY: Final = "_obstacles"
+"""Key to list of the obstacles that producers placed so far, for those that place more."""
+
+
+@dataclass(frozen=True, slots=True)
+class SiteRequest:
+    """What a producer of obstacles looks at.
+
+    Attributes:
+        name: Key of the list that it writes. What is in there already stays.
+        start, goals: Keys of the path's ends, or the poses themselves.
+    """
+
+    name: str
+    map_file: FileContent | str | None
+    robot_diameter_m: float
+    start: str | Pose = START_KEY
+    goals: str | tuple[Pose, ...] = GOALS_KEY
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """The keys of the map, the path, start and goals, and of the lists of obstacles that are there already."""
+        stops = (start_key(self.start), goals_key(self.goals), GOAL_KEY, GOALS_KEY)
+        lists = (LISTS_KEY, LIST_KEY, self.name)
+        return tuple(dict.fromkeys((map_key(self.map_file), PATH_KEY, PATH_LENGTH_KEY, *stops, *lists)))
+
+    def site(self, inputs: Mapping[str, Value]) -> Site | str:
+        """Where to place; or why there is no path or what stands there can't be read."""
+        map_file = map_of(inputs, self.map_file)
+        if isinstance(map_file, Rejection):
+            return map_file.reason
+        try:
+            start = given_start(inputs, self.start)
+            goals = next(filter(None, (given_goals(inputs, key) for key in (self.goals, GOALS_KEY, GOAL_KEY))), ())
+            standing = _standing(self._lists(inputs))
+        except ValueError as error:
+            return str(error)
+        ground = ground_of(map_file, self.robot_diameter_m)
+        stops = [(pose.x_m, pose.y_m) for pose in ((start, *goals) if start is not None and goals else ())]
+        for stop in stops:
+            if not ground.occupancy.contains(*ground.occupancy.cell_of(*stop)):
+                return f"the start or a goal, ({stop[0]:g}, {stop[1]:g}), lies beyond the map"
+        given = isinstance(self.start, Pose) or isinstance(self.goals, tuple)
+        if PATH_KEY in inputs and PATH_LENGTH_KEY in inputs and not given:
+            path_xy_m, length_m = np.array(inputs[PATH_KEY], dtype=np.float64), float(inputs[PATH_LENGTH_KEY])  # type: ignore[arg-type]
+            stops = stops or [tuple(path_xy_m[0]), tuple(path_xy_m[-1])]
+            return Site(ground, path_xy_m, length_m, stops, standing)
+        if not stops:
+            return f"there is no path to place obstacles at: no {START_KEY} with {GOAL_KEY} or {GOALS_KEY} was written before"
+        way = shortest_path(ground.occupancy, ground.passable, np.array(stops))
+        if way is None:
+            return f"there is no way from the start to the goals for a robot {ground.robot_diameter_m:g} m across"
+        return Site(ground, *way, stops, standing)
+
+    def written(self, inputs: Mapping[str, Value], entries: Sequence[Value]) -> dict[str, Value]:
+        """The list with `entries` at its end, and the note of it for producers that follow."""
+        lists = self._lists(inputs)
+        mine = [*lists.get(self.name, ()), *entries]
+        return {self.name: mine, LISTS_KEY: {**lists, self.name: mine}}
+
+    def _lists(self, inputs: Mapping[str, Value]) -> dict[str, list[Value]]:
+        noted = inputs.get(LISTS_KEY)
+        found = dict(noted) if isinstance(noted, Mapping) else {}
+        found |= {key: inputs[key] for key in (LIST_KEY, self.name) if key in inputs}
+        return {key: _list_of(entries, key) for key, entries in found.items()}
+
+
+def _list_of(value: Value, key: str) -> list[Value]:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return list(value)
+    raise ValueError(f"{key}: found {value!r}; a list of obstacles")
+
+
+def _standing(lists: Mapping[str, Sequence[Value]]) -> tuple[Obstacle, ...]:
+    """Every obstacle of the lists, those that will appear too: a later one must leave them their place."""
+    return tuple(
+        obstacle_of({name: value for name, value in entry.items() if name != "spawn_trigger"}, f"{key}[{i}]")
+        for key, entries in lists.items()
+        for i, entry in enumerate(entries)
+        if isinstance(entry, Mapping) and "spawn_pose" in entry
+    )

@@ -1,0 +1,150 @@
+"""The producer of an obstacle that appears on a configuration's path when the robot comes near."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.ground import map_needed
+from vastflow.producers.obstacle import ObstacleConfig, ObstacleParameters, combinations, placed
+from vastflow.producers.placement import Site
+from vastflow.producers.producer import Draws, Producer
+from vastflow.producers.quantities import Positives
+from vastflow.producers.site import SiteRequest
+from vastflow.producers.stops import GOAL_KEY, START_KEY, GoalsParameter, KeyParameter, StartParameter
+from vastflow.sim.digest import Value
+from vastflow.sim.pose import pose_of
+from vastflow.sim.scenario import Dimension
+
+
+class TriggeredObstacleParameters(ObstacleParameters):
+    """Of `ObstacleVariationWithDistanceTrigger`: those of `ObstacleVariation`, for one obstacle, and its trigger.
+
+    Attributes:
+        spawn_trigger_point: Key of the point at which the obstacle appears.
+        spawn_trigger_threshold: Key of the distance (m) from that point at which the robot triggers it.
+        trigger_distance: That distance (m), one value or several.
+        start_pose, goal_pose: Keys of the path's ends, or the poses themselves.
+    """
+
+    spawn_trigger_point: KeyParameter
+    spawn_trigger_threshold: KeyParameter
+    trigger_distance: Positives
+    start_pose: StartParameter = START_KEY
+    goal_pose: GoalsParameter = GOAL_KEY
+
+    @model_validator(mode="after")
+    def _check_one(self) -> Self:
+        keys = [self.name, self.spawn_trigger_point, self.spawn_trigger_threshold]
+        if len(set(keys)) < len(keys):
+            raise PydanticCustomError("keys", "found one key twice in {keys}; three", {"keys": ", ".join(keys)})
+        amounts = [config.amount for config in self.obstacle_configs]
+        total = sum(amount or 0 for amount in amounts)
+        if total > 1 or (total < 1 and None not in amounts):
+            raise PydanticCustomError("amount", "found {total} obstacles; one for one trigger", {"total": total})
+        return self
+
+
+class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]):
+    """An obstacle near the path that appears when the robot comes within a distance of its place.
+
+    It is placed like those of `ObstacleVariation`, as if it stood from the beginning, anywhere along the path that is
+    farther from the start than the trigger's distance: along the path and in a straight line, so that it is not there when
+    the robot sets out.
+    """
+
+    Parameters = TriggeredObstacleParameters
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """What `ObstacleVariation` reads, and whether the trigger's keys are free."""
+        asked = self.parameters
+        return (*self._request.reads, asked.spawn_trigger_point, asked.spawn_trigger_threshold)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The map, unless the parameters name a file."""
+        return map_needed(self.parameters.map_file)
+
+    @property
+    def writes(self) -> Mapping[str, Dimension | None]:
+        """The list with the obstacle, its trigger's point and distance."""
+        asked = self.parameters
+        keys = (asked.name, asked.spawn_trigger_point, asked.spawn_trigger_threshold)
+        return dict.fromkeys(keys, asked.dimension or "environment")
+
+    def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
+        """Yield `count` placements of each combination of each trigger distance, the distances outermost.
+
+        A placement depends on the seed, what is read, its distance, its combination and its number among equals.
+        """
+        asked = self.parameters
+        site = self._site(inputs)
+        for distance_m in asked.trigger_distance:
+            for kinds in combinations(asked.obstacle_configs):
+                for number in range(1, asked.count + 1):
+                    requested: dict[str, Value] = {
+                        "trigger_distance": distance_m,
+                        "obstacle_configs": [kind.requested() for kind in kinds],
+                        "placement": number,
+                    }
+                    there = site if isinstance(site, str) else _from(site, kinds, distance_m)
+                    entries = there if isinstance(there, str) else placed(there, kinds, draws, requested)
+                    if isinstance(entries, str):
+                        yield Rejection(entries, requested)
+                    else:
+                        yield Fragment(self._values(inputs, entries[0], distance_m))
+
+    def _site(self, inputs: Mapping[str, Value]) -> Site | str:
+        asked = self.parameters
+        for key in (asked.spawn_trigger_point, asked.spawn_trigger_threshold):
+            if key in inputs:
+                return f"{key} is written already, for another trigger; a key of its own for this one"
+        return self._request.site(inputs)
+
+    def _values(self, inputs: Mapping[str, Value], entry: dict[str, Value], distance_m: float) -> dict[str, Value]:
+        asked = self.parameters
+        trigger = {"point": asked.spawn_trigger_point, "threshold": asked.spawn_trigger_threshold}
+        place = pose_of(entry["spawn_pose"])
+        return {
+            **self._request.written(inputs, [{**entry, "spawn_trigger": trigger}]),
+            asked.spawn_trigger_point: {"x": place.x_m, "y": place.y_m, "z": 0.0},
+            asked.spawn_trigger_threshold: distance_m,
+        }
+
+    @property
+    def _request(self) -> SiteRequest:
+        asked = self.parameters
+        return SiteRequest(asked.name, asked.map_file, asked.robot_diameter, asked.start_pose, asked.goal_pose)
+
+
+def _from(site: Site, kinds: tuple[ObstacleConfig, ...], distance_m: float) -> Site | str:
+    """The site beyond the trigger's distance from the start; or why nothing can be triggered there."""
+    wanted = [kind.wanted(site.length_m) for kind in kinds]
+    total = sum(each.amount for each in wanted)
+    if total != 1:
+        return f"{total} obstacles were asked for on a path of {site.length_m:.2f} m; one for one trigger"
+    (pattern,) = [each.pattern for each in wanted if each.amount]
+    least_m = pattern.circumradius_m + site.ground.robot_diameter_m / 2
+    if distance_m < least_m:
+        return (
+            f"at {distance_m:g} m the obstacle would appear where the robot is; a trigger_distance of {least_m:.2f} m"
+        )
+    rest = beyond(site.path_xy_m, distance_m)
+    if not len(rest):
+        return f"the path of {site.length_m:.2f} m ends before {distance_m:g} m, where the trigger could be set off"
+    return replace(site, path_xy_m=rest, from_start_m=distance_m)
+
+
+def beyond(path_xy_m: NDArray[np.float64], distance_m: float) -> NDArray[np.float64]:
+    """The rest (M, 2) of a polyline (N, 2) from `distance_m` along it; empty where it is shorter."""
+    along_m = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path_xy_m, axis=0).T))))
+    if along_m[-1] < distance_m:
+        return np.empty((0, 2))
+    cut = [np.interp(distance_m, along_m, axis) for axis in path_xy_m.T]
+    return np.vstack((cut, path_xy_m[along_m > distance_m]))

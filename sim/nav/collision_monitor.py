@@ -1,0 +1,87 @@
+"""Nav2's collision monitor: the last word on a command, from the newest scan alone (nav2_collision_monitor, approach)."""
+
+import math
+from typing import Any
+
+from vastflow.sim.numeric import inner
+
+
+@inner
+def gather_near_points(p: Any, m: Any) -> None:
+    """Keep the scan's points, in the robot's frame at the time of the scan, that a command could bring under the footprint."""
+    m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw = m.odom_x, m.odom_y, m.odom_yaw
+    fastest_mps = max(p.velocity_smoother.max_velocity[0], -p.velocity_smoother.min_velocity[0])
+    # The robot drives on for one scan period before the next scan comes; 0.1 s at twice the speed is ample.
+    reach_m = p.circumscribed_radius + fastest_mps * (p.collision_monitor.time_before_collision + 0.2) + 0.1
+    n = 0
+    for b in range(m.ranges.shape[0]):
+        reading = m.ranges[b]
+        if not (reading >= p.range_min and reading <= p.range_max and reading <= reach_m):
+            continue
+        m.near_points[0, n] = p.mount_x + reading * m.directions[b, 0]
+        m.near_points[1, n] = p.mount_y + reading * m.directions[b, 1]
+        n += 1
+    m.near = n
+
+
+@inner
+def approach(p: Any, m: Any, v_mps: float, w_radps: float) -> float:
+    """The factor 0..1 of a command: its time to collision, as a share of `time_before_collision`.
+
+    A point counts when it lies in the padded footprint; `min_points` of them are a collision. With so many inside already
+    the factor is 0, whatever the command: a robot among ghost points can't leave them. The simulated motion's clock
+    starts at 0 after its first step, as in Nav2.
+    """
+    q = p.collision_monitor
+    if q.enabled == 0 or m.near < q.min_points:
+        return 1.0
+    # From the scan's robot frame to the robot's frame now.
+    c0, s0 = math.cos(m.scan_odom_yaw), math.sin(m.scan_odom_yaw)
+    moved_x, moved_y = m.odom_x - m.scan_odom_x, m.odom_y - m.scan_odom_y
+    x, y = c0 * moved_x + s0 * moved_y, c0 * moved_y - s0 * moved_x
+    yaw = m.odom_yaw - m.scan_odom_yaw
+    if _points_inside(p, m, x, y, yaw) >= q.min_points:
+        return 0.0
+    if v_mps == 0.0 and w_radps == 0.0:
+        return 1.0
+    t_s = 0.0
+    while t_s < q.time_before_collision:
+        x += v_mps * q.simulation_time_step * math.cos(yaw)
+        y += v_mps * q.simulation_time_step * math.sin(yaw)
+        yaw += w_radps * q.simulation_time_step
+        if _points_inside(p, m, x, y, yaw) >= q.min_points:
+            return float(t_s / q.time_before_collision)
+        t_s += q.simulation_time_step
+    return 1.0
+
+
+@inner
+def _points_inside(p: Any, m: Any, x_m: float, y_m: float, yaw_rad: float) -> int:
+    """How many of the near points lie in the padded footprint of a robot at a pose (in the scan's robot frame)."""
+    inner_square = p.inscribed_radius * p.inscribed_radius
+    outer_square = p.circumscribed_radius * p.circumscribed_radius
+    count = 0
+    c, s = 0.0, 0.0
+    for k in range(m.near):
+        dx, dy = m.near_points[0, k] - x_m, m.near_points[1, k] - y_m
+        square = dx * dx + dy * dy
+        if square > outer_square:
+            continue
+        if square > inner_square:
+            if c == 0.0 and s == 0.0:
+                c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+            if not _in_outline(m.outline, c * dx + s * dy, c * dy - s * dx):
+                continue
+        count += 1
+    return count
+
+
+@inner
+def _in_outline(outline: Any, x_m: float, y_m: float) -> bool:
+    """Whether a point lies in a convex, counter-clockwise outline (K, 2)."""
+    for k in range(outline.shape[0]):
+        ax, ay = outline[k, 0], outline[k, 1]
+        bx, by = outline[(k + 1) % outline.shape[0], 0], outline[(k + 1) % outline.shape[0], 1]
+        if (bx - ax) * (y_m - ay) - (by - ay) * (x_m - ax) < 0.0:
+            return False
+    return True

@@ -1,0 +1,1 @@
+"""Controllers: from the path and the local costmap to a velocity command."""

@@ -1,0 +1,298 @@
+"""The DWB controller (dwb_core of Nav2 Humble): sampled speeds, rolled out, the best by the sum of critics.
+
+A trajectory's score depends on its last pose alone, and its other poses only decide whether it is legal. So all
+samples get the score of their end first, and only those that could be chosen are followed on the way there. With
+scores that never fall when a critic is added, that is the same choice as Nav2's, whose order of samples decides ties.
+
+Nav2's trajectory ends with its last pose twice, and `short_circuit_trajectory_evaluation` leaves critics out once a
+sample is worse than the best: neither changes a choice, and neither is here.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vastflow.sim.nav.controllers.dwb_critics import (
+    DISTANCE,
+    PathGrid,
+    Trends,
+    at_goal,
+    clear,
+    debrief,
+    grow,
+    lay,
+    new_path_grid,
+    new_trends,
+)
+from vastflow.sim.nav.controllers.dwb_rollout import legal, possible, roll_out, sample, step_count
+from vastflow.sim.nav.inflation import INSCRIBED
+from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.window import Window
+from vastflow.sim.numeric import inner
+
+
+class DwbMemory(NamedTuple):
+    """State and working space of the controller.
+
+    Attributes:
+        speeds, turns: (V,), (W,) samples of the last call.
+        scores: (V, W) of their ends, infinite where a critic forbids it.
+        ends: (V, W, 5): x, y in cells, cosine and sine of the heading, its distance from the goal's.
+        first: (V, W) int64, where a sample's sums begin.
+        sums: (P, 2) of the cosine and sine of the headings before each step, beginning with 0; one stretch for each
+            yaw rate and number of steps.
+    """
+
+    speeds: Any
+    turns: Any
+    scores: Any
+    ends: Any
+    first: Any
+    sums: Any
+    grid: PathGrid
+    trends: Trends
+
+
+class _Setting(NamedTuple):
+    """What a call's samples have in common; positions are in cells from the window's corner.
+
+    Attributes:
+        v_mps, w_radps: Measured.
+        goal_state: Of `at_goal`.
+        goal, nose: Cells of GoalDist and GoalAlign.
+        rotate, oscillation, obstacle, goal_align, path_align, path_dist, goal_dist: Scales of the critics, 0 for one that
+            is not asked: with scale 0 Nav2 does not even let it forbid.
+        bounded: Whether a trajectory may not leave the window.
+    """
+
+    x: float
+    y: float
+    yaw_rad: float
+    v_mps: float
+    w_radps: float
+    goal_state: int
+    goal: int
+    nose: int
+    rotate: float
+    oscillation: float
+    obstacle: float
+    goal_align: float
+    path_align: float
+    path_dist: float
+    goal_dist: float
+    bounded: bool
+
+
+def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
+    """Memory for a local costmap of `rows` × `columns` cells."""
+    # Zero comes on top of the samples where they change sign without it.
+    speeds, turns = max(2, parameters.vx_samples) + 1, max(2, parameters.vtheta_samples) + 1
+    fastest_mps = max(abs(parameters.min_vel_x), abs(parameters.max_vel_x))
+    steps_v = math.ceil(fastest_mps * parameters.sim_time / parameters.linear_granularity) + 1
+    steps_w = math.ceil(parameters.max_vel_theta * parameters.sim_time / parameters.angular_granularity) + 1
+    # Of a yaw rate's samples those have a stretch of their own whose speed asks for more steps than the yaw rate.
+    sums = turns * (steps_w + 1) + speeds * turns * (steps_v + 1)
+    return DwbMemory(
+        speeds=np.zeros(speeds),
+        turns=np.zeros(turns),
+        scores=np.zeros((speeds, turns)),
+        ends=np.zeros((speeds, turns, 5)),
+        first=np.zeros((speeds, turns), dtype=np.int64),
+        sums=np.zeros((sums, 2)),
+        grid=new_path_grid(rows, columns),
+        trends=new_trends(),
+    )
+
+
+@inner
+def reset(memory: DwbMemory) -> None:
+    """Forget restrictions and that the goal was reached, as Nav2 does with every new path."""
+    clear(memory.trends.signs)
+    memory.trends.latched[0], memory.trends.latched[1] = 0, 0
+
+
+@inner
+def command(
+    q: Any,
+    memory: DwbMemory,
+    window: Window,
+    outline: Any,
+    inscribed_radius_m: float,
+    pose: Any,
+    twist: Any,
+    plan: Any,
+    n: int,
+    end_yaw_rad: float,
+    goal: Any,
+) -> Any:
+    """Command (valid, v, ω) of the legal sample with the lowest score; not valid when none is legal."""
+    setting, n_speeds, n_turns = score(q, memory, window, pose, twist, plan, n, goal)
+    i, j = _choose(q, memory, window, setting, n_speeds, n_turns)
+    v, w = (memory.speeds[i], memory.turns[j]) if i >= 0 else (0.0, 0.0)
+    if q.Oscillation.enabled != 0:
+        debrief(q.Oscillation, memory.trends, pose, v, w)
+    return i >= 0, v, w
+
+
+@inner
+def score(q: Any, memory: DwbMemory, window: Window, pose: Any, twist: Any, plan: Any, n: int, goal: Any) -> Any:
+    """Score the ends of all samples: the setting, and how many speeds and yaw rates there are."""
+    setting = _prepare(q, memory, window, pose, twist, plan, n, goal)
+    v, w, time_s = twist[0], twist[1], q.sim_time
+    n_speeds = sample(memory.speeds, v, q.min_vel_x, q.max_vel_x, q.acc_lim_x, q.decel_lim_x, time_s, q.vx_samples)
+    limit = q.max_vel_theta
+    n_turns = sample(memory.turns, w, -limit, limit, q.acc_lim_theta, q.decel_lim_theta, time_s, q.vtheta_samples)
+    cells_per_m = 1.0 / window.place[2]
+    roll_out(
+        q,
+        setting,
+        memory.speeds[:n_speeds],
+        memory.turns[:n_turns],
+        memory.first,
+        memory.sums,
+        memory.ends,
+        cells_per_m,
+        goal[2],
+    )
+    _score_ends(q, setting, memory, window.costs, n_speeds, n_turns, cells_per_m)
+    return setting, n_speeds, n_turns
+
+
+@inner
+def _prepare(
+    q: Any, memory: DwbMemory, window: Window, pose: Any, twist: Any, plan: Any, n: int, goal: Any
+) -> _Setting:
+    """Let the critics look at the situation."""
+    dx, dy = goal[0] - pose[0], goal[1] - pose[1]
+    away_m = math.sqrt(dx * dx + dy * dy)
+    # GoalAlign wants the nose beyond the local goal, in the direction from here to the goal.
+    reach_m = q.GoalAlign.forward_point_distance
+    nose_x, nose_y = plan[n - 1, 0] + reach_m, plan[n - 1, 1]
+    if away_m > 0.0:
+        nose_x, nose_y = plan[n - 1, 0] + reach_m * dx / away_m, plan[n - 1, 1] + reach_m * dy / away_m
+    goal_cell, nose_cell = lay(memory.grid, window, plan, n, nose_x, nose_y)
+    # The critics of the grids count metres, and only half of each.
+    half_m = 0.5 * window.place[2]
+    path_align = half_m * q.PathAlign.scale * q.PathAlign.enabled
+    if away_m <= q.PathAlign.forward_point_distance:
+        path_align = 0.0
+    obstacle = q.BaseObstacle.scale * q.BaseObstacle.enabled
+    path_dist = half_m * q.PathDist.scale * q.PathDist.enabled
+    goal_dist = half_m * q.GoalDist.scale * q.GoalDist.enabled
+    return _Setting(
+        (pose[0] - window.place[0]) / window.place[2],
+        (pose[1] - window.place[1]) / window.place[2],
+        pose[2],
+        twist[0],
+        twist[1],
+        at_goal(q, memory.trends.latched, pose[0], pose[1], twist[0], goal),
+        goal_cell,
+        nose_cell,
+        q.RotateToGoal.scale * q.RotateToGoal.enabled,
+        q.Oscillation.scale * q.Oscillation.enabled,
+        obstacle,
+        half_m * q.GoalAlign.scale * q.GoalAlign.enabled,
+        path_align,
+        path_dist,
+        goal_dist,
+        obstacle != 0.0 or path_dist != 0.0 or goal_dist != 0.0,
+    )
+
+
+@inner
+def _score_ends(
+    q: Any, setting: _Setting, memory: DwbMemory, costs: Any, n_speeds: int, n_turns: int, cells_per_m: float
+) -> None:
+    """Sum of the critics at every sample's end, in the order of Nav2's file; infinite where one forbids the sample."""
+    speeds, turns, ends, scores, signs = memory.speeds, memory.turns, memory.ends, memory.scores, memory.trends.signs
+    cells, bins, counts = memory.grid.cells, memory.grid.bins, memory.grid.counts
+    rows, columns = costs.shape
+    stride, nowhere = columns + 2, rows * columns + 1
+    goal_x, goal_y = setting.goal % stride - 1, setting.goal // stride - 1
+    nose_goal_x, nose_goal_y = setting.nose % stride - 1, setting.nose // stride - 1
+    ahead_goal = q.GoalAlign.forward_point_distance * cells_per_m
+    ahead_path = q.PathAlign.forward_point_distance * cells_per_m
+    forward, backward = setting.oscillation == 0.0 or signs[0, 2] == 0, setting.oscillation == 0.0 or signs[0, 1] == 0
+    to_left, to_right = setting.oscillation == 0.0 or signs[1, 2] == 0, setting.oscillation == 0.0 or signs[1, 1] == 0
+    rotating, slowing = (
+        setting.rotate != 0.0 and setting.goal_state == 2,
+        setting.rotate != 0.0 and setting.goal_state == 1,
+    )
+    for i in range(n_speeds):
+        v = speeds[i]
+        excluded = (v > 0.0 and not forward) or (v < 0.0 and not backward) or (rotating and v != 0.0)
+        excluded = excluded or (slowing and v * v >= setting.v_mps * setting.v_mps)
+        for j in range(n_turns):
+            w = turns[j]
+            scores[i, j] = math.inf
+            if excluded or (w > 0.0 and not to_left) or (w < 0.0 and not to_right) or not possible(q, v, w):
+                continue
+            x, y, c, s = ends[i, j, 0], ends[i, j, 1], ends[i, j, 2], ends[i, j, 3]
+            inside = x >= 0.0 and y >= 0.0 and x < columns and y < rows
+            if setting.bounded and not inside:
+                continue
+            total = 0.0
+            if rotating:
+                total += ends[i, j, 4] * setting.rotate
+            elif slowing:
+                total += (v * v * q.RotateToGoal.slowing_factor + ends[i, j, 4]) * setting.rotate
+            if setting.obstacle != 0.0:
+                cost = costs[int(y), int(x)]
+                if cost >= INSCRIBED:
+                    continue
+                total += cost * setting.obstacle
+            if setting.goal_align != 0.0:
+                nose_x, nose_y = x + ahead_goal * c, y + ahead_goal * s
+                if not (nose_x >= 0.0 and nose_y >= 0.0 and nose_x < columns and nose_y < rows):
+                    continue
+                raw = abs(int(nose_x) - nose_goal_x) + abs(int(nose_y) - nose_goal_y)
+                total += (raw if setting.nose >= 0 else nowhere) * setting.goal_align
+            if setting.path_align != 0.0:
+                nose_x, nose_y = x + ahead_path * c, y + ahead_path * s
+                if not (nose_x >= 0.0 and nose_y >= 0.0 and nose_x < columns and nose_y < rows):
+                    continue
+                raw = nowhere
+                if setting.goal >= 0:
+                    at = (int(nose_y) + 1) * stride + int(nose_x) + 1
+                    raw = cells[at, DISTANCE]
+                    if raw < 0:
+                        raw = grow(cells, bins, counts, at, stride)
+                total += raw * setting.path_align
+            if setting.goal < 0 and (setting.path_dist != 0.0 or setting.goal_dist != 0.0):
+                continue
+            if setting.path_dist != 0.0:
+                at = (int(y) + 1) * stride + int(x) + 1
+                raw = cells[at, DISTANCE]
+                if raw < 0:
+                    raw = grow(cells, bins, counts, at, stride)
+                total += raw * setting.path_dist
+            if setting.goal_dist != 0.0:
+                total += (abs(int(x) - goal_x) + abs(int(y) - goal_y)) * setting.goal_dist
+            scores[i, j] = total
+
+
+@inner
+def _choose(q: Any, memory: DwbMemory, window: Window, setting: _Setting, n_speeds: int, n_turns: int) -> Any:
+    """Indices of the first legal sample with the lowest score; (-1, -1) where there is none."""
+    scores, speeds, turns, first, sums = memory.scores, memory.speeds, memory.turns, memory.first, memory.sums
+    costs, cells_per_m = window.costs, 1.0 / window.place[2]
+    best, best_i, best_j = math.inf, -1, -1
+    for i in range(n_speeds):
+        for j in range(n_turns):
+            if scores[i, j] < best:
+                best, best_i, best_j = scores[i, j], i, j
+    if best_i < 0:
+        return -1, -1
+    steps = step_count(q, speeds[best_i], turns[best_j])
+    if legal(q, setting, speeds[best_i], steps, sums, first[best_i, best_j], costs, cells_per_m):
+        return best_i, best_j
+    scores[best_i, best_j] = math.inf
+    best, best_i, best_j = math.inf, -1, -1
+    for i in range(n_speeds):
+        for j in range(n_turns):
+            if scores[i, j] < best:
+                steps = step_count(q, speeds[i], turns[j])
+                if legal(q, setting, speeds[i], steps, sums, first[i, j], costs, cells_per_m):
+                    best, best_i, best_j = scores[i, j], i, j
+    return best_i, best_j

@@ -1,0 +1,162 @@
+"""DWB's samples and where they lead: velocities within reach and their roll-outs (StandardTrajectoryGenerator).
+
+The headings of a roll-out depend on its yaw rate and its number of steps alone, and once the speed is reached the
+positions are linear in sums of their cosines and sines: the end of a trajectory is found without walking it.
+"""
+
+import math
+from typing import Any, Final
+
+from vastflow.sim.nav.inflation import INSCRIBED
+from vastflow.sim.numeric import inner
+from vastflow.sim.robot import wrapped
+
+SAME_VELOCITY: Final = 1e-5
+"""Tolerance of Nav2's velocity iterators (m/s, rad/s)."""
+
+
+@inner
+def sample(
+    out: Any,
+    current: float,
+    low: float,
+    high: float,
+    acceleration: float,
+    deceleration: float,
+    time_s: float,
+    n: int,
+) -> int:
+    """Velocities within reach in `time_s`, evenly spaced with both ends, and 0 where they change sign without it.
+
+    Returns:
+        How many were written to `out`.
+    """
+    current = min(max(current, low), high)
+    top = approach(current, high, acceleration, deceleration, time_s)
+    bottom = approach(current, low, acceleration, deceleration, time_s)
+    step = 1.0 if abs(bottom - top) < SAME_VELOCITY else (top - bottom) / (max(2, n) - 1)
+    count, velocity, zero = 0, bottom, True
+    # Nav2 adds the step up; a product would differ from it in the last digit, and that can decide a tie.
+    while velocity <= top + SAME_VELOCITY and count < out.shape[0]:
+        out[count] = velocity
+        count += 1
+        if zero and velocity < 0.0 and velocity + step > 0.0 and velocity + step <= top + SAME_VELOCITY:
+            out[count] = 0.0
+            count += 1
+            zero = False
+        velocity += step
+    return count
+
+
+@inner
+def possible(q: Any, v_mps: float, w_radps: float) -> bool:
+    """Whether the robot can move like that: not too fast, not too slow, not at rest (`isValidSpeed`)."""
+    square = v_mps * v_mps
+    if q.max_speed_xy >= 0.0 and square > q.max_speed_xy * q.max_speed_xy + SAME_VELOCITY:
+        return False
+    slow = q.min_speed_xy >= 0.0 and square + SAME_VELOCITY < q.min_speed_xy * q.min_speed_xy
+    if slow and q.min_speed_theta >= 0.0 and abs(w_radps) + SAME_VELOCITY < q.min_speed_theta:
+        return False
+    return bool(square != 0.0 or w_radps != 0.0)
+
+
+@inner
+def step_count(q: Any, v_mps: float, w_radps: float) -> int:
+    """Steps of a sample's roll-out, fine enough for both granularities at the sample's own velocities."""
+    by_way = abs(v_mps) * q.sim_time / q.linear_granularity
+    by_turn = abs(w_radps) * q.sim_time / q.angular_granularity
+    longer = max(by_way, by_turn)
+    steps = int(longer)
+    return max(1, steps + 1 if longer > steps else steps)
+
+
+@inner
+def approach(velocity: float, target: float, acceleration: float, deceleration: float, dt_s: float) -> float:
+    """Velocity after `dt_s` on the way to a target; Nav2 takes the sign of the difference, not that of the motion."""
+    if velocity < target:
+        return min(target, velocity + acceleration * dt_s)
+    return max(target, velocity + deceleration * dt_s)
+
+
+@inner
+def roll_out(
+    q: Any,
+    setting: Any,
+    speeds: Any,
+    turns: Any,
+    first: Any,
+    sums: Any,
+    ends: Any,
+    cells_per_m: float,
+    goal_yaw_rad: float,
+) -> None:
+    """Where every sample ends.
+
+    Headings depend on the yaw rate and the number of steps alone, so their sums are shared by nearly all speeds.
+    """
+    free = 0
+    for j in range(turns.shape[0]):
+        steps, base, c, s, heading_error = 0, 0, 0.0, 0.0, 0.0
+        for i in range(speeds.shape[0]):
+            n = step_count(q, speeds[i], turns[j])
+            if n != steps:
+                steps, base = n, free
+                c, s, end_rad = _turn(q, sums[base : base + steps + 1], setting.yaw_rad, setting.w_radps, turns[j])
+                heading_error = abs(wrapped(goal_yaw_rad - end_rad))
+                free += steps + 1
+            # Euler steps while the speed changes, then all the rest at once.
+            dt_s = q.sim_time / steps
+            cells = dt_s * cells_per_m
+            x, y, v, k = setting.x, setting.y, setting.v_mps, 0
+            while k < steps and v != speeds[i]:
+                v = approach(v, speeds[i], q.acc_lim_x, q.decel_lim_x, dt_s)
+                x += v * cells * (sums[base + k + 1, 0] - sums[base + k, 0])
+                y += v * cells * (sums[base + k + 1, 1] - sums[base + k, 1])
+                k += 1
+            ends[i, j, 0] = x + v * cells * (sums[base + steps, 0] - sums[base + k, 0])
+            ends[i, j, 1] = y + v * cells * (sums[base + steps, 1] - sums[base + k, 1])
+            ends[i, j, 2], ends[i, j, 3], ends[i, j, 4] = c, s, heading_error
+            first[i, j] = base
+
+
+@inner
+def _turn(q: Any, sums: Any, yaw_rad: float, w_radps: float, target_radps: float) -> Any:
+    """Write the sums (steps + 1, 2) of a roll-out: cosine, sine and angle of its last heading."""
+    steps = sums.shape[0] - 1
+    dt_s = q.sim_time / steps
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    along, across, w, turning, c_step, s_step = 0.0, 0.0, w_radps, math.inf, 1.0, 0.0
+    sums[0, 0], sums[0, 1] = 0.0, 0.0
+    for k in range(1, steps + 1):
+        along += c
+        across += s
+        sums[k, 0], sums[k, 1] = along, across
+        w = approach(w, target_radps, q.acc_lim_theta, q.decel_lim_theta, dt_s)
+        if w != turning:
+            turning = w
+            c_step, s_step = math.cos(w * dt_s), math.sin(w * dt_s)
+        c, s = c * c_step - s * s_step, s * c_step + c * s_step
+        yaw_rad += w * dt_s
+    return c, s, yaw_rad
+
+
+@inner
+def legal(
+    q: Any, setting: Any, target_mps: float, steps: int, sums: Any, base: int, costs: Any, cells_per_m: float
+) -> bool:
+    """Whether a sample's roll-out, from the robot's own pose on, stays in the window and out of collision."""
+    rows, columns = costs.shape
+    dt_s = q.sim_time / steps
+    cells = dt_s * cells_per_m
+    x, y, v = setting.x, setting.y, setting.v_mps
+    for k in range(base, base + steps + 1):
+        if not (x >= 0.0 and y >= 0.0 and x < columns and y < rows):
+            if setting.bounded:
+                return False
+        elif setting.obstacle != 0.0 and costs[int(y), int(x)] >= INSCRIBED:
+            return False
+        if k < base + steps:
+            v = approach(v, target_mps, q.acc_lim_x, q.decel_lim_x, dt_s)
+            x += v * cells * (sums[k + 1, 0] - sums[k, 0])
+            y += v * cells * (sums[k + 1, 1] - sums[k, 1])
+    return True

@@ -1,0 +1,215 @@
+"""The stack's parameters as a scenario chooses them: a document, rewritten by the keys of the system dimension."""
+
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import Field, dataclass, field, replace
+from typing import Any, Final
+
+from vastflow.sim.digest import FileContent, Value, canonical
+from vastflow.sim.nav.parameters.document import (
+    PARAMETERS,
+    Document,
+    DocumentError,
+    Location,
+    ParameterFault,
+    dotted,
+)
+from vastflow.sim.nav.parameters.interpretation import (
+    CONTROLLER_DEFAULTS,
+    Interpretation,
+    interpretation,
+)
+from vastflow.sim.nav.parameters.parameter import ParameterError
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, loaded
+from vastflow.sim.nav.parameters.plugins import CONTROLLERS, class_name
+from vastflow.sim.nav.parameters.reader import demand, shown, value_of
+from vastflow.sim.nav.parameters.rewriting import converted, rewritten, targets
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.parameters.written import controller_block, document_of
+
+CONTROLLER_KEY: Final = "controller"
+COVARIANCE_KEY: Final = "initial_pose_covariance"
+PERTURBATION_KEYS: Final[Mapping[str, tuple[str, ...]]] = {
+    "laserscan_gaussian_noise_std_deviation": ("laserscan_gaussian_noise_std_deviation",),
+    "laserscan_random_drop_percentage": ("laserscan_random_drop_percentage",),
+    "gaussian_noise_std_deviation": ("laserscan_gaussian_noise_std_deviation",),
+    "random_drop_percentage": ("laserscan_random_drop_percentage",),
+    "odometry_noise_std_deviation": ("odometry_noise_std_deviation",),
+    COVARIANCE_KEY: tuple(f"{COVARIANCE_KEY}_{axis}" for axis in ("xx", "yy", "yaw")),
+}
+"""Keys that stand in no Nav2 file, and what `Perturbation` calls them. The two of the paper's study go by the names of its
+launch arguments, or by those of its relay node."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A system's document with all rewrites done.
+
+    Attributes:
+        touched: Key of the system to the paths it stands for.
+    """
+
+    interpretation: Interpretation
+    touched: Mapping[str, tuple[Location, ...]]
+
+
+def parameters_of(system: Mapping[str, Value]) -> NavParameters:
+    """The stack's parameters of a system dimension; keys that it does not model are left to `unread`.
+
+    The document is that of `nav2_params`, else Nav2 Jazzy's default; `controller` puts another controller in it; every
+    other key rewrites parameters of it (see `rewriting.targets`). Numbers and flags may be written as text.
+
+    Raises:
+        DocumentError: a value of the wrong type or out of range, an unknown plug-in, a file that has changed. The faults
+            of what the system rewrites name its keys. It is a `ParameterError`.
+    """
+    return _chosen(_System(canonical(dict(system)), system)).interpretation.parameters
+
+
+def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[str, ...]:
+    """Keys of the system dimension that nothing in the simulator reads, sorted.
+
+    Args:
+        undecided: More keys, whose values are not known yet.
+
+    Raises:
+        DocumentError: as of `parameters_of`.
+    """
+    chosen = _chosen(_System(canonical(dict(system)), system))
+    document, asked = chosen.interpretation.document, chosen.interpretation.reader.asked
+    touched = {key: _targets(document, key) for key in undecided} | {**chosen.touched}
+
+    def is_read(path: Location) -> bool:
+        return path in asked or (path[-1].isdecimal() and path[:-1] in asked)
+
+    unread_keys = (key for key, paths in touched.items() if not any(map(is_read, paths)))
+    return tuple(sorted(key for key in unread_keys if key not in (FILE_KEY, CONTROLLER_KEY)))
+
+
+def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
+    """Check one more key of a system and say whether it stands for anything there.
+
+    For a parameter's value in a system that is right this is some thirty times as fast as `parameters_of`; bounds on several
+    parameters together are not checked then.
+
+    Raises:
+        DocumentError: as of `parameters_of`.
+    """
+    try:
+        fields = _fields(_System(canonical(dict(system)), system), key)
+    except DocumentError:
+        fields = None
+    if fields is None:
+        parameters_of({**system, key: value})
+        return True
+    for parameter in fields:
+        try:
+            value_of(parameter, converted(value))
+        except ParameterError as error:
+            raise DocumentError([ParameterFault(key, f"found {shown(value)}", demand(error))]) from None
+    return bool(fields)
+
+
+@functools.cache
+def default_document() -> Document:
+    """Nav2 Jazzy's default file, as far as it is modelled."""
+    return document_of(NavParameters())
+
+
+def with_controller(document: Document, name: Value) -> Document:
+    """The document with one controller: its own of that kind if it has one, else one with the default parameters.
+
+    Raises:
+        DocumentError: no such controller.
+    """
+    kinds = {kind.lower(): kind for kind in CONTROLLER_DEFAULTS}
+    if not isinstance(name, str) or name not in kinds:
+        raise DocumentError([ParameterFault(CONTROLLER_KEY, f"found {shown(name)}", f"one of {', '.join(kinds)}")])
+    values = dict(document.values)
+    node = document.node("controller_server")
+    if node is None:
+        node = ("controller_server", PARAMETERS)
+        values |= {path: default_document().values[path] for path in default_document().below(node)}
+    listed = (*node, CONTROLLERS.lists[0])
+    names = values.get(listed)
+    for own in names if isinstance(names, Sequence) and not isinstance(names, str) else ():
+        if CONTROLLERS.modelled.get(class_name(str(values.get((*node, str(own), "plugin"))))) == kinds[name]:
+            return replace(document, values={**values, listed: [own]})
+    block = controller_block(node, CONTROLLER_DEFAULTS[kinds[name]]())
+    kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}
+    return replace(document, values={**kept, **block})
+
+
+@dataclass(frozen=True, slots=True)
+class _System:
+    """A system dimension that is equal to another of the same content."""
+
+    content: str
+    values: Mapping[str, Value] = field(compare=False)
+
+
+@functools.lru_cache(maxsize=64)
+def _chosen(system: _System) -> Chosen:
+    keys = {key: value for key, value in system.values.items() if key not in (FILE_KEY, CONTROLLER_KEY)}
+    document = _document(system.values)
+    if CONTROLLER_KEY in system.values:
+        document = with_controller(document, system.values[CONTROLLER_KEY])
+    own = {key: value for key, value in keys.items() if key in PERTURBATION_KEYS}
+    changed = rewritten(document, {key: value for key, value in keys.items() if key not in own})
+    values = {**changed.document.values, **_perturbation(own)}
+    touched = {**changed.touched, **{key: _targets(document, key) for key in own}}
+    try:
+        return Chosen(interpretation(replace(changed.document, values=values)), touched)
+    except DocumentError as error:
+        raise DocumentError(dict.fromkeys(_named(fault, touched) for fault in error.faults), error.file) from None
+
+
+@functools.lru_cache(maxsize=256)
+def _fields(system: _System, key: str) -> tuple[Field[Any], ...] | None:
+    """The parameters that a key would rewrite; None where it stands for more than values of parameters."""
+    chosen = _chosen(system).interpretation
+    paths = _targets(chosen.document, key)
+    fields = tuple(chosen.reader.fields[path] for path in paths if path in chosen.reader.fields)
+    return fields if len(fields) == len(paths) and key not in (CONTROLLER_KEY, COVARIANCE_KEY) else None
+
+
+def _targets(document: Document, key: str) -> tuple[Location, ...]:
+    if key in PERTURBATION_KEYS:
+        return tuple((name,) for name in PERTURBATION_KEYS[key])
+    return targets(document.values, key)
+
+
+def _perturbation(own: Mapping[str, Value]) -> Mapping[Location, Value]:
+    values: dict[Location, Value] = {}
+    for key in sorted(own):
+        names, items = PERTURBATION_KEYS[key], converted(own[key])
+        if len(names) == 1:
+            items = [items]
+        elif not isinstance(items, Sequence) or isinstance(items, str) or len(items) != len(names):
+            right = "a list of three variances, of x and y (m²) and of the yaw (rad²)"
+            raise DocumentError([ParameterFault(key, f"found {shown(own[key])}", right)])
+        values |= {(name,): item for name, item in zip(names, items, strict=True)}
+    return values
+
+
+def _named(fault: ParameterFault, touched: Mapping[str, tuple[Location, ...]]) -> ParameterFault:
+    """A fault of what a key of the system wrote, as one of the key; the file is not to blame for it."""
+    by = [key for key, paths in touched.items() if any(_within(fault.where, dotted(path)) for path in paths)]
+    if not by or fault.together:
+        return fault
+    return replace(fault, where=max(by, key=lambda key: key.count(".")), place=(0, 0))
+
+
+def _within(where: str, path: str) -> bool:
+    """Whether one is the other or an item of it."""
+    return where == path or where.startswith(f"{path}.") or path.startswith(f"{where}.")
+
+
+def _document(system: Mapping[str, Value]) -> Document:
+    if FILE_KEY not in system:
+        return default_document()
+    content = system[FILE_KEY]
+    if not isinstance(content, FileContent):
+        fault = ParameterFault(FILE_KEY, f"found {shown(content)}", f"a file, which execution.{FILE_KEY} names")
+        raise DocumentError([fault])
+    return loaded(content)

@@ -1,0 +1,70 @@
+"""Parameters of the two costmaps and their layers."""
+
+from dataclasses import dataclass
+
+from vastflow.sim.nav.parameters.parameter import group, parameter
+
+
+@dataclass(frozen=True, slots=True)
+class InflationLayer:
+    """Inflation: radius in metres, scaling per metre."""
+
+    enabled: bool = parameter(True)
+    inflation_radius: float = parameter(0.70, 0.0, 3.0, code=0.55)
+    cost_scaling_factor: float = parameter(3.0, 0.0, 1000.0, code=10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class StaticLayer:
+    """The map as it was given."""
+
+    enabled: bool = parameter(True)
+
+
+@dataclass(frozen=True, slots=True)
+class ObstacleLayer:
+    """What the scan marks and clears, in metres.
+
+    Attributes:
+        short_clearing_cells: A beam clears to its end but for these cells: 2 in a VoxelLayer, 0 in an ObstacleLayer.
+    """
+
+    enabled: bool = parameter(True)
+    footprint_clearing_enabled: bool = parameter(True)
+    marking: bool = parameter(True)
+    clearing: bool = parameter(True, code=False)
+    obstacle_max_range: float = parameter(2.5, 0.0, 100.0)
+    obstacle_min_range: float = parameter(0.0, 0.0, 100.0)
+    raytrace_max_range: float = parameter(3.0, 0.0, 100.0)
+    short_clearing_cells: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Costmap:
+    """One costmap: rates in Hz, lengths in metres.
+
+    `width`, `height`, `resolution` and `publish_frequency` count in the rolling window; the global costmap takes its size
+    and its cells from the map.
+    """
+
+    update_frequency: float = parameter(5.0, 0.05, 20.0)
+    publish_frequency: float = parameter(2.0, 0.05, 20.0, code=1.0)
+    width: int = parameter(3, 1, 100, code=5)
+    height: int = parameter(3, 1, 100, code=5)
+    resolution: float = parameter(0.05, 0.01, 1.0, code=0.1)
+    robot_radius: float = parameter(0.22, 0.01, 10.0, code=0.1)
+    footprint_padding: float = parameter(0.01, 0.0, 10.0)
+    track_unknown_space: bool = parameter(False)
+    static_layer: StaticLayer = group(StaticLayer)
+    obstacle_layer: ObstacleLayer = group(ObstacleLayer)
+    inflation_layer: InflationLayer = group(InflationLayer)
+
+
+def local_costmap() -> Costmap:
+    """Nav2 Jazzy's local costmap: a rolling window without the static layer, marked by a VoxelLayer."""
+    return Costmap(static_layer=StaticLayer(enabled=False), obstacle_layer=ObstacleLayer(short_clearing_cells=2))
+
+
+def global_costmap() -> Costmap:
+    """Nav2 Jazzy's global costmap: as large as the map, updated each second."""
+    return Costmap(update_frequency=1.0, publish_frequency=1.0, track_unknown_space=True)

@@ -1,0 +1,318 @@
+"""A Nav2 parameter document: every parameter of every node under its whole path, and where a file has it.
+
+A file nests nodes, `ros__parameters` and groups; here a path leads to each value. ROS makes no difference between
+`PathAlign.scale: 32.0` and `scale` below `PathAlign`, nor between the node `/a/b` and `b` below `a`, and neither do paths.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import yaml
+from yaml.constructor import ConstructorError, SafeConstructor
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from vastflow.sim.digest import Value
+from vastflow.sim.nav.parameters.parameter import ParameterError
+
+Location: TypeAlias = tuple[str, ...]
+"""Names from the top: nodes, `ros__parameters`, groups, the parameter."""
+Place: TypeAlias = tuple[int, int]
+"""Line and column, from 1."""
+
+PARAMETERS: Final = "ros__parameters"
+
+MAX_DEPTH: Final = 100  # the C composer recurses without a limit of its own and ends the process
+MAX_VALUES: Final = 100_000  # aliases of aliases grow exponentially
+TAG: Final = "tag:yaml.org,2002:"
+EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")
+WHOLE_FILE: Final = "a whole Nav2 parameter file, 'node: {ros__parameters: {...}}'"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterFault:
+    """A mistake in a document.
+
+    Attributes:
+        where: The parameter, dotted; `file` for the whole.
+        what: What was found.
+        right: What would be right.
+        place: Where in the file; (0, 0) for what is in none.
+        together: Whether each value is right on its own, and only together they are not.
+    """
+
+    where: str
+    what: str
+    right: str
+    place: Place = (0, 0)
+    together: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what}; {self.right}"
+
+
+class DocumentError(ParameterError):
+    """A document the stack can't be set to; holds every fault that was found."""
+
+    def __init__(self, faults: Iterable[ParameterFault], file: str = "") -> None:
+        self.faults = tuple(faults)
+        self.file = file
+        super().__init__(self.faults, file)  # as arguments, so that it can be pickled
+
+    def __str__(self) -> str:
+        return "\n".join(
+            f"{self.file}:{fault.place[0]}:{fault.place[1]}: {fault}" if fault.place[0] else str(fault)
+            for fault in self.faults
+        )
+
+
+@dataclass(frozen=True)
+class Document:
+    """Parameters and their places.
+
+    Attributes:
+        values: Path to text, number, flag, list or nothing.
+        places: Where a file has a path or a part of one; items of lists have their number for a name.
+        repeated: Paths that the file has more than once; the last value counts.
+        file: The file's name as the user gave it.
+    """
+
+    values: Mapping[Location, Value]
+    places: Mapping[Location, Place] = field(default_factory=dict)
+    repeated: tuple[Location, ...] = ()
+    file: str = ""
+
+    def place(self, path: Location) -> Place:
+        """Place of a path, or of the nearest thing above it; (0, 0) where there is none."""
+        return next((self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places), (0, 0))
+
+    def below(self, prefix: Location) -> Iterator[Location]:
+        """Paths of the parameters below `prefix`."""
+        return (path for path in self.values if path[: len(prefix)] == prefix)
+
+    @cached_property
+    def nodes(self) -> tuple[Location, ...]:
+        """Paths of the nodes' parameters, each with `ros__parameters` for its end."""
+        return tuple(dict.fromkeys(node_of(path) for path in (*self.values, *self.places) if PARAMETERS in path))
+
+    def node(self, *name: str) -> Location | None:
+        """Path of the parameters of a node, in whatever namespace; the least deep of several, None without one."""
+        found = [node for node in self.nodes if node[-len(name) - 1 : -1] == name]
+        return min(found, key=len, default=None)
+
+
+def node_of(path: Location) -> Location:
+    """Path of the parameters of the node that a parameter is of."""
+    return path[: path.index(PARAMETERS) + 1]
+
+
+def dotted(path: Location) -> str:
+    """A path as RewrittenYaml writes it."""
+    return ".".join(path)
+
+
+def read_document(path: str | Path) -> Document:
+    """Read a Nav2 parameter file; of several YAML documents in it the first.
+
+    Raises:
+        DocumentError: no such file, not YAML, not a mapping, no `ros__parameters`, values that are no parameters.
+    """
+    file = str(path)
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise _unreadable(file, "no such file", "the path of a Nav2 parameter file") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise _unreadable(file, f"can't be read: {reason}", "a Nav2 parameter file") from None
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = content[: error.start].decode("utf-8-sig", "replace")
+        raise _unreadable(file, "not YAML: not UTF-8 text", "a text file encoded as UTF-8", before) from None
+    return parse(text, file)
+
+
+def parse(text: str, file: str = "") -> Document:
+    """The document that `text` holds; for `file` see `Document`.
+
+    Raises:
+        DocumentError: as of `read_document`.
+    """
+    try:
+        root = _composed(text, file)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        what = ", ".join(filter(None, (error.context, error.problem)))
+        raise DocumentError([ParameterFault("file", f"not YAML: {what}", WHOLE_FILE, place)], file) from None
+    except yaml.YAMLError as error:  # ReaderError: a character that YAML has not
+        before = text.encode()[: getattr(error, "position", 0)].decode(errors="replace")
+        raise _unreadable(file, f"not YAML: {getattr(error, 'reason', error)}", "a text file", before) from None
+    if not isinstance(root, MappingNode):
+        found = "empty" if root is None or root.value == "" else "found no mapping"
+        raise DocumentError([ParameterFault("file", found, WHOLE_FILE, _place(root) if root else (1, 1))], file)
+    walk = _Walk(file)
+    walk.nodes(root, ())
+    if not walk.faults and not any(PARAMETERS in path for path in walk.places):
+        walk.faults.append(ParameterFault("file", f"no {PARAMETERS} anywhere", WHOLE_FILE, (1, 1)))
+    if walk.faults:
+        raise DocumentError(sorted(walk.faults, key=lambda fault: fault.place), file)
+    return Document(walk.values, walk.places, tuple(walk.repeated), file)
+
+
+def _unreadable(file: str, what: str, right: str, before: str = "") -> DocumentError:
+    lines = before.split("\n")
+    return DocumentError([ParameterFault("file", what, right, (len(lines), len(lines[-1]) + 1))], file)
+
+
+def _composed(text: str, file: str) -> Node | None:
+    depth = 0
+    has_ended = False
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        if has_ended:  # only now is it known that nothing stands behind the document, such as what is indented less
+            break
+        has_ended = isinstance(event, yaml.DocumentEndEvent)
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MAX_DEPTH:
+                fault = ParameterFault("file", f"more than {MAX_DEPTH} levels deep", "fewer levels", _place(event))
+                raise DocumentError([fault], file)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+    loader = yaml.CSafeLoader(text)
+    try:
+        return loader.get_node() if loader.check_node() else None
+    finally:
+        loader.dispose()
+
+
+def _place(node: Node | yaml.Event) -> Place:
+    mark = node.start_mark
+    return (mark.line + 1, mark.column + 1) if mark else (1, 1)
+
+
+class _Walk:
+    """One walk over a composed node graph; `nodes` of the root fills values, places and faults."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self.values: dict[Location, Value] = {}
+        self.places: dict[Location, Place] = {}
+        self.repeated: list[Location] = []
+        self.faults: list[ParameterFault] = []
+        self._open: set[int] = set()
+        self._visited = 0
+        self._constructor = SafeConstructor()
+
+    def nodes(self, mapping: MappingNode, above: Location) -> None:
+        """Names of nodes and namespaces, down to their parameters."""
+        for key, value, merged in self._items(mapping, above):
+            path = (*above, *filter(None, key.value.split("/")))
+            self.places.setdefault(path, _place(key))
+            if key.value == PARAMETERS:
+                self._parameters(value, path, merged)
+            elif isinstance(value, MappingNode):
+                self.nodes(value, path)
+            elif self._scalar(value, path) is not None:
+                self._fault(value, path, f"a value outside of {PARAMETERS}", f"parameters below '{PARAMETERS}:'")
+
+    def _parameters(self, node: Node, path: Location, merged: bool) -> None:
+        if isinstance(node, MappingNode):
+            self._group(node, path, merged)
+        elif self._scalar(node, path) is not None:
+            self._fault(node, path, "found no mapping", "parameters, 'name: value'")
+
+    def _group(self, mapping: MappingNode, above: Location, merged: bool) -> None:
+        for key, value, brought in self._items(mapping, above):
+            path = (*above, *key.value.split("."))
+            for n in range(len(above) + 1, len(path) + 1):
+                self.places.setdefault(path[:n], _place(key))
+            if isinstance(value, MappingNode):
+                self._group(value, path, merged or brought)
+            else:
+                self._enter(path, value, key, merged or brought)
+
+    def _enter(self, path: Location, value: Node, key: Node, merged: bool) -> None:
+        if path in self.values:
+            if merged:  # what stands in the file itself counts before what an alias brings
+                return
+            self.repeated.append(path)
+        self.places[path] = _place(value if isinstance(value, ScalarNode) and value.value else key)
+        self.values[path] = self._value(value, path)
+
+    def _items(self, mapping: MappingNode, above: Location) -> Iterator[tuple[ScalarNode, Node, bool]]:
+        """Keys and values, those that `<<` brings last and marked."""
+        self._count(mapping, above)
+        if id(mapping) in self._open:
+            self._fault(mapping, above, "found an alias inside of what it stands for", "an alias of something else")
+            return
+        self._open.add(id(mapping))
+        try:
+            for key, value in mapping.value:
+                if isinstance(key, ScalarNode) and key.tag != f"{TAG}merge" and key.value:
+                    yield key, value, False
+                elif key.tag != f"{TAG}merge":
+                    self._fault(key, above, "found a list, a mapping or nothing as a name", "a name")
+            for key, value in mapping.value:
+                for source in self._merged(key, value, above):
+                    yield from ((name, item, True) for name, item, _ in self._items(source, above))
+        finally:
+            self._open.discard(id(mapping))
+
+    def _merged(self, key: Node, value: Node, above: Location) -> Iterator[MappingNode]:
+        if key.tag != f"{TAG}merge":
+            return
+        for source in value.value if isinstance(value, SequenceNode) else [value]:
+            if isinstance(source, MappingNode):
+                yield source
+            else:
+                self._fault(value, above, "found no mapping to merge", "an alias of another mapping")
+
+    def _value(self, node: Node, path: Location) -> Value:
+        if isinstance(node, ScalarNode):
+            return self._scalar(node, path)
+        items: list[Value] = []
+        if isinstance(node, SequenceNode):
+            for k, item in enumerate(node.value):
+                self.places[(*path, str(k))] = _place(item)
+                if isinstance(item, ScalarNode):
+                    items.append(self._scalar(item, path))
+                else:
+                    self._fault(item, path, "found a list or a mapping in a list", "text, numbers or flags")
+        return items
+
+    def _scalar(self, node: Node, path: Location) -> Value:
+        self._count(node, path)
+        if not isinstance(node, ScalarNode):
+            return []
+        kind, text = str(node.tag).removeprefix(TAG), str(node.value)
+        if kind in ("str", "timestamp", "value", "merge"):
+            return float(text) if not node.style and EXPONENT.fullmatch(text) else text
+        if kind == "null":
+            return None
+        try:
+            if kind == "bool":
+                return bool(self._constructor.construct_yaml_bool(node))
+            if kind == "int":
+                return int(self._constructor.construct_yaml_int(node))
+            if kind == "float" and not math.isnan(number := float(self._constructor.construct_yaml_float(node))):
+                return number
+        except (ConstructorError, ValueError, KeyError, IndexError, OverflowError):
+            pass
+        what = f"found {text[:60]!r}" if kind in ("bool", "int", "float") else f"found the tag {node.tag}"
+        self._fault(node, path, what, "text, a number, or true or false")
+        return None
+
+    def _count(self, node: Node, path: Location) -> None:
+        self._visited += 1
+        if self._visited > MAX_VALUES or len(path) > MAX_DEPTH:
+            what = f"aliases that grow to more than {MAX_VALUES} values or {MAX_DEPTH} levels"
+            raise DocumentError([ParameterFault("file", what, "fewer aliases", _place(node))], self._file)
+
+    def _fault(self, node: Node, path: Location, what: str, right: str) -> None:
+        self.faults.append(ParameterFault(dotted(path) or "file", what, right, _place(node)))

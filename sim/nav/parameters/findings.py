@@ -1,0 +1,95 @@
+"""Findings: for each parameter of a file, whether it is modelled, and what is done where it is not."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from vastflow.sim.digest import Value
+from vastflow.sim.nav.parameters.built_in import NOT_MODELLED, TABLES, UNUSED_NODES, built_in
+from vastflow.sim.nav.parameters.document import PARAMETERS, Document, Location, Place, node_of
+from vastflow.sim.nav.parameters.interpretation import Interpretation
+from vastflow.sim.nav.parameters.reader import Reader
+
+Status: TypeAlias = Literal["modelled", "built in", "no effect", "differs", "not modelled"]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What becomes of one parameter of a file.
+
+    Attributes:
+        path: Where the file has it, `place` as line and column.
+        value: What the file says.
+        status: `modelled`: it is used. `built in`: it says what is done anyway. `no effect`: it makes no difference to
+            missions. `differs`: something else is done. `not modelled`: nothing is done.
+        used: The value the simulator has, a range in words; None without one.
+        why: Why it is not used; may be empty.
+        about: The parameter, or a group with nothing in it that is modelled, which can be spoken of once.
+    """
+
+    path: Location
+    place: Place
+    value: Value
+    status: Status
+    used: Value
+    why: str
+    about: Location
+
+
+def findings(found: Interpretation) -> tuple[Finding, ...]:
+    """A finding for each parameter of a document, in the order of the file."""
+    document, reader = found.document, found.reader
+    return tuple(
+        _finding(reader, document, path)
+        for path in sorted(document.values, key=document.place)
+        if document.values[path] is not None  # `GridBased:` with nothing below it
+    )
+
+
+def left_out(found: Interpretation) -> Mapping[Location, Value]:
+    """The modelled parameters that a document's nodes do not give, with what Nav2's code takes for them."""
+    reader, values = found.reader, found.document.values
+    return {path: reader.asked[path] for path in reader.fields if PARAMETERS in path and path not in values}
+
+
+def _finding(reader: Reader, document: Document, path: Location) -> Finding:
+    value, place = document.values[path], document.place(path)
+    if path in reader.asked:
+        used = reader.asked[path]
+        return Finding(path, place, value, "modelled", list(used) if isinstance(used, tuple) else used, "", path)
+    if group := _nearest(path, reader.unused):
+        return Finding(path, place, value, "no effect", None, reader.unused[group], group)
+    if group := _nearest(path, reader.unmodelled):
+        return Finding(path, place, value, "not modelled", None, reader.unmodelled[group], group)
+    node = node_of(path)
+    node_name = "".join(node[-2:-1])
+    if node_name in UNUSED_NODES:
+        return Finding(path, place, value, "no effect", None, UNUSED_NODES[node_name], node)
+    group = _nearest(path, reader.kinds)
+    kind = reader.kinds[group] if group else node_name
+    name = path[len(group or node) :]
+    rule = built_in(kind, name)
+    if rule is not None and rule.agrees(value):
+        status: Status = "built in" if rule.matters else "no effect"
+        return Finding(path, place, value, status, value if rule.matters else None, "", path)
+    if name[-1] in NOT_MODELLED:
+        return Finding(path, place, value, "not modelled", None, NOT_MODELLED[name[-1]], path)
+    if rule is not None:
+        return Finding(path, place, value, "differs", rule.value, "", path)
+    if len(name) > 1 and _is_unlisted(document, (*(group or node), name[0])):
+        return Finding(path, place, value, "no effect", None, "no list of plug-ins has it", (*(group or node), name[0]))
+    if group is None and kind not in TABLES:
+        return Finding(path, place, value, "not modelled", None, "nothing of this node is", node)
+    return Finding(path, place, value, "not modelled", None, "", path)
+
+
+def _is_unlisted(document: Document, plugin: Location) -> bool:
+    """Whether this is a plug-in that no list beside it names."""
+    beside = [value for path, value in document.values.items() if path[:-1] == plugin[:-1]]
+    lists = [value for value in beside if isinstance(value, Sequence)]
+    return (*plugin, "plugin") in document.values and not any(plugin[-1] in names for names in lists)
+
+
+def _nearest(path: Location, groups: Mapping[Location, str]) -> Location | None:
+    """The longest path among `groups` that `path` is below of."""
+    return next((path[:n] for n in range(len(path) - 1, 0, -1) if path[:n] in groups), None)

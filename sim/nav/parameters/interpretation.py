@@ -1,0 +1,305 @@
+"""Interpretation: what a Nav2 parameter document sets the stack to."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final, TypeAlias
+
+from vastflow.sim.nav.parameters.amcl import AmclParameters
+from vastflow.sim.nav.parameters.costmap import Costmap, global_costmap, local_costmap
+from vastflow.sim.nav.parameters.document import Document, DocumentError, Location, ParameterFault
+from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.parameters.parameter import ParameterError
+from vastflow.sim.nav.parameters.plugins import (
+    CONTROLLERS,
+    FOREIGN_CRITICS,
+    GOAL_CHECKERS,
+    LAYERS,
+    PLANNERS,
+    PROGRESS_CHECKERS,
+    WAIT_AT_WAYPOINT,
+    class_name,
+    critic_class,
+)
+from vastflow.sim.nav.parameters.reader import Reader
+from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.parameters.servers import (
+    BehaviorServer,
+    CollisionMonitor,
+    ControllerServer,
+    GoalChecker,
+    NavFn,
+    Perturbation,
+    ProgressChecker,
+    VelocitySmoother,
+    WaypointFollower,
+)
+from vastflow.sim.nav.parameters.stack import ControllerParameters, NavParameters
+
+Parts: TypeAlias = Mapping[str, Any]
+"""Fields of `NavParameters`."""
+
+NO_SMOOTHER: Final = VelocitySmoother(
+    max_velocity=(100.0, 0.0, 100.0),
+    min_velocity=(-100.0, 0.0, -100.0),
+    max_accel=(1000.0, 0.0, 1000.0),
+    max_decel=(-1000.0, 0.0, -1000.0),
+    velocity_timeout=1e6,
+)
+"""A smoother that lets every command through: only the actuators' limits are left."""
+
+OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
+"""Parameters of the global costmap that have no effect: it is as large and as fine as the map."""
+
+CONTROLLER_DEFAULTS: Final[Mapping[str, Callable[[], ControllerParameters]]] = {
+    "MPPI": MppiParameters,
+    "DWB": DwbParameters,
+    "RPP": RppParameters,
+}
+
+
+@dataclass(frozen=True)
+class Interpretation:
+    """A document as the stack reads it.
+
+    Attributes:
+        reader: Has what was asked for and why other things were not.
+        replaced: Nodes that the document lacks and that are as in Nav2 Jazzy's default file; `controller` where a
+            controller server has none.
+        left_away: Nodes that the document lacks and without which the stack does.
+    """
+
+    document: Document
+    parameters: NavParameters
+    reader: Reader
+    replaced: tuple[str, ...]
+    left_away: tuple[str, ...]
+
+
+def interpretation(document: Document) -> Interpretation:
+    """Read a document into the stack's parameters.
+
+    A parameter that a node leaves out is as in Nav2's code. Without the node `collision_monitor` there is none, as in
+    Humble; without `velocity_smoother` only the actuators limit the commands. Other nodes that are left out, as the
+    TurtleBot 4's file leaves out `amcl`, are as in Nav2 Jazzy's default file.
+
+    Raises:
+        DocumentError: every fault of the document.
+    """
+    reader = Reader(document)
+    parts: dict[str, Any] = {"perturbation": reader.group(Perturbation(), ())}
+    absent = []
+    for name, read in _NODES.items():
+        node = document.node(*name)
+        if node is not None:
+            reader.kinds[node] = name[-1]
+            parts |= read(reader, node)
+        else:
+            absent.append(name[-1])
+            parts |= _DISPENSABLE.get(name[-1], {})
+    if reader.faults:
+        raise DocumentError(sorted(reader.faults, key=lambda fault: fault.place), document.file)
+    if "controller" not in parts and "controller_server" not in absent:
+        absent.append("controller")
+    replaced = tuple(name for name in absent if name not in _DISPENSABLE)
+    left_away = tuple(name for name in absent if name in _DISPENSABLE)
+    try:
+        return Interpretation(document, NavParameters(**parts), reader, replaced, left_away)
+    except ParameterError as error:
+        raise DocumentError([_contradiction(reader, str(error))], document.file) from None
+
+
+def _contradiction(reader: Reader, message: str) -> ParameterFault:
+    """What `NavParameters` says of values that are right one by one, at the first of them that it names."""
+    first = message.split()[0].rpartition(".")[2]
+    path = next((path for path in reader.asked if path[-1] == first), ())
+    what = f"found parameters that contradict each other: {message}"
+    return ParameterFault(
+        ".".join(path) or first, what, "values that agree", reader.document.place(path), together=True
+    )
+
+
+def _amcl(reader: Reader, node: Location) -> Parts:
+    return {"amcl": reader.group(AmclParameters(), node)}
+
+
+def _local_costmap(reader: Reader, node: Location) -> Parts:
+    return {"local_costmap": _costmap(reader, node, local_costmap())}
+
+
+def _global_costmap(reader: Reader, node: Location) -> Parts:
+    default = global_costmap()
+    return {"global_costmap": _costmap(reader, node, default, **{name: getattr(default, name) for name in OF_THE_MAP})}
+
+
+def _costmap(reader: Reader, node: Location, default: Costmap, **given: Any) -> Costmap:
+    places: dict[str, Location] = {}
+    kinds: dict[str, str] = {}
+    for layer in reader.plugins(node, LAYERS):
+        field = {"StaticLayer": "static_layer", "InflationLayer": "inflation_layer"}.get(layer.kind, "obstacle_layer")
+        if field in places:
+            reader.unmodelled[(*node, layer.name)] = f"a second layer beside {places[field][-1]} is not modelled"
+        else:
+            places[field], kinds[field] = (*node, layer.name), layer.kind
+    for field in ("static_layer", "obstacle_layer", "inflation_layer"):
+        layer_default = getattr(default, field)
+        if field not in places:
+            given[field] = replace(layer_default, enabled=False)
+        elif field == "obstacle_layer":
+            short = 2 if kinds[field] == "VoxelLayer" else 0
+            given[field] = _obstacle_layer(reader, places[field], replace(layer_default, short_clearing_cells=short))
+        else:
+            given[field] = reader.group(layer_default, places[field])
+    return reader.group(default, node, given=given)
+
+
+def _obstacle_layer(reader: Reader, place: Location, default: Any) -> Any:
+    """The layer with its laser scan; without one it neither marks nor clears."""
+    scan = None
+    for name in reader.names((*place, "observation_sources"), ()):
+        source = (*place, name)
+        # PointCloud2 is what Nav2's code takes a source for that does not say what it is.
+        if scan is None and reader.document.values.get((*source, "data_type"), "PointCloud2") == "LaserScan":
+            scan = source
+            reader.text((*source, "data_type"), "LaserScan")
+            reader.kinds[source] = "scan"
+        else:
+            reader.unmodelled[source] = "only one source, a LaserScan, is modelled"
+    if scan is None:
+        return reader.group(default, place, given={"marking": False, "clearing": False, **_ranges(default)})
+    of_the_scan = ("marking", "clearing", *_ranges(default))
+    return reader.group(default, place, {name: (*scan, name) for name in of_the_scan})
+
+
+def _ranges(layer: Any) -> dict[str, float]:
+    return {field.name: getattr(layer, field.name) for field in dataclasses.fields(layer) if "_range" in field.name}
+
+
+def _controller_server(reader: Reader, node: Location) -> Parts:
+    parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer(), node)}
+    if progress := reader.plugin(node, PROGRESS_CHECKERS):
+        parts["progress_checker"] = reader.group(ProgressChecker(), (*node, progress.name))
+    if goal := reader.plugin(node, GOAL_CHECKERS):
+        parts["goal_checker"] = reader.group(GoalChecker(), (*node, goal.name))
+    # Nav2's code would load DWB here and find no critics for it: such a file is one for other parameters.
+    named = [(*node, *CONTROLLERS.lists), (*node, CONTROLLERS.used, "plugin")]
+    if any(path in reader.document.values for path in named) and (controller := reader.plugin(node, CONTROLLERS)):
+        default = CONTROLLER_DEFAULTS[controller.kind]()
+        place = (*node, controller.name)
+        parts["controller"] = reader.group(default, place, given=_critics(reader, place, controller.kind, default))
+    return parts
+
+
+def critics_of(controller: ControllerParameters) -> Mapping[str, Any]:
+    """The groups of a controller's critics by name, those that are not enabled too; none of RPP's."""
+    groups = {field.name: getattr(controller, field.name) for field in dataclasses.fields(controller)}
+    return {name: group for name, group in groups.items() if dataclasses.is_dataclass(group)}
+
+
+def _critics(reader: Reader, place: Location, algorithm: str, default: ControllerParameters) -> Parts:
+    """The critics that the list `critics` names; all others are not enabled."""
+    critics = critics_of(default)
+    if not critics:
+        return {}
+    loaded: dict[str, Location] = {}
+    listed = (*place, "critics")
+    if algorithm == "DWB" and listed not in reader.document.values:
+        reader.fault(place, "no 'critics'", f"a list of them, without which DWB does not start: {', '.join(critics)}")
+    for k, name in enumerate(reader.names(listed, ())):
+        class_path = (*place, name, "class")
+        text = reader.text(class_path, "") if class_path in reader.document.values else name
+        kind = critic_class(algorithm, text)
+        if kind in critics:
+            loaded[kind] = (*place, name)
+            continue
+        known = f"known: {', '.join(critics)}"
+        if kind in FOREIGN_CRITICS[algorithm]:
+            reader.fault((*listed, str(k)), f"the critic {text} of {algorithm} is not modelled", known)
+        else:
+            reader.fault((*listed, str(k)), f"{algorithm} has no critic {text!r}", known)
+    parts = {}
+    for kind, critic in critics.items():
+        if kind not in loaded:
+            parts[kind] = replace(critic, enabled=False)
+            reader.unused[(*place, kind)] = "not in the list of critics"
+            continue
+        reader.kinds[loaded[kind]] = f"{algorithm} critic"
+        enabled = algorithm != "MPPI" or reader.flag((*loaded[kind], "enabled"), True)
+        parts[kind] = reader.group(critic, loaded[kind], given={"enabled": enabled})
+    return parts
+
+
+def _planner_server(reader: Reader, node: Location) -> Parts:
+    planner = reader.plugin(node, PLANNERS)
+    return {"planner": reader.group(NavFn(), (*node, planner.name))} if planner else {}
+
+
+def _behavior_server(reader: Reader, node: Location) -> Parts:
+    return {"behavior_server": reader.group(BehaviorServer(), node)}
+
+
+def _waypoint_follower(reader: Reader, node: Location) -> Parts:
+    executor = (*node, reader.text((*node, "waypoint_task_executor_plugin"), "wait_at_waypoint"))
+    pause = (*executor, "waypoint_pause_duration")
+    if class_name(str(reader.document.values.get((*executor, "plugin"), WAIT_AT_WAYPOINT))) != WAIT_AT_WAYPOINT:
+        reader.unmodelled[executor] = f"of the tasks at waypoints only {WAIT_AT_WAYPOINT} is modelled"
+        return {"waypoint_follower": reader.group(WaypointFollower(), node, given={pause[-1]: 0})}
+    reader.text((*executor, "plugin"), WAIT_AT_WAYPOINT)
+    waits = reader.flag((*executor, "enabled"), True)
+    found = reader.group(WaypointFollower(), node, {pause[-1]: pause})
+    return {"waypoint_follower": found if waits else replace(found, waypoint_pause_duration=0)}
+
+
+def _velocity_smoother(reader: Reader, node: Location) -> Parts:
+    return {"velocity_smoother": reader.group(VelocitySmoother(), node)}
+
+
+def _collision_monitor(reader: Reader, node: Location) -> Parts:
+    values = reader.document.values
+    polygon = scan = None
+    for name in reader.names((*node, "polygons"), ()):
+        place = (*node, name)
+        action, shape = values.get((*place, "action_type")), values.get((*place, "type"))
+        if polygon is None and (action, shape) == ("approach", "polygon") and (*place, "points") not in values:
+            polygon = place
+            reader.text((*place, "action_type"), "approach")
+            reader.text((*place, "type"), "polygon")
+            reader.kinds[place] = "approach polygon"
+        else:
+            reader.unmodelled[place] = "only one polygon is modelled, the footprint with the action approach"
+    for name in reader.names((*node, "observation_sources"), ()):
+        place = (*node, name)
+        if scan is None and values.get((*place, "type"), "scan") == "scan":
+            scan = place
+            reader.text((*place, "type"), "scan")
+            reader.kinds[place] = "monitored scan"
+        else:
+            reader.unmodelled[place] = "only one source, a scan, is modelled"
+    if polygon is None or scan is None:
+        return {"collision_monitor": replace(CollisionMonitor(), enabled=False)}
+    enabled = [reader.flag((*place, "enabled"), True) for place in (polygon, scan)]
+    own = (*scan, "source_timeout")
+    timeout = own if own in values else (*node, "source_timeout")
+    found = reader.group(CollisionMonitor(), polygon, {"source_timeout": timeout}, {"enabled": all(enabled)})
+    return {"collision_monitor": found}
+
+
+_NODES: Final[Mapping[tuple[str, ...], Callable[[Reader, Location], Parts]]] = {
+    ("amcl",): _amcl,
+    ("controller_server",): _controller_server,
+    ("local_costmap", "local_costmap"): _local_costmap,
+    ("global_costmap", "global_costmap"): _global_costmap,
+    ("planner_server",): _planner_server,
+    ("behavior_server",): _behavior_server,
+    ("waypoint_follower",): _waypoint_follower,
+    ("velocity_smoother",): _velocity_smoother,
+    ("collision_monitor",): _collision_monitor,
+}
+
+MODELLED_NODES: Final = frozenset(name[-1] for name in _NODES)
+
+_DISPENSABLE: Final[Mapping[str, Parts]] = {
+    "velocity_smoother": {"velocity_smoother": NO_SMOOTHER},
+    "collision_monitor": {"collision_monitor": CollisionMonitor(enabled=False)},
+}

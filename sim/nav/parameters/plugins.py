@@ -1,0 +1,112 @@
+"""Plug-ins: which classes of Nav2's are modelled, and the lists of names by which a document has them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+
+@dataclass(frozen=True, slots=True)
+class Plugins:
+    """The plug-ins of one kind.
+
+    Attributes:
+        what: The kind, in words.
+        lists: Names of the list parameter; older releases had a single name in place of a list.
+        modelled: Class to what it is called here.
+        foreign: Other classes of Nav2's, which are known and not modelled.
+        defaults: Names to classes where a document has no list.
+        used: The name that the default behaviour trees ask for, where there are several.
+    """
+
+    what: str
+    lists: tuple[str, ...]
+    modelled: Mapping[str, str]
+    foreign: tuple[str, ...] = ()
+    defaults: Mapping[str, str] = field(default_factory=dict)
+    used: str = ""
+
+
+def class_name(text: str) -> str:
+    """A class as Nav2 writes it today: `pkg::Class` for Humble's `pkg/Class`."""
+    return text.replace("/", "::")
+
+
+def _classes(package: str, *names: str) -> tuple[str, ...]:
+    return tuple(f"{package}::{name}" for name in names)
+
+
+CONTROLLERS: Final = Plugins(
+    what="controller",
+    lists=("controller_plugins",),
+    modelled={
+        "nav2_mppi_controller::MPPIController": "MPPI",
+        "dwb_core::DWBLocalPlanner": "DWB",
+        "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController": "RPP",
+    },
+    foreign=(
+        "nav2_rotation_shim_controller::RotationShimController",
+        "nav2_graceful_controller::GracefulController",
+        "nav2_graceful_motion_controller::GracefulMotionController",
+        "teb_local_planner::TebLocalPlannerROS",
+    ),
+    defaults={"FollowPath": "dwb_core::DWBLocalPlanner"},
+    used="FollowPath",
+)
+PLANNERS: Final = Plugins(
+    what="planner",
+    lists=("planner_plugins",),
+    modelled={"nav2_navfn_planner::NavfnPlanner": "NavFn"},
+    foreign=(
+        *_classes("nav2_smac_planner", "SmacPlanner2D", "SmacPlannerHybrid", "SmacPlannerLattice", "SmacPlanner"),
+        "nav2_theta_star_planner::ThetaStarPlanner",
+    ),
+    defaults={"GridBased": "nav2_navfn_planner::NavfnPlanner"},
+    used="GridBased",
+)
+PROGRESS_CHECKERS: Final = Plugins(
+    what="progress checker",
+    lists=("progress_checker_plugins", "progress_checker_plugin"),
+    modelled={"nav2_controller::SimpleProgressChecker": "SimpleProgressChecker"},
+    foreign=("nav2_controller::PoseProgressChecker",),
+    defaults={"progress_checker": "nav2_controller::SimpleProgressChecker"},
+    used="progress_checker",
+)
+GOAL_CHECKERS: Final = Plugins(
+    what="goal checker",
+    lists=("goal_checker_plugins", "goal_checker_plugin"),
+    modelled={"nav2_controller::SimpleGoalChecker": "SimpleGoalChecker"},
+    foreign=_classes("nav2_controller", "StoppedGoalChecker", "PositionGoalChecker", "AxisGoalChecker"),
+    defaults={"goal_checker": "nav2_controller::SimpleGoalChecker"},
+    used="general_goal_checker",
+)
+LAYERS: Final = Plugins(
+    what="costmap layer",
+    lists=("plugins",),
+    modelled={
+        f"nav2_costmap_2d::{name}": name for name in ("StaticLayer", "ObstacleLayer", "VoxelLayer", "InflationLayer")
+    },
+    foreign=(
+        *_classes("nav2_costmap_2d", "DenoiseLayer", "RangeSensorLayer", "PluginContainerLayer"),
+        "nav2_bringup::NonPersistentVoxelLayer",
+        "spatio_temporal_voxel_layer::SpatioTemporalVoxelLayer",
+    ),
+    defaults={
+        "static_layer": "nav2_costmap_2d::StaticLayer",
+        "obstacle_layer": "nav2_costmap_2d::ObstacleLayer",
+        "inflation_layer": "nav2_costmap_2d::InflationLayer",
+    },
+)
+
+WAIT_AT_WAYPOINT: Final = "nav2_waypoint_follower::WaitAtWaypoint"
+
+FOREIGN_CRITICS: Final[Mapping[str, tuple[str, ...]]] = {
+    "MPPI": ("ObstaclesCritic", "PathAlignLegacyCritic", "TwirlingCritic", "VelocityDeadbandCritic"),
+    "DWB": ("MapGrid", "ObstacleFootprint", "PreferForward", "Twirling"),
+}
+"""Critics of Nav2's that are known and perhaps not modelled."""
+
+
+def critic_class(algorithm: str, text: str) -> str:
+    """A critic as its parameters' group is called here, from its name in the list `critics`."""
+    name = class_name(text).rpartition("::")[2]
+    return name.removesuffix("Critic") if algorithm == "DWB" else name

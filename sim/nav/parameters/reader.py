@@ -1,0 +1,197 @@
+"""Reading parameters out of a document, with account of what was asked for, what was used and what was wrong."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
+
+from vastflow.sim.digest import Value
+from vastflow.sim.nav.parameters.document import Document, Location, ParameterFault, dotted
+from vastflow.sim.nav.parameters.parameter import CODE_DEFAULT, RANGE, ParameterError, check_value
+from vastflow.sim.nav.parameters.plugins import Plugins, class_name
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """A plug-in that a document loads: its name there, and what its class is called here."""
+
+    name: str
+    kind: str
+
+
+class Reader:
+    """Reads one document.
+
+    Attributes:
+        asked: Paths of all parameters that are looked at, present or not, with the value that is taken.
+        fields: Paths of those that are fields of a dataclass, with the field.
+        kinds: Path of a group to what it is, for what of it is not asked for.
+        unmodelled: Path of a group that is not read because it is not modelled, to why.
+        unused: Path of a group that is not read because Nav2 would not read it either, to why.
+        faults: Everything wrong.
+    """
+
+    def __init__(self, document: Document) -> None:
+        self.document = document
+        self.asked: dict[Location, Value] = {}
+        self.fields: dict[Location, dataclasses.Field[Any]] = {}
+        self.kinds: dict[Location, str] = {}
+        self.unmodelled: dict[Location, str] = {}
+        self.unused: dict[Location, str] = {}
+        self.faults: list[ParameterFault] = []
+
+    def fault(self, path: Location, what: str, right: str) -> None:
+        """Note a mistake at `path`."""
+        self.faults.append(ParameterFault(dotted(path), what, right, self.document.place(path)))
+
+    def group(
+        self,
+        default: T,
+        prefix: Location,
+        elsewhere: Mapping[str, Location] | None = None,
+        given: Mapping[str, Any] | None = None,
+    ) -> T:
+        """The parameters below `prefix`; those the document leaves out are as in Nav2's code.
+
+        Args:
+            default: A dataclass of parameters (see `parameter`).
+            elsewhere: Parameter to the path it has where that is not below `prefix`.
+            given: Values that are not to be read.
+        """
+        values: dict[str, Any] = dict(given or {})
+        for field in dataclasses.fields(default):  # type: ignore[arg-type]
+            if field.name in values:
+                continue
+            path = (elsewhere or {}).get(field.name, (*prefix, field.name))
+            if dataclasses.is_dataclass(value := getattr(default, field.name)):
+                values[field.name] = self.group(value, path)
+            elif RANGE in field.metadata:
+                values[field.name] = self._parameter(field, path)
+        return dataclasses.replace(default, **values)  # type: ignore[type-var]
+
+    def _parameter(self, field: dataclasses.Field[Any], path: Location) -> Value:
+        value: Value = field.metadata[CODE_DEFAULT]
+        if path in self.document.values:
+            given = self.document.values[path]
+            try:
+                value = value_of(field, given)
+            except ParameterError as error:
+                self.fault(path, f"found {shown(given)}", demand(error))
+                value = cast(Value, field.default)
+        self.asked[path] = value
+        self.fields[path] = field
+        return value
+
+    def flag(self, path: Location, default: bool) -> bool:
+        """A flag that is no field of a dataclass."""
+        return bool(self._plain(path, default, bool, "true or false"))
+
+    def text(self, path: Location, default: str) -> str:
+        """A text."""
+        return str(self._plain(path, default, str, "text"))
+
+    def names(self, path: Location, default: Sequence[str]) -> list[str]:
+        """A list of names, or a text with blanks between them."""
+        given: Value = self.document.values.get(path, list(default))
+        found = given.split() if isinstance(given, str) else given
+        if not isinstance(found, Sequence) or not all(isinstance(name, str) for name in found):
+            self.fault(path, f"found {shown(given)}", "a list of names")
+            found = list(default)
+        self.asked[path] = given
+        return [str(name) for name in found]
+
+    def _plain(self, path: Location, default: Value, kind: type, meaning: str) -> Value:
+        found = self.document.values.get(path, default)
+        if not isinstance(found, kind):
+            self.fault(path, f"found {shown(found)}", meaning)
+            found = default
+        self.asked[path] = found
+        return found
+
+    def plugins(self, prefix: Location, plugins: Plugins) -> list[Instance]:
+        """The plug-ins that a list parameter below `prefix` names; those of unknown classes are faults."""
+        path = self._list_of(prefix, plugins)
+        names = self.names(path, tuple(plugins.defaults))
+        found = [(name, self._kind(prefix, name, plugins, (*path, str(k)))) for k, name in enumerate(names)]
+        return [Instance(name, kind) for name, kind in found if kind]
+
+    def plugin(self, prefix: Location, plugins: Plugins) -> Instance | None:
+        """The one that the default behaviour trees use; None without one that is modelled, which is a fault."""
+        path = self._list_of(prefix, plugins)
+        names = self.names(path, tuple(plugins.defaults))
+        if not names:
+            self.fault(path, "found an empty list", f"the name of a {plugins.what}")
+            return None
+        used = plugins.used if plugins.used in names else names[0]
+        for name in names:
+            if name != used:
+                self.unused[(*prefix, name)] = f"the default behaviour trees use {used}"
+        kind = self._kind(prefix, used, plugins, (*path, str(names.index(used))))
+        return Instance(used, kind) if kind else None
+
+    def _list_of(self, prefix: Location, plugins: Plugins) -> Location:
+        paths = [(*prefix, name) for name in plugins.lists]
+        return next((path for path in paths if path in self.document.values), paths[0])
+
+    def _kind(self, prefix: Location, name: str, plugins: Plugins, listed: Location) -> str | None:
+        path = (*prefix, name, "plugin")
+        default = plugins.defaults.get(name, "")
+        found = class_name(self.text(path, default))
+        if kind := plugins.modelled.get(found):
+            self.kinds[path[:-1]] = kind
+            return kind
+        known = ", ".join(plugins.modelled)
+        if not found:
+            self.fault(listed, f"no 'plugin' below {name!r}", f"the class of a {plugins.what}; known: {known}")
+        elif found in plugins.foreign:
+            self.fault(path, f"{found} is not modelled", f"a {plugins.what} that is: {known}")
+        else:
+            self.fault(path, f"no {plugins.what} {found!r} is known", f"known: {known}")
+        return None
+
+
+def value_of(field: dataclasses.Field[Any], given: Value) -> Value:
+    """A parameter's value with the type it has here, checked.
+
+    Raises:
+        ParameterError: of another type or out of range.
+    """
+    value = _converted(field.name, given, field.default)
+    check_value(field.name, value, field.default, *field.metadata[RANGE])
+    return value
+
+
+def demand(error: ParameterError) -> str:
+    """What `value_of` would have had, without what it got."""
+    return str(error).partition(", got ")[0]
+
+
+def shown(value: Value) -> str:
+    """`value` as the author of a document would know it."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:59]}…"
+
+
+def _converted(name: str, value: Value, default: Any) -> Value:
+    """`value` with the type of `default` where nothing is lost by it."""
+    if isinstance(default, tuple) and isinstance(value, Sequence) and not isinstance(value, str):
+        kinds = default if len(default) == len(value) else (0.0,) * len(value)
+        return tuple(_converted(name, item, kind) for item, kind in zip(value, kinds, strict=True))
+    if isinstance(default, bool) or isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ParameterError(f"{name} must be a number, got {value!r}")
+    if isinstance(default, float):
+        return number
+    return int(value) if number == int(value) else value

@@ -1,0 +1,102 @@
+"""Parameters of Nav2's servers round planner and controller: checkers, behaviours, smoother, collision monitor."""
+
+from dataclasses import dataclass
+
+from vastflow.sim.nav.parameters.parameter import parameter
+
+
+@dataclass(frozen=True, slots=True)
+class NavFn:
+    """NavfnPlanner; tolerance in metres."""
+
+    tolerance: float = parameter(0.5, 0.0, 100.0)
+    use_astar: bool = parameter(False)
+    allow_unknown: bool = parameter(True)
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerServer:
+    """controller_server: seconds, and velocities below which odometry is read as standing."""
+
+    failure_tolerance: float = parameter(0.3, 0.0, 1e6, code=0.0)
+    min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
+    min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressChecker:
+    """SimpleProgressChecker: metres and seconds."""
+
+    required_movement_radius: float = parameter(0.5, 0.0, 100.0)
+    movement_time_allowance: float = parameter(10.0, 0.1, 1e6)
+
+
+@dataclass(frozen=True, slots=True)
+class GoalChecker:
+    """SimpleGoalChecker: metres and radians."""
+
+    xy_goal_tolerance: float = parameter(0.25, 0.001, 100.0)
+    yaw_goal_tolerance: float = parameter(0.25, 0.001, 7.0)
+    stateful: bool = parameter(True)
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviorServer:
+    """behavior_server: seconds, rad/s, rad/s²."""
+
+    simulate_ahead_time: float = parameter(2.0, 0.0, 100.0)
+    max_rotational_vel: float = parameter(1.0, 0.01, 100.0)
+    min_rotational_vel: float = parameter(0.4, 0.0, 100.0)
+    rotational_acc_lim: float = parameter(3.2, 0.01, 100.0)
+
+
+@dataclass(frozen=True, slots=True)
+class WaypointFollower:
+    """waypoint_follower with its WaitAtWaypoint task; the pause is in milliseconds."""
+
+    stop_on_failure: bool = parameter(False, code=True)
+    waypoint_pause_duration: int = parameter(200, 0, 10_000_000, code=0)
+
+
+@dataclass(frozen=True, slots=True)
+class VelocitySmoother:
+    """velocity_smoother, open loop at 20 Hz: x, y, yaw in m/s and rad/s, and per second; the timeout in seconds."""
+
+    max_velocity: tuple[float, float, float] = parameter((0.5, 0.0, 2.0), 0.0, 100.0, code=(0.5, 0.0, 2.5))
+    min_velocity: tuple[float, float, float] = parameter((-0.5, 0.0, -2.0), -100.0, 0.0, code=(-0.5, 0.0, -2.5))
+    max_accel: tuple[float, float, float] = parameter((2.5, 0.0, 3.2), 0.0, 1000.0)
+    max_decel: tuple[float, float, float] = parameter((-2.5, 0.0, -3.2), -1000.0, 0.0)
+    velocity_timeout: float = parameter(1.0, 0.0, 1e6)
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionMonitor:
+    """collision_monitor with one polygon of type approach round the published footprint; seconds.
+
+    Humble's stack has none: there the file names no such node, and `enabled` is false.
+    """
+
+    enabled: bool = parameter(True)
+    time_before_collision: float = parameter(1.2, 0.0, 100.0, code=2.0)
+    simulation_time_step: float = parameter(0.1, 0.001, 10.0)
+    min_points: int = parameter(6, 1, 100_000, code=4)
+    source_timeout: float = parameter(1.0, 0.0, 1e6, code=2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Perturbation:
+    """What lies between the simulated sensors and Nav2: the relay of the paper's study, and odometry noise.
+
+    Attributes:
+        laserscan_gaussian_noise_std_deviation: Of every beam, metres.
+        laserscan_random_drop_percentage: Share of beams lost, a fraction 0..1 in spite of its name.
+        odometry_noise_std_deviation: Of each step's way and turn, as a share of them.
+        initial_pose_covariance_xx, initial_pose_covariance_yy, initial_pose_covariance_yaw: Of the initial pose (m², rad²).
+    """
+
+    laserscan_gaussian_noise_std_deviation: float = parameter(0.0, 0.0, 100.0)
+    laserscan_random_drop_percentage: float = parameter(0.0, 0.0, 1.0)
+    odometry_noise_std_deviation: float = parameter(0.0, 0.0, 10.0)
+    initial_pose_covariance_xx: float = parameter(0.0, 0.0, 100.0)
+    initial_pose_covariance_yy: float = parameter(0.0, 0.0, 100.0)
+    initial_pose_covariance_yaw: float = parameter(0.0, 0.0, 40.0)

@@ -1,0 +1,140 @@
+"""The stack's parameters as a Nav2 document: what `interpretation` reads, the other way round."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from vastflow.sim.digest import Value
+from vastflow.sim.nav.parameters.costmap import Costmap
+from vastflow.sim.nav.parameters.document import PARAMETERS, Document, Location
+from vastflow.sim.nav.parameters.interpretation import CONTROLLER_DEFAULTS, OF_THE_MAP, critics_of
+from vastflow.sim.nav.parameters.plugins import (
+    CONTROLLERS,
+    GOAL_CHECKERS,
+    LAYERS,
+    PLANNERS,
+    PROGRESS_CHECKERS,
+    WAIT_AT_WAYPOINT,
+    Plugins,
+)
+from vastflow.sim.nav.parameters.stack import ControllerParameters, NavParameters
+
+Values = dict[Location, Value]
+
+
+def document_of(parameters: NavParameters) -> Document:
+    """A document that `interpretation` reads as `parameters`, under the names of Nav2 Jazzy's default file."""
+    values: Values = {("amcl", PARAMETERS, name): value for name, value in _plain(parameters.amcl).items()}
+    node: Location = ("controller_server", PARAMETERS)
+    values |= _below(node, parameters.controller_server)
+    values |= _instance(node, PROGRESS_CHECKERS, "SimpleProgressChecker", parameters.progress_checker)
+    values |= _instance(node, GOAL_CHECKERS, "SimpleGoalChecker", parameters.goal_checker)
+    values |= controller_block(node, parameters.controller)
+    values |= _costmap("local_costmap", parameters.local_costmap)
+    values |= {
+        path: value
+        for path, value in _costmap("global_costmap", parameters.global_costmap).items()
+        if path[-1] not in OF_THE_MAP
+    }
+    values |= _instance(("planner_server", PARAMETERS), PLANNERS, "NavFn", parameters.planner)
+    values |= _below(("behavior_server", PARAMETERS), parameters.behavior_server)
+    return Document(values | _waypoint_follower(parameters) | _velocity_smoother(parameters) | _monitor(parameters))
+
+
+def controller_block(node: Location, controller: ControllerParameters) -> Values:
+    """The list `controller_plugins` with one controller, and its parameters."""
+    kind = next(name for name, make in CONTROLLER_DEFAULTS.items() if isinstance(controller, type(make())))
+    values = _instance(node, CONTROLLERS, kind, controller)
+    if critics := critics_of(controller):
+        place = (*node, CONTROLLERS.used)
+        values[(*place, "critics")] = [name for name, critic in critics.items() if critic.enabled]
+        for name, critic in critics.items():
+            if critic.enabled:
+                values |= _below((*place, name), critic)
+                if kind == "DWB":  # where the list alone says which critics there are
+                    del values[(*place, name, "enabled")]
+    return values
+
+
+def _instance(node: Location, plugins: Plugins, kind: str, parameters: Any) -> Values:
+    name = plugins.used
+    class_name = next(class_name for class_name, called in plugins.modelled.items() if called == kind)
+    return {
+        (*node, plugins.lists[0]): [name],
+        (*node, name, "plugin"): class_name,
+        **_below((*node, name), parameters),
+    }
+
+
+def _costmap(name: str, costmap: Costmap) -> Values:
+    node = (name, name, PARAMETERS)
+    values = _below(node, costmap)
+    obstacle_layer = "voxel_layer" if costmap.obstacle_layer.short_clearing_cells else "obstacle_layer"
+    layers: dict[str, tuple[str, Any]] = {
+        "static_layer": ("StaticLayer", costmap.static_layer),
+        obstacle_layer: ("VoxelLayer" if obstacle_layer == "voxel_layer" else "ObstacleLayer", costmap.obstacle_layer),
+        "inflation_layer": ("InflationLayer", costmap.inflation_layer),
+    }
+    listed = {layer: each for layer, each in layers.items() if each[1].enabled}
+    values[(*node, LAYERS.lists[0])] = list(listed)
+    for layer, (kind, parameters) in listed.items():
+        class_name = next(class_name for class_name, called in LAYERS.modelled.items() if called == kind)
+        values[(*node, layer, "plugin")] = class_name
+        if layer != obstacle_layer:
+            values |= _below((*node, layer), parameters)
+            continue
+        place = (*node, layer)
+        values |= {(*place, "observation_sources"): "scan", (*place, "scan", "data_type"): "LaserScan"}
+        for key, value in _plain(parameters).items():
+            of_the_layer = key in ("enabled", "footprint_clearing_enabled")
+            values[(*place, key) if of_the_layer else (*place, "scan", key)] = value
+    return values
+
+
+def _waypoint_follower(parameters: NavParameters) -> Values:
+    node = ("waypoint_follower", PARAMETERS)
+    executor = (*node, "wait_at_waypoint")
+    values = _below(node, parameters.waypoint_follower)
+    pause = values.pop((*node, "waypoint_pause_duration"))
+    return {
+        **values,
+        (*node, "waypoint_task_executor_plugin"): executor[-1],
+        (*executor, "plugin"): WAIT_AT_WAYPOINT,
+        (*executor, "enabled"): True,
+        (*executor, "waypoint_pause_duration"): pause,
+    }
+
+
+def _velocity_smoother(parameters: NavParameters) -> Values:
+    return _below(("velocity_smoother", PARAMETERS), parameters.velocity_smoother)
+
+
+def _monitor(parameters: NavParameters) -> Values:
+    if not parameters.collision_monitor.enabled:
+        return {}
+    node = ("collision_monitor", PARAMETERS)
+    polygon = (*node, "FootprintApproach")
+    values = _below(polygon, parameters.collision_monitor)
+    values[(*node, "source_timeout")] = values.pop((*polygon, "source_timeout"))
+    return {
+        (*node, "polygons"): [polygon[-1]],
+        (*polygon, "type"): "polygon",
+        (*polygon, "action_type"): "approach",
+        (*node, "observation_sources"): ["scan"],
+        (*node, "scan", "type"): "scan",
+        (*node, "scan", "enabled"): True,
+        **values,
+    }
+
+
+def _below(prefix: Location, parameters: Any) -> Values:
+    return {(*prefix, name): value for name, value in _plain(parameters).items()}
+
+
+def _plain(parameters: Any) -> Mapping[str, Value]:
+    """The parameters of a dataclass without the groups in it, and without fields that are no parameters of Nav2's."""
+    return {
+        field.name: getattr(parameters, field.name)
+        for field in dataclasses.fields(parameters)
+        if field.metadata and not dataclasses.is_dataclass(getattr(parameters, field.name))
+    }

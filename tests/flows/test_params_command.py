@@ -1,0 +1,151 @@
+"""`vastflow params`, and Nav2 parameter files on the way through `validate` and into the results."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.inputs import inputs_of
+from vastflow.flows.notes import MOST_UNMODELLED, terminal_lines
+from vastflow.producers.faults import Note
+
+NAV2 = """\
+controller_server:
+  ros__parameters:
+    controller_frequency: 10.0
+    controller_plugins: [FollowPath]
+    FollowPath:
+      plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
+      desired_linear_vel: 1
+velocity_smoother:
+  ros__parameters:
+    feedback: OPEN_LOOP
+    odom_topic: odom
+    mystery: .inf
+"""
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def nav2(tmp_path):
+    file = tmp_path / "nav2.yaml"
+    file.write_text(NAV2)
+    return file
+
+
+def test_every_parameter_of_the_file_is_a_line_with_what_becomes_of_it(nav2):
+    result = called("params", nav2)
+    assert result.exit_code == 0
+    lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
+    assert lines[:7] == [
+        "3 controller_server.controller_frequency 10.0 differs: 20.0 is built in",
+        "4 controller_server.controller_plugins ['FollowPath'] modelled",
+        "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modelled",
+        "7 controller_server.FollowPath.desired_linear_vel 1 modelled",
+        "10 velocity_smoother.feedback 'OPEN_LOOP' built in",
+        "11 velocity_smoother.odom_topic 'odom' no effect",
+        "12 velocity_smoother.mystery inf not modelled",
+    ]
+
+
+def test_the_counts_come_last(nav2):
+    lines = called("params", nav2).stdout.splitlines()[8:]
+    assert [line.split(":")[0].split(maxsplit=1) for line in lines[:5]] == [
+        ["3", "modelled"],
+        ["1", "built in"],
+        ["1", "no effect"],
+        ["1", "differs"],
+        ["1", "not modelled"],
+    ]
+    assert lines[5].endswith("more are modelled, not in the file, and as in Nav2's code")
+    assert lines[6].startswith("not in the file and as in Nav2 Jazzy's default: amcl, local_costmap, ")
+    assert lines[7] == "not in the file and left away: collision_monitor"
+
+
+def test_json_has_the_same_and_what_is_left_out(nav2):
+    found = json.loads(called("params", nav2, "--json").stdout, parse_constant=pytest.fail)
+    assert found["counts"] == {"modelled": 3, "built in": 1, "no effect": 1, "differs": 1, "not modelled": 1}
+    assert found["parameters"][3] == {
+        "path": "controller_server.ros__parameters.FollowPath.desired_linear_vel",
+        "line": 7,
+        "column": 27,
+        "value": 1,
+        "status": "modelled",
+        "used": 1.0,
+        "why": "",
+    }
+    assert found["left_out"]["controller_server.ros__parameters.FollowPath.lookahead_dist"] == 0.6
+    assert found["nodes_left_away"] == ["collision_monitor"]
+
+
+def test_faults_of_the_file_are_said_with_their_places_and_exit_with_2(nav2):
+    nav2.write_text(NAV2.replace("_vel: 1", "_vel: -1").replace("PursuitController", "Pursuit").replace(".inf", ".nan"))
+    result = called("params", nav2)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith(f"{nav2}:12:14: velocity_smoother.ros__parameters.mystery: found '.nan'; ")
+    nav2.write_text(NAV2.replace("_vel: 1", "_vel: -1").replace("odom_topic", "max_velocity"))
+    result = called("params", nav2, "--json")
+    assert [line.split(":")[1] for line in result.stderr.splitlines()] == ["7", "11"]
+    assert "Traceback" not in result.stderr
+
+
+def test_a_file_that_is_not_there_exits_with_2(tmp_path):
+    result = called("params", tmp_path / "none.yaml")
+    assert (result.exit_code, "no such file" in result.stderr) == (2, True)
+
+
+@pytest.fixture
+def campaign(small_room, nav2):
+    """The small campaign with the parameter file beside it."""
+    nav2.rename(small_room.with_name("nav2.yaml"))
+    small_room.write_text(f"{small_room.read_text()}  nav2_params: nav2.yaml\n")
+    return small_room
+
+
+def test_validate_says_what_is_not_modelled(campaign):
+    result = called("validate", campaign)
+    assert result.exit_code == 0
+    assert f"{campaign.with_name('nav2.yaml')}:12:14: velocity_smoother.mystery: not modelled\n" in result.stdout
+    assert result.stdout.endswith("OK: 1 family, 1 producer, 1 oracle\n")
+
+
+@pytest.mark.parametrize("command", ["validate", "run"])
+def test_a_campaign_with_a_bad_parameter_file_exits_with_2_and_writes_nothing(campaign, monkeypatch, tmp_path, command):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
+    campaign.with_name("nav2.yaml").write_text(NAV2.replace("_vel: 1", "_vel: -1"))
+    before = sorted(tmp_path.rglob("*"))
+    result = called(command, campaign)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert (
+        "nav2.yaml:7:27: controller_server.ros__parameters.FollowPath.desired_linear_vel: found -1; " in result.stderr
+    )
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_parameter_file_is_kept_with_the_inputs(campaign):
+    found = inputs_of(*read_campaign(campaign))
+    assert found.files["nav2.yaml"] == NAV2.encode()
+    assert set(found.files) == {"nav2.yaml", "room.yaml", "room.pgm"}
+    assert len(found.maps) == 1
+
+
+def note(k, kind="not modelled"):
+    return Note(kind, "nav2.yaml", k, 1, f"p{k}", "not modelled")
+
+
+def test_a_few_unmodelled_parameters_are_all_said():
+    assert len(list(terminal_lines([note(k) for k in range(MOST_UNMODELLED)]))) == MOST_UNMODELLED
+
+
+def test_of_many_the_first_are_said_and_the_rest_counted_and_warnings_never_left_out():
+    notes = [note(k) for k in range(200)] + [note(300, "warning"), note(301, "not executed")]
+    lines = list(terminal_lines(notes))
+    assert lines[:2] == [str(note(300, "warning")), str(note(301, "not executed"))]
+    assert lines[2:-1] == [str(note(k)) for k in range(3)]
+    assert lines[-1] == "nav2.yaml: and 197 more that are not modelled; `vastflow params nav2.yaml` shows them all"

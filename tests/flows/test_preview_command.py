@@ -1,0 +1,176 @@
+"""The command `preview`: what it counts, draws and prints, and its exit codes."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+from vastflow.flows.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, way_m
+from vastflow.flows.preview import plan_view_of
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.instantiate import instantiate
+
+PATHS = """\
+    variations:
+      - PathVariationRandom:
+          path_length: [2.0, 200.0]
+          path_length_tolerance: 0.5
+          robot_diameter: 0.5
+          seed: 3
+          start_pose: "@start_pose"
+          goal_poses: "@goal_pose"
+      - ObstacleVariationWithDistanceTrigger:
+          obstacle_configs: [{amount: 1, max_distance: 0.2, args: "width:=0.2"}]
+          spawn_trigger_point: "@spawn_trigger_point"
+          spawn_trigger_threshold: "@spawn_trigger_threshold"
+          trigger_distance: 0.8
+          robot_diameter: 0.5
+          seed: 3
+      - ParameterVariationList:
+          name: laserscan_random_drop_percentage
+          values: [0.0, 0.5, 0.5, 0.9]
+    constraints:
+      - see_enough: laserscan_random_drop_percentage < 0.8
+"""
+
+
+@pytest.fixture
+def rich_room(small_room):
+    """The small room with a path that can be and one that cannot, a duplicate and a configuration that is excluded."""
+    lines = small_room.read_text().splitlines(keepends=True)
+    first, last = lines.index("      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}\n"), lines.index("execution:\n")
+    small_room.write_text("".join([*lines[:first], PATHS, *lines[last:]]))
+    return small_room
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def previewed(*arguments):
+    return CliRunner().invoke(app, ["preview", *map(str, arguments)])
+
+
+def as_json(*arguments):
+    result = previewed(*arguments, "--json")
+    assert result.exit_code == 0, result.stderr
+    (line,) = result.stdout.splitlines()
+    return json.loads(line)
+
+
+def configurations_of(campaign_file):
+    return instantiate(load_campaign(campaign_file)).configurations
+
+
+def test_json_counts_what_would_run_and_what_would_not(rich_room):
+    found = as_json(rich_room, "--pictures", 0)
+    counts = {name: found[name] for name in ("configurations", "rejected", "excluded", "duplicates", "runs")}
+    assert counts == {"configurations": 2, "rejected": 1, "excluded": 1, "duplicates": 1, "runs": 4}
+
+
+def test_json_counts_each_family_and_says_its_design_and_its_reasons(rich_room):
+    found = as_json(rich_room, "--pictures", 0)
+    room = found["families"]["room"]
+    assert {key: room[key] for key in ("configurations", "rejected", "excluded", "duplicates", "runs")} == {
+        key: found[key] for key in ("configurations", "rejected", "excluded", "duplicates", "runs")
+    }
+    assert room["design"]["kind"] == "cartesian"
+    assert room["excluded_by"] == {"see_enough": 1}
+    assert room["rejected_by"]["PathVariationRandom"]["count"] == 1
+
+
+def test_the_reasons_of_rejections_and_exclusions_are_printed(rich_room):
+    printed = previewed(rich_room, "--pictures", 0).stdout
+    assert "200 m" in printed
+    assert "1 ×  room  see_enough" in printed
+
+
+def test_the_first_configurations_are_drawn_and_named(rich_room, tmp_path):
+    found = as_json(rich_room, "--pictures", 1, "--out", tmp_path / "pictures")
+    assert found["pictures"] == [str(tmp_path / "pictures" / "room-1-1-1.png")]
+    with Image.open(found["pictures"][0]) as picture:
+        assert picture.format == "PNG"
+        assert min(picture.size) > 400
+
+
+def test_a_duplicate_is_not_drawn(rich_room):
+    names = [name.rpartition("/")[2] for name in as_json(rich_room)["pictures"]]
+    assert names == ["room-1-1-1.png", "room-1-1-2.png"]
+
+
+def test_pictures_go_to_a_folder_with_the_campaigns_name_and_are_printed(small_room, tmp_path):
+    printed = previewed(small_room, "--pictures", 1).stdout.splitlines()
+    assert printed[-1] == "preview-small-room/room-1.png"
+    assert (tmp_path / printed[-1]).is_file()
+
+
+def test_without_pictures_no_folder_is_made(small_room, tmp_path):
+    assert as_json(small_room, "--pictures", 0)["pictures"] == []
+    assert not list(tmp_path.glob("preview-*"))
+
+
+def test_a_picture_has_path_stops_and_the_obstacle_with_its_trigger(rich_room):
+    view = plan_view_of(configurations_of(rich_room)[0])
+    start, goal = view.situation.start, view.situation.goals[0]
+    assert [tuple(view.path_xy_m[k]) for k in (0, -1)] == [(start.x_m, start.y_m), (goal.x_m, goal.y_m)]
+    assert [obstacle.trigger.distance_m for obstacle in view.situation.obstacles] == [0.8]
+
+
+def test_the_estimate_is_of_distinct_runs_at_the_mean_speed(rich_room):
+    configurations = configurations_of(rich_room)
+    length_m = configurations[0].provenance["_path_length"]
+    found = estimate_of(configurations, runs=5, timeout_s=1000.0, cores=2)
+    assert found.simulated_s == pytest.approx(2 * 5 * length_m / MEAN_SPEED_MPS)
+    assert found.wall_s == pytest.approx(found.simulated_s / (2 * TIMES_REAL_TIME))
+
+
+def test_the_estimate_of_a_run_does_not_exceed_the_timeout(small_room):
+    assert estimate_of(configurations_of(small_room), runs=3, timeout_s=1.5, cores=1).simulated_s == 2 * 3 * 1.5
+
+
+def test_without_a_path_the_way_is_straight_from_stop_to_stop(small_room):
+    assert [way_m(configuration) for configuration in configurations_of(small_room)] == [2.0, 2.0]
+
+
+def test_the_estimate_says_what_it_supposes(small_room):
+    printed = " ".join(previewed(small_room, "--pictures", 0).stdout.split())
+    assert "estimate: about" in printed
+    assert Estimate(10.0, 300.0, 1).how == (
+        "each run its path at 0.3 m/s, 300 s at most, 1 core of 200 times real time each; "
+        "without Prefect's start, compilation and what the store has"
+    )
+
+
+def test_a_fault_of_the_file_ends_with_2_and_is_said_as_validate_says_it(small_room):
+    small_room.write_text(small_room.read_text().replace("  runs: 2", "  rums: 2"))
+    result = previewed(small_room)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == CliRunner().invoke(app, ["validate", str(small_room)]).stderr
+
+
+def test_constraints_that_leave_nothing_end_with_2(rich_room):
+    rich_room.write_text(rich_room.read_text().replace("percentage < 0.8", "percentage > 2"))
+    result = previewed(rich_room)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "the constraints leave nothing of family 'room'" in result.stderr
+
+
+def test_an_out_folder_that_is_a_file_is_said_before_anything_is_built(small_room, tmp_path):
+    (tmp_path / "taken").write_text("")
+    result = previewed(small_room, "--out", tmp_path / "taken")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith("--out ")
+
+
+def test_it_never_imports_prefect(small_room):
+    code = (
+        "import sys\nfrom typer.testing import CliRunner\nfrom vastflow.flows.__main__ import app\n"
+        f"result = CliRunner().invoke(app, ['preview', {str(small_room)!r}])\n"
+        "sys.exit(result.exit_code or 'prefect' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], timeout=120, check=False).returncode == 0

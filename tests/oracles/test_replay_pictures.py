@@ -1,0 +1,246 @@
+"""Pictures of a replay: what stands where, in which colour, on strips, stills and films."""
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from PIL import Image
+
+from vastflow.oracles.figures import COLOURS, GOAL_COLOUR, INK
+from vastflow.oracles.replay.close_up import BELIEF_COLOUR, draw_close_up, ground
+from vastflow.oracles.replay.film import FRAME_MS, LAST_MS, write_film
+from vastflow.oracles.replay.page import ranges_text
+from vastflow.oracles.replay.still import still_images
+from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
+from vastflow.oracles.replay.strip import strip_figure
+from vastflow.oracles.replay.timeline import bands
+from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.pose import Pose
+from vastflow.sim.recording import Event, Run
+from vastflow.sim.snapshot import Box, Moment, Patch, Snapshot
+
+GOAL = Pose(3.0, 1.0)
+BOX = Box(0.0, 0.0, 4.0, 4.0)
+WALL, FREE, UNKNOWN = (58, 63, 71), (255, 255, 255), (226, 229, 232)
+
+
+@pytest.fixture(scope="module")
+def occupancy():
+    """A room of 4 m × 4 m, its walls one cell thick, unknown above 3.5 m."""
+    cells = np.zeros((80, 80), dtype=np.int8)
+    cells[70:] = -1
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    return OccupancyMap(cells, 0.05, (0.0, 0.0))
+
+
+def a_moment(tick, **changes):
+    x_m = 1.0 + 0.01 * tick
+    said = {"activity": "following", "true": Pose(x_m, 2.0), "estimate": Pose(x_m, 2.1), "stopped": False}
+    rest = {"planned": True, "no_command_s": 0.0, "no_progress_s": 0.0, "recoveries": 0, "goal": 0}
+    return Moment(tick=tick, speed_mps=0.2, yaw_rate_radps=0.0, **{**said, **rest, **changes})
+
+
+def a_snapshot(tick, **changes):
+    costs = np.zeros((80, 80), dtype=np.uint8)
+    costs[70:] = 255
+    costs[20:25, 20:25], costs[30, 30] = 253, 254
+    local = np.zeros((60, 60), dtype=np.uint8)
+    local[19:22, 39:42] = 254
+    moment = a_moment(tick)
+    said = {
+        "plan_xy_m": np.array([[moment.true.x_m, 2.0], [2.0, 1.5], [3.0, 1.0]]),
+        "ahead_xy_m": np.array([[moment.true.x_m, 2.0], [2.0, 1.5]]),
+        "intended_xy_m": np.array([[moment.true.x_m, 2.0], [2.0, 2.0]]),
+        "scan_xy_m": np.array([[0.05, 2.0], [3.95, 2.0]]),
+        "particles": np.array([[moment.true.x_m, 2.0, 0.0]]),
+        "outline_m": 0.23 * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]),
+        "obstacles": np.array([[2.5, 3.0, 1.0, 0.0, 0.25, 0.25], [np.inf, np.inf, 1.0, 0.0, 0.25, 0.0]]),
+        "goals": (GOAL,),
+        "global_costs": Patch(costs, Pose(0.0, 0.0), 0.05),
+        "local_costs": Patch(local, Pose(1.0, 0.5, 0.3), 0.05),
+        "overview": Patch(costs, Pose(0.0, 0.0), 0.05),
+    }
+    return Snapshot(moment=moment, **{**said, **changes})
+
+
+def a_story(occupancy, warning="", ticks=60):
+    moments = [a_moment(tick) for tick in range(ticks)]
+    events = (Event(1.0, "recovery", 1.2, 2.0, "spin"), Event(1.52, "contact", 1.3, 2.0, "wall", 0.2))
+    run = Run(0, "1:2:0", "aborted", 104, "no valid command", 3.0, 0.6, 1, 0, events)
+    return Story("room-1, run 0", "room", run, "fail", warning, occupancy, moments, view_of(moments, [GOAL]))
+
+
+def pixels(figure):
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
+
+
+@pytest.fixture
+def close_up(occupancy):
+    """The colour at a place of the map in a close-up of 4 m × 4 m."""
+    figure = Figure(figsize=(8, 8), dpi=100)
+    axes = figure.add_axes((0, 0, 1, 1))
+    draw_close_up(axes, occupancy, a_snapshot(50), a_story(occupancy).way_until(50), BOX)
+    drawn = pixels(figure)
+
+    def colour_at(x_m, y_m):
+        return tuple(drawn[799 - int(y_m * 200), int(x_m * 200)].tolist())
+
+    return colour_at
+
+
+def rgb(colour):
+    return tuple(round(255 * part) for part in to_rgb(colour))
+
+
+def near(one, other, by=3):
+    return max(abs(a - b) for a, b in zip(one, other, strict=True)) <= by
+
+
+def test_the_true_body_is_dark_where_the_robot_is(close_up):
+    assert near(close_up(1.5, 2.0 - 0.1), rgb(INK))
+
+
+def test_the_goal_is_a_green_mark(close_up):
+    assert near(close_up(GOAL.x_m, GOAL.y_m), rgb(GOAL_COLOUR))
+
+
+def test_the_way_has_the_colour_of_the_judgement(close_up):
+    red, green, blue = close_up(1.15, 2.0)
+    assert red > green + 50 > blue + 50
+
+
+def test_walls_free_cells_and_unknown_ones_look_as_in_the_other_figures(close_up):
+    assert close_up(2.0, 0.01) == WALL
+    assert close_up(0.5, 3.0) == FREE
+    assert close_up(0.5, 3.8) == UNKNOWN
+
+
+def test_an_obstacle_stands_where_it_is_and_one_that_has_not_appeared_is_nowhere(close_up):
+    red, green, blue = close_up(2.3, 2.8)
+    assert red > green + 20 and blue > green + 20
+
+
+def test_a_mark_of_the_local_costmap_is_where_the_turned_window_puts_it(close_up):
+    c, s, x, y = np.cos(0.3), np.sin(0.3), 40.5 * 0.05, 20.5 * 0.05
+    assert near(close_up(1.0 + c * x - s * y, 0.5 + s * x + c * y), rgb(BELIEF_COLOUR), by=20)
+
+
+def test_costs_have_colours_of_their_own_and_walls_lie_over_them(occupancy):
+    picture = ground(occupancy, a_snapshot(0).global_costs)
+    assert tuple(picture[0, 5]) == WALL
+    assert tuple(picture[75, 5]) == UNKNOWN
+    assert len({tuple(picture[cell]) for cell in ((22, 22), (30, 30), (50, 50))}) == 3
+
+
+def test_inflated_costs_are_the_stronger_the_nearer_a_wall(occupancy):
+    patch = Patch(np.array([[10, 100, 200, 252]], dtype=np.uint8), Pose(1.0, 1.0), 0.05)
+    red = ground(occupancy, patch)[0, :, 0].tolist()
+    assert red == sorted(red, reverse=True) and len(set(red)) == 4
+
+
+def test_in_a_coarse_overview_a_block_with_a_wall_in_it_is_wall(occupancy):
+    picture = ground(occupancy, Patch(np.zeros((20, 20), dtype=np.uint8), Pose(0.0, 0.0), 0.2))
+    assert tuple(picture[0, 10]) == WALL and tuple(picture[10, 10]) == FREE
+
+
+def test_without_a_local_costmap_yet_there_is_a_picture_all_the_same(occupancy):
+    figure = Figure(figsize=(2, 2))
+    points = dict.fromkeys(("plan_xy_m", "ahead_xy_m", "intended_xy_m", "scan_xy_m"), np.empty((0, 2)))
+    snapshot = a_snapshot(0, local_costs=None, **points)
+    draw_close_up(figure.add_axes((0, 0, 1, 1)), occupancy, snapshot, a_story(occupancy).way_until(0), BOX)
+    assert pixels(figure).std() > 0
+
+
+def test_a_goal_out_of_sight_is_named_with_its_distance(occupancy):
+    figure = Figure(figsize=(4, 4))
+    axes = figure.add_axes((0, 0, 1, 1))
+    draw_close_up(axes, occupancy, a_snapshot(0, goals=(Pose(12.0, 2.0),)), a_story(occupancy).way_until(0), BOX)
+    assert "goal, 10 m" in [text.get_text() for text in axes.texts]
+
+
+def texts(figure):
+    return [text.get_text() for text in figure.texts]
+
+
+def test_a_strip_numbers_its_pictures_and_says_what_happened(occupancy):
+    figure = strip_figure(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 31, 59)])
+    said = texts(figure)
+    assert [text for text in said if text.endswith(" s") and text[0].isdigit()] == [
+        "1   0.00 s",
+        "2   1.00 s",
+        "3   1.55 s",
+        "4   2.95 s",
+    ]
+    assert "recovery: spin" in said
+    assert "touches wall at 0.20 m/s" in said
+    assert "room-1, run 0" in said and any("aborted: no valid command" in text for text in said)
+    assert not any("NOT THE RECORDED RUN" in text for text in said)
+
+
+def test_a_strip_of_another_run_than_the_recorded_one_says_so(occupancy):
+    figure = strip_figure(a_story(occupancy, warning="row 3 (0.30 s), x_mm"), [a_snapshot(0)])
+    assert "NOT THE RECORDED RUN: row 3 (0.30 s), x_mm" in texts(figure)
+
+
+def test_stills_are_of_one_size_and_differ_from_moment_to_moment(occupancy):
+    stills = [*still_images(a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40)])]
+    assert len({still.size for still in stills}) == 1
+    assert len({still.tobytes() for still in stills}) == 3
+
+
+@pytest.fixture(scope="module")
+def film(occupancy, tmp_path_factory):
+    file = tmp_path_factory.mktemp("film") / "film.gif"
+    write_film(file, a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40, 59)])
+    return file
+
+
+def test_a_film_shows_all_pictures_and_the_last_one_longest(film):
+    with Image.open(film) as picture:
+        shown = []
+        for k in range(picture.n_frames):
+            picture.seek(k)
+            shown.append(picture.info["duration"])
+    assert shown == [FRAME_MS] * 3 + [LAST_MS]
+
+
+def test_a_film_keeps_white_white_and_the_colours_of_small_marks(film):
+    with Image.open(film) as picture:
+        colours = {colour for _, colour in picture.convert("RGB").getcolors(maxcolors=1024)}
+    assert FREE in colours
+    assert {rgb(GOAL_COLOUR), rgb(COLOURS["fail"])} <= colours
+
+
+def test_a_small_run_is_shown_whole_from_beginning_to_end(occupancy):
+    moments = [a_moment(tick) for tick in range(60)]
+    view = view_of(moments, [GOAL])
+    assert view.box(moments[0]) == view.box(moments[-1])
+    box = view.box(moments[0])
+    assert box.x0 < 1.0 and box.x1 > GOAL.x_m and box.y0 < GOAL.y_m and box.y1 > 2.0
+
+
+def test_on_a_long_way_the_pictures_go_with_the_robot():
+    moments = [a_moment(tick) for tick in range(60)]
+    view = view_of(moments, [Pose(40.0, 1.0)])
+    first, last = view.box(moments[0]), view.box(moments[-1])
+    assert last.x0 - first.x0 == pytest.approx(0.59)
+    assert (first.x1 - first.x0, first.y1 - first.y0) == pytest.approx((FOLLOWED_M, FOLLOWED_M))
+
+
+def test_the_timeline_has_a_band_for_each_thing_the_robot_did():
+    moments = [a_moment(0), a_moment(1), a_moment(2, no_command_s=0.05), a_moment(3, stopped=True)]
+    moments += [a_moment(4, activity="spin"), a_moment(5, activity="spin"), a_moment(6, no_progress_s=5.0)]
+    assert [*bands(moments)] == [
+        (0, 1, "following"),
+        (2, 2, "no command"),
+        (3, 3, "stopped"),
+        (4, 5, "spin"),
+        (6, 6, "no progress"),
+    ]
+
+
+def test_numbers_in_a_row_are_written_as_a_range():
+    assert ranges_text([1, 3, 4, 5, 8]) == "1, 3–5, 8"

@@ -1,0 +1,306 @@
+"""Constraints: what they look at, what they exclude, and what is said of them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.configuration import Fragment
+from vastflow.producers.constraint import constraint_of
+from vastflow.producers.constraint_reading import place_inside
+from vastflow.producers.design import CARTESIAN, DesignSpec, Sample, TWay
+from vastflow.producers.family import Family
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.producer import Parameters, Producer, find_producer
+
+T_WAY = DesignSpec(t_way=TWay(strength=2))
+SAMPLE = DesignSpec(sample=Sample(method="random", size=1000))
+ROOM = {"goal_pose": {"x": 5.0, "y": 3.0}, "start_pose": {"x": 1.0, "y": 3.0, "yaw": 0.0}}
+
+
+def made(name, parameters):
+    kind = find_producer(name, Path())
+    return kind(kind.Parameters.model_validate(parameters))
+
+
+def levels(name, *values, **others):
+    return made("ParameterVariationList", {"name": name, "values": list(values), **others})
+
+
+def family(*producers, values=None, design=CARTESIAN, name="rooms", dimensions=None, **constraints):
+    named = tuple(constraint_of(key, text) for key, text in constraints.items())
+    return Family(name, values or {}, dimensions or {}, producers, named, design)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    families: tuple[Family, ...]
+    abstract: str = ""
+    timeout_s: float = 60.0
+
+
+def grown(*producers, **others):
+    return instantiate(Campaign((family(*producers, **others),)))
+
+
+def factors(found, *names):
+    return [tuple(c.factors[name] for name in names) for c in found.configurations]
+
+
+@pytest.fixture(scope="module")
+def room(drawn_map):
+    """6 m × 6 m of free ground in walls of 0.5 m; its lower left corner is at (-1, -2), with a wall in between."""
+    return drawn_map(
+        "#" * 14, *["#" + "." * 12 + "#"] * 5, "####...#######", *["#" + "." * 12 + "#"] * 6, "#" * 14, cells=10
+    )
+
+
+@pytest.mark.parametrize("design", [CARTESIAN, T_WAY, SAMPLE], ids=["cartesian", "t_way", "sample"])
+def test_only_configurations_that_keep_all_constraints_are_left(design):
+    found = grown(levels("a", 1, 2, 3), levels("b", 1, 2, 3), design=design, ordered="a < b", small="a + b < 5")
+    assert factors(found, "a", "b") == [(1, 2), (1, 3)]
+
+
+def test_what_is_excluded_is_told_with_the_constraint_and_what_it_looked_at():
+    found = grown(levels("a", 1, 2), levels("b", 5, 6), other="a != 1 or b != 6", small="a < 2")
+    assert [(e.family, e.name, e.constraint, e.values) for e in found.excluded] == [
+        ("rooms", "rooms-2", "small", {"a": 2}),
+        ("rooms", "rooms-1-2", "other", {"a": 1, "b": 6}),
+    ]
+    assert found.coverage["excluded_by"] == {"small": 1, "other": 1}
+    assert [found.coverage[name] for name in ("requested", "excluded", "realised")] == [3, 2, 1]
+
+
+class Counting(Producer[Parameters]):
+    """Reads `a` and keeps count."""
+
+    Parameters = Parameters
+    reads = ("a",)
+    writes = {"c": None}  # noqa: RUF012
+    seen = []  # noqa: RUF012
+
+    def produce(self, inputs, draws):
+        self.seen.append(inputs["a"])
+        yield Fragment({"c": inputs["a"] * 10})
+
+
+@pytest.mark.parametrize("design", [CARTESIAN, T_WAY], ids=["cartesian", "t_way"])
+def test_a_branch_is_cut_before_later_producers_see_it(design):
+    Counting.seen.clear()
+    grown(levels("a", 1, 2, 3), Counting(Parameters()), design=design, small="a < 3")
+    assert Counting.seen == [1, 2]
+
+
+def test_names_do_not_move_when_a_constraint_is_added():
+    found = grown(levels("a", 1, 2, 3), second="a != 1")
+    assert [c.name for c in found.configurations] == ["rooms-2", "rooms-3"]
+
+
+def test_a_key_that_is_written_again_later_is_looked_at_in_the_end():
+    found = grown(levels("b", 1), values={"b": 9}, small="b < 5")
+    assert len(found.configurations) == 1
+
+
+def test_values_inside_of_poses_and_lists_can_be_named(room):
+    values = {**ROOM, "map_file": room, "goal_poses": [{"x": 2.0, "y": 1.0}], "local.radius": 0.3}
+    text = "goal_pose.x > start_pose.x and goal_poses[0].y == 1 and local.radius < 1 and `local.radius` > 0"
+    assert len(grown(values=values, where=text).configurations) == 1
+
+
+def test_quantities_of_a_drawn_path_are_those_of_its_producer(room):
+    path = made("PathVariationRandom", {"path_length": [3, 4], "goal_poses": "@goal_pose", "num_paths": 2})
+    found = grown(path, values={"map_file": room}, long="path_length > 3.5")
+    assert [round(c.provenance["_path_length"]) for c in found.configurations] == [4, 4]
+    assert all(e.values["path_length"] < 3.5 for e in found.excluded)
+    assert len(found.excluded) == 2
+
+
+def looked(room, name, **values):
+    """The value of a quantity: what a constraint that nothing keeps looked at."""
+    with_all = {**ROOM, "map_file": room, **values}
+    apart = family(name="apart", values={"x": 1})
+    tags = {"boxes": "environment"}
+    found = instantiate(Campaign((apart, family(values=with_all, dimensions=tags, never=f"{name} < -1"))))
+    return found.excluded[0].values[name]
+
+
+def test_the_clearances_of_a_path_along_a_wall_are_distances_to_it(room):
+    # The lower half of the room is free from x = -0.5 to 5.5 and from y = -1.5 to 1.5.
+    poses = {"start_pose": {"x": 0.0, "y": -1.0}, "goal_pose": {"x": 4.0, "y": -1.2}}
+    assert looked(room, "start_clearance", **poses) == pytest.approx(0.5, abs=0.03)
+    assert looked(room, "goal_clearance", **poses) == pytest.approx(0.3, abs=0.03)
+    assert looked(room, "clearance", **poses) == pytest.approx(0.3, abs=0.03)
+    assert looked(room, "narrowest_passage", **poses) == pytest.approx(0.6, abs=0.06)
+
+
+def test_the_narrowest_passage_is_the_door_that_the_path_goes_through(room):
+    poses = {"start_pose": {"x": 1.75, "y": -0.5}, "goal_pose": {"x": 1.75, "y": 3.5}}
+    # The door is three letters of 0.5 m wide, and the straight path goes through its middle.
+    assert looked(room, "narrowest_passage", **poses) == pytest.approx(1.5, abs=0.1)
+
+
+def test_counts_and_lengths_of_fixed_poses(room):
+    boxes = [{"spawn_pose": {"x": 1, "y": 1}}] * 3
+    poses = {"start_pose": {"x": 0.0, "y": 0.0}, "goal_pose": {"x": 3.0, "y": 0.0}}
+    assert looked(room, "straight_distance", **poses) == 3.0
+    assert looked(room, "path_length", **poses) == pytest.approx(3.0)
+    assert looked(room, "number_of_goals", **poses) == 1
+    assert looked(room, "number_of_obstacles", boxes=boxes, **poses) == 3
+    assert looked(room, "obstacle_density", boxes=boxes, **poses) == pytest.approx(1.0)
+
+
+def test_a_constraint_on_obstacles_waits_for_their_producer(room):
+    kinds = [{"amount_per_m": [0.0, 0.5], "max_distance": 1.0, "model": "box", "xacro_arguments": "width:=0.2"}]
+    obstacles = made("ObstacleVariation", {"obstacle_configs": kinds})
+    for design in (CARTESIAN, T_WAY):
+        found = grown(
+            obstacles,
+            levels("noise", 0, 1),
+            values={**ROOM, "map_file": room, "start_pose": {"x": 0.0, "y": 0.0}, "goal_pose": {"x": 4.0, "y": 0.0}},
+            design=design,
+            some="number_of_obstacles > 0",
+        )
+        assert [c.name for c in found.configurations] == ["rooms-2-1", "rooms-2-2"]
+        assert len(found.excluded) == 1
+
+
+@pytest.mark.parametrize("design", [CARTESIAN, T_WAY], ids=["cartesian", "t_way"])
+def test_what_can_not_be_evaluated_is_a_fault_with_constraint_instance_and_reason(design):
+    with pytest.raises(CampaignError, match="constraint 'odd' can't be evaluated for rooms-2: text < a number"):
+        grown(levels("a", 1, "two"), levels("b", 1, 2), design=design, odd="a < 3")
+
+
+def test_a_name_that_only_some_alternatives_write_has_to_be_guarded():
+    either = made(
+        "OneOfVariation", {"variations": [{"ParameterVariationList": {"name": n, "values": [1, 2]}} for n in "ab"]}
+    )
+    with pytest.raises(CampaignError, match="rooms-3: it has no 'a'"):
+        grown(either, small="a < 2")
+    assert len(grown(either, small="defined(a) implies a < 2").configurations) == 3
+
+
+def test_without_a_path_a_length_can_not_be_evaluated(room):
+    with pytest.raises(CampaignError, match="path_length: the configuration has no path"):
+        grown(values={"map_file": room}, long="path_length > 1")
+
+
+def test_constraints_that_leave_nothing_are_one_fault_with_what_each_excluded():
+    with pytest.raises(CampaignError) as raised:
+        grown(levels("a", 1, 2, 3), low="a < 2", high="a > 2")
+    (fault,) = raised.value.faults
+    assert fault.what == "the constraints leave nothing of family 'rooms': low excludes 2, high excludes 1"
+
+
+def test_a_family_of_which_nothing_is_left_does_not_stop_the_others():
+    lost = family(levels("a", 1, 2), never="a > 5")
+    found = instantiate(Campaign((lost, family(levels("a", 1), name="other"))))
+    assert [c.name for c in found.configurations] == ["other-1"]
+    assert found.coverage["families"]["rooms"]["excluded_by"] == {"never": 2}
+
+
+FILE = """version: 1
+{top}configuration:
+  - name: rooms
+    parameters: [robot_radius: 0.2, start_pose: {{x: 0.0, y: 0.0}}, goal_pose: {{x: 3.0, y: 0.0}}, map_file: room.yaml]
+    variations:
+      - ParameterVariationList: {{name: gain, values: [1, 2, 3]}}
+{constraints}"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    cells = bytes(0 if x in (0, 99) or y in (0, 99) else 254 for y in range(100) for x in range(100))
+    (tmp_path / "room.pgm").write_bytes(b"P5 100 100 255\n" + cells)
+    (tmp_path / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [-1, -1, 0]}")
+
+    def load_text(constraints, top=""):
+        (tmp_path / "x.vast").write_text(FILE.format(constraints=constraints, top=top))
+        return load_campaign(tmp_path / "x.vast")
+
+    return load_text
+
+
+def faults_of(load, constraints, top=""):
+    with pytest.raises(CampaignError) as raised:
+        load(constraints, top)
+    return [(f.line, f.column, f.what, f.right) for f in raised.value.faults]
+
+
+def test_constraints_are_read_from_a_list_and_from_a_mapping_and_from_the_campaign(load):
+    listed = load(
+        "    constraints:\n      - small: gain < 3\n      - narrow: robot_radius < 0.3\n",
+        "constraints: {all: gain > 0}\n",
+    )
+    mapped = load("    constraints: {small: gain < 3, narrow: robot_radius < 0.3}\n")
+    assert [c.name for c in listed.families[0].constraints] == ["all", "small", "narrow"]
+    assert [c.name for c in mapped.families[0].constraints] == ["small", "narrow"]
+    assert [c.factors["gain"] for c in instantiate(listed).configurations] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("constraints", "expected"),
+    [
+        ("    constraints: [small: gain <]\n", [(7, 32, "the expression ends too early")]),
+        ('    constraints:\n      - small: "gain = 3"\n', [(8, 22, "found '='")]),
+        ("    constraints:\n      - a: 'x == ''b'' = 3'\n", [(8, 24, "found '='")]),
+        ("    constraints:\n      - a: >-\n          gain < 3 and\n          gain ! 3\n", [(10, 16, "found '!'")]),
+        ("    constraints:\n      - a: |\n          gain < 3\n\n          = 3\n", [(11, 11, "found '='")]),
+        ("    constraints:\n      - a: gain < 3 and gian > 1\n", [(8, 25, "'gian' is written by nothing in this family")]),
+        ("    constraints: [a: 3]\n", [(7, 22, "found 3")]),
+        ("    constraints: [a: gain < 3, a: gain < 2]\n", [(7, 32, "a second constraint 'a'")]),
+        ("    constraints: ['gain < 3']\n", [(7, 19, "found 'gain < 3'")]),
+        ("    constraints: gain < 3\n", [(7, 18, "found 'gain < 3'")]),
+        ("    constraints: [low: gain < 2, high: gain > 2]\n",
+         [(7, 24, "the constraints leave nothing of family 'rooms': low excludes 2, high excludes 1")]),
+        ("    constraints: [a: gain < 'b']\n", [(7, 27, "")]),
+    ],
+)  # fmt: skip
+def test_every_fault_of_a_constraint_has_its_place_in_the_file(load, constraints, expected):
+    found = faults_of(load, constraints)
+    if expected[0][2]:
+        assert [(line, column, what) for line, column, what, _ in found] == expected
+    else:
+        assert "can't be evaluated for rooms-1: a number < text" in found[0][2]
+
+
+def test_a_slip_in_a_name_comes_with_the_nearest_one(load):
+    ((*_, right),) = faults_of(load, "    constraints: [a: path_lenght < 3]\n")
+    assert right == "did you mean 'path_length'?"
+
+
+def test_the_place_inside_of_a_double_quoted_text_counts_its_escapes():
+    source = 'a: "x \\"y\\" = 3"'
+    assert place_inside(source, (1, 4), 'x "y" = 3', 6) == (1, 13)
+    assert source[12] == "="
+
+
+def test_a_design_that_is_none_is_a_fault(load):
+    for design, message in (
+        ("pairwise", "cartesian, 't_way: {strength: 2}'"),
+        ("{t_way: {strength: 0}}", "strength"),
+        ("{sample: {method: halton, size: 3}}", "lhs"),
+        ("{t_way: {}, sample: {method: lhs, size: 3}}", "one of cartesian, t_way and sample"),
+        ("{sample: {method: lhs}}", "size"),
+    ):
+        with pytest.raises(CampaignError, match=message):
+            load(f"    design: {design}\n")
+
+
+def test_a_design_is_read_from_the_file(load):
+    assert load("    design: {t_way: {strength: 3}}\n").families[0].design == DesignSpec(t_way=TWay(strength=3))
+    assert load("    design: {sample: {method: lhs, size: 2}}\n").families[0].design.sample.size == 2
+    assert load("    design: cartesian\n").families[0].design == CARTESIAN
+
+
+def test_a_design_that_is_too_large_is_a_fault_at_its_place(load):
+    variations = "".join(
+        f"      - ParameterVariationList: {{name: k{i}, values: [1, 2, 3, 4, 5, 6, 7, 8, 9]}}\n" for i in range(7)
+    )
+    tied = " + ".join(f"k{i}" for i in range(7))
+    campaign = load(f"{variations}    constraints: [all: {tied} > 0]\n    design: {{t_way: {{}}}}\n")
+    with pytest.raises(
+        CampaignError, match=r"15:5: configuration\[0\].design: the design of family 'rooms' is too large"
+    ):
+        instantiate(campaign)

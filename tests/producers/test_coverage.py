@@ -1,0 +1,102 @@
+"""What of the test space was realised."""
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.constraint import constraint_of
+from vastflow.producers.coverage import MOST_LISTED
+from vastflow.producers.family import Family
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.producer import Parameters, Producer, find_producer
+
+
+def levels(name, *values, **others):
+    kind = find_producer("ParameterVariationList", Path())
+    return kind(kind.Parameters.model_validate({"name": name, "values": list(values), **others}))
+
+
+class Wide(Producer[Parameters]):
+    """What can't be built for even `a`, with a reason of its own each."""
+
+    Parameters = Parameters
+    reads = ("a",)
+    writes = {"b": "environment"}  # noqa: RUF012
+
+    def produce(self, inputs, draws):
+        yield Fragment({"b": 1}) if inputs["a"] % 2 else Rejection(f"no room for {inputs['a']}")
+
+
+@dataclass(frozen=True)
+class Campaign:
+    families: tuple[Family, ...]
+    abstract: str = ""
+    timeout_s: float = 60.0
+
+
+def coverage(*producers, **constraints):
+    named = tuple(constraint_of(key, text) for key, text in constraints.items())
+    return instantiate(Campaign((Family("rooms", {}, {}, producers, named),))).coverage
+
+
+def test_every_instance_is_counted_once_with_its_cause():
+    found = coverage(levels("a", 1, 1, 2, 3, 4, 5), Wide(Parameters()), small="a < 5")
+    names = ("requested", "excluded", "unrealisable", "duplicate", "realised", "valid", "share")
+    assert [found[name] for name in names] == [6, 1, 2, 1, 2, 4, 0.5]
+    assert found["excluded_by"] == {"small": 1}
+    assert found["unrealisable_by"]["Wide"]["reasons"] == {"no room for 2": 1, "no room for 4": 1}
+
+
+def test_each_dimension_has_its_distinct_contents_and_choices():
+    part = coverage(levels("a", 1, 2, 3), Wide(Parameters()), levels("loops", 1, 2, dimension="task"))["families"][
+        "rooms"
+    ]
+    found = part["dimensions"]
+    assert {name: each["distinct"] for name, each in found.items()} == {"environment": 1, "task": 2, "system": 2}
+    assert found["system"] == {
+        "factors": ["a"],
+        "distinct": 2,
+        "combinations": 3,
+        "admissible": 2,
+        "covered": 2,
+        "share": 1.0,
+    }
+
+
+def test_each_pair_of_choices_is_counted():
+    part = coverage(levels("a", 1, 2, 3), levels("b", 1, 2), levels("c", 1), other="a != 1 or b != 1")["families"][
+        "rooms"
+    ]
+    assert part["t_way"]["pairs"] == [
+        {"factors": ["a", "b"], "combinations": 6, "admissible": 5, "covered": 5, "share": 1.0}
+    ]
+
+
+def test_a_family_of_nothing_is_still_told_of():
+    found = coverage(levels("a", 2, 4), Wide(Parameters()))
+    assert (found["realised"], found["share"], found["unrealisable"]) == (0, 0.0, 2)
+
+
+def test_it_stays_readable_however_much_there_is():
+    found = coverage(
+        *(levels(f"k{i}", *range(1, 2 + (i < 3))) for i in range(30)), levels("a", *range(2, 600)), Wide(Parameters())
+    )
+    wide = found["families"]["rooms"]["unrealisable_by"]["Wide"]
+    assert len(wide["reasons"]) == MOST_LISTED
+    assert wide["reasons_not_listed"] == 299 - MOST_LISTED
+    assert len(json.dumps(found, indent=2)) < 60_000
+
+
+@pytest.mark.parametrize("constrained", [False, True], ids=["free", "constrained"])
+def test_twenty_thousand_configurations_of_parameters_take_two_seconds(constrained):
+    sizes = (10, 10, 10, 20)
+    text = {"sum": "k0 + k1 >= 0 and k2 < 100"} if constrained else {}
+    producers = [levels(f"k{i}", *map(float, range(n))) for i, n in enumerate(sizes)]
+    begin = time.process_time()
+    found = coverage(*producers, **text)
+    assert time.process_time() - begin < (2.0 if not constrained else 3.0)
+    assert found["realised"] == 20_000

@@ -1,0 +1,301 @@
+"""The geometry of floor plans: the documented example, and what holds for every plan."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+import shapely
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from vastflow.producers.floorplan.building import build
+from vastflow.producers.floorplan.frames import Transform, wall_frame, wall_outlines
+from vastflow.producers.floorplan.geometry import geometry_of
+from vastflow.producers.floorplan.outline import circle, outline_fault, rectangle, signed_area
+from vastflow.producers.floorplan.reading import read_plan
+
+EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
+
+HEAD = "Floor plan: p Defaults: walls: thickness: 0.2 m height: 2.5 m\n"
+ROOM = "Space a: shape: Rectangle width=4.0 m, length=3.0 m location: wrt: world of: this\n"
+
+
+def geometry(text):
+    return geometry_of(build(read_plan(text, "p.fpm")))
+
+
+@pytest.fixture(scope="module")
+def example():
+    return geometry(EXAMPLE)
+
+
+# The documented example
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "corners"),
+    [
+        ("spaces", "corridor", [(-2, 3), (4, 3), (4, 1), (-2, 1)]),
+        ("walls", "corridor-wall-1", [(4.2, 3.2), (4.2, 0.8), (4, 1), (4, 3)]),
+        ("spaces", "study", [(4.5, 2.75), (7.5, 2.75), (7.5, 0.75), (4.5, 0.75)]),
+        ("walls", "study-wall-3", [(4.2, 0.45), (4.2, 3.05), (4.5, 2.75), (4.5, 0.75)]),
+        ("obstacles", "post", [(6.2268, 2.2232), (6.5732, 2.4232), (6.7732, 2.0768), (6.4268, 1.8768)]),
+        ("obstacles", "rail", [(5.5, 1.8), (6.5, 1.8), (6.5, 1.7), (5.5, 1.7)]),
+        ("openings", "door", [(4, 1.2), (4, 2.1), (4.5, 2.1), (4.5, 1.2)]),
+        ("openings", "pane", [(1.5, 3.2), (2.5, 3.2), (2.5, 3), (1.5, 3)]),
+    ],
+)
+def test_the_documented_example_has_the_documented_corners(example, kind, name, corners):
+    found = example[kind][name] if kind == "spaces" else example[kind][name]["polygon"]
+    assert found == [pytest.approx(corner, abs=5e-5) for corner in corners]
+
+
+def test_the_documented_example_has_the_documented_heights_and_cut_walls(example):
+    assert list(example["walls"]) == [f"{space}-wall-{k}" for space in ("corridor", "study") for k in range(4)]
+    assert {wall["height"] for wall in example["walls"].values()} == {2.5}
+    assert {name: (each["kind"], each["height"]) for name, each in example["obstacles"].items()} == {
+        "post": ("column", 2.0),
+        "rail": ("divider", 0.5),
+    }
+    door, pane = example["openings"]["door"], example["openings"]["pane"]
+    assert (door["kind"], door["walls"], door["bottom"], door["top"]) == (
+        "entryway",
+        ["study-wall-3", "corridor-wall-1"],
+        0.0,
+        2.0,
+    )
+    assert (pane["kind"], pane["walls"], pane["bottom"], pane["top"]) == ("window", ["corridor-wall-0"], 1.0, 2.0)
+
+
+def test_the_geometry_is_json_without_noise_in_its_numbers(example):
+    assert json.loads(json.dumps(example)) == example
+    assert not {"-0.0", "4.199999999"} & set(json.dumps(example).replace("]", ",").split(","))
+
+
+# Placing
+
+
+@pytest.mark.parametrize(
+    ("location", "first_corner"),
+    [
+        ("wrt: a of: this translation: x: 5 m", (4, 1)),
+        ("wrt: a.walls[1] of: this", (3, 1)),  # one frame is a wall: no half turn, and x points down
+        ("wrt: a.walls[1] of: this spaced", (3, 1)),
+        ("wrt: world of: this.walls[3]", (1, 0)),  # its left wall lies along the x axis of the world
+        ("wrt: a.walls[0] of: this.walls[2]", (-1, 3.5)),
+        ("wrt: a.walls[0] of: this.walls[2] spaced", (-1, 3.9)),
+        ("wrt: a.walls[0] of: this.walls[2] translation: y: 1.0 m", (-1, 4.5)),
+        ("wrt: a.walls[0] of: this.walls[2] not aligned", (1, -0.5)),
+        ("wrt: a.walls[0] of: this translation: y: 1.0 m rotation: z: 90 deg", (-1, 1.5)),
+    ],
+)
+def test_a_space_is_placed_by_its_frame_in_the_other_frame(location, first_corner):
+    second = "Space b: shape: Rectangle width=2.0 m, length=2.0 m location: " + location
+    assert geometry(HEAD + ROOM + second)["spaces"]["b"][0] == pytest.approx(first_corner)
+
+
+def test_a_room_may_be_placed_by_a_wall_in_the_world_or_in_a_space():
+    # Upstream inverts the wrong transforms here; the rule is W · T · O⁻¹.
+    second = (
+        "Space b: shape: Rectangle width=2.0 m, length=4.0 m location: wrt: world of: this.walls[1] translation: x: 1 m"
+    )
+    frame_of_wall = Transform(1.0, 0.0, -math.pi / 2)
+    pose = Transform(1.0, 0.0, 0.0).then(frame_of_wall.inverse())
+    assert geometry(HEAD + second)["spaces"]["b"] == [
+        pytest.approx(corner) for corner in pose.outline(rectangle(2.0, 4.0))
+    ]
+
+
+def test_a_name_with_wall_in_it_changes_nothing():
+    location = "wrt: {0}.walls[0] of: this.walls[2] spaced features: Column c: shape: Circle radius=0.1 m height: 1 m "
+    location += "location: wrt: this.walls[2] translation: y: -0.5 m"
+    texts = [
+        HEAD + ROOM.replace("Space a", f"Space {name}") + "Space b: shape: Rectangle width=2 m, length=2 m location: "
+        + location.format(name) for name in ("a", "wallwall_walls")
+    ]  # fmt: skip
+    first, second = (geometry(text) for text in texts)
+    assert first["obstacles"] == second["obstacles"]
+    assert first["spaces"]["b"] == second["spaces"]["b"]
+    assert first["obstacles"]["c"]["polygon"][0] == pytest.approx((0, 2.3))  # in b, half a metre from its south wall
+
+
+def test_features_of_one_name_in_two_rooms_are_told_apart():
+    post = " features: Column c: shape: Circle radius=0.1 m height: 1 m location: wrt: this\n"
+    names = geometry(HEAD + ROOM.strip() + post + ROOM.replace("Space a", "Space b").strip() + post)["obstacles"]
+    assert list(names) == ["a.c", "b.c"]
+
+
+metres = st.floats(-50, 50)
+turns = st.floats(-7, 7)
+transforms = st.builds(Transform, metres, metres, turns)
+
+
+@given(transforms, transforms, st.tuples(metres, metres))
+def test_transforms_compose_and_undo_each_other(outer, inner, point):
+    assert outer.then(inner).apply(point) == pytest.approx(outer.apply(inner.apply(point)), abs=1e-9)
+    assert outer.inverse().apply(outer.apply(point)) == pytest.approx(point, abs=1e-9)
+    assert outer.then(outer.inverse()) == pytest.approx((0, 0, 0), abs=1e-9)
+
+
+@given(transforms, st.floats(0.1, 20), st.floats(0.1, 20))
+def test_placing_keeps_areas_and_the_order_of_corners(pose, width, length):
+    placed = pose.outline(rectangle(width, length))
+    assert signed_area(placed) == pytest.approx(-width * length, rel=1e-6)
+
+
+# Walls
+
+
+@st.composite
+def polygons(draw, convex=False):
+    """Clockwise corners round the origin at increasing angles: a simple polygon, concave where the radii say so."""
+    count = draw(st.integers(3, 9))
+    angles = sorted(draw(st.lists(st.integers(0, 71), min_size=count, max_size=count, unique=True)))
+    radii = [4.0] * count if convex else draw(st.lists(st.floats(1.5, 6), min_size=count, max_size=count))
+    corners = [
+        (r * math.cos(math.radians(5 * a)), r * math.sin(math.radians(5 * a)))
+        for a, r in zip(angles, radii, strict=True)
+    ]
+    outline = tuple(reversed(corners))
+    assume(outline_fault(outline) is None and signed_area(outline) < -0.5)
+    return outline
+
+
+def sharpest_deg(outline):
+    count = len(outline)
+    turns = []
+    for k in range(count):
+        (x0, y0), (x1, y1), (x2, y2) = outline[k - 1], outline[k], outline[(k + 1) % count]
+        turns.append(math.degrees(abs(math.atan2(
+            (x0 - x1) * (y2 - y1) - (y0 - y1) * (x2 - x1), (x0 - x1) * (x2 - x1) + (y0 - y1) * (y2 - y1)))))  # fmt: skip
+    return min(turns)
+
+
+@given(polygons(convex=True), st.floats(0.05, 0.5))
+def test_the_walls_round_a_convex_room_fill_its_mitred_offset(outline, thickness):
+    assume(sharpest_deg(outline) > 10)
+    floor = shapely.Polygon(outline)
+    walls = shapely.union_all([shapely.Polygon(wall) for wall in wall_outlines(outline, thickness)])
+    whole = floor.buffer(thickness, join_style="mitre", mitre_limit=100)
+    assert walls.area == pytest.approx(whole.area - floor.area, rel=1e-6)
+    assert walls.symmetric_difference(whole.difference(floor)).area < 1e-6
+
+
+@given(polygons(), st.floats(0.05, 0.4))
+@settings(max_examples=150)
+def test_walls_leave_no_gap_round_a_room_of_any_shape(outline, thickness):
+    assume(sharpest_deg(outline) > 5)
+    floor = shapely.Polygon(outline)
+    walls = shapely.union_all([shapely.Polygon(wall) for wall in wall_outlines(outline, thickness)])
+    ring = floor.buffer(0.98 * thickness).difference(floor)
+    assert ring.difference(walls).area < 1e-6
+
+
+@given(polygons(), st.floats(0.01, 2.0))
+def test_every_wall_is_a_simple_polygon_with_its_inner_face_on_the_floors_edge(outline, thickness):
+    assume(sharpest_deg(outline) > 1.5)
+    for k, wall in enumerate(wall_outlines(outline, thickness)):
+        assert shapely.Polygon(wall).is_valid
+        assert wall[3] == outline[k]
+        assert wall[2] == outline[(k + 1) % len(outline)]
+        frame = wall_frame(outline, k)
+        assert [frame.inverse().apply(corner)[1] for corner in wall[:2]] == pytest.approx([thickness] * 2, abs=1e-6)
+
+
+def test_walls_in_one_line_meet_without_a_mitre():
+    walls = wall_outlines(((-2, 1), (0, 1), (2, 1), (2, -1), (-2, -1)), 0.2)
+    assert walls[0][1] == walls[1][0] == (0.0, 1.2)
+
+
+def test_the_walls_of_a_counter_clockwise_room_eat_into_it():
+    (wall, *_) = wall_outlines(tuple(reversed(rectangle(4, 3))), 0.2)
+    assert shapely.Polygon(rectangle(4, 3)).contains(shapely.Polygon(wall).centroid)
+
+
+def test_a_wall_between_two_corners_that_turn_away_ends_square_where_its_mitres_would_cross():
+    notch = ((-3, 2), (-0.05, 2), (-0.05, 1), (0.05, 1), (0.05, 2), (3, 2), (3, -2), (-3, -2))
+    bottom = wall_outlines(notch, 0.3)[2]
+    assert bottom == (pytest.approx((-0.05, 1.3)), pytest.approx((0.05, 1.3)), (0.05, 1), (-0.05, 1))
+
+
+@given(
+    st.sampled_from(range(4)), st.sampled_from(range(4)), st.floats(-3, 3), turns,
+    st.floats(0.05, 0.6), st.floats(0.05, 0.6),
+)  # fmt: skip
+def test_rooms_placed_wall_to_wall_and_spaced_have_touching_outer_faces(theirs, own, shift, turn, thick, thin):
+    text = HEAD + ROOM.strip() + f" rotation: z: {turn!r} walls: thickness: {thick!r} m\n"
+    text += (
+        f"Space b: shape: Rectangle width=2.5 m, length=1.5 m location: wrt: a.walls[{theirs}] of: this.walls[{own}]"
+    )
+    plan = build(read_plan(text + f" translation: x: {shift!r} m spaced walls: thickness: {thin!r} m", "p.fpm"))
+    walls = {wall.name: wall for wall in plan.walls}
+    faced, placed = walls[f"a-wall-{theirs}"], walls[f"b-wall-{own}"]
+    x_m, y_m, yaw_rad = faced.frame.inverse().then(placed.frame)
+    assert (x_m, y_m) == pytest.approx((shift, thick + thin), abs=1e-9)
+    assert math.cos(yaw_rad) == pytest.approx(-1.0)
+    solid = [shapely.union_all([shapely.Polygon(w.outline) for w in plan.walls if w.name[0] == name]) for name in "ab"]
+    assert shapely.intersection(*solid).area < 1e-6
+
+
+# Openings
+
+
+@given(st.floats(-1.4, 1.4), st.floats(0.1, 1.0), st.sampled_from(range(4)), turns)
+def test_an_opening_lies_in_its_wall_from_face_to_face(x, width, wall, turn):
+    text = HEAD + ROOM.strip() + f" rotation: z: {turn!r}\nEntryway d: shape: Rectangle width={width!r} m, height=2 m "
+    assume(abs(x) + width / 2 < 1.5)
+    plan = build(read_plan(text + f"location: in: a.walls[{wall}] translation: x: {x!r} m, z: 1 m", "p.fpm"))
+    (hole,) = plan.holes
+    taken, cut = shapely.Polygon(hole.outline), shapely.Polygon(plan.walls[wall].outline)
+    assert taken.area == pytest.approx(width * 0.2, rel=1e-6)
+    assert shapely.difference(taken, cut).area < 1e-6
+    assert sum(shapely.intersection(taken, shapely.Polygon(w.outline)).area for w in plan.walls) == pytest.approx(
+        taken.area, rel=1e-4, abs=1e-6
+    )
+
+
+def hole(shape, location="translation: z: 1.0 m"):
+    text = HEAD + ROOM + f"Entryway d: shape: {shape} location: in: a.walls[0] {location}"
+    return build(read_plan(text, "p.fpm")).holes[0]
+
+
+def test_a_rectangle_is_open_over_its_width_from_its_bottom_to_its_top():
+    door = hole("Rectangle width=1.0 m, height=2.0 m", "translation: x: 0.5 m, z: 1.2 m")
+    assert [door.section(z) for z in (0.1, 0.2, 1.0, 2.2, 2.3)] == [(), ((0, 1),), ((0, 1),), ((0, 1),), ()]
+
+
+def test_a_rectangle_at_z_0_is_half_below_the_floor():
+    door = hole("Rectangle width=1.0 m, height=2.0 m", "translation: z: 0.0 m")
+    assert (door.bottom_m, door.top_m) == (-1.0, 1.0)
+
+
+def test_an_opening_turned_about_y_is_open_where_its_turned_shape_is():
+    door = hole("Rectangle width=2.0 m, height=1.0 m", "translation: z: 1.0 m rotation: y: 90 deg")
+    assert (door.bottom_m, door.top_m) == pytest.approx((0.0, 2.0))
+    assert door.section(0.5)[0] == pytest.approx((-0.5, 0.5))
+
+
+def test_a_turn_about_y_takes_z_towards_x():
+    door = hole("Polygon points:[(0, 0), (0.2, 0), (0, 1)]", "translation: z: 1.0 m rotation: y: 90 deg")
+    assert max(x for x, _ in door.shape) == pytest.approx(1.0)
+
+
+def test_a_circle_and_a_polygon_are_open_as_wide_as_they_are_at_that_height():
+    round_one = hole("Circle radius=1.0 m")
+    assert round_one.section(1.0)[0] == pytest.approx((-1, 1))
+    assert round_one.section(1.6)[0] == pytest.approx((-0.8, 0.8), abs=0.01)
+    twin_towers = hole(
+        "Polygon points:[(-1, 0), (1, 0), (1, 2), (0.5, 2), (0.5, 0.5), (-0.5, 0.5), (-0.5, 2), (-1, 2)]", ""
+    )
+    assert twin_towers.section(1.0) == ((-1, -0.5), (0.5, 1))
+
+
+def test_the_polygon_of_an_opening_may_be_written_with_a_y_of_0():
+    two = hole("Polygon points:[(-0.5, 0), (0.5, 0), (0.5, 2), (-0.5, 2)]", "")
+    three = hole("Polygon points:[(-0.5, 0, 0), (0.5, 0, 0), (0.5, 0, 2), (-0.5, 0, 2)]", "")
+    assert two.shape == three.shape
+
+
+def test_a_circle_is_as_large_as_its_radius_says():
+    assert -signed_area(circle(2.0)) == pytest.approx(math.pi * 4, rel=2e-3)

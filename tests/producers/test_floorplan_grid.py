@@ -1,0 +1,154 @@
+"""Floor plans as occupancy grids: what is drawn where, and that the files are ROS maps."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vastflow.producers.floorplan.building import build
+from vastflow.producers.floorplan.faults import FloorplanError
+from vastflow.producers.floorplan.grid import grid_of
+from vastflow.producers.floorplan.reading import read_plan
+from vastflow.sim.maps import FREE, OCCUPIED, UNKNOWN, load_map
+
+EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
+
+ROOM = """\
+Floor plan: p Defaults: walls: thickness: 0.2 m height: 2.5 m
+Space a: shape: Rectangle width=4.0 m, length=3.0 m location: wrt: world of: this
+"""
+
+
+def grid(text, **options):
+    return grid_of(build(read_plan(text, "p.fpm")), **options)
+
+
+def at(found, x, y):
+    """What the map says of a point."""
+    occupancy = found.occupancy
+    return int(occupancy.cells[occupancy.cell_of(x, y)])
+
+
+def test_the_example_has_the_documented_size_and_origin():
+    found = grid(EXAMPLE)
+    assert found.grey.shape == (int(2.25 / 0.05) + 50, int(9.5 / 0.05) + 50)
+    assert found.origin_xy_m == (-3.25, -0.5)
+    assert (found.resolution_m, found.laser_height_m) == (0.05, 0.193)
+
+
+def test_the_rooms_of_the_example_are_free_its_walls_and_obstacles_occupied_and_the_outside_unknown():
+    found = grid(EXAMPLE)
+    places = {
+        (1, 2): FREE,
+        (7, 1): FREE,
+        (1, 3.1): OCCUPIED,
+        (7.6, 2): OCCUPIED,
+        (6.5, 2.15): OCCUPIED,
+        (-3, 0): UNKNOWN,
+    }
+    assert {place: at(found, *place) for place in places} == places
+
+
+def test_a_door_is_open_through_both_walls_and_closed_beside():
+    found = grid(EXAMPLE)
+    assert {at(found, x, 1.65) for x in np.arange(3.9, 4.6, 0.02)} == {FREE}
+    assert {at(found, x, 2.3) for x in np.arange(4.06, 4.5, 0.02)} == {OCCUPIED}
+
+
+def test_a_window_stays_wall_at_every_height_of_the_laser():
+    assert {at(grid(EXAMPLE, laser_height_m=height), 2.0, 3.1) for height in (0.2, 1.5)} == {OCCUPIED}
+
+
+@pytest.mark.parametrize(
+    ("height", "rail", "post"), [(0.193, OCCUPIED, OCCUPIED), (0.7, FREE, OCCUPIED), (2.2, FREE, FREE)]
+)
+def test_the_laser_sees_what_is_as_high_as_itself(height, rail, post):
+    found = grid(EXAMPLE, laser_height_m=height)
+    assert (at(found, 5.7, 1.76), at(found, 6.5, 2.15)) == (rail, post)
+
+
+def test_a_laser_above_the_door_sees_its_lintel_and_one_above_the_walls_sees_none():
+    assert at(grid(EXAMPLE, laser_height_m=2.2), 4.1, 1.65) == OCCUPIED
+    assert at(grid(EXAMPLE, laser_height_m=3.0), 7.6, 2.0) == UNKNOWN
+
+
+def test_the_slice_of_a_round_door_is_as_wide_as_the_door_at_that_height():
+    text = ROOM + "Entryway d: shape: Circle radius=1.0 m location: in: a.walls[0] translation: z: 1.0 m"
+    assert at(grid(text, laser_height_m=1.0), 0.8, 1.6) == FREE
+    assert at(grid(text, laser_height_m=0.193), 0.8, 1.6) == OCCUPIED
+    assert at(grid(text, laser_height_m=0.193), 0.4, 1.6) == FREE
+
+
+def test_a_door_opens_a_cell_beyond_both_faces():
+    text = ROOM + "Entryway d: shape: Rectangle width=1 m, height=2 m location: in: a.walls[0] translation: z: 1 m\n"
+    closed = text.replace("Entryway", "Window")
+    opened = (grid(text).grey != grid(closed).grey).any(axis=1).sum()
+    assert opened == pytest.approx(0.2 / 0.05 + 2, abs=1)
+
+
+def test_a_plan_away_from_the_origin_has_its_origin_where_it_is():
+    moved = ROOM.replace("of: this", "of: this translation: x: 30 m, y: 20 m")
+    here, there = grid(ROOM), grid(moved)
+    assert there.origin_xy_m == (30 - 2 - 1.25, 20 - 1.5 - 1.25)
+    assert np.array_equal(here.grey, there.grey)
+
+
+def test_every_wall_fits_into_the_picture_however_thick():
+    found = grid(ROOM.replace("0.2 m", "2.0 m"))
+    assert at(found, 0, 3.4) == at(found, -3.9, 0) == OCCUPIED
+    assert (found.grey[[0, -1]] == 200).all()
+
+
+def test_the_border_is_25_cells_on_each_side_at_any_resolution():
+    assert grid(ROOM, resolution_m=0.02).grey.shape == (150 + 50, 200 + 50)
+
+
+def test_rounding_noise_does_not_choose_the_cells_of_walls_on_the_grid():
+    # 0.1 + 0.2 and 0.3 are apart in the last bit; corners on the border of cells must not hang on it.
+    moved = ROOM.replace("of: this", "of: this translation: x: 0.30000000000000004 m")
+    same = ROOM.replace("of: this", "of: this translation: x: 0.3 m")
+    assert np.array_equal(grid(moved).grey, grid(same).grey)
+    assert grid(moved).origin_xy_m == grid(same).origin_xy_m
+
+
+def test_the_files_are_a_ros_map_of_the_same_content(tmp_path):
+    found = grid(EXAMPLE)
+    (tmp_path / "flat.yaml").write_bytes(found.header("flat.pgm"))
+    (tmp_path / "flat.pgm").write_bytes(found.picture())
+    read = load_map(tmp_path / "flat.yaml")
+    assert np.array_equal(read.cells, found.occupancy.cells)
+    assert read.digest == found.occupancy.digest
+    assert yaml.safe_load(found.header("flat.pgm")) == {
+        "image": "flat.pgm",
+        "resolution": 0.05,
+        "origin": [-3.25, -0.5, 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+        "laser_height": 0.193,
+    }
+
+
+def test_a_map_of_too_many_cells_is_a_fault():
+    with pytest.raises(
+        FloorplanError,
+        match=r"p.fpm:1:1: Floor plan p: 4 m × 3 m at 0.0001 m are 1,496,468,036 cells; at most 50,000,000",
+    ):
+        grid(ROOM, resolution_m=0.0001)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-3.2, 3.2), st.floats(0.6, 1.4), st.floats(-1.0, 1.0))
+def test_two_rooms_are_one_with_a_door_and_two_without_however_they_are_turned(turn, width, x):
+    from scipy import ndimage
+
+    text = ROOM.strip() + f" rotation: z: {turn!r}\nSpace b: shape: Rectangle width=4 m, length=3 m "
+    text += "location: wrt: a.walls[0] of: this.walls[2] spaced\n"
+    door = f"Entryway d: shape: Rectangle width={width!r} m, height=2 m location: in: a.walls[0] and b.walls[2] "
+    door += f"translation: x: {x!r} m, z: 1 m"
+    for shape, rooms in ((text + door, 1), (text, 2)):
+        _, found = ndimage.label(grid(shape).occupancy.free)
+        assert found == rooms

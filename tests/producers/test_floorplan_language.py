@@ -1,0 +1,316 @@
+"""The FloorPlan DSL as text: what is accepted, and what is said of what is not."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from vastflow.producers.floorplan.building import build
+from vastflow.producers.floorplan.faults import FloorplanError
+from vastflow.producers.floorplan.files import read_plan_file
+from vastflow.producers.floorplan.reading import read_plan
+
+EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
+
+ROOM = """\
+Floor plan: p
+Defaults: walls: thickness: 0.2 m height: 2.5 m
+Space a: shape: Rectangle width=4.0 m, length=3.0 m location: wrt: world of: this
+"""
+DOOR = "Entryway d: shape: Rectangle width=1.0 m, height=2.0 m location: in: a.walls[0] translation: z: 1.0 m\n"
+SECOND = "Space b: shape: Rectangle width=2.0 m, length=2.0 m location: {location}\n"
+POST = "Column c: shape: Rectangle width=0.4 m, length=0.4 m height: 2.0 m location: {location}\n"
+
+
+def building(text):
+    return build(read_plan(text, "p.fpm"))
+
+
+def room(text, name="a"):
+    (found,) = [each for each in building(text).rooms if each.name == name]
+    return found.outline
+
+
+def complaints(text):
+    with pytest.raises(FloorplanError) as caught:
+        building(text)
+    return str(caught.value).splitlines()
+
+
+def complaint(text):
+    (only,) = complaints(text)
+    return only
+
+
+def changed(old, new, text=ROOM):
+    assert text.count(old) >= 1
+    return text.replace(old, new, 1)
+
+
+def _start_of_message(value):
+    return value[6:50] if value.startswith("p.fpm:") else "in"
+
+
+# Accepted
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        " ".join(line.partition("//")[0] for line in EXAMPLE.splitlines()),
+        re.sub(r"\s*:\s*", ":", ROOM),
+        re.sub(r"\s*:\s*", "  :\n ", ROOM),
+        ROOM.replace(".0 m", "m"),
+        ROOM.replace("4.0 m", "4e0").replace("3.0 m", "+3."),
+        ROOM.replace("\n", "\r\n"),
+        changed("wrt: world of: this", "of: this wrt: world"),
+        changed("of: this", "of: this translation: rotation:"),
+        changed("of: this", "of: this rotation: z: 30 deg translation: y: 1.0 m, x: 2.0 m"),
+        changed("of: this", "of: this not aligned"),
+        ROOM + "// and nothing more",
+        "\ufeff".lstrip("\ufeff") + ROOM + DOOR,
+    ],
+    ids=lambda text: repr(text[:50]),
+)
+def test_a_model_of_the_language_is_accepted_however_it_is_laid_out(text):
+    assert building(text).rooms
+
+
+def test_openings_variables_and_defaults_may_stand_anywhere():
+    head, defaults, space = ROOM.splitlines(keepends=True)
+    plan = building(head + DOOR.replace("1.0 m,", "wide,") + space + "var wide = 1.2 m\n" + defaults)
+    assert plan.holes[0].section(1.0) == ((-0.6, 0.6),)
+
+
+def test_a_space_may_be_named_before_it_is_defined():
+    head, defaults, space = ROOM.splitlines(keepends=True)
+    assert (
+        room(head + defaults + SECOND.format(location="wrt: a of: this translation: x: 9.0 m") + space, "b")[0][0] == 8
+    )
+
+
+def test_a_space_may_have_the_name_of_a_keyword():
+    assert room(ROOM.replace("Space a", "Space Space"), "Space") == ((-2, 1.5), (2, 1.5), (2, -1.5), (-2, -1.5))
+
+
+def test_world_is_the_world_even_where_a_space_has_that_name():
+    text = ROOM.replace("Space a", "Space world").replace("of: this", "of: this translation: x: 5.0 m")
+    assert room(text, "world")[0] == (3, 1.5)
+
+
+def test_a_variable_is_a_length_or_an_angle_wherever_one_can_stand_and_may_be_negated():
+    text = changed("width=4.0 m", "width=w").replace("0.2 m", "t") + "var w = 5 m var t = 0.1 m var turn = 90 deg"
+    text = text.replace("of: this", "of: this translation: x: -w rotation: z: -turn")
+    assert room(text)[0] == (-3.5, 2.5)
+
+
+def test_an_angle_without_a_unit_is_in_radians_and_a_length_in_metres():
+    assert room(changed("of: this", "of: this translation: x: 1 rotation: z: 3.141592653589793"))[0] == (3, -1.5)
+
+
+def test_a_space_has_its_own_wall_values_first_and_the_defaults_for_the_rest():
+    walls = building(ROOM.rstrip() + " walls: height: 4.0 m").walls
+    assert {(wall.thickness_m, wall.height_m) for wall in walls} == {(0.2, 4.0)}
+
+
+def test_a_plan_without_defaults_is_fine_where_every_space_says_both():
+    head, _, space = ROOM.splitlines(keepends=True)
+    assert building(head + space + "walls: thickness: 0.1 m height: 2.0 m").walls[0].height_m == 2.0
+
+
+def test_a_polygons_last_point_may_repeat_the_first():
+    text = changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (0,2), (2,0), (0.0 m, 0.0 m)]")
+    assert room(text) == ((0, 0), (0, 2), (2, 0))
+
+
+def test_a_circular_space_and_a_circular_column_are_polygons_on_their_circle():
+    plan = building(changed("Rectangle width=4.0 m, length=3.0 m", "Circle radius=2.0 m") + POST.format(
+        location="wrt: a").replace("Rectangle width=0.4 m, length=0.4 m", "Circle radius=0.3 m"))  # fmt: skip
+    assert len(plan.walls) == len(plan.rooms[0].outline) == len(plan.obstacles[0].outline) >= 32
+    assert plan.rooms[0].outline[0] == (0, 2)
+
+
+def test_the_parts_of_a_features_location_may_come_in_any_order():
+    plan = building(ROOM + POST.format(location="rotation: z: 0 deg translation: x: 1.0 m wrt: a.walls[1]"))
+    assert plan.obstacles[0].outline[2] == pytest.approx((1.8, -1.2))
+
+
+def test_a_feature_outside_of_all_spaces_stands_where_it_says():
+    (post,) = building(ROOM + POST.format(location="wrt: a translation: x: 1.0 m")).obstacles
+    assert (post.name, post.kind, post.outline[0]) == ("c", "Column", (0.8, 0.2))
+
+
+# Refused, each with one message
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "p.fpm:1:1: syntax: the file ends here; 'Floor plan:'"),
+        ("Floor plan:", "p.fpm:1:12: syntax: the file ends here; a name"),
+        ("Floor plan: p", "p.fpm:1:13: Floor plan p: no space; at least one 'Space name:'"),
+        (changed("Space a", "space a"), "p.fpm:3:1: syntax: found 'space'; did you mean 'Space'?"),
+        (changed("shape:", "shpae:"), "p.fpm:3:10: syntax: found 'shpae'; did you mean 'shape:'?"),
+        (changed("shape: ", "shape "), "p.fpm:3:10: syntax: found 'shape'; did you mean 'shape:'?"),
+        (changed("4.0 m", "400 cm"), ("p.fpm:3:37: syntax: found 'cm'; the units are m, rad and deg; 'm' for a length, "
+         "'rad' or 'deg' for an angle")),
+        (changed("width=4.0 m, length=3.0 m", "length=3.0 m, width=4.0 m"),
+         "p.fpm:3:27: syntax: found 'length'; 'width ='"),
+        (changed("0.2 m", "0.2 m # thin"), "p.fpm:2:35: syntax: found '#'; "),
+        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (0,2), (2,0),]"),
+         "p.fpm:3:53: syntax: found ']'; '('"),
+        (ROOM + DOOR.replace("walls[0]", "wall[0]"), "p.fpm:4:71: syntax: found '.'; a wall is written as in hall.walls[0]"),
+        (ROOM + DOOR + "/* no */", "p.fpm:5:1: syntax: found '/'; "),
+        (changed("Defaults:", "Default values:"), "p.fpm:2:1: syntax: found 'Default'; did you mean 'Defaults:'?"),
+        (ROOM + "var half", "p.fpm:4:9: syntax: the file ends here; '='"),
+    ],
+    ids=_start_of_message,
+)  # fmt: skip
+def test_a_text_outside_of_the_language_is_refused_at_its_first_wrong_word(text, message):
+    assert complaint(text).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (ROOM + "Space a: shape: Circle radius=1 m location: wrt: world of: this",
+         "p.fpm:4:7: space a: a second space 'a'; another name; line 3 has it"),
+        (ROOM + DOOR + DOOR, "p.fpm:5:10: opening d: a second opening 'd'; another name; line 4 has it"),
+        (ROOM + "var v = 1 m\nvar v = 2 m", "p.fpm:5:5: variable v: a second variable 'v'; another name; line 4 has it"),
+        (ROOM.rstrip() + " features:\n" + POST.format(location="wrt: this") * 2,
+         "p.fpm:5:8: feature c: a second feature 'c'; another name; line 4 has it"),
+        (ROOM + "Defaults:", "p.fpm:4:1: Defaults: a second 'Defaults'; one; line 2 has it"),
+        (changed("of: this", "of: this\nof: this"), "p.fpm:4:1: Space a: location: a second 'of'; one; line 3 has it"),
+        (changed("of: this", "of: this translation: x: 1, x: 2"),
+         "p.fpm:3:102: Space a: translation: a second 'x'; one; line 3 has it"),
+        (changed("thickness: 0.2 m ", ""), ("p.fpm:3:7: Space a: no thickness of its walls, of its own or by Defaults; "
+         "walls: thickness: ... here or in Defaults")),
+        (ROOM.replace("thickness: 0.2", "thickness: 0"),
+         "p.fpm:2:29: Space a: the walls' thickness is 0 m; at least 0.001 m"),
+        (changed("4.0 m", "0.0 m"), "p.fpm:3:33: Space a: the width is 0 m; at least 0.001 m"),
+        (changed("3.0 m", "-3.0 m"), "p.fpm:3:47: Space a: the length is -3 m; at least 0.001 m"),
+        (changed("4.0 m", "1e400 m"), "p.fpm:3:33: Space a: found inf m; a length of at most 10000 m"),
+        (changed("4.0 m", "4.0 deg"), "p.fpm:3:33: Space a: found 4.0 deg; a length, in m"),
+        (changed("4.0 m", "v") + "var v = 3 deg", "p.fpm:3:33: Space a: variable 'v' is in deg; a length, in m"),
+        (changed("4.0 m", "wdth") + "var width = 3 m", "p.fpm:3:33: Space a: no variable 'wdth'; did you mean 'width'?"),
+        (changed("4.0 m", "w"), "p.fpm:3:33: Space a: no variable 'w'; 'var w = ...' declares it"),
+        (ROOM + "var v = 3", "p.fpm:4:9: variable v: no unit; m for a length, rad or deg for an angle"),
+        (changed("of: this", "of: this rotation: z: 1 m"), "p.fpm:3:96: Space a: found 1 m; an angle, in rad or deg"),
+        (changed("of: this", "of: this rotation: z: v") + "var v = 1 m",
+         "p.fpm:3:96: Space a: variable 'v' is in m; an angle, in rad"),
+        (changed("length=3.0 m", "height=3.0 m"), ("p.fpm:3:17: Space a: found a Rectangle with height; "
+         "width and length, for it lies on the floor")),
+        (ROOM + DOOR.replace("height=", "length="), ("p.fpm:4:20: Entryway d: found a Rectangle with length; "
+         "width and height, for it stands upright")),
+        (changed("of: this", "of: this translation: z: 0.5 m"),
+         "p.fpm:3:96: Space a: translation: found 'z'; only x, y can stand here"),
+        (changed("of: this", "of: this rotation: x: 0.5"), "p.fpm:3:93: Space a: rotation: found 'x'; only z can stand here"),
+        (ROOM + DOOR.replace("z: 1.0", "y: 1.0"), "p.fpm:4:94: Entryway d: translation: found 'y'; only x, z can stand here"),
+        (ROOM + DOOR.replace("translation: z: 1.0 m", "rotation: z: 1.0"),
+         "p.fpm:4:91: Entryway d: rotation: found 'z'; only y can stand here"),
+        (ROOM + DOOR.replace("in: a.walls[0]", "wrt: a in: a.walls[0]"),
+         "p.fpm:4:66: Entryway d: location: found 'wrt'; only in, translation, rotation can stand here"),
+        (
+            ROOM + DOOR.replace("in: a.walls[0] translation: z: 1.0 m", ""),
+            "p.fpm:4:10: Entryway d: no 'in' in its location; in: space.walls[...]",
+        ),
+        (ROOM + DOOR.replace("in: a.walls[0]", ""), "p.fpm:4:10: Entryway d: no 'in' in its location; in: space.walls[...]"),
+        (ROOM + DOOR.replace("a.walls[0]", "a"), "p.fpm:4:70: Entryway d: found 'a'; one of its walls, such as a.walls[0]"),
+        (ROOM + DOOR.replace("in: a.walls[0]", "in: a.walls[0] and a.walls[1] and a.walls[2]"),
+         "p.fpm:4:100: Entryway d: found 3 walls; one wall, or two with 'and'"),
+        (ROOM + DOOR.replace("in: a.walls[0]", "in: a.walls[0] and a.walls[0]"),
+         "p.fpm:4:85: Entryway d: found a.walls[0] twice; two walls, or one of them once"),
+        (ROOM + DOOR.replace("a.walls[0]", "a.walls[4]"),
+         "p.fpm:4:70: Entryway d: location: no wall a.walls[4]; 0 to 3, for a has 4 walls"),
+        (ROOM + DOOR.replace("a.walls[0]", f"a.walls[{'9' * 5000}]"),
+         "p.fpm:4:70: Entryway d: location: no wall a.walls[999999999]; 0 to 3, for a has 4 walls"),
+        (ROOM + DOOR.replace("a.walls", "aa.walls"), "p.fpm:4:70: Entryway d: location: no space 'aa'; did you mean 'a'?"),
+        (ROOM + DOOR.replace("a.walls", "this.walls"), ("p.fpm:4:70: Entryway d: location: found 'this'; "
+         "the name of a space; this is inside of none")),
+        (changed("wrt: world ", ""), ("p.fpm:3:7: Space a: no 'wrt' in its location; "
+         "wrt: world, another space or one of its walls")),
+        (changed("of: this", ""), "p.fpm:3:7: Space a: no 'of' in its location; of: this, or one of its walls"),
+        (changed(" location: wrt: world of: this", ""), "p.fpm:3:7: Space a: no 'location'; location: with wrt and of"),
+        (changed("shape: Rectangle width=4.0 m, length=3.0 m ", ""),
+         "p.fpm:3:7: Space a: no 'shape'; shape: Rectangle, Polygon or Circle"),
+        (changed("of: this", "of: world"), ("p.fpm:3:78: Space a: location: found 'of: world'; this or this.walls[...]: "
+         "it says which frame of a is placed")),
+        (changed("of: this", "of: this spaced"), ("p.fpm:3:83: Space a: found 'spaced' beside 'wrt: world'; "
+         "no 'spaced'; the world has no wall")),
+        (ROOM + SECOND.format(location="wrt: a.walls[0] of: this.walls[0] translation: y: 1 m spaced"),
+         "p.fpm:4:117: Space b: found 'spaced' and y: 1 m; one of the two: 'spaced' leaves room for both walls"),
+        (ROOM + SECOND.format(location="wrt: a.walls[0] of: this.walls[0] rotation: z: 1 not aligned"),
+         "p.fpm:4:112: Space b: found 'not aligned' and a rotation; the rotation alone says it"),
+        (ROOM + POST.format(location="wrt: world"), ("p.fpm:4:83: Column c: found 'wrt: world'; "
+         "a space or one of its walls; a feature belongs to a room")),
+        (ROOM + POST.format(location="wrt: a").replace("height: 2.0 m", ""), "p.fpm:4:8: Column c: no 'height'; height: ... m"),
+        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (2,2), (2,0), (0,2)]"),
+         "p.fpm:3:17: Space a: the Polygon's outline crosses itself near (1, 1); corners in order round one area"),
+        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (2,2)]"),
+         "p.fpm:3:17: Space a: found a Polygon with 2 corners; three corners or more"),
+        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[]"),
+         "p.fpm:3:17: Space a: found a Polygon with 0 corners; three corners or more"),
+        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (0,2), (0,2), (2,0)]"),
+         "p.fpm:3:17: Space a: corners 1 and 2 of the Polygon are both at (0, 2); corners that are apart"),
+        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (0,2,1), (2,0)]"),
+         "p.fpm:3:45: Space a: found z = 1 m; z = 0"),
+        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (9,0.05), (9,-0.05)]"),
+         "p.fpm:3:7: Space a: the corner at (0, 0) is sharper than 1°, where no walls can meet; a wider angle"),
+        (changed("wrt: world", "wrt: this"), "p.fpm:3:68: Space a: placed in a circle: a by a; one of them placed in the world"),
+        (changed("wrt: world", "wrt: b.walls[0]") + SECOND.format(location="wrt: a of: this"),
+         "p.fpm:4:68: Space b: placed in a circle: a by b by a; one of them placed in the world"),
+        (ROOM + DOOR.replace("1.0 m,", "4.5 m,"), ("p.fpm:4:10: Entryway d: it reaches from -2.25 m to 2.25 m along "
+         "a.walls[0]; within ±2 m, for that wall is 4 m long")),
+        (ROOM + DOOR.replace("z: 1.0", "x: 1.6 m, z: 1.0"), ("p.fpm:4:10: Entryway d: it reaches from 1.1 m to 2.1 m along "
+         "a.walls[0]; within ±2 m, for that wall is 4 m long")),
+        (ROOM + DOOR.replace("z: 1.0", "z: 3.6"), ("p.fpm:4:10: Entryway d: it cuts nothing, being above the wall; "
+         "part of it between 0 m and 2.5 m; it reaches from 2.6 m to 4.6 m")),
+        (ROOM + DOOR.replace("z: 1.0", "z: -1.0"), ("p.fpm:4:10: Entryway d: it cuts nothing, being below the floor; "
+         "part of it between 0 m and 2.5 m; it reaches from -2 m to 0 m")),
+    ],
+    ids=_start_of_message,
+)  # fmt: skip
+def test_a_mistake_is_said_once_with_its_place_and_what_would_be_right(text, message):
+    assert complaint(text) == message
+
+
+def test_all_mistakes_of_a_file_are_said_at_once_in_its_order():
+    text = ROOM.replace("4.0 m", "v").replace("3.0 m", "0 m") + DOOR.replace("a.walls", "b.walls")
+    assert [line.partition(": ")[0] for line in complaints(text)] == ["p.fpm:3:33", "p.fpm:3:43", "p.fpm:4:70"]
+
+
+def test_a_door_as_wide_as_its_wall_is_allowed():
+    assert building(ROOM + DOOR.replace("1.0 m,", "4.0 m,")).holes[0].section(1.0) == ((-2.0, 2.0),)
+
+
+def test_corners_in_counter_clockwise_order_are_noted_for_their_walls_grow_inwards():
+    text = changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (2,0), (0,2)]")
+    (note,) = building(text).notes
+    assert str(note).startswith(
+        "p.fpm:3:7: warning: Space a: its corners run counter-clockwise, so its walls grow inwards;"
+    )
+
+
+def test_an_opening_that_does_not_reach_its_second_wall_is_noted():
+    text = ROOM + SECOND.format(location="wrt: a.walls[1] of: this.walls[3] translation: y: 5 m")
+    (note,) = building(text + DOOR.replace("a.walls[0]", "a.walls[1] and b.walls[3]")).notes
+    assert "it does not reach b.walls[3], 0.4 m deep as it is" in str(note)
+
+
+def test_a_long_chain_of_spaces_is_placed_whatever_their_order():
+    spaces = [
+        f"Space s{k}: shape: Rectangle width=1 m, length=2 m location: wrt: s{k + 1} of: this translation: x: 1 m\n"
+        for k in range(999)
+    ]
+    plan = building(ROOM.replace("Space a", "Space s999") + "".join(spaces))
+    assert next(r for r in plan.rooms if r.name == "s0").outline[0] == (998.5, 1)
+
+
+def test_a_missing_file_is_a_fault_and_so_is_one_that_is_no_text(tmp_path):
+    with pytest.raises(FloorplanError, match=r"none.fpm:1:1: file: no such file; the path of a floor plan"):
+        read_plan_file(tmp_path / "none.fpm")
+    (tmp_path / "binary.fpm").write_bytes(b"Floor plan: p\nSpace \xff")
+    with pytest.raises(FloorplanError, match=r"binary.fpm:2:7: file: byte 0xff is not UTF-8; a text in UTF-8"):
+        read_plan_file(tmp_path / "binary.fpm")
+    with pytest.raises(FloorplanError, match="can't be read"):
+        read_plan_file(tmp_path)

@@ -1,0 +1,147 @@
+"""Floor plans as meshes: closed, of the right volume, open where the openings are."""
+
+import math
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vastflow.producers.floorplan.building import build
+from vastflow.producers.floorplan.mesh import is_closed, mesh_of, stl, volume_of
+from vastflow.producers.floorplan.reading import read_plan
+
+EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
+FLOOR_PLANS = sorted((Path(__file__).parents[2] / "campaigns" / "floorplans").glob("*.fpm"))
+
+ROOM = """\
+Floor plan: p Defaults: walls: thickness: 0.2 m height: 2.5 m
+Space a: shape: Rectangle width=4.0 m, length=3.0 m location: wrt: world of: this {more}
+"""
+RING_M2 = 4.4 * 3.4 - 4.0 * 3.0
+
+
+def written(text):
+    """The triangles (N, 3, 3) of the STL file of a plan, as another program reads them."""
+    content = stl(mesh_of(build(read_plan(text, "p.fpm"))))
+    count = int.from_bytes(content[80:84], "little")
+    assert len(content) == 84 + 50 * count
+    records = np.frombuffer(content[84:], dtype=np.uint8).reshape(count, 50)
+    return records[:, 12:48].copy().view("<f4").reshape(count, 3, 3)
+
+
+def is_watertight(triangles):
+    """Whether every edge belongs to two triangles, which run along it in opposite directions."""
+    corners = [[tuple(corner) for corner in triangle] for triangle in triangles.tolist()]
+    edges = Counter((t[k], t[(k + 1) % 3]) for t in corners for k in range(3))
+    return all(count == 1 and edges[end, start] == 1 for (start, end), count in edges.items())
+
+
+def volume(triangles):
+    corners = triangles.astype(np.float64)
+    return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6)
+
+
+def test_the_example_is_one_watertight_solid_of_the_documented_measures():
+    triangles = written(EXAMPLE)
+    assert is_watertight(triangles)
+    walls = (6.4 * 2.4 - 6 * 2 + 3.6 * 2.6 - 3 * 2) * 2.5
+    assert volume(triangles) == pytest.approx(
+        walls - 0.9 * 2 * 0.5 - 1 * 1 * 0.2 + 0.4 * 0.4 * 2 + 1 * 0.1 * 0.5, abs=2e-4
+    )
+    corners = triangles.reshape(-1, 3)
+    assert corners.min(axis=0) == pytest.approx((-2.2, 0.45, 0), abs=1e-6)
+    assert corners.max(axis=0) == pytest.approx((7.8, 3.2, 2.5), abs=1e-6)
+
+
+@pytest.mark.parametrize("file", FLOOR_PLANS, ids=lambda file: file.stem)
+def test_the_mesh_of_every_plan_of_ours_is_watertight(file):
+    assert is_watertight(written(file.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("shape", "location", "hole_m2"),
+    [
+        ("Rectangle width=1.0 m, height=2.0 m", "translation: z: 1.0 m", 2.0),
+        ("Rectangle width=1.0 m, height=2.0 m", "translation: z: 0.0 m", 1.0),
+        ("Rectangle width=1.0 m, height=1.0 m", "translation: z: 1.2 m rotation: y: 45 deg", 1.0),
+        ("Polygon points:[(-0.5, 1.0), (0.5, 1.0), (0.0, 2.0)]", "", 0.5),
+        ("Circle radius=0.5 m", "translation: z: 1.2 m", math.pi / 4),
+    ],
+)
+@pytest.mark.parametrize("kind", ["Entryway", "Window"])
+def test_an_opening_of_any_shape_is_cut_out_of_its_wall(kind, shape, location, hole_m2):
+    triangles = written(ROOM.format(more="") + f"{kind} d: shape: {shape} location: in: a.walls[1] {location}")
+    assert is_watertight(triangles)
+    assert volume(triangles) == pytest.approx(RING_M2 * 2.5 - hole_m2 * 0.2, abs=5e-4)
+
+
+def test_an_opening_cuts_the_walls_it_names_and_no_others():
+    rooms = (
+        ROOM.format(more="")
+        + "Space b: shape: Rectangle width=4 m, length=3 m location: wrt: a.walls[0] of: this.walls[2] spaced\n"
+    )
+    door = "Entryway d: shape: Rectangle width=1 m, height=2 m location: in: a.walls[0]{also} translation: z: 1 m"
+    one, both = (volume(written(rooms + door.format(also=also))) for also in ("", " and b.walls[2]"))
+    assert volume(written(rooms)) - one == pytest.approx(0.4, abs=3e-4)
+    assert volume(written(rooms)) - both == pytest.approx(0.8, abs=3e-4)
+
+
+def test_columns_and_dividers_are_solid_to_their_height_and_are_not_cut():
+    post = "Column c: shape: Rectangle width=0.5 m, length=0.5 m height: 1.0 m location: wrt: a\n"
+    assert volume(written(ROOM.format(more="") + post)) == pytest.approx(RING_M2 * 2.5 + 0.25, abs=1e-4)
+
+
+def test_a_column_that_stands_half_in_a_wall_counts_once():
+    post = "Column c: shape: Rectangle width=0.2 m, length=0.2 m height: 1.0 m location: wrt: a.walls[0]\n"
+    assert volume(written(ROOM.format(more="") + post)) == pytest.approx(RING_M2 * 2.5 + 0.02, abs=1e-4)
+
+
+def test_a_mesh_is_closed_only_where_every_edge_has_two_triangles():
+    triangles = mesh_of(build(read_plan(EXAMPLE, "p.fpm")))
+    assert is_closed(triangles)
+    assert not is_closed(triangles[1:])
+    assert not is_closed(np.concatenate([triangles, triangles[:1]]))
+    assert not is_closed(np.concatenate([triangles[1:], triangles[:1, ::-1]]))
+    assert volume_of(triangles) == pytest.approx(volume(triangles))
+
+
+def test_solids_that_touch_along_an_edge_alone_stay_closed():
+    posts = "".join(
+        f"Column c{int(2 * x)}{int(2 * y) + 1}: shape: Rectangle width=0.5 m, length=0.5 m height: {h} m location: wrt: a translation: x: {x} m, y: {y} m\n"
+        for x, y, h in ((0, 0, 1.0), (0.5, 0.5, 1.0), (1.0, 0.0, 0.5), (0.5, -0.5, 2.0))
+    )
+    triangles = written(ROOM.format(more="") + posts)
+    assert is_watertight(triangles)
+    assert volume(triangles) == pytest.approx(RING_M2 * 2.5 + 0.25 * 4.5, abs=3e-4)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.floats(-3.2, 3.2), st.sampled_from(range(4)), st.sampled_from(range(4)), st.floats(-2.5, 2.5),
+    st.floats(0.05, 0.5), st.floats(0.05, 0.5), st.sampled_from([1.8, 2.5, 3.0]),
+)  # fmt: skip
+def test_neighbours_however_they_are_turned_and_shifted_are_one_watertight_solid(
+    turn, theirs, own, shift, thick, thin, height
+):
+    text = ROOM.format(more=f"rotation: z: {turn!r} walls: thickness: {thick!r} m")
+    text += (
+        f"Space b: shape: Rectangle width=2.5 m, length=2.0 m location: wrt: a.walls[{theirs}] of: this.walls[{own}] "
+    )
+    text += f"translation: x: {shift!r} m spaced walls: thickness: {thin!r} m height: {height} m\n"
+    text += "Entryway d: shape: Rectangle width=0.8 m, height=2 m "
+    text += f"location: in: b.walls[{own}] and a.walls[{theirs}] translation: z: 1 m"
+    plan = build(read_plan(text, "p.fpm"))
+    triangles = written(text)
+    assert is_watertight(triangles)
+    solid = sum(shapely.Polygon(wall.outline).area * wall.height_m for wall in plan.walls)
+    door = shapely.Polygon(plan.holes[0].outline)
+    cut = sum(
+        shapely.intersection(door, shapely.Polygon(wall.outline)).area * min(2.0, wall.height_m)
+        for wall in plan.walls
+        if wall.name in plan.holes[0].walls
+    )
+    assert volume(triangles) == pytest.approx(solid - cut, abs=5e-4)

@@ -1,0 +1,96 @@
+"""Our own floor plans: buildings in which a robot can go everywhere, made in the promised time."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from scipy import ndimage
+
+from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
+from vastflow.producers.floorplan.grid import grid_of
+from vastflow.producers.floorplan.mesh import mesh_of, stl
+from vastflow.sim import octile
+
+FOLDER = Path(__file__).parents[2] / "campaigns" / "floorplans"
+NAMES = ["corridors", "hospital_lobby", "nested_rooms", "office_wing", "university"]
+ROBOT_DIAMETER_M = 0.5
+
+
+def rooms_without_the_robot(building, diameter_m=ROBOT_DIAMETER_M):
+    """Rooms in which no place can be reached from the largest connected part of the map."""
+    occupancy = grid_of(building).occupancy
+    labels, _ = ndimage.label(octile.passable(occupancy, diameter_m / 2), np.ones((3, 3)))
+    largest = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+    return [room.name for room in building.rooms if not stands_in(occupancy, largest, shapely.Polygon(room.outline))]
+
+
+def stands_in(occupancy, reached, floor):
+    low_x, low_y, high_x, high_y = floor.bounds
+    (row, column), (last_row, last_column) = occupancy.cell_of(low_x, low_y), occupancy.cell_of(high_x, high_y)
+    rows, columns = np.nonzero(reached[row : last_row + 1, column : last_column + 1])
+    x, y = (origin + (cells + 0.5) * occupancy.resolution_m for origin, cells in ((low_x, columns), (low_y, rows)))
+    return bool(shapely.contains_xy(floor, x, y).any())
+
+
+def test_there_are_five_plans_each_with_a_variation():
+    assert sorted(file.stem for file in FOLDER.glob("*.fpm")) == NAMES
+    assert sorted(file.stem for file in FOLDER.glob("*.variation")) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_plan_has_the_name_of_its_file_and_nothing_to_note(name):
+    building = read_plan_file(FOLDER / f"{name}.fpm").building()
+    assert building.name == name
+    assert building.notes == ()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_robot_half_a_metre_across_can_go_into_every_room(name):
+    assert rooms_without_the_robot(read_plan_file(FOLDER / f"{name}.fpm").building()) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_two_rooms_overlap_unless_one_lies_in_the_other(name):
+    rooms = [shapely.Polygon(room.outline) for room in read_plan_file(FOLDER / f"{name}.fpm").building().rooms]
+    first, second = shapely.STRtree(rooms).query(rooms, predicate="overlaps")
+    assert all(rooms[i].intersection(rooms[j]).area < 1e-6 for i, j in zip(first, second, strict=True))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_sample_of_a_variation_is_a_building_in_which_the_robot_can_go_everywhere(name):
+    variation = read_variation_file(FOLDER / f"{name}.variation").variation()
+    for seed in range(1 if name == "university" else 5):
+        building = PlanFile(f"{name} {seed}", variation.sample(seed).text).building()
+        assert rooms_without_the_robot(building, 0.4) == [], seed
+
+
+def test_the_university_is_as_large_as_the_real_one():
+    low_x, low_y, high_x, high_y = read_plan_file(FOLDER / "university.fpm").building().bounds
+    assert (high_x - low_x, high_y - low_y) == (pytest.approx(84, abs=1), pytest.approx(87, abs=1))
+
+
+def cpu_s(function):
+    began = time.process_time()
+    function()
+    return time.process_time() - began
+
+
+def a_plain_loop():
+    for _ in range(5_000_000):
+        pass
+
+
+@pytest.fixture(scope="module")
+def slowness():
+    """How much slower than one on which the plain loop takes 0.15 s this machine is at the moment, 1 at least."""
+    return max(1.0, min(cpu_s(a_plain_loop) for _ in range(3)) / 0.15)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_plan_is_geometry_and_grid_in_a_tenth_of_a_second_and_with_its_mesh_in_half(name, slowness):
+    plan = read_plan_file(FOLDER / f"{name}.fpm")
+    plan.building()
+    assert min(cpu_s(lambda: grid_of(plan.building())) for _ in range(5)) < 0.1 * slowness
+    assert min(cpu_s(lambda: stl(mesh_of(plan.building()))) for _ in range(3)) < 0.5 * slowness

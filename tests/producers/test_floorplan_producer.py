@@ -1,0 +1,253 @@
+"""The producers of environments: which they yield, that they are kept whole, and what they reject."""
+
+import json
+import multiprocessing
+import shutil
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.conformance import check_producer
+from vastflow.producers.floorplan import environment
+from vastflow.producers.floorplan.environment import environments_folder, environments_in
+from vastflow.producers.floorplan.producer import FloorplanGeneration, FloorplanVariation
+from vastflow.producers.producer import evaluate, find_producer
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import load_map, map_content
+from vastflow.tasks import work
+from vastflow.tasks.evaluation import FRAGMENTS, content_of, files_in, packed, read_evaluation
+from vastflow.tasks.store import open_store
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture
+def base(tmp_path):
+    """A folder with the documented example, as that of a campaign file."""
+    for suffix in ("fpm", "variation"):
+        shutil.copy(HERE / f"test_floorplan_example.{suffix}", tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def store(tmp_path):
+    """Environments are kept in a folder of the test."""
+    with environments_in(tmp_path / "environments"):
+        yield tmp_path / "environments"
+
+
+def generation(base, **parameters):
+    given = {"floorplans": ["test_floorplan_example.fpm"], **parameters}
+    return FloorplanGeneration(FloorplanGeneration.Parameters.model_validate(given, context={"base": base}))
+
+
+def variation(base, **parameters):
+    given = {"variation_files": ["test_floorplan_example.variation"], **parameters}
+    return FloorplanVariation(FloorplanVariation.Parameters.model_validate(given, context={"base": base}))
+
+
+def fault(kind, base, **parameters):
+    with pytest.raises(ValidationError) as caught:
+        kind.Parameters.model_validate(parameters, context={"base": base})
+    (error,) = caught.value.errors()
+    return error["msg"]
+
+
+def test_a_plan_yields_its_map_and_its_mesh(base):
+    (fragment,) = evaluate(generation(base), {})
+    map_file, mesh_file = fragment.values["map_file"], fragment.values["mesh_file"]
+    assert map_content(map_file.path) == map_file
+    assert load_map(map_file.path).shape == (95, 240)
+    assert Path(mesh_file.path).read_bytes()[80:84] != b"\0\0\0\0"
+    assert fragment.values["_floorplan"] == {"plan": "flat", "file": "test_floorplan_example.fpm"}
+
+
+def test_map_and_mesh_go_to_the_keys_that_the_parameters_name(base):
+    producer = generation(base, name=["@map", "mesh"])
+    assert dict(producer.writes) == {"map": "environment", "mesh": "environment"}
+    assert {"map", "mesh"} < set(evaluate(producer, {})[0].values)
+
+
+def test_resolution_and_height_of_the_laser_are_the_users(base):
+    coarse, low, high = (
+        evaluate(generation(base, **options), {})[0].values["map_file"]
+        for options in ({"resolution": 0.1}, {}, {"laser_height": 0.7})
+    )
+    assert load_map(coarse.path).resolution_m == 0.1
+    assert low.digest != high.digest
+
+
+def test_one_environment_for_each_plan_in_their_order(base):
+    other = (base / "test_floorplan_example.fpm").read_text().replace("plan: flat", "plan: other")
+    (base / "other.fpm").write_text(other)
+    names = ["other.fpm", "test_floorplan_example.fpm"]
+    found = evaluate(generation(base, floorplans=names), {})
+    assert [fragment.values["_floorplan"]["plan"] for fragment in found] == ["other", "flat"]
+    assert found[0].values["map_file"] == found[1].values["map_file"]  # a name is no geometry
+
+
+def test_variations_have_the_documented_numbers_and_the_seed_of_their_place(base):
+    found = evaluate(variation(base, num_variations=3, seed=7), {})
+    assert [fragment.values["_floorplan"]["seed"] for fragment in found] == [7, 8, 9]
+    drawn = [fragment.values["_floorplan"]["drawn"]["study.location.translation.x"] for fragment in found]
+    assert drawn == [0.34, 0.02, -0.05]
+    assert len({fragment.values["map_file"] for fragment in found}) == 3
+
+
+def test_another_seed_or_number_of_variations_leaves_the_others_as_they_are(base):
+    def maps(**parameters):
+        return [fragment.values["map_file"].digest for fragment in evaluate(variation(base, **parameters), {})]
+
+    assert maps(num_variations=3, seed=7)[1:] == maps(num_variations=2, seed=8)
+
+
+def test_the_environment_has_everything_and_says_where_it_came_from(base, store):
+    (fragment,) = evaluate(variation(base, seed=8), {})
+    (folder,) = store.iterdir()
+    assert Path(fragment.values["map_file"].path).parent == folder
+    assert {file.name for file in folder.iterdir()} == {
+        "map.yaml",
+        "map.pgm",
+        "mesh.stl",
+        "floorplan.fpm",
+        "provenance.json",
+    }
+    assert "// Seed 8" in (folder / "floorplan.fpm").read_text()
+    assert json.loads((folder / "provenance.json").read_text())["seed"] == 8
+
+
+def test_numbers_that_make_no_building_are_a_rejection_with_the_seed_and_the_numbers(base):
+    text = (base / "test_floorplan_example.variation").read_text().replace("[0.7, 0.9, 1.1]", "[0.9, 5.0]")
+    (base / "wide.variation").write_text(text)
+    found = evaluate(variation(base, variation_files=["wide.variation"], num_variations=6), {})
+    rejected = [item for item in found if isinstance(item, Rejection)]
+    assert rejected and any(isinstance(item, Fragment) for item in found)
+    assert all(item.requested["drawn"]["gap"] == 5.0 for item in rejected)
+    assert "Entryway door: it reaches from" in rejected[0].reason
+    assert f"with seed {rejected[0].requested['seed']}:" in rejected[0].reason
+
+
+def test_a_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):
+    (item,) = evaluate(generation(base, resolution=0.0001), {})
+    assert isinstance(item, Rejection) and "cells; at most" in item.reason
+
+
+def test_both_keep_the_contract_of_producers(base):
+    check_producer(generation(base), [{}, {"map_file": 1, "noise": 0.1}])
+    check_producer(variation(base, num_variations=2), [{}, {"noise": 0.1}])
+
+
+def test_both_are_found_by_their_names():
+    assert find_producer("FloorplanGeneration", Path()) is FloorplanGeneration
+    assert find_producer("FloorplanVariation", Path()) is FloorplanVariation
+
+
+def test_a_mistake_in_a_plan_is_said_with_its_place_when_the_campaign_is_read(base):
+    text = (base / "test_floorplan_example.fpm").read_text()
+    (base / "bad.fpm").write_text(text.replace("width=gap", "width=gab"))
+    message = fault(FloorplanGeneration, base, floorplans=["bad.fpm"])
+    assert message.endswith("bad.fpm:41:32: Entryway door: no variable 'gab'; did you mean 'gap'?")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"floorplans": ["none.fpm"]}, "none.fpm:1:1: file: no such file; the path of a floor plan or variation file"),
+        ({"floorplans": [3]}, "found 3; the path of a file"),
+        ({"floorplans": []}, "found an empty list; the path of at least one file"),
+        ({"floorplans": ["test_floorplan_example.fpm"], "name": ["a", "@a"]}, "name: found ['a', '@a']; two names"),
+        ({"floorplans": ["test_floorplan_example.fpm"], "resolution": 0}, "Input should be greater than 0"),
+    ],
+)
+def test_wrong_parameters_are_refused(base, parameters, message):
+    assert fault(FloorplanGeneration, base, **parameters).endswith(message)
+
+
+def test_a_variation_that_names_what_is_not_there_is_refused(base):
+    (base / "bad.variation").write_text('import "test_floorplan_example.fpm"\nwidth : uniform([1])')
+    message = fault(FloorplanVariation, base, variation_files=["bad.variation"])
+    assert "bad.variation:2:1: width: the plan has no variable 'width'" in message
+
+
+def test_a_seed_beyond_numpys_legacy_generator_is_refused(base):
+    message = fault(
+        FloorplanVariation, base, variation_files=["test_floorplan_example.variation"], seed=2**32 - 1, num_variations=2
+    )
+    assert message == "the last seed is 4294967296; at most 4294967295"
+
+
+def test_where_the_campaign_lies_changes_nothing(base, tmp_path):
+    moved = tmp_path / "elsewhere"
+    moved.mkdir()
+    for file in base.glob("test_floorplan_example.*"):
+        shutil.copy(file, moved)
+    assert content_of(variation(base).parameters) == content_of(variation(moved).parameters)
+    assert content_of(generation(base).parameters) == content_of(generation(moved).parameters)
+
+
+def test_the_plan_behind_a_variation_counts_as_much_as_the_variation(base):
+    before = content_of(variation(base).parameters)
+    plan = base / "test_floorplan_example.fpm"
+    plan.write_text(plan.read_text().replace("height: 2.5 m", "height: 2.6 m"))
+    assert content_of(variation(base).parameters) != before
+
+
+def test_parameters_name_no_files_so_that_what_was_read_is_what_is_built(base):
+    producer = variation(base)
+    assert files_in(producer.parameters) == {}
+    for file in base.glob("test_floorplan_example.*"):
+        file.unlink()
+    assert isinstance(evaluate(producer, {})[0], Fragment)
+
+
+# Keeping
+
+
+def test_what_a_worker_made_another_process_can_read(base, tmp_path, monkeypatch):
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
+    kept = open_store()
+    worker = multiprocessing.get_context("spawn").Process(
+        target=work.evaluate, args=(kept, "evaluate/00/key", packed(generation(base)), {})
+    )
+    worker.start()
+    worker.join(120)
+    (fragment,) = read_evaluation(kept.read("evaluate/00/key", FRAGMENTS), {})
+    assert fragment == evaluate(generation(base), {})[0]
+    assert map_content(fragment.values["map_file"].path) == fragment.values["map_file"]
+    assert Path(fragment.values["map_file"].path).is_relative_to(tmp_path / "store")
+
+
+def test_the_same_environment_is_kept_once(base, store):
+    first, second = (evaluate(generation(base), {})[0].values["map_file"] for _ in range(2))
+    assert first.path == second.path
+    assert len(list(store.iterdir())) == 1
+
+
+@pytest.mark.parametrize("damage", ["shorten", "remove", "replace"])
+def test_a_damaged_environment_is_made_anew(base, store, damage):
+    map_file = evaluate(generation(base), {})[0].values["map_file"]
+    picture = Path(map_file.path).with_name("map.pgm")
+    if damage == "shorten":
+        picture.write_bytes(picture.read_bytes()[:-9])
+    elif damage == "remove":
+        picture.unlink()
+    else:
+        picture.write_bytes(bytes(len(picture.read_bytes())))
+    assert map_content(evaluate(generation(base), {})[0].values["map_file"].path) == map_file
+    assert len(list(store.iterdir())) == 1
+
+
+def test_environments_are_kept_in_the_store_or_where_a_worker_says(tmp_path, monkeypatch):
+    assert environments_folder() == tmp_path / "environments"
+    monkeypatch.setattr(environment, "_FOLDER", type(environment._FOLDER)("fresh", default=None))
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
+    assert environments_folder() == tmp_path / "store" / "environments"
+    monkeypatch.delenv("VASTFLOW_STORE")
+    assert environments_folder().parts[-2:] == ("store", "environments")
+
+
+def test_a_file_as_a_value_is_its_content(base):
+    (fragment,) = evaluate(generation(base), {})
+    assert fragment.values["map_file"] == FileContent("elsewhere", fragment.values["map_file"].digest)

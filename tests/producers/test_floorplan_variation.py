@@ -1,0 +1,183 @@
+"""The Variation DSL: the documented numbers, and what is said of a file that varies what is not there."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vastflow.producers.floorplan.building import build
+from vastflow.producers.floorplan.faults import FloorplanError
+from vastflow.producers.floorplan.files import read_variation_file
+from vastflow.producers.floorplan.geometry import geometry_of
+from vastflow.producers.floorplan.reading import read_plan
+from vastflow.producers.floorplan.syntax import parse
+from vastflow.producers.floorplan.variation import variation_of
+from vastflow.producers.floorplan.variation_syntax import parse_variation
+
+FILE = Path(__file__).with_name("test_floorplan_example.variation")
+PLAN = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
+HEAD = 'import "flat.fpm"\n'
+
+
+def variation(items, plan=PLAN):
+    return variation_of(parse_variation(HEAD + items, "v.variation"), parse(plan, "flat.fpm"))
+
+
+def complaints(items, plan=PLAN):
+    with pytest.raises(FloorplanError) as caught:
+        variation(items, plan)
+    return str(caught.value).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("seed", "numbers"),
+    [(7, (0.7, 0.3, 0.34, 0.6, -0.05)), (8, (0.7, 0.3, 0.02, 0.6, 0.11)), (9, (1.1, 0.1, -0.05, 0.6, -0.0))],
+)
+def test_the_documented_seeds_give_the_documented_numbers(seed, numbers):
+    sample = read_variation_file(FILE).variation().sample(seed)
+    assert dict(sample.values) == dict(
+        zip(
+            ("gap", "study.defaults.wall.thickness", "study.location.translation.x", "study.post.height",
+             "door.location.translation.x"), numbers, strict=True)
+    )  # fmt: skip
+
+
+def test_what_is_written_says_plan_and_seed_and_has_the_drawn_numbers_in_place_of_the_old_ones():
+    sample = read_variation_file(FILE).variation().sample(7)
+    first, second, *rest = sample.text.splitlines()
+    assert first.startswith("// ") and "flat" in first
+    assert second == "// Seed 7"
+    changes = {(old.strip(), new.strip()) for old, new in zip(PLAN.splitlines(), rest, strict=True) if old != new}
+    assert changes == {
+        ("var gap = 0.9 m", "var gap = 0.7 m"),
+        ("translation: x: 0.25 m", "translation: x: 0.34 m"),
+        ("height: 2.0 m", "height: 0.6 m"),
+        ("translation: x: -0.1 m, z: 1.0 m", "translation: x: -0.05 m, z: 1.0 m"),
+    }
+
+
+def test_a_variation_of_a_plan_with_features_and_walls_of_its_own_can_be_built():
+    # Upstream's writer loses `of: this.walls[0]` and writes features that its parser refuses.
+    geometry = geometry_of(build(read_plan(read_variation_file(FILE).variation().sample(9).text, "flat_9.fpm")))
+    assert geometry["obstacles"]["post"]["height"] == 0.6
+    assert geometry["walls"]["study-wall-0"]["polygon"][0][0] == pytest.approx(4.2)
+    assert geometry["spaces"]["study"][0] == pytest.approx((4.3, 3.05))
+
+
+def test_numbers_are_drawn_in_the_order_of_the_file_whatever_the_plans():
+    one = variation("gap : uniform([1, 2, 3, 4, 5])\nstudy.post: { height : uniform([1, 2, 3, 4, 5]) }").sample(1)
+    other = variation("study.post: { height : uniform([1, 2, 3, 4, 5]) }\ngap : uniform([1, 2, 3, 4, 5])").sample(1)
+    assert list(one.values.values()) == list(other.values.values())
+    assert list(one.values) == ["gap", "study.post.height"]
+
+
+def test_an_angle_written_in_degrees_is_drawn_in_degrees():
+    assert "var tilt = 45.0 deg" in variation("tilt : uniform([45])").sample(0).text
+
+
+def test_every_documented_attribute_can_be_varied():
+    items = """
+        corridor: { shape.width : uniform([5.5]) shape.length : uniform([2.5]) location.translation.y : uniform([1]) }
+        study.rail: { shape.length : uniform([0.2]) height : uniform([0.4]) }
+        study: { defaults.wall.thickness : uniform([0.25]) }
+        door: { shape.height : uniform([2.1]) location.translation.z : uniform([1.05]) }
+    """
+    building = build(read_plan(variation(items).sample(0).text, "p"))
+    assert len(variation(items).varied) == 8
+    assert building.holes[0].top_m == pytest.approx(2.1)
+
+
+def test_the_generator_is_numpys_legacy_one_and_a_normal_draw_is_rounded_to_two_decimals():
+    rng = np.random.RandomState(3)
+    expected = [float(np.around(rng.normal(1.0, 0.5), 2)) for _ in range(2)]
+    items = "gap : normal(mean=1.0, std=0.5)\nstudy.post: { height : normal(mean=1.0, std=0.5) }"
+    assert list(variation(items).sample(3).values.values()) == expected
+
+
+def test_probabilities_that_add_up_to_one_but_for_rounding_are_accepted():
+    assert variation("gap : discrete([(0.1, 1), (0.2, 2), (0.7, 3)])").sample(0).values["gap"] in (1, 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("items", "message"),
+    [
+        ("gapp : uniform([1])", "v.variation:2:1: gapp: the plan has no variable 'gapp'; did you mean 'gap'?"),
+        ("study : uniform([1])", "v.variation:2:1: study: 'study' is no variable; study: { ... } with attributes of it"),
+        (
+            "studio: { shape.width : uniform([1]) }",
+            "v.variation:2:1: studio.shape.width: the plan has no space, feature or opening 'studio'; did you mean 'study'?",
+        ),
+        (
+            "study.pots: { height : uniform([1]) }",
+            ("v.variation:2:1: study.pots.height: the plan has no space, feature or opening 'study.pots'; "
+            "did you mean 'study.post'?"),
+        ),
+        (
+            "study: { shape.width : uniform([1]) }",
+            ("v.variation:2:10: study.shape.width: Space study states no 'shape.width'; known: defaults.wall.thickness, "
+            "location.translation.x"),
+        ),
+        (
+            "corridor: { defaults.wall.height : uniform([1]) }",
+            ("v.variation:2:13: corridor.defaults.wall.height: Space corridor states no 'defaults.wall.height'; known: "
+            "location.translation.x, location.translation.y, shape.length, shape.width"),
+        ),
+        (
+            "door: { shape.width : uniform([1]) }",
+            ("v.variation:2:9: door.shape.width: shape.width of door is the variable 'gap'; "
+            "vary 'gap' itself, or write a number in the plan"),
+        ),
+        ("study: {}", ("v.variation:2:1: study: nothing between the braces; one attribute or more, such as "
+         "shape.width: uniform([1.0, 2.0])")),
+        ("gap : uniform([1])\ngap : uniform([2])", ("v.variation:3:1: gap: the number in line 7 of the plan is varied a "
+         "second time; one distribution for it")),
+        ("gap : discrete([(0.5, 1), (0.4, 2)])", ("v.variation:2:7: gap: the probabilities add up to 0.9; "
+         "1; in each pair the probability stands first")),
+        ("gap : discrete([(-0.5, 1), (1.5, 2)])", ("v.variation:2:7: gap: found the probability -0.5; "
+         "0 or more; in each pair it stands first")),
+        ("gap : normal(mean=1, std=-1)", "v.variation:2:7: gap: std is -1; 0 or more"),
+        ("gap : uniform([1e999])", "v.variation:2:7: gap: found an infinite number; finite numbers"),
+        ("gap : uniform([])", "v.variation:2:16: syntax: found ']'; a number"),
+        ("gap : unifrom([1])", "v.variation:2:7: syntax: found 'unifrom'; did you mean 'uniform'?"),
+        ("gap uniform([1])", "v.variation:2:5: syntax: found 'uniform'; '.' or ':'"),
+        ("gap : normal(std=1, mean=1)", "v.variation:2:14: syntax: found 'std'; 'mean'"),
+        ('import "other.fpm"', "v.variation:2:8: syntax: found '\"'; '.' or ':'"),
+    ],
+    ids=lambda value: value[:35],
+)  # fmt: skip
+def test_a_mistake_is_said_with_its_place_and_what_would_be_right(items, message):
+    (only,) = complaints(items)
+    assert only.startswith(message)
+
+
+def test_a_name_that_two_things_have_can_not_be_varied():
+    plan = PLAN.replace("Window pane", "Window corridor")
+    (only,) = complaints("corridor: { shape.width : uniform([1]) }", plan)
+    assert "the plan has more than one 'corridor'" in only
+
+
+def test_all_mistakes_are_said_at_once():
+    assert len(complaints("a : uniform([1])\nb : uniform([1])\nstudy: { shape.radius : uniform([1]) }")) == 3
+
+
+def test_an_import_that_is_not_there_is_a_fault_of_the_variation_file(tmp_path):
+    (tmp_path / "v.variation").write_text('// a comment\nimport "none.fpm"\n')
+    with pytest.raises(
+        FloorplanError, match=r"v\.variation:2:8: import: '.*none\.fpm': no such file; a floor plan, by its"
+    ):
+        read_variation_file(tmp_path / "v.variation")
+
+
+def test_a_fault_of_the_imported_plan_is_said_of_the_plan(tmp_path):
+    (tmp_path / "flat.fpm").write_text(PLAN.replace("width=gap", "width=gab"))
+    (tmp_path / "v.variation").write_text(HEAD)
+    with pytest.raises(
+        FloorplanError, match=r"flat\.fpm:41:32: Entryway door: no variable 'gab'; did you mean 'gap'\?"
+    ):
+        read_variation_file(tmp_path / "v.variation").variation()
+
+
+def test_a_sample_that_makes_no_building_is_drawn_all_the_same():
+    sample = variation("gap : uniform([9.0])").sample(0)
+    with pytest.raises(FloorplanError, match=r"Entryway door: it reaches from -4.6 m to 4.4 m along study.walls\[3\]"):
+        build(read_plan(sample.text, "flat_0.fpm"))

@@ -1,0 +1,233 @@
+"""Paths between the points of a raster."""
+
+import itertools
+import math
+import time
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from pydantic import ValidationError
+from skimage.graph import MCP_Geometric
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.conformance import check_producer
+from vastflow.producers.ground import ground_of
+from vastflow.producers.producer import evaluate
+from vastflow.producers.raster import PathVariationRasterized, raster_points
+from vastflow.sim.maps import load_map
+from vastflow.sim.pose import Pose, pose_of
+
+RESOLUTION_M = 0.5
+
+
+def rasterized(**parameters):
+    return PathVariationRasterized(PathVariationRasterized.Parameters.model_validate(parameters))
+
+
+@pytest.fixture(scope="module")
+def grid_map(drawn_map):
+    def write(walls):
+        rows = ["".join("#" if wall else "." for wall in row) for row in walls[::-1]]
+        return drawn_map(*rows, resolution_m=RESOLUTION_M)
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def hall(drawn_map):
+    """6 m x 4 m, free throughout; its lower left corner is (-1, -2)."""
+    return drawn_map(*["." * 12] * 8, cells=10)
+
+
+def stops(item):
+    goals = item.values.get("goal_poses") or [item.values["goal_pose"]]
+    return [pose_of(pose) for pose in (item.values["start_pose"], *goals)]
+
+
+def places(item):
+    return [(round(pose.x_m, 6), round(pose.y_m, 6)) for pose in stops(item)]
+
+
+def split(items):
+    return [i for i in items if isinstance(i, Fragment)], [i for i in items if isinstance(i, Rejection)]
+
+
+@given(
+    walls=arrays(bool, st.tuples(st.integers(3, 9), st.integers(3, 9)), elements=st.sampled_from([False, False, True])),
+    lengths=st.lists(st.floats(0.5, 5.0), min_size=1, max_size=2, unique=True),
+    tolerance=st.floats(0.0, 0.8),
+    size=st.sampled_from([0.5, 1.0, 1.5]),
+    offset=st.floats(-2.0, 2.0),
+    robot_diameter=st.sampled_from([0.3, 0.9]),
+)
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_exactly_the_pairs_of_the_promised_length_are_there_in_order(
+    grid_map, walls, lengths, tolerance, size, offset, robot_diameter
+):
+    content = grid_map(walls)
+    occupancy = load_map(content.path)
+    blocked = np.argwhere(np.pad(~occupancy.free, 1, constant_values=True)) - 1
+    passable = np.array(
+        [[np.hypot(*(blocked - (r, c)).T).min() > robot_diameter / 2 / RESOLUTION_M for c in range(walls.shape[1])]
+         for r in range(walls.shape[0])]
+    )  # fmt: skip
+    points = [tuple(p) for p in raster_points(ground_of(content, robot_diameter), size, offset, 0.0).tolist()]
+    assert all(passable[point] for point in points)
+    expected = {length: [] for length in lengths}
+    for start in points:
+        metres = (
+            MCP_Geometric(np.where(passable, 1.0, -1.0), fully_connected=True).find_costs([start])[0] * RESOLUTION_M
+        )
+        for length, goal in itertools.product(lengths, points):
+            if goal != start and abs(metres[goal] - length) <= tolerance + 1e-9:
+                expected[length].append((start, goal, metres[goal]))
+    producer = rasterized(
+        path_length=lengths,
+        path_length_tolerance=tolerance,
+        raster_size=size,
+        raster_offset_x=offset,
+        robot_diameter=robot_diameter,
+    )
+    paths, rejections = split(evaluate(producer, {"map_file": content}))
+    wanted = [pair for length in lengths for pair in expected[length]]
+    ends = [tuple(tuple(occupancy.cell_of(pose.x_m, pose.y_m)) for pose in stops(item)) for item in paths]
+    assert ends == [(start, goal) for start, goal, _ in wanted]
+    for item, (_, _, metres) in zip(paths, wanted, strict=True):
+        path = item.values["_path"]
+        assert [tuple(path[0]), tuple(path[-1])] == places(item)
+        assert item.values["_path_length"] == pytest.approx(metres)
+        assert sum(math.dist(one, other) for one, other in itertools.pairwise(path)) == pytest.approx(metres)
+        for (x0, y0), (x1, y1) in itertools.pairwise(path):
+            for t in np.linspace(0.0, 1.0, round(max(abs(x1 - x0), abs(y1 - y0)) / RESOLUTION_M) + 1):
+                assert passable[occupancy.cell_of(x0 + t * (x1 - x0), y0 + t * (y1 - y0))]
+    n_pairs = len(points) * (len(points) - 1)
+    if n_pairs:
+        missing = [n_pairs - len(expected[length]) for length in lengths]
+        assert [int(r.reason.split()[0]) for r in rejections] == [n for n in missing if n]
+    else:
+        assert [r.reason.rpartition("; ")[2] for r in rejections] == ["too few for a path"] * len(lengths)
+
+
+def test_points_go_row_by_row_from_below_at_the_offset_within_a_raster_step(hall):
+    points = raster_points(ground_of(hall, 0.35), 2.0, 5.0, -1.0)  # 1 m and 1 m
+    assert points.tolist() == [[20, 20], [20, 60], [20, 100], [60, 20], [60, 60], [60, 100]]
+
+
+def test_a_raster_finer_than_the_map_has_every_cell_once(drawn_map):
+    points = raster_points(ground_of(drawn_map("...", "..."), 0.01), 1e-9, 0.0, 0.0)
+    assert points.tolist() == [[0, 0], [0, 1], [0, 2], [1, 0], [1, 1], [1, 2]]
+
+
+def test_stops_are_the_centres_of_the_points_cells_and_look_along_x(hall):
+    asked = {"raster_size": 2, "raster_offset_x": 1, "raster_offset_y": 1}
+    items, _ = split(evaluate(rasterized(path_length=4, path_length_tolerance=0.1, **asked), {"map_file": hall}))
+    left, right = Pose(0.025, -0.975), Pose(4.025, -0.975)
+    assert [stops(item) for item in items[:2]] == [[left, right], [right, left]]
+    assert {key for key in items[0].values if not key.startswith("_")} == {"start_pose", "goal_pose"}
+
+
+def test_the_way_back_is_the_same_way(hall):
+    items, _ = split(evaluate(rasterized(path_length=3, raster_size=1), {"map_file": hall}))
+    ways = {tuple(places(item)): item.values["_path"] for item in items}
+    assert all(ways[ends[::-1]] == way[::-1] for ends, way in ways.items())
+
+
+def test_with_several_goals_there_is_one_path_from_each_start_through_new_points(hall):
+    producer = rasterized(path_length=6, num_goal_poses=3, raster_size=2, raster_offset_x=1, raster_offset_y=1)
+    items, rejections = split(evaluate(producer, {"map_file": hall}))
+    assert [places(item)[0] for item in items] == [(x, y) for y in (-0.975, 1.025) for x in (0.025, 2.025, 4.025)]
+    assert all(len(set(places(item))) == 4 for item in items[:1])
+    assert places(items[0]) == [(0.025, -0.975), (2.025, -0.975), (4.025, -0.975), (4.025, 1.025)]
+    assert all(item.values["_path_length"] == pytest.approx(6.0) for item in items)
+    assert rejections == []
+
+
+def test_one_rejection_for_each_length_counts_what_it_leaves_out_and_says_what_is_the_longest(drawn_map):
+    rooms = drawn_map(*["......#......"] * 4, cells=10)
+    items = evaluate(rasterized(path_length=[2, 50], raster_size=1, raster_offset_x=0.5), {"map_file": rooms})
+    _, rejections = split(items)
+    assert [r.requested for r in rejections] == [{"path_length": m, "num_goal_poses": 1} for m in (2.0, 50.0)]
+    assert "pairs on the raster have no path of 2 m ± 0.5 m for a robot 0.35 m across" in rejections[0].reason
+    assert "longest" not in rejections[0].reason
+    points = 5  # three and two columns at y 1 m, for the row at 0 is too near the edge
+    assert rejections[1].reason == (
+        f"{points * (points - 1)} of {points * (points - 1)} pairs on the raster have no path of 50 m ± 0.5 m for a robot "
+        "0.35 m across; 12 of 20 pairs are not connected; the longest shortest path between two of its points is 2.00 m"
+    )
+
+
+def test_a_given_start_is_kept_and_is_the_only_one(hall):
+    start = {"x": 0.6, "y": -1.0, "yaw": 1.0}
+    items, (rejection,) = split(
+        evaluate(rasterized(path_length=3, raster_size=1), {"map_file": hall, "start_pose": start})
+    )
+    assert all("start_pose" not in item.values for item in items)
+    assert all(math.dist(item.values["_path"][0], (0.6, -1.0)) < 0.05 for item in items)
+    assert len(items) + int(rejection.reason.split()[0]) == 15
+
+
+def test_a_start_among_the_parameters_is_written(hall):
+    producer = rasterized(path_length=4, num_goal_poses=2, raster_size=1, start_pose={"x": 0.6, "y": -1.0})
+    (item,), _ = split(evaluate(producer, {"map_file": hall}))
+    assert stops(item)[0] == Pose(0.6, -1.0)
+    assert len(item.values["goal_poses"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("parameters", "inputs", "reason"),
+    [
+        ({}, {"map_file": "m.yaml"}, "map_file is 'm.yaml', not a map file"),
+        ({}, {"start_pose": "here"}, "start_pose: found 'here'; a pose"),
+        ({}, {"start_pose": {"x": 90, "y": 0}}, "the given start (90, 0) is no place for a robot 0.35 m across"),
+        ({"raster_size": 90}, {}, "a raster of 90 m has 0 points for a robot 0.35 m across on this map; too few"),
+        (
+            {"raster_size": 0.05},
+            {},
+            "a raster of 0.05 m has 8436 points for a robot 0.35 m across on this map; at most 5000",
+        ),
+    ],
+)
+def test_what_gives_no_raster_is_a_rejection_for_each_length(hall, parameters, inputs, reason):
+    producer = rasterized(**{"path_length": [3, 4], "raster_size": 1, **parameters})
+    items = evaluate(producer, {"map_file": hall, **inputs})
+    assert [type(item) for item in items] == [Rejection, Rejection]
+    assert reason in items[0].reason
+
+
+def test_a_map_of_its_own_becomes_the_configurations_map(hall):
+    producer = rasterized(path_length=3, raster_size=1, map_file=hall.path)
+    assert evaluate(producer, {})[0].values["map_file"] == hall
+    assert (producer.needs, producer.writes["map_file"]) == ((), "environment")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"path_length": 3}, "raster_size\n.*Field required"),
+        ({"path_length": 3, "raster_size": 0}, "greater than 0"),
+        ({"path_length": 3, "raster_size": 1, "num_goal_poses": 0}, "greater than or equal to 1"),
+        ({"path_length": [], "raster_size": 1}, "found an empty list; at least one value"),
+        ({"path_length": 3, "raster_size": 1, "raster_offset_x": "far"}, "valid number"),
+    ],
+)
+def test_a_raster_out_of_range_is_refused(parameters, message):
+    with pytest.raises(ValidationError, match=message):
+        rasterized(**parameters)
+
+
+def test_raster_producers_keep_the_contract(hall, drawn_map):
+    producer = rasterized(path_length=[3, 200], raster_size=1, num_goal_poses=2)
+    check_producer(producer, [{"map_file": hall, "noise": 0.1}, {"map_file": drawn_map("..", cells=10)}])
+
+
+def test_all_pairs_of_a_large_building_take_a_second_or_two(shared_map):
+    inputs = {"map_file": shared_map("university")}
+    producer = rasterized(path_length=20, path_length_tolerance=1, raster_size=4)
+    evaluate(rasterized(path_length=3, raster_size=30), inputs)  # the map is read and inflated once
+    began = time.process_time()
+    items, _ = split(evaluate(producer, inputs))
+    assert time.process_time() - began < 5.0
+    assert len(items) == 102

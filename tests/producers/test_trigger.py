@@ -1,0 +1,224 @@
+"""Obstacles that appear when the robot comes near."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from shapely.geometry import LineString, Point
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.conformance import check_producer
+from vastflow.producers.obstacle import ObstacleVariation
+from vastflow.producers.path import PathVariationRandom
+from vastflow.producers.producer import evaluate
+from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger, beyond
+from vastflow.sim import octile
+from vastflow.sim.maps import load_map
+from vastflow.sim.obstacle import Trigger, obstacles_of
+
+KEYS = {"spawn_trigger_point": "@spawn_trigger_point", "spawn_trigger_threshold": "@spawn_trigger_threshold"}
+BOX = {"amount": 1, "max_distance": 0.6, "args": "width:=0.4"}
+
+
+def triggered(*configs, **parameters):
+    given_parameters = {"obstacle_configs": list(configs or [BOX]), "trigger_distance": 1.0, **KEYS, **parameters}
+    return ObstacleVariationWithDistanceTrigger(
+        ObstacleVariationWithDistanceTrigger.Parameters.model_validate(given_parameters)
+    )
+
+
+@pytest.fixture(scope="module")
+def site(drawn_map):
+    """A drawn path of 9 m through two goals in a hall with a pillar: the map and what the path producer wrote."""
+    rows = ["#" * 26, *["#" + "." * 24 + "#"] * 5, "#" + "." * 11 + "##" + "." * 11 + "#", *["#" + "." * 24 + "#"] * 5]
+    content = drawn_map(*rows, "#" * 26, cells=10)
+    asked = PathVariationRandom.Parameters(path_length=9, num_goal_poses=2, seed=5)
+    (item,) = evaluate(PathVariationRandom(asked), {"map_file": content})
+    return {"map_file": content, **item.values}
+
+
+def environment(item, before=()):
+    """What the simulator is given: without the notes for other producers."""
+    return {key: value for key, value in {**dict(before), **item.values}.items() if not key.startswith("_")}
+
+
+@given(
+    distance=st.floats(0.6, 4.0),
+    max_distance=st.floats(0.0, 1.5),
+    model=st.sampled_from(["box", "cylinder"]),
+    amount_static=st.integers(0, 4),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_it_appears_off_the_stops_and_beyond_the_triggers_distance_and_leaves_a_way(
+    site, distance, max_distance, model, amount_static, seed
+):
+    boxes = {"amount": amount_static, "max_distance": 1.5, "args": "width:=0.3"}
+    static = ObstacleVariation(ObstacleVariation.Parameters(obstacle_configs=[boxes], seed=seed))
+    (first,) = evaluate(static, site)
+    if isinstance(first, Rejection):
+        return
+    config = {"amount": 1, "max_distance": max_distance, "model": model, "args": "width:=0.4"}
+    producer = triggered(config, trigger_distance=distance, seed=seed, name="late")
+    (item,) = evaluate(producer, {**site, **first.values})
+    if isinstance(item, Rejection):
+        assert "of 1 obstacles found room" in item.reason
+        return
+    obstacles = obstacles_of(environment(item, {"static_objects": first.values["static_objects"]}))
+    (late,) = [obstacle for obstacle in obstacles if obstacle.trigger]
+    assert late.trigger == Trigger(late.pose.x_m, late.pose.y_m, distance)
+    footprints = [obstacle.footprint() for obstacle in obstacles]
+    assert len(footprints) == amount_static + 1
+    assert all(one.distance(other) >= 0.05 for one, other in itertools.combinations(footprints, 2))
+    stops = [(p["position"]["x"], p["position"]["y"]) for p in (site["start_pose"], *site["goal_poses"])]
+    centre = (late.pose.x_m, late.pose.y_m)
+    assert all(late.footprint().distance(Point(stop)) >= 0.35 / 2 + 0.05 for stop in stops)
+    assert math.dist(centre, stops[0]) >= distance
+    path = LineString(site["_path"])
+    assert (
+        LineString(path.segmentize(0.01).coords[int(distance / 0.01) :] if distance < path.length else []).distance(
+            Point(centre)
+        )
+        <= max_distance + 0.02
+    )
+    occupancy = load_map(site["map_file"].path)
+    free = occupancy.free.copy()
+    for row, column in np.argwhere(free):
+        x, y = occupancy.centre_of(row, column)
+        near = [abs(x - o.pose.x_m) < 0.4 and abs(y - o.pose.y_m) < 0.4 for o in obstacles]
+        if any(n and f.distance(Point(x, y)) < 0.03 for n, f in zip(near, footprints, strict=True)):
+            free[row, column] = False
+    passable = octile.inflated_free(free, 0.35 / 2 / occupancy.resolution_m)
+    assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
+
+
+def test_the_usual_keys_are_written_as_the_scenario_reads_them(site):
+    (item,) = evaluate(triggered(), site)
+    (entry,) = item.values["static_objects"]
+    position = entry["spawn_pose"]["position"]
+    assert item.values["spawn_trigger_point"] == {"x": position["x"], "y": position["y"], "z": 0.0}
+    assert item.values["spawn_trigger_threshold"] == 1.0
+    assert triggered().writes == dict.fromkeys(
+        ("static_objects", "spawn_trigger_point", "spawn_trigger_threshold"), "environment"
+    )
+
+
+def test_two_of_them_with_keys_of_their_own_each_have_their_trigger(site):
+    (one,) = evaluate(triggered(trigger_distance=1.0, name="first"), site)
+    second = triggered(
+        trigger_distance=2.0, name="second", spawn_trigger_point="point_2", spawn_trigger_threshold="threshold_2"
+    )
+    (two,) = evaluate(second, {**site, **one.values})
+    found = {o.name: o for o in obstacles_of(environment(two, environment(one)))}
+    assert [o.trigger.distance_m for o in found.values()] == [1.0, 2.0]
+    assert all((o.trigger.x_m, o.trigger.y_m) == (o.pose.x_m, o.pose.y_m) for o in found.values())
+
+
+def test_a_static_one_after_it_leaves_it_its_place(site):
+    (late,) = evaluate(triggered(name="late"), site)
+    config = {"amount": 5, "max_distance": 1.0, "args": "width:=0.4"}
+    (item,) = evaluate(
+        ObstacleVariation(ObstacleVariation.Parameters(obstacle_configs=[config])), {**site, **late.values}
+    )
+    found = obstacles_of(environment(item, environment(late)))
+    assert len([o for o in found if o.trigger]) == 1
+    footprints = [o.footprint() for o in found]
+    assert all(one.distance(other) >= 0.05 for one, other in itertools.combinations(footprints, 2))
+
+
+def test_a_trigger_whose_keys_are_taken_is_rejected(site):
+    (item,) = evaluate(triggered(), {**site, "spawn_trigger_threshold": 2.0})
+    assert item.reason.startswith("spawn_trigger_threshold is written already, for another trigger")
+
+
+def test_distances_are_outermost_and_each_is_placed_count_times(site):
+    producer = triggered({**BOX, "max_distance": [0.3, 0.9]}, trigger_distance=[1.0, 2.0], count=3)
+    items = evaluate(producer, site)
+    assert [item.values["spawn_trigger_threshold"] for item in items] == [1.0] * 6 + [2.0] * 6
+    assert len({str(item.values) for item in items}) == 12
+
+
+def test_one_more_distance_leaves_the_other_placements_as_they_are(site):
+    assert evaluate(triggered(trigger_distance=[1.5, 1.0]), site)[1:] == evaluate(triggered(), site)
+
+
+def test_every_goal_of_the_path_stays(site):
+    (item,) = evaluate(triggered(), site)
+    assert "goal_poses" not in item.values
+
+
+def test_an_amount_per_metre_that_comes_to_one_is_one(site):
+    (item,) = evaluate(triggered({"amount_per_m": 0.12, "max_distance": 0.5}), site)
+    assert len(item.values["static_objects"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("parameters", "reason"),
+    [
+        ({"trigger_distance": 12.0}, "ends before 12 m, where the trigger could be set off"),
+        (
+            {"trigger_distance": 0.3},
+            "at 0.3 m the obstacle would appear where the robot is; a trigger_distance of 0.46 m",
+        ),
+        (
+            {"obstacle_configs": [{"amount_per_m": 0.4, "max_distance": 0.5}]},
+            "3 obstacles were asked for on a path of ",
+        ),
+        (
+            {"obstacle_configs": [{**BOX, "args": "width:=0.2, length:=9"}], "trigger_distance": 5},
+            "of 1 obstacles found",
+        ),
+    ],
+)
+def test_what_cannot_be_triggered_is_a_rejection_with_its_reason(site, parameters, reason):
+    (item,) = evaluate(triggered(**parameters), site)
+    assert isinstance(item, Rejection)
+    assert reason in item.reason
+    assert item.requested["trigger_distance"] == parameters.get("trigger_distance", 1.0)
+
+
+def test_poses_of_its_own_are_the_paths_ends(drawn_map):
+    ends = {"start_pose": {"x": 0.0, "y": -1.28}, "goal_pose": {"x": 10.0, "y": -1.28}}
+    inputs = {"map_file": drawn_map(*["." * 30] * 3, cells=10)}
+    (item,) = evaluate(triggered({"amount": 1, "max_distance": 0, "args": "width:=0.2"}, **ends), inputs)
+    (obstacle,) = obstacles_of(environment(item))
+    assert obstacle.pose.y_m == pytest.approx(-1.275)
+    assert 1.0 <= obstacle.pose.x_m <= 10.0
+
+
+@given(st.floats(0.0, 8.0))
+def test_the_rest_of_a_path_is_as_long_as_what_is_cut_off_leaves(distance):
+    path = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 5.0]])
+    rest = beyond(path, distance)
+    assert np.hypot(*np.diff(rest, axis=0).T).sum() == pytest.approx(8.0 - distance)
+    np.testing.assert_array_equal(rest[-1], path[-1])
+
+
+def test_of_a_path_that_is_too_short_nothing_is_left():
+    assert len(beyond(np.array([[0.0, 0.0], [3.0, 0.0]]), 3.1)) == 0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"obstacle_configs": [{"amount": 2, "max_distance": 0}]}, "found 2 obstacles; one for one trigger"),
+        ({"obstacle_configs": [{"amount": 0, "max_distance": 0}]}, "found 0 obstacles; one for one trigger"),
+        ({"obstacle_configs": [BOX, BOX]}, "found 2 obstacles; one for one trigger"),
+        ({"trigger_distance": 0}, "greater than 0"),
+        ({"spawn_trigger_point": "static_objects"}, "found one key twice in static_objects, static_objects, spawn_tr"),
+        ({"spawn_trigger_point": "@"}, "found '@'; the name of a parameter"),
+    ],
+)
+def test_a_trigger_out_of_range_is_refused(parameters, message):
+    with pytest.raises(ValidationError, match=message):
+        triggered(**parameters)
+
+
+def test_trigger_producers_keep_the_contract(site):
+    (before,) = evaluate(ObstacleVariation(ObstacleVariation.Parameters(obstacle_configs=[BOX], name="others")), site)
+    assert isinstance(before, Fragment)
+    check_producer(triggered(trigger_distance=[0.1, 1.0]), [{**site, **before.values, "noise": 1}, site, {"noise": 1}])

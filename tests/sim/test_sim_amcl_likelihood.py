@@ -1,0 +1,121 @@
+"""AMCL's likelihood field: whose wall a cell belongs to, and what a beam that ends there weighs."""
+
+import math
+import zlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import ndimage
+
+from vastflow.sim.nav.likelihood import FRAME, UNREACHED, WIDTH, likelihood_cubed, squared_distances, usable_range_m
+from vastflow.sim.nav.parameters.amcl import AmclParameters
+
+
+def walls(*rows):
+    """(H, W) of rows of text, the top row first."""
+    return np.array([[letter == "#" for letter in row] for row in rows[::-1]])
+
+
+def nearest(occupied):
+    return np.rint(ndimage.distance_transform_edt(~occupied) ** 2)
+
+
+def table(occupied, **values):
+    given = {"range_max_m": 20.0, "z_hit": 0.5, "z_rand": 0.5, "sigma_hit_m": 0.2, "likelihood_max_dist_m": 2.0}
+    return likelihood_cubed(np.asarray(occupied), 0.05, **given | values)
+
+
+def pz(distance_m, range_max_m=20.0):
+    return 0.5 * math.exp(-(distance_m**2) / (2 * 0.2**2)) + 0.5 / range_max_m
+
+
+def test_round_one_wall_distances_are_euclidean():
+    occupied = np.zeros((50, 60), dtype=np.bool_)
+    occupied[20, 30] = True
+    np.testing.assert_array_equal(squared_distances(occupied, 100), nearest(occupied))
+
+
+def test_a_cell_belongs_to_the_wall_whose_cells_touch_it_first_and_not_to_the_nearest():
+    """The upper left cell is √8 from the wall on the right, and its lower neighbour belongs to the wall 3 below it."""
+    occupied = walls("....", "....", "..#.", "#...")
+    expected = nearest(occupied)
+    assert expected[3, 0] == 8
+    expected[3, 0] = 9
+    np.testing.assert_array_equal(squared_distances(occupied, 40), expected)
+
+
+def test_among_equals_the_order_is_that_of_a_c_plus_plus_priority_queue():
+    """Pinned: the same wavefront on std::priority_queue, compiled by g++; 117 cells here are not the nearest wall's."""
+    rows, columns = np.mgrid[:60, :90]
+    occupied = (rows * 7919 + columns * 104729 + rows * columns * 31) % 97 < 2
+    found = squared_distances(occupied, 40)
+    assert (found != nearest(occupied)).sum() == 117
+    assert found.sum() == 77832
+    assert zlib.crc32(found.tobytes()) == 2545382306
+
+
+@given(arrays(np.bool_, (7, 9), elements=st.integers(0, 5).map(lambda n: n == 0)))
+@settings(deadline=None)
+def test_a_distance_is_that_to_some_wall_and_never_less_than_that_to_the_nearest(occupied):
+    found = squared_distances(occupied, 40)
+    if not occupied.any():
+        assert (found == UNREACHED).all()
+        return
+    rows, columns = np.nonzero(occupied)
+    y, x = np.mgrid[:7, :9]
+    every = (y[..., None] - rows) ** 2 + (x[..., None] - columns) ** 2
+    assert (every == found[..., None]).any(axis=2).all()
+    assert (found >= every.min(axis=2)).all()
+    # An edge neighbour of a wall can't be reached later than by it.
+    assert (found[every.min(axis=2) <= 1] == every.min(axis=2)[every.min(axis=2) <= 1]).all()
+
+
+def test_beyond_the_greatest_distance_no_wall_is_found():
+    occupied = np.zeros((1, 20), dtype=np.bool_)
+    occupied[0, 0] = True
+    np.testing.assert_array_equal(squared_distances(occupied, 3)[0, :6], [0, 1, 4, 9, UNREACHED, UNREACHED])
+
+
+@pytest.mark.parametrize("cells", [0, 1, 4, 39])
+def test_a_cell_weighs_by_the_likelihood_of_its_distance(cells):
+    occupied = np.zeros((3, 60), dtype=np.bool_)
+    occupied[1, 5] = True
+    found = table(occupied, dtype=np.float64)
+    assert found[FRAME + 1, FRAME + 5 + cells] == pytest.approx(pz(0.05 * cells) ** 3, rel=1e-12)
+
+
+def test_off_the_map_and_far_from_walls_the_distance_is_the_cap():
+    occupied = np.zeros((1, 100), dtype=np.bool_)
+    occupied[0, 0] = True
+    found = table(occupied, likelihood_max_dist_m=0.5)
+    far = pytest.approx(pz(0.5) ** 3, rel=1e-6)
+    assert found[FRAME, FRAME + 90] == far
+    assert found[0, 0] == far
+    assert found[FRAME - 1, FRAME] == far
+    assert found[FRAME, -1] == far
+
+
+def test_a_map_without_walls_weighs_every_cell_alike():
+    assert len(np.unique(table(np.zeros((20, 20), dtype=np.bool_)))) == 1
+
+
+@given(st.integers(1, 400), st.integers(1, 400))
+@settings(deadline=None, max_examples=30)
+def test_the_table_has_a_whole_frame_and_an_odd_multiple_of_its_width(rows, columns):
+    shape = table(np.zeros((rows, columns), dtype=np.bool_)).shape
+    assert shape[0] == rows + 2 * FRAME
+    assert columns + 2 * FRAME <= shape[1] < columns + 2 * FRAME + 2 * WIDTH
+    assert shape[1] // WIDTH % 2 == 1
+    assert shape[1] % WIDTH == 0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [(-1.0, 100.0, (0.164, 20.0)), (0.5, 12.0, (0.5, 12.0)), (0.1, -1.0, (0.164, 20.0)), (0.0, 0.0, (0.164, 20.0))],
+)
+def test_the_usable_range_is_the_narrower_of_scanner_s_and_parameters(low, high, expected):
+    q = AmclParameters(laser_min_range=low, laser_max_range=high)
+    assert usable_range_m(q, 0.164, 20.0) == expected

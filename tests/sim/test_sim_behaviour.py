@@ -1,0 +1,179 @@
+"""Nav2's default trees: which failure is followed by which recovery, when a mission is given up, and with which code."""
+
+import itertools
+import math
+
+import pytest
+
+from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.recording import si
+from vastflow.sim.run import run
+
+ROUND = ["clear both costmaps", "spin", "wait", "back up", "clear both costmaps", "spin"]
+
+
+def events(recording, *kinds):
+    return [(event.kind, event.what) for event in recording.run.events if event.kind in kinds]
+
+
+def times(recording, kind):
+    return [event.t_s for event in recording.run.events if event.kind == kind]
+
+
+def crate(x, y, length, width, name="crate"):
+    return {
+        "entity_name": name,
+        "model": "box",
+        "xacro_arguments": f"length:={length}, width:={width}",
+        "spawn_pose": {"x": x, "y": y},
+    }
+
+
+def cage(x, y, half):
+    """Four crates round a point, their faces `half` away from it."""
+    off = half + 0.1
+    return [
+        crate(x + off, y, 0.2, 2 * off + 0.2, "east"),
+        crate(x - off, y, 0.2, 2 * off + 0.2, "west"),
+        crate(x, y + off, 2 * half, 0.2, "north"),
+        crate(x, y - off, 2 * half, 0.2, "south"),
+    ]
+
+
+@pytest.fixture(scope="module")
+def walled_off(saved, two_rooms):
+    """The two rooms with their door walled up."""
+    cells = load_map(two_rooms.path).cells.copy()
+    cells[:, 82:86] = 100
+    return saved(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+
+
+@pytest.fixture(scope="module")
+def hopeless(scenario, walled_off):
+    """A mission to a goal that no path leads to."""
+    return run(scenario(map_file=walled_off), 0)
+
+
+@pytest.fixture(scope="module")
+def caged(scenario):
+    """A mission of a robot that boxes hem in so closely that whatever it does collides."""
+    return run(scenario(obstacles=cage(1.0, 1.0, 0.26), controller="rpp"), 0)
+
+
+@pytest.fixture(scope="module")
+def stuck(scenario):
+    """A mission of a robot whose smoother lets it turn, but not drive forward."""
+    only_turns = {"velocity_smoother.ros__parameters.max_velocity": [0.0, 0.0, 2.0]}
+    return run(scenario(controller="rpp", timeout_s=300.0, **only_turns), 0)
+
+
+def test_each_attempt_to_plan_has_one_clearing_and_six_recoveries_come_in_their_order(hopeless):
+    one_attempt = [("plan_failed", "208"), ("recovery", "clear global costmap"), ("plan_failed", "208")]
+    expected = list(one_attempt)
+    for recovery in ROUND:
+        expected += [("recovery", recovery), *one_attempt]
+    assert events(hopeless, "plan_failed", "recovery") == expected
+
+
+def test_a_goal_without_a_path_is_given_up_with_the_planner_s_code(hopeless):
+    assert (hopeless.run.outcome, hopeless.run.error_code) == ("aborted", 208)
+
+
+def test_every_clearing_of_a_costmap_counts_as_a_recovery_and_clearing_both_as_two(hopeless):
+    assert hopeless.run.recoveries == 7 + len(ROUND) + ROUND.count("clear both costmaps")
+
+
+def test_a_plan_after_a_clearing_waits_for_the_costmap_s_next_update(hopeless):
+    failed = times(hopeless, "plan_failed")
+    waits = [second - first for first, second in zip(failed[::2], failed[1::2], strict=True)]
+    assert all(0.0 < wait <= 1.05 for wait in waits)
+
+
+def test_the_spin_turns_a_quarter_and_the_backup_drives_thirty_centimetres(hopeless):
+    t = hopeless.columns["t_ms"]
+    recoveries = {event.what: event.t_s for event in reversed(hopeless.run.events) if event.kind == "recovery"}
+    spin = (t > 1e3 * recoveries["spin"]) & (t < 1e3 * recoveries["spin"] + 4500)
+    back = (t > 1e3 * recoveries["back up"]) & (t < 1e3 * recoveries["back up"] + 3000)
+    assert si(hopeless.columns["yaw_rate_mradps"])[spin].sum() * 0.1 == pytest.approx(1.57, abs=0.25)
+    assert si(hopeless.columns["speed_mmps"])[back].sum() * 0.1 == pytest.approx(-0.30, abs=0.06)
+    assert si(hopeless.columns["command_speed_mmps"])[back].min() == -0.15
+
+
+def test_a_robot_whose_every_move_collides_gives_up_soon_for_lack_of_patience(caged):
+    assert (caged.run.outcome, caged.run.error_code) == ("aborted", 104)
+    assert 10.0 < caged.run.simulated_s < 60.0
+
+
+def test_patience_lasts_three_tenths_of_a_second(caged):
+    first = times(caged, "control_failed")[0]
+    started = 0.1  # the first scan localizes the robot, the next tick plans
+    assert first - started == pytest.approx(0.35, abs=0.15)
+
+
+def test_a_failure_of_the_controller_is_first_answered_by_clearing_the_local_costmap(caged):
+    found = events(caged, "control_failed", "recovery")
+    assert found[:4] == [
+        ("control_failed", "104"),
+        ("recovery", "clear local costmap"),
+        ("control_failed", "104"),
+        ("recovery", "clear both costmaps"),
+    ]
+
+
+def test_a_robot_that_gets_nowhere_gives_up_after_two_and_a_half_minutes(stuck):
+    """Ten seconds of allowance twice an attempt, seven attempts, and the recoveries between them."""
+    assert (stuck.run.outcome, stuck.run.error_code) == ("aborted", 105)
+    assert 140.0 < stuck.run.simulated_s < 190.0
+
+
+def test_turning_on_the_spot_is_no_progress(stuck):
+    assert times(stuck, "control_failed")[0] == pytest.approx(10.1, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("mission", "changes", "code"),
+    [
+        ("navigate_to_pose", {"start_pose": {"x": -3.0, "y": 2.0}}, 203),
+        ("navigate_to_pose", {"goal_pose": {"x": 30.0, "y": 2.0}}, 204),
+        ("navigate_through_poses", {"goal_poses": [{"x": 3.0, "y": 4.0}, {"x": 30.0, "y": 2.0}]}, 304),
+    ],
+)
+def test_what_lies_outside_the_map_aborts_at_once_and_without_a_recovery(scenario, mission, changes, code):
+    recording = run(scenario(mission, **changes), 0)
+    assert (recording.run.outcome, recording.run.error_code, recording.run.recoveries) == ("aborted", code, 0)
+    assert recording.run.simulated_s < 1.0
+
+
+def test_a_mission_through_poses_reports_the_code_of_its_own_planner(scenario, walled_off):
+    goals = [{"x": 3.0, "y": 4.0}, {"x": 7.0, "y": 4.0}]
+    recording = run(scenario("navigate_through_poses", map_file=walled_off, goal_poses=goals), 0)
+    assert (recording.run.outcome, recording.run.error_code) == ("aborted", 308)
+
+
+def test_a_missed_waypoint_ends_the_mission_where_the_follower_stops_on_failure(scenario, walled_off):
+    goals = [{"x": 7.0, "y": 4.0}, {"x": 3.0, "y": 4.0}]
+    stops = {"waypoint_follower.ros__parameters.stop_on_failure": True}
+    recording = run(scenario("follow_waypoints", map_file=walled_off, goal_poses=goals, **stops), 0)
+    assert (recording.run.outcome, recording.run.missed_goals) == ("aborted", 1)
+    assert events(recording, "goal_reached") == []
+
+
+def test_between_waypoints_the_robot_pauses_as_long_as_its_parameter_says(scenario):
+    goals = [{"x": 2.0, "y": 1.0}, {"x": 3.0, "y": 1.0}]
+    pause = {"waypoint_pause_duration": 3000}
+    short, long = (run(scenario("follow_waypoints", goal_poses=goals, **more), 0) for more in ({}, pause))
+    gaps = [times(recording, "goal_reached")[1] - times(recording, "goal_reached")[0] for recording in (short, long)]
+    assert gaps[1] - gaps[0] == pytest.approx(2.8, abs=0.3)
+
+
+def test_the_smoother_lets_speed_grow_by_an_eighth_of_a_metre_a_second_each_tick(scenario):
+    recording = run(scenario(controller="rpp"), 0)
+    sent = si(recording.columns["sent_speed_mmps"])
+    assert max(abs(later - earlier) for earlier, later in itertools.pairwise(sent)) <= 2 * 0.125 + 1e-3
+
+
+def test_goals_are_checked_for_position_once_and_then_for_heading(scenario):
+    """The robot turns at the goal: while it does, its position may leave the tolerance again."""
+    recording = run(scenario(goal_pose={"x": 7.0, "y": 4.0, "yaw": math.pi / 2}, controller="rpp"), 0)
+    assert recording.run.outcome == "succeeded"
+    assert abs(si(recording.columns["estimated_yaw_mrad"])[-1] - math.pi / 2) <= 0.251

@@ -1,0 +1,159 @@
+"""DWB and Regulated Pure Pursuit in a closed loop with a robot that does what it is told."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vastflow.sim.nav.controllers import dwb, rpp
+from vastflow.sim.nav.footprint import padded_outline
+from vastflow.sim.nav.inflation import inflate
+from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.record import record_of
+from vastflow.sim.nav.window import Window
+from vastflow.sim.numeric import njit
+from vastflow.sim.robot import arc
+
+CELLS = 60
+RESOLUTION_M = 0.05
+OUTLINE = padded_outline(0.22, 0.01)
+INSCRIBED_M = 0.22549849971227903
+DWB = replace(DwbParameters(), max_vel_x=0.5, max_speed_xy=0.5)
+
+
+@njit
+def dwb_command(records, memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal):
+    return dwb.command(records[0], memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal)
+
+
+@njit
+def rpp_command(records, memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal):
+    return rpp.command(records[0], memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal)
+
+
+def dwb_controller(parameters=DWB):
+    return dwb_command, record_of(parameters), dwb.new_memory(parameters, CELLS, CELLS)
+
+
+def rpp_controller():
+    return rpp_command, record_of(RppParameters()), rpp.new_memory(0.25)
+
+
+CONTROLLERS = pytest.mark.parametrize("controller", [dwb_controller, rpp_controller])
+
+
+def window_at(x, y, lethal):
+    """The rolling window round a position: cells whose centre (x, y) `lethal` says are so, inflated."""
+    corner = [(math.floor(v / RESOLUTION_M) - CELLS // 2) * RESOLUTION_M for v in (x, y)]
+    centres = (np.arange(CELLS) + 0.5) * RESOLUTION_M
+    xs, ys = np.meshgrid(corner[0] + centres, corner[1] + centres)
+    costs = np.where(lethal(xs, ys), 254, 0).astype(np.uint8)
+    return Window(inflate(costs, RESOLUTION_M, INSCRIBED_M, 0.55, 3.0), np.array([*corner, RESOLUTION_M]))
+
+
+def drive(controller, path, goal_yaw, pose, seconds, lethal=lambda x, y: np.zeros(x.shape, dtype=bool)):
+    """Rows (x, y, yaw, valid, v, ω) at 20 Hz, until the goal checker of Nav2's defaults is content."""
+    command, records, memory = controller
+    rows, twist, goal = [], (0.0, 0.0), (*path[-1], goal_yaw)
+    for k in range(int(seconds * 20)):
+        if k % 4 == 0:
+            window = window_at(pose[0], pose[1], lethal)
+        nearest = int(np.argmin(np.hypot(*(path - pose[:2]).T)))
+        near = np.hypot(*(path[nearest:] - pose[:2]).T) < 1.4
+        n = int(np.argmin(near)) if not near.all() else len(near)
+        end_yaw = goal_yaw if nearest + n == len(path) else 0.0
+        valid, v, w = command(
+            records, memory, window, OUTLINE, INSCRIBED_M, pose, twist, path[nearest:], n, end_yaw, goal
+        )
+        rows.append((*pose, valid, v, w))
+        twist = (v, w)
+        pose = arc(*pose, v, w, 0.05)
+        away_rad = abs((goal_yaw - pose[2] + math.pi) % (2 * math.pi) - math.pi)
+        if math.dist(pose[:2], path[-1]) <= 0.25 and away_rad <= 0.25:
+            break
+    return np.array(rows, dtype=float)
+
+
+def line(length_m):
+    return np.column_stack([np.arange(0.0, length_m, 0.025), np.zeros(round(length_m / 0.025))])
+
+
+def bend():
+    """Three metres along x, a quarter circle of 0.6 m to the left, two metres along y."""
+    turn = np.arange(0.0, np.pi / 2, 0.025 / 0.6)
+    curve = np.column_stack([3.0 + 0.6 * np.sin(turn), 0.6 - 0.6 * np.cos(turn)])
+    return np.concatenate([line(3.0), curve, line(2.0)[:, ::-1] + [3.6, 0.6]])
+
+
+@CONTROLLERS
+def test_ten_metres_straight_are_driven_at_full_speed_and_close_to_the_line(controller):
+    rows = drive(controller(), line(10.0), 0.0, (0.0, 0.03, 0.05), 40.0)
+    assert len(rows) < 20 * 26
+    assert np.abs(rows[40:, 1]).max() < 0.05
+    assert np.median(rows[:, 4]) == pytest.approx(0.5)
+
+
+def test_dwb_drives_at_humbles_own_speed():
+    rows = drive(dwb_controller(DwbParameters()), line(3.0), 0.0, (0.0, 0.0, 0.0), 40.0)
+    # Of samples that end in the same cells the slowest comes first, so the mean is a little below the limit.
+    assert rows[:, 4].max() == pytest.approx(0.26)
+    assert 0.23 < rows[20:-20, 4].mean() < 0.26
+
+
+@CONTROLLERS
+def test_a_bend_is_followed_to_the_goal_and_its_heading(controller):
+    path = bend()
+    rows = drive(controller(), path, math.pi / 2, (0.0, 0.0, 0.0), 60.0)
+    away = np.hypot(rows[:, None, 0] - path[:, 0], rows[:, None, 1] - path[:, 1]).min(axis=1)
+    assert len(rows) < 20 * 60
+    assert away.max() < 0.2
+
+
+@CONTROLLERS
+def test_at_the_goal_the_robot_turns_to_a_heading_behind_it(controller):
+    rows = drive(controller(), line(2.0), 3.0, (0.0, 0.0, 0.0), 30.0)
+    assert len(rows) < 20 * 30
+    assert rows[-1, 4] == 0.0
+
+
+@CONTROLLERS
+def test_towards_a_plan_behind_the_robot_turns_round_and_drives_it(controller):
+    rows = drive(controller(), line(3.0), 0.0, (0.0, 0.0, math.pi - 0.1), 40.0)
+    assert len(rows) < 20 * 40
+
+
+def test_rpp_turns_in_place_before_it_drives_a_plan_behind():
+    rows = drive(rpp_controller(), line(3.0), 0.0, (0.0, 0.0, math.pi - 0.1), 40.0)
+    started = np.argmax(rows[:, 4] > 0.0)
+    assert np.abs(rows[started, 2]) < 0.8
+    assert np.hypot(*rows[started, :2]) < 1e-9
+
+
+def test_rpp_has_no_valid_command_before_a_wall_across_the_plan():
+    rows = drive(rpp_controller(), line(6.0), 0.0, (0.0, 0.0, 0.0), 20.0, lambda x, y: (x > 3.0) & (x < 3.2))
+    assert not rows[-1, 3]
+    assert 3.0 - 0.24 - 0.55 < rows[-1, 0] < 3.0 - 0.24
+
+
+def test_dwb_does_not_touch_a_wall_across_the_plan():
+    rows = drive(dwb_controller(), line(6.0), 0.0, (0.0, 0.0, 0.0), 20.0, lambda x, y: (x > 3.0) & (x < 3.2))
+    assert 2.0 < rows[:, 0].max() < 3.0 - INSCRIBED_M
+
+
+@CONTROLLERS
+def test_a_post_close_beside_the_plan_is_passed(controller):
+    post = (2.0, 0.3)
+    rows = drive(
+        controller(), line(4.0), 0.0, (0.0, 0.0, 0.0), 30.0, lambda x, y: np.hypot(x - post[0], y - post[1]) < 0.05
+    )
+    assert rows[:, 3].all()
+    assert len(rows) < 20 * 30
+    assert rows[:, 0].max() > 3.7
+
+
+@CONTROLLERS
+def test_the_same_inputs_give_the_same_bytes(controller):
+    runs = [drive(controller(), bend(), 1.5, (0.0, 0.05, 0.1), 10.0) for _ in range(2)]
+    assert runs[0].tobytes() == runs[1].tobytes()

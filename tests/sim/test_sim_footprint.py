@@ -1,0 +1,83 @@
+"""The padded footprint and where its outline lies."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vastflow.sim.nav.footprint import circumscribed_radius_m, inscribed_radius_m, outline_hits, padded_outline
+from vastflow.sim.nav.window import Window
+from vastflow.sim.numeric import njit
+
+OUTLINE = padded_outline(0.22, 0.01)
+PLACE = np.array([-1.0, 2.0, 0.05])
+
+
+@njit
+def hits(window, outline, x, y, yaw):
+    return outline_hits(window, outline, x, y, yaw)
+
+
+def outline_cells(x, y, yaw, place=PLACE, outline=OUTLINE):
+    """Cells (column, row) under the outline, by the closed form of Nav2's line iterator."""
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    vertices = np.floor((outline @ turn.T + [x, y] - place[:2]) / place[2]).astype(int).tolist()
+    lines = [*pairwise(vertices), (vertices[0], vertices[-1])]
+    cells = set()
+    for (x0, y0), (x1, y1) in lines:
+        dx, dy = abs(x1 - x0), abs(y1 - y0)
+        longer = max(dx, dy)
+        for k in range(longer + 1):
+            along_x = k if dx == longer else (longer // 2 + k * dx) // longer
+            along_y = k if dy == longer else (longer // 2 + k * dy) // longer
+            cells.add((x0 + int(math.copysign(along_x, x1 - x0)), y0 + int(math.copysign(along_y, y1 - y0))))
+    return cells
+
+
+@pytest.mark.parametrize(
+    ("robot_radius", "inscribed", "circumscribed"), [(0.22, 0.225498, 0.234142), (0.175, 0.181353, 0.189142)]
+)
+def test_the_padded_footprint_has_nav2s_radii(robot_radius, inscribed, circumscribed):
+    outline = padded_outline(robot_radius, 0.01)
+    assert inscribed_radius_m(outline) == pytest.approx(inscribed, abs=5e-7)
+    assert circumscribed_radius_m(outline) == pytest.approx(circumscribed, abs=5e-7)
+
+
+def test_without_padding_the_outline_is_a_regular_polygon():
+    outline = padded_outline(0.3, 0.0)
+    assert np.hypot(*outline.T) == pytest.approx(0.3)
+    assert inscribed_radius_m(outline) == pytest.approx(0.3 * math.cos(math.pi / 16))
+
+
+@settings(max_examples=25, deadline=None)
+@given(x=st.floats(-1.2, 1.2), y=st.floats(1.8, 4.2), yaw=st.floats(-7.0, 7.0))
+def test_a_lethal_cell_is_hit_where_one_of_the_outlines_lines_crosses_it_and_nowhere_else(x, y, yaw):
+    column, row = math.floor((x + 1.0) / 0.05), math.floor((y - 2.0) / 0.05)
+    costs = np.zeros((40, 40), dtype=np.uint8)
+    hit = set()
+    for r in range(max(row - 7, 0), min(row + 8, 40)):
+        for c in range(max(column - 7, 0), min(column + 8, 40)):
+            costs[r, c] = 254
+            if hits(Window(costs, PLACE), OUTLINE, x, y, yaw):
+                hit.add((c, r))
+            costs[r, c] = 0
+    assert hit == {(c, r) for c, r in outline_cells(x, y, yaw) if 0 <= r < 40 and 0 <= c < 40}
+
+
+@pytest.mark.parametrize("cost", [1, 252, 253, 255])
+def test_no_other_cost_than_lethal_is_a_hit(cost):
+    assert not hits(Window(np.full((40, 40), cost, dtype=np.uint8), PLACE), OUTLINE, 0.0, 3.0, 0.4)
+
+
+def test_a_lethal_cell_inside_the_outline_is_no_hit():
+    costs = np.zeros((40, 40), dtype=np.uint8)
+    costs[18:23, 18:23] = 254
+    assert not hits(Window(costs, PLACE), OUTLINE, 0.025, 3.025, 0.3)
+
+
+def test_an_outline_wholly_outside_the_window_hits_nothing():
+    costs = np.full((40, 40), 254, dtype=np.uint8)
+    assert not hits(Window(costs, PLACE), OUTLINE, 5.0, 3.0, 0.0)

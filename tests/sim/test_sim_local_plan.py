@@ -1,0 +1,104 @@
+"""The local plan: what of the global path the controller gets to see."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vastflow.sim.nav.controllers.local_plan import local_plan
+from vastflow.sim.nav.state import AHEAD_POINTS, MEMORY
+from vastflow.sim.nav.window import Window
+from vastflow.sim.numeric import njit
+
+
+@njit
+def cut(parameters, memory, window, path, out):
+    return local_plan(parameters[0], memory[0], window, path, out)
+
+
+class Follower:
+    """A robot with a path in the map frame, and a window of 3 m round it in the odom frame."""
+
+    def __init__(self, path, x_m=0.0, y_m=0.0, map_odom=(0.0, 0.0, 0.0), plan_ahead_m=1.7, goal_yaw_rad=0.0):
+        self.path = np.array(path, dtype=np.float64)
+        self.parameters = np.array([(plan_ahead_m,)], dtype=[("plan_ahead", np.float64)])
+        self.memory = np.zeros(1, dtype=MEMORY)
+        m = self.memory[0]
+        m["path_n"], m["goal_yaw"] = len(self.path), goal_yaw_rad
+        m["map_odom_x"], m["map_odom_y"], m["map_odom_yaw"] = map_odom
+        self.out = np.zeros((AHEAD_POINTS, 2))
+        self.move(x_m, y_m)
+
+    def move(self, x_m, y_m):
+        m = self.memory[0]
+        m["x"], m["y"] = x_m, y_m
+        c, s = math.cos(m["map_odom_yaw"]), math.sin(m["map_odom_yaw"])
+        dx, dy = x_m - m["map_odom_x"], y_m - m["map_odom_y"]
+        corner = np.floor(np.array([c * dx + s * dy, c * dy - s * dx]) / 0.05) * 0.05 - 1.5
+        self.window = Window(np.zeros((60, 60), dtype=np.uint8), np.array([*corner, 0.05]))
+
+    def plan(self):
+        n, end_yaw_rad = cut(self.parameters, self.memory, self.window, self.path, self.out)
+        return self.out[:n].copy(), end_yaw_rad
+
+
+def straight(length_m=5.0):
+    """A path along x with NavFn's spacing."""
+    return [(x, 0.0) for x in np.arange(0.0, length_m + 1e-9, 0.025)]
+
+
+def test_the_local_plan_starts_at_the_point_nearest_to_the_robot():
+    plan, _ = Follower(straight(), x_m=1.01, y_m=0.2).plan()
+    np.testing.assert_allclose(plan[0], (1.0, 0.0))
+
+
+def test_it_ends_a_prune_distance_farther_on_where_the_window_allows():
+    plan, _ = Follower(straight(), plan_ahead_m=1.0).plan()
+    np.testing.assert_allclose(plan[-1], (1.0, 0.0), atol=0.026)
+
+
+def test_it_ends_where_the_path_leaves_the_window():
+    plan, _ = Follower(straight(), plan_ahead_m=10.0).plan()
+    assert plan[-1][0] < 1.5
+    assert plan[-1][0] > 1.5 - 0.026
+
+
+def test_what_comes_back_into_the_window_is_not_taken():
+    away_and_back = [(0.0, y) for y in np.arange(0, 2.0, 0.025)] + [(0.1, y) for y in np.arange(2.0, 0, -0.025)]
+    plan, _ = Follower(away_and_back, plan_ahead_m=10.0).plan()
+    assert (plan[:, 0] == 0.0).all()
+
+
+def test_what_has_been_passed_is_forgotten_even_if_the_robot_goes_back():
+    follower = Follower(straight(), x_m=1.0)
+    follower.plan()
+    follower.move(0.5, 0.0)
+    plan, _ = follower.plan()
+    np.testing.assert_allclose(plan[0], (1.0, 0.0))
+
+
+def test_the_nearest_point_is_sought_on_the_first_stretch_only():
+    """A path that crosses itself: the branch ahead wins over one that lies nearer but farther along."""
+    loop = (
+        straight(2.0) + [(2.0, y) for y in np.arange(0.025, 1.0, 0.025)] + [(x, 1.0) for x in np.arange(2, 0, -0.025)]
+    )
+    plan, _ = Follower(loop, x_m=0.5, y_m=0.9).plan()
+    np.testing.assert_allclose(plan[0], (0.5, 0.0))
+
+
+def test_it_is_given_in_the_odom_frame():
+    plan, _ = Follower(straight(), x_m=1.0, map_odom=(1.0, 0.0, math.pi / 2)).plan()
+    np.testing.assert_allclose(plan[0], (0.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(plan[4], (0.0, -0.1), atol=1e-12)
+
+
+@pytest.mark.parametrize(("length_m", "end_yaw_rad"), [(1.0, 0.7), (4.0, -0.3)])
+def test_its_end_has_the_goal_s_heading_only_where_it_is_the_goal(length_m, end_yaw_rad):
+    """Every other pose of NavFn has the map's heading, which localization has turned by 0.3 rad in odom."""
+    _, found_rad = Follower(straight(length_m), map_odom=(0.0, 0.0, 0.3), goal_yaw_rad=1.0).plan()
+    assert found_rad == pytest.approx(end_yaw_rad)
+
+
+def test_a_robot_that_takes_itself_to_be_far_from_its_path_has_no_local_plan():
+    plan, _ = Follower(straight(), y_m=2.0).plan()
+    assert len(plan) == 0

@@ -1,0 +1,112 @@
+"""Free motion: the engine's own where it finds no contact, and handed to the engine where it may find one."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from shapely.geometry import Point
+
+from vastflow.sim.closed_loop import obstacle_rows
+from vastflow.sim.leaps import leaps_of
+from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.motion import FREE, MARGIN_M, MOVING, TOUCHING, move_freely, new_body
+from vastflow.sim.obstacle import Obstacle, Trigger
+from vastflow.sim.pose import Pose
+from vastflow.sim.robot import Robot, arc
+from vastflow.sim.walls import WallIndex
+from vastflow.sim.world import World
+
+DT_S = 0.01
+ROBOT = Robot()
+RESOLUTION_M = 0.05
+ORIGIN = (-1.0, 2.0)
+GRIDS = arrays(np.int8, (40, 44), elements=st.sampled_from([0] * 60 + [100]), fill=st.sampled_from([0, 0, 0, 100]))
+STEPS = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-2, 2)), min_size=5, max_size=5).map(np.array)
+POSES = st.tuples(st.floats(-1.2, 1.4), st.floats(1.8, 4.2), st.floats(-4, 4))
+
+
+def free_motion(occupancy, pose, velocities, obstacles=(), hold=FREE):
+    """Whether the kernel moves the body, and where it then is."""
+    rows = obstacle_rows(obstacles)
+    body = new_body(Pose(*pose), ROBOT.radius_m, rows, np.full((len(rows), 3), -1.0))
+    leaps = leaps_of(occupancy.occupied)
+    free = move_freely(leaps, occupancy.resolution_m, *occupancy.origin_xy_m, body, velocities, DT_S, hold)
+    return free, body.pose
+
+
+def ends(pose, velocities):
+    """The body's centre after each step."""
+    for v, w in velocities:
+        pose = arc(*pose, v, w, DT_S)
+        yield pose[:2]
+
+
+def away_from_walls(occupancy, pose, velocities):
+    """The least distance of a step's end to an occupied cell's square."""
+    low = np.argwhere(occupancy.occupied)[:, ::-1] * RESOLUTION_M + ORIGIN
+    beyond = [np.maximum(np.maximum(low - at, at - low - RESOLUTION_M), 0.0) for at in ends(pose, velocities)]
+    return np.min([np.hypot(*b.T) for b in beyond], initial=math.inf)
+
+
+@given(GRIDS, POSES, STEPS)
+@settings(max_examples=200, deadline=None)
+def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimetre_of_a_wall(grid, pose, velocities):
+    occupancy = OccupancyMap(grid, RESOLUTION_M, ORIGIN)
+    free, after = free_motion(occupancy, pose, velocities)
+    away = away_from_walls(occupancy, pose, velocities)
+    if abs(away - ROBOT.radius_m - MARGIN_M) > 1e-9:
+        assert free == (away > ROBOT.radius_m + MARGIN_M)
+    if not free:
+        assert after.tolist() == list(pose)
+
+
+@given(GRIDS, POSES, STEPS)
+@settings(max_examples=100, deadline=None)
+def test_where_it_moves_freely_the_engine_moves_it_alike_and_finds_no_contact(grid, pose, velocities):
+    occupancy = OccupancyMap(grid, RESOLUTION_M, ORIGIN)
+    free, after = free_motion(occupancy, pose, velocities)
+    if free:
+        world, driven = World(ROBOT, WallIndex(occupancy), ()), np.array(pose)
+        world.drive(driven, velocities.tolist(), DT_S, 0.0)
+        assert driven == pytest.approx(after, abs=1e-12)
+        assert not world.events
+
+
+OBSTACLES = st.tuples(st.sampled_from(["box", "cylinder"]), POSES, st.floats(0.02, 1.0), st.floats(0.02, 1.0)).map(
+    lambda o: Obstacle("it", o[0], Pose(*o[1]), o[2], o[2] if o[0] == "cylinder" else o[3])
+)
+
+
+@given(OBSTACLES, POSES, STEPS)
+@settings(max_examples=200, deadline=None)
+def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimetre_of_an_obstacle(obstacle, pose, velocities):
+    empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
+    free, _ = free_motion(empty, pose, velocities, (obstacle,))
+    away = min(obstacle.footprint().distance(Point(*at)) for at in ends(pose, velocities))
+    tolerance = 2e-3 if obstacle.shape == "cylinder" else 1e-9  # a footprint's cylinder has 64 corners
+    if abs(away - ROBOT.radius_m - MARGIN_M) > tolerance:
+        assert free == (away > ROBOT.radius_m + MARGIN_M)
+
+
+@pytest.mark.parametrize("at", [(0.0, 3.0), (0.0, 2.0), (-1.0, 2.0)])
+def test_a_body_deep_in_a_wall_is_not_free(at):
+    solid = OccupancyMap(np.full((40, 44), 100, dtype=np.int8), RESOLUTION_M, ORIGIN)
+    assert not free_motion(solid, (*at, 0.0), np.zeros((5, 2)))[0]
+
+
+def test_what_has_not_appeared_is_in_nobody_s_way():
+    empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
+    waiting = Obstacle("it", "box", Pose(0.0, 3.0), 0.5, 0.5, Trigger(0.0, 3.0, 1.0))
+    assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 2), 0.1), (waiting,))[0]
+
+
+@pytest.mark.parametrize(
+    ("hold", "v_mps", "free"),
+    [(FREE, 0.1, True), (FREE, 0.0, True), (TOUCHING, 0.1, False), (TOUCHING, 0.0, True), (MOVING, 0.0, False)],
+)
+def test_what_the_engine_holds_moves_freely_only_where_it_touches_and_stands(hold, v_mps, free):
+    empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
+    assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 2), v_mps), hold=hold)[0] == free

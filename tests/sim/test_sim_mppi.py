@@ -1,0 +1,316 @@
+"""MPPI against a plain reading of it in NumPy, and what it makes a robot do."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vastflow.sim.nav.controllers import mppi
+from vastflow.sim.nav.controllers.mppi_samples import noise
+from vastflow.sim.nav.footprint import padded_outline
+from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.record import record_of
+from vastflow.sim.nav.window import Window
+from vastflow.sim.numeric import njit
+from vastflow.sim.robot import arc
+
+PARAMETERS = MppiParameters()
+SMALL = replace(PARAMETERS, batch_size=400)
+OUTLINE = padded_outline(0.22, 0.01)
+
+
+@njit
+def command_of(record, memory, window, outline, pose, twist, plan, n, end_yaw_rad, goal):
+    return mppi.command(record[0], memory, window, outline, 0.2255, pose, twist, plan, n, end_yaw_rad, goal)
+
+
+@njit
+def forgotten(memory):
+    mppi.reset(memory)
+
+
+def memory_of(parameters, seed=7):
+    return mppi.new_memory(parameters, np.array([seed], dtype=np.uint64))
+
+
+def window(costs=None):
+    """3 × 3 m round the origin of the odom frame."""
+    costs = np.zeros((60, 60), dtype=np.uint8) if costs is None else costs
+    return Window(costs, np.array([-1.5, -1.5, 0.05]))
+
+
+def straight(length_m=1.4, y_m=0.0):
+    x = np.arange(0.0, length_m, 0.025)
+    return np.column_stack([x, np.full(len(x), y_m)])
+
+
+def bend():
+    turn = np.arange(0.0, 1.2, 0.025)
+    return np.column_stack([0.8 * np.sin(turn), 0.8 * (1 - np.cos(turn))])
+
+
+def blob(column, row, cost=254, half=2):
+    costs = np.zeros((60, 60), dtype=np.uint8)
+    for r in range(60):
+        for c in range(60):
+            away = max(abs(r - row), abs(c - column))
+            costs[r, c] = cost if away <= half else 253 if away <= half + 4 else max(0, 230 - 20 * (away - half))
+    return costs
+
+
+def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
+    """Costs (K,), controls (K, T, 2) and the next sequence before it is smoothed, as the reference describes them."""
+    T, K, dt = q.time_steps, q.batch_size, q.model_dt
+    c = sequence[None] + numbers * (q.vx_std, q.wz_std)
+    v, w = np.full(K, twist[0]), np.full(K, twist[1])
+    vs, ws = np.zeros((K, T)), np.zeros((K, T))
+    vs[:, 0], ws[:, 0] = v, w
+    for t in range(1, T):
+        up, down = np.where(v > 0, q.ax_max, -q.ax_min) * dt, np.where(v > 0, -q.ax_min, q.ax_max) * dt
+        v = np.clip(c[:, t - 1, 0], v - down, v + up)
+        w = np.clip(c[:, t - 1, 1], w - q.az_max * dt, w + q.az_max * dt)
+        c[:, t - 1, 0], c[:, t - 1, 1] = v, w
+        vs[:, t], ws[:, t] = v, w
+    yaw = pose[2] + np.cumsum(ws * dt, axis=1)
+    before = np.column_stack([np.full(K, pose[2]), yaw[:, :-1]])
+    x = pose[0] + np.cumsum(vs * np.cos(before) * dt, axis=1)
+    y = pose[1] + np.cumsum(vs * np.sin(before) * dt, axis=1)
+
+    def cost_at(px, py):
+        column, row = np.floor((px + 1.5) / 0.05).astype(int), np.floor((py + 1.5) / 0.05).astype(int)
+        inside = (column >= 0) & (row >= 0) & (column < 60) & (row < 60)
+        return np.where(inside, win.costs[np.clip(row, 0, 59), np.clip(column, 0, 59)], 255).astype(int)
+
+    def off(angle):
+        return np.abs((angle + np.pi) % (2 * np.pi) - np.pi)
+
+    goal_m = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
+    costs = np.zeros(K)
+    highest, lowest = math.hypot(q.vx_max, q.vy_max), -math.hypot(q.vx_min, q.vy_max)
+    costs += q.ConstraintCritic.cost_weight * dt * (np.maximum(vs - highest, 0) + np.maximum(lowest - vs, 0)).sum(1)
+    step = q.CostCritic.trajectory_point_step
+    under = cost_at(x[:, ::step], y[:, ::step])
+    collides = (under >= 253).any(1)
+    summed = np.zeros(K) if goal_m < q.CostCritic.near_goal_distance else under.sum(1)
+    costs += np.where(collides, q.CostCritic.collision_cost, summed) * q.CostCritic.cost_weight / 254 / under.shape[1]
+    if goal_m < q.GoalCritic.threshold_to_consider:
+        costs += q.GoalCritic.cost_weight * np.hypot(x - goal[0], y - goal[1]).mean(1)
+    if goal_m < q.GoalAngleCritic.threshold_to_consider:
+        costs += q.GoalAngleCritic.cost_weight * off(yaw - end_yaw_rad).mean(1)
+    free = cost_at(plan[:, 0], plan[:, 1]) < 253
+    furthest = 0
+    for k in range(K):
+        away = np.hypot(*(plan[furthest:] - (x[k, -1], y[k, -1])).T)
+        furthest += int(away.argmin())
+    blocked = int((~free[:furthest]).sum())
+    align = q.PathAlignCritic
+    judged = goal_m >= align.threshold_to_consider and furthest >= align.offset_from_furthest
+    if judged and not (blocked > 2 and blocked / furthest > align.max_path_occupancy_ratio):
+        marks = slice(align.trajectory_point_step, T, align.trajectory_point_step)
+        xs, ys = np.column_stack([x[:, 0], x[:, marks]]), np.column_stack([y[:, 0], y[:, marks]])
+        along = np.cumsum(np.hypot(np.diff(xs), np.diff(ys)), axis=1)
+        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plan[:furthest], axis=0).T))])
+        nearest = np.abs(lengths[None, None] - along[..., None]).argmin(2)
+        away = np.hypot(xs[:, 1:] - plan[nearest, 0], ys[:, 1:] - plan[nearest, 1])
+        good = free[nearest]
+        costs += align.cost_weight * (away * good).sum(1) / np.maximum(good.sum(1), 1)
+    follow = q.PathFollowCritic
+    if goal_m >= follow.threshold_to_consider:
+        at = min(furthest + follow.offset_from_furthest, len(plan) - 1)
+        while at < len(plan) - 2 and not free[at]:
+            at += 1
+        costs += follow.cost_weight * np.hypot(x[:, -1] - plan[at, 0], y[:, -1] - plan[at, 1])
+    angle = q.PathAngleCritic
+    at = min(furthest + angle.offset_from_furthest, len(plan) - 1)
+    bearing = off(math.atan2(plan[at, 1] - pose[1], plan[at, 0] - pose[0]) - pose[2])
+    if goal_m >= angle.threshold_to_consider and bearing >= angle.max_angle_to_furthest:
+        costs += angle.cost_weight * off(yaw[:, -1] - np.arctan2(plan[at, 1] - y[:, -1], plan[at, 0] - x[:, -1]))
+    if goal_m >= q.PreferForwardCritic.threshold_to_consider:
+        costs += q.PreferForwardCritic.cost_weight * dt * np.maximum(-vs, 0).sum(1)
+    costs += q.gamma * ((sequence / (q.vx_std**2, q.wz_std**2))[None] * (c - sequence[None])).sum((1, 2))
+    weights = np.exp(-(costs - costs.min()) / q.temperature)
+    return costs, np.tensordot(weights / weights.sum(), c, 1)
+
+
+def smoothed(q, sequence, history):
+    limits_v, limits_w = (q.vx_min, q.vx_max), (-q.wz_max, q.wz_max)
+    u = np.column_stack([np.clip(sequence[:, 0], *limits_v), np.clip(sequence[:, 1], *limits_w)])
+    for t in range(1, len(u)):
+        up, down = (q.ax_max, -q.ax_min) if u[t - 1, 0] > 0 else (-q.ax_min, q.ax_max)
+        u[t, 0] = np.clip(u[t, 0], u[t - 1, 0] - down * q.model_dt, u[t - 1, 0] + up * q.model_dt)
+        u[t, 1] = np.clip(u[t, 1], u[t - 1, 1] - q.az_max * q.model_dt, u[t - 1, 1] + q.az_max * q.model_dt)
+    kernel = np.array([-21, 14, 39, 54, 59, 54, 39, 14, -21]) / 231
+    line = np.vstack([history, u, np.repeat(u[-1:], 4, axis=0)])
+    out = u.copy()
+    for t in range(len(u) - 1):
+        out[t] = kernel @ line[t : t + 9]
+    return out
+
+
+def numbers_of(memory, q):
+    """The noise (K, T, 2) that the last cycle used."""
+    groups = math.ceil(q.batch_size / 8)
+    used = groups * q.time_steps * 16
+    start = int(memory.next_noise[0]) - used
+    rows = np.asarray(memory.noise)[start : start + used].reshape(groups, q.time_steps, 2, 8)
+    return rows.transpose(0, 3, 1, 2).reshape(groups * 8, q.time_steps, 2)[: q.batch_size].astype(float)
+
+
+AHEAD = (5.0, 0.0, 0.0)
+SITUATIONS = {
+    "open": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 0.0), (0.3, 0.0), straight(), AHEAD),
+    "beside a blob": (blob(42, 34), (0.0, 0.0, 0.1), (0.4, 0.1), straight(), AHEAD),
+    "a blob on the plan": (blob(50, 30), (0.0, 0.0, 0.0), (0.2, 0.0), straight(), AHEAD),
+    "a bend": (np.zeros((60, 60), np.uint8), (0.0, 0.1, 0.4), (0.4, 0.5), bend(), AHEAD),
+    "the plan behind": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 2.5), (0.0, 0.0), straight(), AHEAD),
+    "driving backwards": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 0.0), (-0.2, 0.3), straight(), AHEAD),
+    "near the goal": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 0.2), (0.2, 0.0), straight(0.9), (0.9, 0.0, 0.5)),
+    "at the goal": (np.zeros((60, 60), np.uint8), (0.0, 0.0, 1.0), (0.1, 0.0), straight(0.3), (0.3, 0.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("name", SITUATIONS)
+def test_three_cycles_give_the_commands_of_the_plain_reading(name):
+    costs, pose, twist, plan, goal = SITUATIONS[name]
+    memory, win = memory_of(SMALL), window(costs)
+    sequence, history = np.zeros((56, 2)), np.zeros((4, 2))
+    for _ in range(3):
+        valid, v, w = command_of(record_of(SMALL), memory, win, OUTLINE, pose, twist, plan, len(plan), goal[2], goal)
+        _, mean = plain(SMALL, sequence, numbers_of(memory, SMALL), win, pose, twist, plan, goal[2], goal)
+        after = smoothed(SMALL, mean, history)
+        assert valid
+        assert (v, w) == pytest.approx(tuple(after[1]), abs=3e-3)
+        history = np.vstack([history[1:], after[1]])
+        sequence = np.vstack([after[1:], after[-1:]])
+
+
+def test_the_costs_of_the_samples_are_those_of_the_plain_reading():
+    costs, pose, twist, plan, goal = SITUATIONS["beside a blob"]
+    memory, win = memory_of(SMALL), window(costs)
+    command_of(record_of(SMALL), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, goal)
+    expected, _ = plain(SMALL, np.zeros((56, 2)), numbers_of(memory, SMALL), win, pose, twist, plan, 0.0, goal)
+    found = np.asarray(memory.costs)[: SMALL.batch_size]
+    near = expected < 100  # a sample on the rim of a cell may count as a collision in one reading alone
+    assert near.sum() > 200
+    assert np.median(np.abs(found[near] - expected[near])) < 1e-3
+    assert np.mean(np.abs(found[near] - expected[near]) > 0.1) < 0.02
+
+
+@pytest.mark.parametrize(
+    "critic",
+    ["ConstraintCritic", "CostCritic", "PathAlignCritic", "PathFollowCritic", "PreferForwardCritic"],
+)
+def test_a_critic_that_is_left_out_adds_nothing(critic):
+    costs, pose, twist, plan, goal = SITUATIONS["beside a blob"]
+    without = replace(SMALL, **{critic: replace(getattr(SMALL, critic), enabled=False)})
+    weightless = replace(SMALL, **{critic: replace(getattr(SMALL, critic), cost_weight=0.0)})
+    found = []
+    for parameters in (without, weightless):
+        memory = memory_of(parameters)
+        command_of(record_of(parameters), memory, window(costs), OUTLINE, pose, twist, plan, len(plan), 0.0, goal)
+        found.append(np.asarray(memory.costs)[: SMALL.batch_size])
+    np.testing.assert_allclose(found[0], found[1], atol=1e-4)
+
+
+def test_with_collisions_wherever_it_goes_there_is_no_valid_command():
+    memory = memory_of(SMALL)
+    walled = window(np.full((60, 60), 253, dtype=np.uint8))
+    valid, v, w = command_of(
+        record_of(SMALL), memory, walled, OUTLINE, (0.0, 0.0, 0.0), (0.0, 0.0), straight(), 56, 0.0, AHEAD
+    )
+    assert (valid, v, w) == (False, 0.0, 0.0)
+    assert not np.asarray(memory.sequence).any()
+
+
+def test_equal_streams_give_equal_commands_and_others_do_not():
+    def first(seed):
+        return command_of(
+            record_of(SMALL), memory_of(SMALL, seed), window(), OUTLINE, (0.0, 0.0, 0.0), (0.2, 0.0), straight(), 56,
+            0.0, AHEAD,
+        )  # fmt: skip
+
+    assert first(3) == first(3)
+    assert first(3) != first(4)
+
+
+def test_a_reset_controller_is_as_new_but_for_its_noise():
+    memory = memory_of(SMALL)
+    for _ in range(3):
+        command_of(record_of(SMALL), memory, window(), OUTLINE, (0.0, 0.0, 0.0), (0.2, 0.0), straight(), 56, 0.0, AHEAD)
+    forgotten(memory)
+    assert not np.asarray(memory.sequence).any() and not np.asarray(memory.history).any()
+
+
+def driven(parameters, pose=(0.0, 0.0, 0.0), length_m=10.0, seconds=20.0):
+    """A unicycle without limits of its own on a straight path along x; its track (N, 4) of x, y, yaw, v."""
+    memory, record = memory_of(parameters), record_of(parameters)
+    path = straight(length_m)
+    twist, track = (0.0, 0.0), []
+    goal = (length_m, 0.0, 0.0)
+    for _ in range(int(seconds / 0.05)):
+        begin = int(np.argmin(np.hypot(*(path - pose[:2]).T)))
+        ahead = path[begin : begin + 68]
+        place = np.array([math.floor(pose[0] / 0.05) * 0.05 - 1.5, math.floor(pose[1] / 0.05) * 0.05 - 1.5, 0.05])
+        win = Window(np.zeros((60, 60), dtype=np.uint8), place)
+        ahead = ahead[np.abs(ahead[:, 0] - pose[0]) < 1.45]
+        _, v, w = command_of(record, memory, win, OUTLINE, pose, twist, ahead.copy(), len(ahead), 0.0, goal)
+        pose, twist = arc(*pose, v, w, 0.05), (v, w)
+        track.append((*pose, v))
+        if math.hypot(pose[0] - length_m, pose[1]) < 0.2:
+            break
+    return np.array(track)
+
+
+def test_on_a_straight_path_it_reaches_its_speed_and_keeps_to_the_path():
+    track = driven(PARAMETERS)
+    assert 0.45 <= track[60:200, 3].mean() <= 0.5
+    assert np.abs(track[:, 1]).max() < 0.1
+
+
+def test_it_slows_down_at_the_goal():
+    track = driven(PARAMETERS, length_m=4.0)
+    assert track[-1, 3] < 0.3
+    assert abs(track[-1, 0] - 4.0) < 0.25
+
+
+def test_it_turns_towards_a_path_behind_it():
+    track = driven(PARAMETERS, pose=(1.0, 0.0, 2.5), seconds=8.0)
+    assert abs(math.remainder(track[-1, 2], 2 * math.pi)) < 0.2
+    assert track[-1, 3] > 0.4
+
+
+def test_it_backs_along_a_path_that_lies_exactly_behind_it():
+    """Either turn is as good as the other, so the mean of the samples is neither: as with Nav2, it reverses."""
+    track = driven(PARAMETERS, pose=(1.0, 0.0, math.pi), seconds=8.0)
+    assert -0.35 <= track[-1, 3] < -0.1
+    assert track[-1, 0] > 2.0
+
+
+def test_the_shared_noise_is_normal_and_no_number_follows_from_another():
+    numbers = np.asarray(noise(112_000), dtype=float)
+    assert numbers.mean() == pytest.approx(0.0, abs=0.005)
+    assert numbers.std() == pytest.approx(1.0, abs=0.005)
+    for lag in (1, 8, 16, 896, 112_000):
+        assert np.corrcoef(numbers[:-lag], numbers[lag:])[0, 1] == pytest.approx(0.0, abs=0.005)
+
+
+@pytest.mark.parametrize("name", ["open", "beside a blob", "near the goal"])
+def test_commands_from_the_pool_are_spread_like_those_from_fresh_noise(name):
+    """Sixty first commands each, by the pool at seeded places and by the plain reading with fresh numbers."""
+    costs, pose, twist, plan, goal = SITUATIONS[name]
+    pooled, fresh = [], []
+    rng = np.random.default_rng(1)
+    for seed in range(60):
+        memory = memory_of(SMALL, seed * 7919 + 1)
+        result = command_of(
+            record_of(SMALL), memory, window(costs), OUTLINE, pose, twist, plan, len(plan), goal[2], goal
+        )
+        pooled.append(result[1:])
+        numbers = rng.standard_normal((SMALL.batch_size, 56, 2))
+        _, mean = plain(SMALL, np.zeros((56, 2)), numbers, window(costs), pose, twist, plan, goal[2], goal)
+        fresh.append(smoothed(SMALL, mean, np.zeros((4, 2)))[1])
+    pooled, fresh = np.array(pooled), np.array(fresh)
+    error = np.hypot(pooled.std(0), fresh.std(0)) / math.sqrt(60)
+    assert (np.abs(pooled.mean(0) - fresh.mean(0)) < 4 * error + 1e-4).all()
+    assert (pooled.std(0) / fresh.std(0) > 0.6).all() and (pooled.std(0) / fresh.std(0) < 1.6).all()

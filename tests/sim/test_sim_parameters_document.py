@@ -1,0 +1,187 @@
+"""Nav2 parameter files as documents: paths, places, and what can be wrong with a file as such."""
+
+import pickle
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.sim.nav.parameters.document import MAX_DEPTH, DocumentError, parse, read_document
+from vastflow.sim.nav.parameters.rewriting import converted
+
+
+def values(text):
+    return parse(text).values
+
+
+def fault(text):
+    with pytest.raises(DocumentError) as caught:
+        parse(text, "nav2.yaml")
+    return str(caught.value)
+
+
+def test_a_path_leads_through_node_and_groups_to_each_value():
+    assert values("a:\n  ros__parameters: {b: {c: 1, d: [x, 2.0]}, e: true}") == {
+        ("a", "ros__parameters", "b", "c"): 1,
+        ("a", "ros__parameters", "b", "d"): ["x", 2.0],
+        ("a", "ros__parameters", "e"): True,
+    }
+
+
+def test_dotted_names_are_nested_ones():
+    assert values("a: {ros__parameters: {B.c: 1}}") == values("a: {ros__parameters: {B: {c: 1}}}")
+
+
+@pytest.mark.parametrize("written", ["/a/b: {ros__parameters: {c: 1}}", "a/b: {ros__parameters: {c: 1}}"])
+def test_nodes_may_be_written_with_their_namespace(written):
+    assert values(written) == values("a: {b: {ros__parameters: {c: 1}}}")
+
+
+def test_values_are_what_they_look_like():
+    text = "a: {ros__parameters: {i: 1, f: 1.0, e: 1e-3, p: 1.0e-10, t: on, s: '1', d: 2024-01-01, n: , inf: .inf}}"
+    found = {path[-1]: value for path, value in values(text).items()}
+    assert found == {
+        "i": 1,
+        "f": 1.0,
+        "e": 0.001,
+        "p": 1e-10,
+        "t": True,
+        "s": "1",
+        "d": "2024-01-01",
+        "n": None,
+        "inf": float("inf"),
+    }
+
+
+def test_aliases_and_merged_mappings_are_resolved_and_what_the_file_says_itself_counts():
+    found = values("x: {ros__parameters: &x {b: 1, c: {d: 1}}}\ny: {ros__parameters: {<<: *x, b: 2}}")
+    assert {path[2:]: value for path, value in found.items() if path[0] == "y"} == {("b",): 2, ("c", "d"): 1}
+
+
+def test_each_value_has_its_place():
+    document = parse("a:\n  ros__parameters:\n    b: 1\n    c:\n      - x\n      - y\n")
+    place = document.place
+    assert place(("a", "ros__parameters", "b")) == (3, 8)
+    assert place(("a", "ros__parameters", "c")) == (4, 5)
+    assert place(("a", "ros__parameters", "c", "1")) == (6, 9)
+    assert place(("a", "ros__parameters", "unknown")) == (2, 3)
+
+
+def test_of_a_parameter_that_is_there_twice_the_last_counts_and_it_is_known():
+    document = parse("a: {ros__parameters: {b: 1}}\nc: {ros__parameters: {d: 1}}\na: {ros__parameters: {b: 2, e: 1}}")
+    assert document.values[("a", "ros__parameters", "b")] == 2
+    assert document.repeated == (("a", "ros__parameters", "b"),)
+    assert document.place(("a", "ros__parameters", "b")) == (3, 26)
+
+
+def test_of_several_yaml_documents_the_first_is_read():
+    assert len(values("a: {ros__parameters: {b: 1}}\n---\na: {ros__parameters: {c: 1}}")) == 1
+
+
+def test_nodes_are_known_though_they_have_no_parameters():
+    document = parse("a: {ros__parameters: }\nb: {ros__parameters: {c: 1}}")
+    assert set(document.nodes) == {("b", "ros__parameters"), ("a", "ros__parameters")}
+
+
+def test_a_node_is_found_in_its_namespace_and_the_least_deep_of_two():
+    document = parse("x: {a: {ros__parameters: {p: 1}}}\na: {ros__parameters: {p: 1}}\nros__parameters: {p: 1}")
+    assert document.node("a") == ("a", "ros__parameters")
+    assert document.node("x", "a") == ("x", "a", "ros__parameters")
+    assert document.node("b") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "nav2.yaml:1:1: file: empty; a whole Nav2 parameter file"),
+        ("# nothing\n", "nav2.yaml:1:1: file: empty; "),
+        ("- a\n", "nav2.yaml:1:1: file: found no mapping; a whole Nav2 parameter file"),
+        ("word", "nav2.yaml:1:1: file: found no mapping; "),
+        ("{}", "nav2.yaml:1:1: file: no ros__parameters anywhere; "),
+        ("a: {b: {}}", "nav2.yaml:1:1: file: no ros__parameters anywhere; "),
+        ("a: [\n", "nav2.yaml:2:1: file: not YAML: "),
+        ("a:\n\tb: 1", "nav2.yaml:2:1: file: not YAML: "),
+        ("  a: {ros__parameters: {b: 1}}\nc: {ros__parameters: {d: 1}}", "nav2.yaml:2:1: file: not YAML: "),
+        ("a: \x00", "nav2.yaml:1:4: file: not YAML: "),
+        ("a:\n  alpha1: 0.2\n", "nav2.yaml:2:11: a.alpha1: a value outside of ros__parameters; parameters below"),
+        (
+            "a:\n  ros__parameters: 5\n",
+            "nav2.yaml:2:20: a.ros__parameters: found no mapping; parameters, 'name: value'",
+        ),
+        (
+            "a: {ros__parameters: {b: [{c: 1}]}}",
+            "nav2.yaml:1:27: a.ros__parameters.b: found a list or a mapping in a list",
+        ),
+        ("a: {ros__parameters: {b: .nan}}", "nav2.yaml:1:26: a.ros__parameters.b: found '.nan'; text, a number"),
+        ("a: {ros__parameters: {b: !x 1}}", "nav2.yaml:1:26: a.ros__parameters.b: found the tag !x; "),
+        ("a: {ros__parameters: {b: !!int x}}", "nav2.yaml:1:26: a.ros__parameters.b: found 'x'; "),
+        (
+            "a: {ros__parameters: {[1]: 1}}",
+            "nav2.yaml:1:23: a.ros__parameters: found a list, a mapping or nothing as a name",
+        ),
+        ("a: &a {ros__parameters: {b: 1}, c: *a}", "nav2.yaml:1:4: a.c: found an alias inside of what it stands for"),
+        ("a: {ros__parameters: {<<: 1}}", "nav2.yaml:1:27: a.ros__parameters: found no mapping to merge; "),
+        ("a: " + "[" * 200, "file: more than 100 levels deep; fewer levels"),
+    ],
+)
+def test_a_file_that_is_no_parameter_file_is_one_fault_at_its_place(text, message):
+    found = fault(text)
+    assert message in found
+    assert len(found.splitlines()) == 1
+
+
+def test_all_faults_come_at_once_in_the_order_of_the_file():
+    found = fault("a: {ros__parameters: {b: .nan}}\nb: 1\nc: {ros__parameters: 1}\n").splitlines()
+    assert [line.split(":")[1] for line in found] == ["1", "2", "3"]
+
+
+def test_aliases_that_grow_without_bound_are_a_fault():
+    doubling = "".join(f"x{k}: &x{k} {{a: *x{k - 1}, b: *x{k - 1}}}\n" for k in range(1, 40))
+    assert "aliases that grow" in fault(f"x0: &x0 {{ros__parameters: {{b: 1}}}}\n{doubling}")
+
+
+def test_aliases_may_not_make_a_path_deeper_than_a_file_may_be():
+    chain = "".join(f"x{k}: &x{k} {{a: *x{k - 1}}}\n" for k in range(1, 2 * MAX_DEPTH))
+    assert "levels; fewer aliases" in fault(f"x0: &x0 {{a: {{ros__parameters: {{b: 1}}}}}}\n{chain}")
+
+
+def test_a_file_that_is_not_there_or_no_text_is_a_fault_of_the_whole(tmp_path):
+    (tmp_path / "latin.yaml").write_bytes(b"a:\n b: \xe4\n")
+    for name, message in (("none.yaml", "no such file"), (".", "can't be read"), ("latin.yaml", "not UTF-8 text")):
+        with pytest.raises(DocumentError, match=message):
+            read_document(tmp_path / name)
+
+
+def test_an_error_can_be_sent_to_another_process():
+    with pytest.raises(DocumentError) as caught:
+        parse("a: 1", "nav2.yaml")
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+@given(st.text(alphabet="ab:{}[]-&*!|>'\"\n #,0.~<_", max_size=60))
+def test_any_text_is_a_document_or_has_faults(text):
+    try:
+        document = parse(f"n: {{ros__parameters: {{p: 1}}}}\n{text}")
+    except DocumentError as error:
+        assert error.faults
+    else:
+        assert document.values
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1", 1),
+        ("-2", -2),
+        ("1.", 1.0),
+        (" .5 ", 0.5),
+        ("1e3", 1000.0),
+        ("TRUE", True),
+        ("x", "x"),
+        ("1x", "1x"),
+        ("", ""),
+    ],
+)
+def test_text_of_a_rewrite_is_converted_where_it_is_a_number_or_a_flag(text, value):
+    found = converted(text)
+    assert (found, type(found)) == (value, type(value))

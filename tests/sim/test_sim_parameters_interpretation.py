@@ -1,0 +1,519 @@
+"""What Nav2 parameter files set the stack to, and what becomes of each of their parameters."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vastflow.sim.nav.parameters.built_in import TABLES, BuiltIn
+from vastflow.sim.nav.parameters.costmap import Costmap, InflationLayer, ObstacleLayer, StaticLayer
+from vastflow.sim.nav.parameters.document import DocumentError, dotted, parse, read_document
+from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.parameters.findings import findings, left_out
+from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, OF_THE_MAP, interpretation
+from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.parameters.parameter import RANGE
+from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.parameters.servers import CollisionMonitor, VelocitySmoother
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.parameters.written import document_of
+
+SHIPPED = Path(__file__).parents[2] / "campaigns" / "nav2"
+
+MINIMAL = """
+controller_server:
+  ros__parameters:
+    controller_frequency: 20.0
+    controller_plugins: [FollowPath]
+    FollowPath: {plugin: "nav2_mppi_controller::MPPIController", batch_size: 1500}
+"""
+
+
+def read(text):
+    return interpretation(parse(text, "nav2.yaml"))
+
+
+def parameters(text):
+    return read(text).parameters
+
+
+def faults(text):
+    with pytest.raises(DocumentError) as caught:
+        read(text)
+    return str(caught.value).splitlines()
+
+
+def local(text):
+    """A local costmap of a document with these parameters, in flow style."""
+    return parameters(f"local_costmap: {{local_costmap: {{ros__parameters: {{{text}}}}}}}").local_costmap
+
+
+def controller(text):
+    return f"controller_server: {{ros__parameters: {{controller_plugins: [C], C: {{{text}}}}}}}"
+
+
+def monitor(text):
+    return parameters(f"collision_monitor: {{ros__parameters: {{{text}}}}}").collision_monitor
+
+
+def statuses(text):
+    return {".".join(found.path[2:]): found.status for found in findings(read(text))}
+
+
+def shipped(name):
+    return interpretation(read_document(SHIPPED / name))
+
+
+def test_the_shipped_file_of_jazzy_is_what_the_stack_has_by_default():
+    assert shipped("jazzy_mppi.yaml").parameters == NavParameters()
+
+
+def test_the_shipped_file_with_rpp_differs_from_it_in_the_controller_alone():
+    assert shipped("rpp.yaml").parameters == NavParameters(controller=RppParameters())
+
+
+def test_the_shipped_file_with_dwb_is_a_turtlebot_4_under_humble():
+    found = shipped("dwb.yaml").parameters
+    assert found.controller == DwbParameters()
+    assert (found.global_costmap.robot_radius, found.local_costmap.inflation_layer.inflation_radius) == (0.175, 0.45)
+    assert found.local_costmap.static_layer.enabled
+    assert not found.collision_monitor.enabled
+    assert found.velocity_smoother.max_velocity == (0.26, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("name", ["jazzy_mppi.yaml", "dwb.yaml", "rpp.yaml"])
+def test_everything_in_a_shipped_file_is_modelled_or_built_in(name):
+    others = {dotted(found.path): found.status for found in findings(shipped(name))}
+    assert {path: status for path, status in others.items() if status in ("differs", "not modelled")} == {}
+
+
+def test_what_a_file_leaves_out_is_as_in_nav2s_code():
+    layer = local("plugins: [i], i: {plugin: 'nav2_costmap_2d::InflationLayer'}").inflation_layer
+    assert layer == InflationLayer(inflation_radius=0.55, cost_scaling_factor=10.0)
+    assert parameters(MINIMAL).controller_server.min_x_velocity_threshold == 0.0001
+
+
+def test_the_minimal_example_selects_its_controller():
+    found = parameters(MINIMAL)
+    assert isinstance(found.controller, MppiParameters)
+    assert found.controller.batch_size == 1500
+
+
+def test_a_controller_server_that_names_no_controller_has_jazzys():
+    found = read("controller_server: {ros__parameters: {failure_tolerance: 0.5}}")
+    assert found.parameters.controller_server.failure_tolerance == 0.5
+    assert found.parameters.controller == NavParameters().controller
+    assert "controller" in found.replaced
+
+
+def test_without_a_list_of_critics_mppi_has_none():
+    critics = [getattr(parameters(MINIMAL).controller, f.name) for f in dataclasses.fields(MppiParameters)]
+    assert [critic.enabled for critic in critics if dataclasses.is_dataclass(critic)].count(True) == 0
+
+
+def test_without_a_collision_monitor_there_is_none_and_without_a_smoother_no_limit():
+    found = parameters(MINIMAL)
+    assert found.collision_monitor == CollisionMonitor(enabled=False)
+    assert found.velocity_smoother == NO_SMOOTHER
+
+
+def test_other_nodes_that_are_missing_are_as_in_jazzys_file_and_named():
+    found = read(MINIMAL)
+    assert found.parameters.amcl == NavParameters().amcl
+    assert found.parameters.local_costmap == NavParameters().local_costmap
+    assert found.replaced == (
+        *("amcl", "local_costmap", "global_costmap", "planner_server", "behavior_server", "waypoint_follower"),
+    )
+    assert found.left_away == ("velocity_smoother", "collision_monitor")
+
+
+def test_a_node_with_nothing_in_it_is_there_and_as_in_nav2s_code():
+    found = parameters("velocity_smoother: {ros__parameters: }\nplanner_server: {ros__parameters: {}}\n" + MINIMAL)
+    assert found.velocity_smoother == VelocitySmoother(max_velocity=(0.5, 0.0, 2.5), min_velocity=(-0.5, 0.0, -2.5))
+
+
+def test_nodes_are_found_in_a_namespace_and_the_least_deep_of_two_counts():
+    found = parameters("robot: {amcl: {ros__parameters: {pf_err: 0.1}}}\n/amcl: {ros__parameters: {pf_err: 0.2}}")
+    assert found.amcl.pf_err == 0.2
+    assert parameters("robot/amcl: {ros__parameters: {pf_err: 0.1}}").amcl.pf_err == 0.1
+
+
+def test_a_costmap_is_the_node_in_its_namespace():
+    assert read("local_costmap: {ros__parameters: {robot_radius: 0.3}}").replaced[2] == "local_costmap"
+
+
+def test_the_list_of_plug_ins_decides_which_layers_there_are():
+    found = local(
+        "plugins: [a, b], a: {plugin: 'nav2_costmap_2d::StaticLayer'}, b: {plugin: 'nav2_costmap_2d/InflationLayer'}"
+    )
+    assert (found.static_layer.enabled, found.obstacle_layer.enabled, found.inflation_layer.enabled) == (
+        True,
+        False,
+        True,
+    )
+
+
+def test_a_layer_may_be_switched_off():
+    text = "plugins: [a], a: {plugin: 'nav2_costmap_2d::StaticLayer', enabled: false}"
+    assert local(text).static_layer == StaticLayer(enabled=False)
+
+
+@pytest.mark.parametrize(("layer", "cells"), [("VoxelLayer", 2), ("ObstacleLayer", 0)])
+def test_a_voxel_layer_clears_short_of_the_beams_end(layer, cells):
+    scan = "observation_sources: s, s: {data_type: LaserScan, clearing: true, obstacle_max_range: 2.0}"
+    found = local(f"plugins: [a], a: {{plugin: 'nav2_costmap_2d::{layer}', {scan}}}").obstacle_layer
+    assert found == ObstacleLayer(obstacle_max_range=2.0, short_clearing_cells=cells)
+
+
+@pytest.mark.parametrize(
+    "sources", ["", "observation_sources: [s], s: {topic: x},", "observation_sources: s, s: {data_type: PointCloud2},"]
+)
+def test_a_layer_without_a_laser_scan_neither_marks_nor_clears(sources):
+    found = local(f"plugins: [a], a: {{{sources} plugin: 'nav2_costmap_2d::ObstacleLayer'}}").obstacle_layer
+    assert (found.enabled, found.marking, found.clearing) == (True, False, False)
+
+
+def test_of_several_sources_the_first_laser_scan_is_used_and_the_others_are_not_modelled():
+    sources = (
+        "observation_sources: depth scan, depth: {data_type: PointCloud2}, scan: {data_type: LaserScan, clearing: true}"
+    )
+    text = f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [a], a: {{plugin: nav2_costmap_2d::VoxelLayer, {sources}}}}}}}}}"
+    assert read(text).parameters.local_costmap.obstacle_layer.clearing
+    found = statuses(text)
+    assert found["ros__parameters.a.depth.data_type"] == "not modelled"
+    assert found["ros__parameters.a.scan.data_type"] == "modelled"
+
+
+def test_costmaps_without_a_list_have_nav2s_default_layers():
+    found = local("robot_radius: 0.3")
+    assert (found.static_layer.enabled, found.obstacle_layer.enabled, found.inflation_layer.enabled) == (
+        True,
+        True,
+        True,
+    )
+
+
+def test_the_global_costmaps_size_is_the_maps():
+    text = "global_costmap: {global_costmap: {ros__parameters: {width: 80, resolution: 0.1, plugins: []}}}"
+    assert parameters(text).global_costmap.resolution == 0.05
+    assert statuses(text)["ros__parameters.width"] == "no effect"
+
+
+def test_critics_in_the_list_are_enabled_by_whatever_spelling():
+    text = controller(
+        "plugin: dwb_core/DWBLocalPlanner, critics: [PathDist, 'dwb_critics::GoalDistCritic', Mine], Mine.class: PathAlign, PathDist.scale: 3.0, Mine.scale: 4.0"
+    )
+    found = parameters(text).controller
+    enabled = {f.name for f in dataclasses.fields(found) if getattr(getattr(found, f.name), "enabled", False)}
+    assert enabled == {"PathDist", "GoalDist", "PathAlign"}
+    assert (found.PathDist.scale, found.PathAlign.scale, found.GoalDist.scale) == (3.0, 4.0, 1.0)
+
+
+def test_an_mppi_critic_can_be_switched_off_in_its_group():
+    text = controller(
+        "plugin: nav2_mppi_controller::MPPIController, critics: [CostCritic, GoalCritic], GoalCritic: {enabled: false}"
+    )
+    found = parameters(text).controller
+    assert (found.CostCritic.enabled, found.GoalCritic.enabled) == (True, False)
+
+
+def test_parameters_of_a_critic_that_is_not_in_the_list_have_no_effect():
+    text = controller(
+        "plugin: nav2_mppi_controller::MPPIController, critics: [CostCritic], GoalCritic: {cost_weight: 1.0}"
+    )
+    assert statuses(text)["C.GoalCritic.cost_weight"] == "no effect"
+
+
+def test_of_several_plug_ins_the_default_trees_own_counts_and_the_others_need_not_be_known():
+    text = """
+controller_server:
+  ros__parameters:
+    controller_plugins: [Other, FollowPath]
+    Other: {plugin: "mine::Controller", gain: 1.0}
+    FollowPath: {plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"}
+planner_server:
+  ros__parameters:
+    planner_plugins: [Mine, GridBased]
+    Mine: {plugin: "mine::Planner"}
+    GridBased: {plugin: "nav2_navfn_planner/NavfnPlanner", use_astar: true}
+"""
+    found = read(text).parameters
+    assert (type(found.controller), found.planner.use_astar) == (RppParameters, True)
+    assert statuses(text)["Other.gain"] == "no effect"
+
+
+def test_humbles_single_progress_checker_is_read():
+    text = "controller_server: {ros__parameters: {progress_checker_plugin: p, p: {plugin: nav2_controller::SimpleProgressChecker, movement_time_allowance: 5.0}, controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController}}"
+    assert parameters(text).progress_checker.movement_time_allowance == 5.0
+
+
+def test_a_waypoint_task_that_is_off_or_another_does_not_pause():
+    def pause(task):
+        text = f"waypoint_follower: {{ros__parameters: {{waypoint_task_executor_plugin: w, w: {{{task}}}}}}}"
+        return parameters(text).waypoint_follower.waypoint_pause_duration
+
+    wait = "plugin: nav2_waypoint_follower::WaitAtWaypoint, waypoint_pause_duration: 700"
+    assert pause(wait) == 700
+    assert pause(f"{wait}, enabled: false") == 0
+    assert pause("plugin: nav2_waypoint_follower::PhotoAtWaypoint") == 0
+
+
+APPROACH = "polygons: [p], p: {type: polygon, action_type: approach, min_points: 5}, observation_sources: [s]"
+
+
+def test_the_monitors_approach_polygon_is_read_with_the_nodes_timeout():
+    assert monitor(f"{APPROACH}, source_timeout: 3.0") == CollisionMonitor(
+        time_before_collision=2.0, min_points=5, source_timeout=3.0
+    )
+    assert monitor(f"{APPROACH}, source_timeout: 3.0, s: {{source_timeout: 0.5}}").source_timeout == 0.5
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "polygons: []",
+        APPROACH.replace("approach", "stop"),
+        APPROACH.replace("type: polygon", "type: circle"),
+        APPROACH.replace("min_points", "points"),
+        APPROACH.replace("min_points: 5", "enabled: false"),
+        f"{APPROACH}, s: {{enabled: false}}",
+        f"{APPROACH}, s: {{type: pointcloud}}",
+        APPROACH.replace("[s]", "[]"),
+    ],
+)
+def test_a_monitor_without_a_footprint_that_approaches_or_without_a_scan_does_nothing(text):
+    assert not monitor(text).enabled
+
+
+PLUGIN_FAULTS = [
+    (controller("plugin: 'my::Controller'"), "C.plugin: no controller 'my::Controller' is known; known: nav2_mppi_controller::MPPIController, "),
+    (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "C.plugin: nav2_rotation_shim_controller::RotationShimController is not modelled; a controller that is: "),
+    (controller("gain: 1"), "controller_plugins.0: no 'plugin' below 'C'; the class of a controller; known: "),
+    ("planner_server: {ros__parameters: {planner_plugins: [G], G.plugin: 'nav2_smac_planner/SmacPlannerHybrid'}}", "G.plugin: nav2_smac_planner::SmacPlannerHybrid is not modelled; a planner that is: nav2_navfn_planner::NavfnPlanner"),
+    ("planner_server: {ros__parameters: {planner_plugins: []}}", "planner_plugins: found an empty list; the name of a planner"),
+    ("planner_server: {ros__parameters: {planner_plugins: 3}}", "planner_plugins: found 3; a list of names"),
+    (controller("plugin: dwb_core::DWBLocalPlanner"), "C: no 'critics'; a list of them, without which DWB does not start: RotateToGoal, "),
+    ("planner_server: {ros__parameters: {GridBased.plugin: 3}}", "GridBased.plugin: found 3; text"),
+    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, goal_checker_plugins: [g], g.plugin: nav2_controller::StoppedGoalChecker}}", "g.plugin: nav2_controller::StoppedGoalChecker is not modelled; a goal checker that is: "),
+    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, progress_checker_plugins: [g], g.plugin: x::P}}", "g.plugin: no progress checker 'x::P' is known; known: "),
+    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: nav2_costmap_2d::DenoiseLayer}}}", "d.plugin: nav2_costmap_2d::DenoiseLayer is not modelled; a costmap layer that is: nav2_costmap_2d::StaticLayer, "),
+    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: x::L}}}", "d.plugin: no costmap layer 'x::L' is known; known: "),
+    (controller("plugin: nav2_mppi_controller::MPPIController, critics: [CostCritic, Cost]"), "C.critics.1: MPPI has no critic 'Cost'; known: "),
+    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [ObstacleFootprint]"), "C.critics.0: the critic ObstacleFootprint of DWB is not modelled; known: RotateToGoal, "),
+    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [1]"), "C.critics: found [1]; a list of names"),
+    ("local_costmap: {local_costmap: {ros__parameters: {robot_radius: -0.2}}}", "robot_radius: found -0.2; robot_radius must lie in [0.01, 10]"),
+    ("local_costmap: {local_costmap: {ros__parameters: {robot_radius: '0.2'}}}", "robot_radius: found '0.2'; robot_radius must be a number"),
+    ("amcl: {ros__parameters: {pf_err: }}", "amcl.ros__parameters.pf_err: found nothing; pf_err must be a number"),
+    ("amcl: {ros__parameters: {min_particles: 9, max_particles: 8}}", "amcl.ros__parameters.min_particles: found parameters that contradict each other: amcl.min_particles 9 must be <= max_particles 8; values that agree"),
+    (f"collision_monitor: {{ros__parameters: {{{APPROACH.replace('min_points: 5', 'enabled: 3')}}}}}", "p.enabled: found 3; true or false"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "message"), PLUGIN_FAULTS)
+def test_what_the_stack_cannot_be_set_to_is_a_fault(text, message):
+    (found,) = faults(text)
+    assert message in found
+
+
+def test_faults_are_at_their_places_and_all_there():
+    text = """
+controller_server:
+  ros__parameters:
+    controller_plugins: [FollowPath]
+    FollowPath:
+      plugin: nav2_mppi_controller::MPPIController
+      batch_size: none
+      critics:
+        - CostCritic
+        - Foo
+amcl:
+  ros__parameters:
+    alpha1: -1
+"""
+    assert [line.split(":")[:3] for line in faults(text)] == [
+        ["nav2.yaml", "7", "19"],
+        ["nav2.yaml", "10", "11"],
+        ["nav2.yaml", "13", "13"],
+    ]
+
+
+def test_a_parameter_is_modelled_built_in_without_effect_different_or_not_modelled():
+    found = statuses(
+        "amcl: {ros__parameters: {alpha1: 0.1, laser_model_type: likelihood_field, scan_topic: s, recovery_alpha_slow: 0.1, x: 1}}"
+    )
+    assert found == {
+        "alpha1": "modelled",
+        "laser_model_type": "built in",
+        "scan_topic": "no effect",
+        "recovery_alpha_slow": "differs",
+        "x": "not modelled",
+    }
+
+
+def test_a_difference_names_what_is_built_in():
+    (found,) = findings(read("controller_server: {ros__parameters: {controller_frequency: 10.0}}"))
+    assert (found.status, found.used, found.place) == ("differs", 20.0, (1, 61))
+
+
+@pytest.mark.parametrize(
+    ("rule", "value"),
+    [
+        (BuiltIn((20.0, 1.0)), 20.0),
+        (BuiltIn(((0.0, 0.0),)), [0.0, 0.0]),
+        (BuiltIn(low=0.2), "0.2 or more"),
+        (BuiltIn(high=0.2), "0.2 or less"),
+        (BuiltIn(includes=("a", "b")), ["a", "b"]),
+    ],
+)
+def test_what_is_built_in_says_itself(rule, value):
+    assert rule.value == value
+
+
+def test_a_polygon_for_a_footprint_is_not_modelled_and_the_radius_counts():
+    text = "local_costmap: {local_costmap: {ros__parameters: {footprint: '[[0.2, 0.2]]', robot_radius: 0.3}}}"
+    found, radius = findings(read(text))
+    assert (found.status, found.why) == ("not modelled", "the robot is a disc of robot_radius, never a polygon")
+    assert (radius.status, radius.used) == ("modelled", 0.3)
+
+
+def test_an_unknown_node_is_spoken_of_as_a_whole():
+    found = findings(read("slam_toolbox: {ros__parameters: {a: 1, b: {c: 2}, use_sim_time: true}}"))
+    assert [(f.status, f.about[0]) for f in found[:2]] == [("not modelled", "slam_toolbox")] * 2
+    assert {len(f.about) for f in found[:2]} == {2}
+    assert found[2].status == "no effect"
+
+
+def test_an_unknown_parameter_of_a_plug_in_is_spoken_of_by_itself():
+    text = "controller_server: {ros__parameters: {goal_checker_plugins: [g], g: {plugin: nav2_controller::SimpleGoalChecker, x: 1}}}"
+    *_, found = findings(read(text))
+    assert (found.status, found.about, found.why) == ("not modelled", found.path, "")
+
+
+def test_nodes_that_no_mission_needs_have_no_effect():
+    assert statuses("smoother_server: {ros__parameters: {smoother_plugins: [s]}}") == {"smoother_plugins": "no effect"}
+
+
+def test_another_behaviour_tree_is_not_the_one_built_in():
+    tree = "navigate_to_pose_w_replanning_and_recovery.xml"
+    assert statuses(f"bt_navigator: {{ros__parameters: {{default_nav_to_pose_bt_xml: /opt/{tree}}}}}") == {
+        "default_nav_to_pose_bt_xml": "built in"
+    }
+    assert statuses("bt_navigator: {ros__parameters: {default_nav_to_pose_bt_xml: mine.xml}}") == {
+        "default_nav_to_pose_bt_xml": "differs"
+    }
+
+
+def test_plug_ins_that_no_list_has_are_without_effect():
+    text = "planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased.plugin: nav2_navfn_planner::NavfnPlanner, Old: {plugin: x::Y, a: 1}}}"
+    assert statuses(text)["Old.a"] == "no effect"
+
+
+def test_a_behaviour_that_is_listed_and_not_one_of_nav2s_is_not_modelled():
+    text = "behavior_server: {ros__parameters: {behavior_plugins: [spin, backup, wait, dance], dance: {plugin: x::Y, a: 1}}}"
+    assert statuses(text) == {
+        "behavior_plugins": "built in",
+        "dance.plugin": "not modelled",
+        "dance.a": "not modelled",
+    }
+
+
+def test_what_is_left_out_is_known_with_its_value():
+    found = {
+        ".".join(path[2:]): value for path, value in left_out(read("amcl: {ros__parameters: {pf_err: 0.1}}")).items()
+    }
+    assert "pf_err" not in found
+    assert found["pf_z"] == 0.99
+
+
+def test_nothing_that_is_modelled_is_called_built_in():
+    modelled = {path[-1] for path in interpretation(document_of(NavParameters())).reader.fields}
+    assert (
+        modelled & {name for kind in ("amcl", "scan", "NavFn", "velocity_smoother") for name in TABLES[kind]} == set()
+    )
+
+
+@pytest.mark.parametrize(
+    ("rule", "agreeing", "other"),
+    [
+        (BuiltIn((20.0,)), 20, 10.0),
+        (BuiltIn((True,)), True, 1),
+        (BuiltIn((1,)), 1.0, True),
+        (BuiltIn(((0.0, 0.0),)), [0.0, 0], [0.0]),
+        (BuiltIn(("a::B",)), "a/B", "c::B"),
+        (BuiltIn(low=0.2), 2.0, 0.1),
+        (BuiltIn(high=0.2), 0, "low"),
+        (BuiltIn(includes=("a", "b")), ["b", "c", "a"], ["a"]),
+    ],
+)
+def test_what_is_built_in_knows_the_values_that_mean_it(rule, agreeing, other):
+    assert rule.agrees(agreeing)
+    assert not rule.agrees(other)
+
+
+@st.composite
+def varied(draw, default):
+    """Parameters like `default` with other values; those of a group that is not enabled stay."""
+    values = {}
+    for field in dataclasses.fields(default):
+        value = getattr(default, field.name)
+        if dataclasses.is_dataclass(value):
+            values[field.name] = draw(varied(value))
+        elif RANGE in field.metadata and draw(st.booleans()):
+            values[field.name] = draw(values_of(value, *field.metadata[RANGE]))
+    if values.get("enabled") is False:
+        values = {"enabled": False}
+    if "max_particles" in values or "min_particles" in values:
+        values |= {"min_particles": 1}
+    if isinstance(default, Costmap) and default.track_unknown_space:  # the global one
+        values = {name: value for name, value in values.items() if name not in OF_THE_MAP}
+    return dataclasses.replace(default, **values)
+
+
+def values_of(value, low, high):
+    low, high = max(low, -1e9), min(high, 1e9)
+    if isinstance(value, bool):
+        return st.booleans()
+    if isinstance(value, int):
+        return st.integers(int(low), int(high))
+    if isinstance(value, tuple):
+        return st.tuples(*(st.floats(low, high) for _ in value))
+    return st.floats(low, high)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data(), st.sampled_from([MppiParameters(), DwbParameters(), RppParameters()]))
+def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
+    default = NavParameters(controller=controller)
+    parts = {f.name: data.draw(varied(getattr(default, f.name))) for f in dataclasses.fields(default)}
+    wanted = dataclasses.replace(default, **parts | {"perturbation": default.perturbation})
+    assert interpretation(document_of(wanted)).parameters == wanted
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from(["jazzy_mppi.yaml", "dwb.yaml", "rpp.yaml"]), st.data())
+def test_a_file_with_accidents_is_read_or_has_faults(name, data):
+    lines = (SHIPPED / name).read_text().splitlines()
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(lines) - 1))
+        accident = data.draw(st.sampled_from(["lose", "double", "indent", "cut", "put"]))
+        if accident == "lose":
+            del lines[at]
+        elif accident == "double":
+            lines.insert(at, lines[at])
+        elif accident == "indent":
+            lines[at] = "  " + lines[at]
+        elif accident == "cut":
+            lines[at] = lines[at][: data.draw(st.integers(0, 40))]
+        else:
+            key, _, _ = lines[at].partition(":")
+            lines[at] = (
+                f"{key}: {data.draw(st.sampled_from(['x', '-1', '[1, x]', '{a: 1}', '', '.inf', 'true', '*a']))}"
+            )
+    try:
+        found = read("\n".join(lines))
+    except DocumentError as error:
+        assert all(fault.place > (0, 0) for fault in error.faults)
+    else:
+        assert len(findings(found)) > 100

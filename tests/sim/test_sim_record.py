@@ -1,0 +1,45 @@
+"""Dataclasses as the records kernels read."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.record import record_of
+from vastflow.sim.numeric import njit
+
+
+@dataclass(frozen=True, slots=True)
+class Critic:
+    cost_weight: float = 3.81
+    enabled: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    time_steps: int = 56
+    max_velocity: tuple[float, float, float] = (0.5, 0.0, 2.0)
+    CostCritic: Critic = field(default_factory=Critic)
+
+
+@njit
+def read(record):
+    q = record[0]
+    return q.time_steps, q.max_velocity[2], q.CostCritic.cost_weight, q.CostCritic.enabled
+
+
+def test_a_kernel_reads_numbers_lists_and_groups_by_their_names():
+    assert read(record_of(Controller())) == (56, 2.0, 3.81, 1)
+
+
+def test_whole_numbers_and_flags_are_whole_numbers_and_the_rest_is_real():
+    dtype = record_of(Controller()).dtype
+    assert dtype["time_steps"] == np.int64
+    assert dtype["CostCritic"]["enabled"] == np.int64
+    assert dtype["CostCritic"]["cost_weight"] == np.float64
+
+
+def test_every_group_of_the_stack_s_parameters_makes_a_record():
+    record = record_of(NavParameters())
+    assert record["amcl"]["max_particles"][0] == 2000
+    assert record["global_costmap"]["inflation_layer"]["inflation_radius"][0] == 0.7

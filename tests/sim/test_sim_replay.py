@@ -1,0 +1,193 @@
+"""Replays: the run they repeat, what is seen in it, and where two recordings of a run part."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vastflow.sim.nav.inflation import LETHAL, UNKNOWN
+from vastflow.sim.nav.state import TICK_S
+from vastflow.sim.recording import Recording, Run
+from vastflow.sim.replay import Difference, first_difference, replay
+from vastflow.sim.run import run
+from vastflow.sim.scenario import Scenario
+from vastflow.sim.snapshot import Box
+
+TIMEOUT_S = 5.0
+ROOM = Box(0.5, 0.5, 3.5, 2.0)
+BOX = {"entity_name": "carton", "spawn_pose": {"x": 3.0, "y": 3.6, "yaw": 0.3}}
+
+
+@pytest.fixture(scope="module")
+def short(two_rooms):
+    """Five seconds from one room towards the other, past a box."""
+    return Scenario(
+        "builtin:navigate_to_pose",
+        TIMEOUT_S,
+        {"map_file": two_rooms, "boxes": [BOX]},
+        {"start_pose": {"x": 1.5, "y": 2.0}, "goal_pose": {"x": 7.0, "y": 4.0, "yaw": 0.5}},
+        {"laserscan_gaussian_noise_std_deviation": 0.02},
+    )
+
+
+@pytest.fixture(scope="module")
+def replayed(short):
+    """Looked at after its first tick, in its third second, at its end, and after it."""
+    return replay(short, 3, 7, {0: ROOM, 50: ROOM, 99: ROOM, 100: ROOM})
+
+
+def test_looking_at_a_run_changes_none_of_its_bytes(short, replayed):
+    assert replayed.recording.digest == run(short, 3, 7).digest
+
+
+def test_looking_everywhere_changes_nothing_either(short, replayed):
+    assert replay(short, 3, 7, {tick: ROOM for tick in range(100)}).recording.digest == replayed.recording.digest
+
+
+def test_there_is_a_moment_for_every_tick_and_it_is_what_was_recorded(replayed):
+    assert [moment.tick for moment in replayed.moments] == list(range(round(TIMEOUT_S / TICK_S)))
+    columns = replayed.recording.columns
+    assert [round(m.t_s * 1e3) for m in replayed.moments[::2]] == columns["t_ms"].tolist()
+    assert [round(m.true.x_m * 1e3) for m in replayed.moments[::2]] == columns["x_mm"].tolist()
+    assert [round(m.estimate.y_m * 1e3) for m in replayed.moments[::2]] == columns["estimated_y_mm"].tolist()
+
+
+def test_snapshots_are_of_the_ticks_asked_for_as_far_as_the_run_has_them(replayed):
+    assert [snapshot.moment.tick for snapshot in replayed.snapshots] == [0, 50, 99]
+
+
+def test_of_the_global_costs_the_part_asked_for_is_kept(replayed):
+    patch = replayed.snapshots[1].global_costs
+    assert (patch.corner.x_m, patch.corner.y_m) == pytest.approx((ROOM.x0, ROOM.y0))
+    assert patch.costs.shape == (30, 60)
+
+
+def test_a_part_outside_the_map_is_empty(short):
+    (snapshot,) = replay(short, 3, 7, {0: Box(20.0, 20.0, 21.0, 21.0)}).snapshots
+    assert snapshot.global_costs.costs.size == 0
+
+
+def test_the_scan_lies_where_the_walls_and_the_box_are(replayed):
+    scan = replayed.snapshots[0].scan_xy_m
+    walls = np.abs(scan[:, [0]] - [0.2, 8.2]).min(axis=1) < 0.1
+    walls |= np.abs(scan[:, [1]] - [0.2, 5.2]).min(axis=1) < 0.1
+    walls |= (scan[:, 0] > 4.0) & (scan[:, 0] < 4.4)
+    box = np.hypot(scan[:, 0] - 3.0, scan[:, 1] - 3.6) < 0.45
+    assert len(scan) > 300
+    assert (walls | box).all()
+    assert box.sum() > 5
+
+
+def test_marks_of_the_local_costmap_lie_where_the_scan_does(replayed):
+    snapshot = replayed.snapshots[0]
+    patch = snapshot.local_costs
+    marks = np.argwhere(patch.costs == LETHAL)[:, ::-1]
+    at = (patch.corner.x_m, patch.corner.y_m) + (marks + 0.5) * patch.resolution_m  # the start's yaw is 0
+    assert len(at) > 10
+    away = np.hypot(*(at[:, None] - snapshot.scan_xy_m).transpose(2, 0, 1)).min(axis=1)
+    assert away.max() < 0.06
+
+
+def test_the_plan_leads_to_the_goal_and_the_controller_has_its_beginning(replayed):
+    snapshot = replayed.snapshots[0]
+    assert np.hypot(*(snapshot.plan_xy_m[-1] - (7.0, 4.0))) < 0.1
+    ahead = snapshot.ahead_xy_m
+    assert 0 < len(ahead) < len(snapshot.plan_xy_m)
+    np.testing.assert_array_equal(ahead, snapshot.plan_xy_m[: len(ahead)])
+    assert np.abs(ahead[-1] - (1.5, 2.0)).max() <= 1.6  # the local costmap is 3 m wide
+
+
+def test_what_mppi_intends_begins_at_the_estimate_and_goes_on_for_its_horizon(replayed):
+    snapshot = replayed.snapshots[1]
+    estimate = snapshot.moment.estimate
+    assert snapshot.moment.activity == "following" and snapshot.moment.no_command_s == 0.0
+    intended = snapshot.intended_xy_m
+    assert intended.shape == (57, 2)
+    assert tuple(intended[0]) == (estimate.x_m, estimate.y_m)
+    assert 0.1 < np.hypot(*(intended[-1] - intended[0])) <= 56 * 0.05 * 0.5
+
+
+def test_the_particles_are_round_the_robot(replayed):
+    particles, moment = replayed.snapshots[-1].particles, replayed.moments[-1]
+    assert particles.shape[0] >= 500 and particles.shape[1] == 3
+    assert np.hypot(*(particles[:, :2].mean(axis=0) - (moment.true.x_m, moment.true.y_m))) < 0.5
+
+
+def test_goals_and_obstacles_are_those_of_the_scenario(replayed):
+    snapshot = replayed.snapshots[0]
+    assert [(goal.x_m, goal.y_m, goal.yaw_rad) for goal in snapshot.goals] == [(7.0, 4.0, 0.5)]
+    np.testing.assert_allclose(snapshot.obstacles[:, :2], [[3.0, 3.6]])
+
+
+def test_a_snapshot_stays_as_it_is_while_the_run_goes_on(replayed):
+    first, later = replayed.snapshots[0], replayed.snapshots[1]
+    assert first.moment.tick == 0 and first.moment.recoveries == 0
+    assert not np.array_equal(first.scan_xy_m, later.scan_xy_m)
+    assert first.moment.error_m < 0.01
+
+
+def test_the_overview_of_a_large_map_keeps_walls_and_gives_way_to_what_is_known(drawn, saved):
+    rows = ["#" * 90, "#" + "." * 44 + "?" * 45, "#" + "." * 44 + "?" * 45, "#" + "." * 44 + "?" * 45, "#" * 90]
+    scenario = Scenario(
+        "builtin:navigate_to_pose",
+        0.1,
+        {"map_file": saved(drawn(*rows, cells=15))},
+        {"start_pose": {"x": 2.0, "y": 1.9}, "goal_pose": {"x": 6.0, "y": 1.9}},
+        {},
+    )
+    (snapshot,) = replay(scenario, 0, 0, {0: ROOM}).snapshots
+    overview, costs = snapshot.overview, snapshot.global_costs
+    assert overview.resolution_m == pytest.approx(4 * costs.resolution_m)
+    assert overview.costs.shape == (19, 338)
+    assert overview.costs[0, 100] == LETHAL
+    assert overview.costs[10, 40] == 0
+    assert overview.costs[10, -20] == UNKNOWN
+
+
+def a_recording(**changes):
+    samples = np.arange(20, dtype=np.int32)
+    columns = {"t_ms": samples * 100, "x_mm": samples * 7, "y_mm": samples * 3}
+    run = Run(0, "1:2:0", "succeeded", 0, "", 2.0, 1.0, 0, 0)
+    return Recording(replace(run, **changes), columns)
+
+
+def tampered(column, row):
+    recording = a_recording()
+    values = recording.columns[column].copy()
+    values[row] += 1
+    return Recording(recording.run, {**recording.columns, column: values})
+
+
+def test_equal_recordings_do_not_differ():
+    assert first_difference(a_recording(), a_recording()) is None
+
+
+def test_a_difference_names_the_row_the_time_and_both_values():
+    found = first_difference(a_recording(), tampered("x_mm", 12))
+    assert found == Difference("x_mm", 12, 1.2, 84, 85)
+    assert str(found) == "row 12 (1.20 s), x_mm: recorded 84, executed 85"
+
+
+def test_the_earliest_row_counts_and_not_the_first_column():
+    late, early = tampered("x_mm", 12).columns, tampered("y_mm", 5).columns
+    both = Recording(a_recording().run, {**a_recording().columns, "x_mm": late["x_mm"], "y_mm": early["y_mm"]})
+    assert first_difference(a_recording(), both) == Difference("y_mm", 5, 0.5, 15, 16)
+
+
+def test_a_run_that_is_longer_differs_where_the_other_has_ended():
+    recording = a_recording()
+    shorter = Recording(recording.run, {name: column[:15] for name, column in recording.columns.items()})
+    found = first_difference(recording, shorter)
+    assert str(found) == "row 15 (1.50 s), t_ms: recorded 1500, executed nothing"
+    assert str(first_difference(shorter, recording)) == "row 15 (1.50 s), t_ms: recorded nothing, executed 1500"
+
+
+def test_a_column_that_one_lacks_differs_from_its_beginning():
+    recording = a_recording()
+    fewer = Recording(recording.run, {name: c for name, c in recording.columns.items() if name != "y_mm"})
+    assert first_difference(fewer, recording) == Difference("y_mm", 0, 0.0, None, 0)
+
+
+def test_where_all_columns_are_equal_the_run_s_row_tells():
+    found = first_difference(a_recording(), a_recording(recoveries=2))
+    assert str(found) == "recoveries of the run: recorded 0, executed 2"

@@ -1,0 +1,288 @@
+"""Regulated Pure Pursuit against a plain reading of Nav2's formulas, and its rules one by one."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vastflow.sim.nav.controllers import rpp
+from vastflow.sim.nav.footprint import outline_hits, padded_outline
+from vastflow.sim.nav.inflation import inflate
+from vastflow.sim.nav.parameters.parameter import check
+from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.record import record_of
+from vastflow.sim.nav.window import Window
+from vastflow.sim.numeric import njit
+
+CELLS = 60
+RESOLUTION_M = 0.05
+OUTLINE = padded_outline(0.22, 0.01)
+INSCRIBED_M = 0.22549849971227903
+CIRCUMSCRIBED_M = 0.23414213562373096
+PLACE = np.array([0.0, 0.0, RESOLUTION_M])
+CENTRE = (1.512, 1.493)
+DEFAULT = RppParameters()
+FREE = np.zeros((CELLS, CELLS), dtype=np.uint8)
+
+
+@njit
+def commanded(records, memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal):
+    return rpp.command(records[0], memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal)
+
+
+@njit
+def hits(window, outline, x, y, yaw):
+    return outline_hits(window, outline, x, y, yaw)
+
+
+@njit
+def renewed(memory):
+    rpp.reset(memory)
+
+
+def walls(*boxes):
+    costs = np.zeros((CELLS, CELLS), dtype=np.uint8)
+    for r0, r1, c0, c1 in boxes:
+        costs[r0:r1, c0:c1] = 254
+    return inflate(costs, RESOLUTION_M, INSCRIBED_M, 0.7, 3.0)
+
+
+def straight(bearing=0.0, start=CENTRE, length_m=1.4, spacing_m=0.025):
+    s = np.arange(0.0, length_m, spacing_m)
+    return np.column_stack([start[0] + s * math.cos(bearing), start[1] + s * math.sin(bearing)])
+
+
+def arc(radius_m, length_m=1.4):
+    """A plan on a circle that begins in the window's middle, along x; to the left for a positive radius."""
+    turn = np.arange(0.0, length_m, 0.025) / radius_m
+    return np.array(CENTRE) + radius_m * np.column_stack([np.sin(turn), 1.0 - np.cos(turn)])
+
+
+def command(plan, costs=FREE, yaw=0.0, twist=(0.5, 0.0), parameters=DEFAULT, memory=None, end_yaw=0.0, at=CENTRE):
+    memory = rpp.new_memory(0.25) if memory is None else memory
+    w, goal = Window(costs, PLACE), (*plan[-1], end_yaw)
+    return commanded(
+        record_of(parameters), memory, w, OUTLINE, INSCRIBED_M, (*at, yaw), twist, plan, len(plan), end_yaw, goal
+    )
+
+
+# The plain reading.
+
+
+def plain_carrot(points, lookahead):
+    """Carrot in the robot's frame, from points in it."""
+    far = [k for k, (x, y) in enumerate(points) if math.hypot(x, y) >= lookahead]
+    if not far:
+        return points[-1]
+    if far[0] == 0:
+        return points[0]
+    (x1, y1), (x2, y2) = points[far[0] - 1], points[far[0]]
+    dx, dy, cross = x2 - x1, y2 - y1, x1 * y2 - x2 * y1
+    square, side = dx * dx + dy * dy, math.copysign(1.0, math.hypot(x2, y2) - math.hypot(x1, y1))
+    root = math.sqrt(lookahead**2 * square - cross**2)
+    return (cross * dy + side * dx * root) / square, (-cross * dx + side * dy * root) / square
+
+
+def plain_command(p, costs, pose, twist, plan, end_yaw, at_goal_m):
+    x0, y0, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    points = [(c * (x - x0) + s * (y - y0), -s * (x - x0) + c * (y - y0)) for x, y in plan]
+    lookahead = p.lookahead_dist
+    if p.use_velocity_scaled_lookahead_dist:
+        lookahead = np.clip(abs(twist[0]) * p.lookahead_time, p.min_lookahead_dist, p.max_lookahead_dist)
+    carrot = plain_carrot(points, lookahead)
+    carrot_m = math.hypot(*carrot)
+    bend = plain_carrot(points, p.curvature_lookahead_dist) if p.use_fixed_curvature_lookahead else carrot
+    bearing = math.atan2(bend[1], bend[0])
+    at_goal = carrot_m < at_goal_m
+    if at_goal or abs(bearing) > p.rotate_to_heading_min_angle:
+        angle = (end_yaw - yaw + math.pi) % (2 * math.pi) - math.pi if at_goal else bearing
+        sign = 1.0 if angle > 0.0 else -1.0
+        w = np.clip(sign * p.rotate_to_heading_angular_vel, twist[1] - 0.16, twist[1] + 0.16)
+        stopping = math.sqrt(2 * p.max_angular_accel * abs(angle))
+        v, w = 0.0, sign * stopping if abs(w) > stopping else w
+    else:
+        square = bend[0] ** 2 + bend[1] ** 2
+        curvature = 2 * bend[1] / square if square > 0.001 else 0.0
+        v = p.desired_linear_vel
+        if abs(curvature) > 1.0 / p.regulated_linear_scaling_min_radius:
+            v = p.desired_linear_vel / abs(curvature) / p.regulated_linear_scaling_min_radius
+        cost = int(costs[math.floor(y0 / RESOLUTION_M), math.floor(x0 / RESOLUTION_M)])
+        if cost > 0:
+            clearance = INSCRIBED_M - math.log(cost / 252) / p.inflation_cost_scaling_factor
+            if clearance < p.cost_scaling_dist:
+                v = min(v, p.desired_linear_vel * p.cost_scaling_gain * clearance / p.cost_scaling_dist)
+        v = max(v, p.regulated_linear_scaling_min_speed)
+        if np.hypot(*np.diff(plan, axis=0).T).sum() < p.approach_velocity_scaling_dist:
+            scale = math.hypot(*points[-1]) / p.approach_velocity_scaling_dist
+            v = min(v, max(v * scale, p.min_approach_linear_velocity))
+        v = min(v, p.desired_linear_vel)
+        w = v * curvature
+    return (False, 0.0, 0.0) if plain_collision(p, costs, pose, v, w, carrot_m) else (True, v, w)
+
+
+def plain_collision(p, costs, pose, v, w, carrot_m):
+    window = Window(costs, PLACE)
+    if hits(window, OUTLINE, *pose):
+        return True
+    if abs(v) < 0.01 and abs(w) > 0.01:
+        dt = 2 * math.sin(RESOLUTION_M / 2 / CIRCUMSCRIBED_M) / abs(w)
+    else:
+        dt = RESOLUTION_M / abs(v) if v != 0.0 else math.inf
+    x, y, yaw = pose
+    for _ in range(math.ceil(p.max_allowed_time_to_collision_up_to_carrot / dt) - 1):
+        x, y, yaw = x + dt * v * math.cos(yaw), y + dt * v * math.sin(yaw), yaw + dt * w
+        if math.dist((x, y), pose[:2]) > carrot_m:
+            return False
+        if hits(window, OUTLINE, x, y, yaw):
+            return True
+    return False
+
+
+VARIANTS = [
+    DEFAULT,
+    replace(DEFAULT, use_velocity_scaled_lookahead_dist=True, use_fixed_curvature_lookahead=True),
+    replace(DEFAULT, desired_linear_vel=0.3, lookahead_dist=0.35, rotate_to_heading_min_angle=1.4),
+]
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    yaw=st.floats(-3.1, 3.1),
+    end_yaw=st.floats(-3.1, 3.1),
+    v=st.floats(0.0, 0.5),
+    w=st.floats(-1.8, 1.8),
+    points=st.integers(2, 57),
+    parameters=st.sampled_from(VARIANTS),
+)
+def test_the_command_is_that_of_the_plain_reading(seed, yaw, end_yaw, v, w, points, parameters):
+    rng = np.random.default_rng(seed)
+    heading = yaw + rng.normal(0.0, 0.6) + np.cumsum(rng.normal(0.0, 0.1, points))
+    # A spacing of which no multiple is a threshold: there rounding decides.
+    steps = 0.0247 * np.column_stack([np.cos(heading), np.sin(heading)])
+    plan = np.array(CENTRE) + rng.normal(0.0, 0.03, 2) + np.cumsum(steps, axis=0)
+    costs = walls(*((r, r + 3, c, c + 3) for r, c in rng.integers(0, 57, (2, 2))))
+    expected = plain_command(parameters, costs, (*CENTRE, yaw), (v, w), plan, end_yaw, 0.25)
+    got = command(plan, costs, yaw, (v, w), parameters, end_yaw=end_yaw)
+    assert got == pytest.approx(expected, abs=1e-9)
+
+
+# Its rules.
+
+
+def test_on_a_straight_plan_it_drives_straight_at_the_desired_speed():
+    assert command(straight()) == (True, pytest.approx(0.5), pytest.approx(0.0))
+
+
+@pytest.mark.parametrize("radius_m", [0.5, -0.7])
+def test_on_a_circle_it_drives_the_circle_slower_by_its_radius(radius_m):
+    valid, v, w = command(arc(radius_m))
+    assert valid
+    assert w / v == pytest.approx(1 / radius_m, rel=1e-3)
+    assert v == pytest.approx(0.5 * abs(radius_m) / 0.9, rel=1e-3)
+
+
+def test_a_tight_circle_is_driven_at_the_least_regulated_speed():
+    assert command(arc(0.44))[1] == pytest.approx(0.25)
+
+
+def test_near_a_wall_it_slows_by_the_cost_rule():
+    costs = walls((20, 22, 0, CELLS))
+    cost = int(costs[29, 30])
+    clearance_m = INSCRIBED_M - math.log(cost / 252) / 3.0
+    assert clearance_m == pytest.approx(0.4, abs=0.01)
+    assert command(straight(), costs)[1] == pytest.approx(0.5 * clearance_m / 0.6)
+
+
+def test_near_the_plans_end_it_slows_by_the_distance():
+    assert command(straight(length_m=0.31))[1] == pytest.approx(0.5 * 0.3 / 0.6)
+
+
+def test_a_plan_that_ends_here_and_yet_not_at_the_goal_is_approached_at_the_least_speed():
+    assert command(straight(length_m=0.04), memory=rpp.new_memory(0.01))[1] == pytest.approx(0.05)
+
+
+def test_towards_a_plan_behind_it_turns_in_place_no_faster_than_its_acceleration_allows():
+    assert command(straight(3.0), twist=(0.0, 0.0)) == (True, 0.0, pytest.approx(0.16))
+    assert command(straight(-3.0), twist=(0.0, -1.75)) == (True, 0.0, pytest.approx(-1.8))
+
+
+def test_a_turn_in_place_ends_slowly_enough_to_stop():
+    valid, v, w = command(straight(length_m=0.1), yaw=0.3, twist=(0.0, -1.8), end_yaw=0.2)
+    assert (valid, v) == (True, 0.0)
+    assert w == pytest.approx(-math.sqrt(2 * 3.2 * 0.1))
+
+
+def test_without_rotation_it_drives_a_bow_towards_a_plan_behind():
+    valid, v, w = command(straight(2.0), parameters=replace(DEFAULT, use_rotate_to_heading=False))
+    assert (valid, v) == (True, pytest.approx(0.25))
+    assert w == pytest.approx(0.25 * 2.0 * math.sin(2.0) / 0.6)
+
+
+def test_when_reversing_is_allowed_it_backs_towards_a_plan_behind():
+    valid, v, w = command(straight(math.pi), parameters=replace(DEFAULT, allow_reversing=True))
+    assert (valid, v, w) == (True, pytest.approx(-0.5), pytest.approx(0.0, abs=1e-9))
+
+
+def test_when_reversing_is_allowed_the_carrot_is_no_farther_than_the_cusp():
+    there = straight(0.3, length_m=0.4)
+    plan = np.concatenate([there, straight(2.5, start=there[-1])[1:]])
+    _, v, w = command(plan, parameters=replace(DEFAULT, allow_reversing=True))
+    assert w / v == pytest.approx(2.0 * math.sin(0.3) / 0.375, rel=1e-3)
+
+
+def test_that_the_goal_was_reached_holds_until_a_reset():
+    memory = rpp.new_memory(0.25)
+    command(straight(length_m=0.1), memory=memory)
+    assert command(straight(), memory=memory, end_yaw=1.0)[1] == 0.0
+    renewed(memory)
+    assert command(straight(), memory=memory, end_yaw=1.0)[1] == pytest.approx(0.5)
+
+
+def test_a_controller_without_state_forgets_at_once_that_it_was_at_the_goal():
+    memory, stateless = rpp.new_memory(0.25), replace(DEFAULT, stateful=False)
+    assert command(straight(length_m=0.1), memory=memory, parameters=stateless)[1] == 0.0
+    assert command(straight(), memory=memory, parameters=stateless)[1] == pytest.approx(0.5)
+
+
+def test_a_wall_across_the_way_ahead_leaves_no_valid_command():
+    assert command(straight(), walls((0, CELLS, 42, 44))) == (False, 0.0, 0.0)
+
+
+def test_a_wall_beyond_one_second_of_driving_is_not_minded_yet():
+    # The last step within a second is at 0.45 m, where the outline reaches 2.192 m, and the wall begins at 2.2 m.
+    brisk = replace(DEFAULT, cost_scaling_dist=0.1)
+    assert command(straight(), walls((0, CELLS, 44, 46)), parameters=brisk) == (True, pytest.approx(0.5), 0.0)
+    assert not command(straight(), walls((0, CELLS, 43, 46)), parameters=brisk)[0]
+
+
+def test_a_wall_beyond_the_carrot_is_not_minded():
+    assert command(straight(length_m=0.31), walls((0, CELLS, 43, 44)))[0]
+
+
+def test_turning_in_place_is_checked_in_steps_of_a_cell_at_the_farthest_vertex():
+    costs, found = FREE.copy(), []
+    for row, column in np.add(np.argwhere(np.ones((11, 11))), [24, 25]):
+        costs[row, column] = 254
+        found.append(command(straight(3.0), costs, twist=(0.0, 1.7))[0])
+        expected = not plain_collision(DEFAULT, costs, (*CENTRE, 0.0), 0.0, 1.8, 0.6)
+        assert found[-1] == expected, (row, column)
+        costs[row, column] = 0
+    assert 20 < found.count(False) < 60
+
+
+def test_in_collision_where_it_stands_it_does_not_even_turn():
+    assert not command(straight(3.0), walls((29, 30, 34, 35)))[0]
+
+
+def test_without_collision_detection_a_wall_is_driven_into():
+    blind = replace(DEFAULT, use_collision_detection=False)
+    assert command(straight(), walls((0, CELLS, 42, 44)), parameters=blind)[0]
+
+
+def test_the_default_parameters_are_in_their_ranges():
+    check(DEFAULT)

@@ -1,0 +1,37 @@
+"""Sine and cosine by polynomials, against libm."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.sim.numeric import njit
+from vastflow.sim.sincos import rounded, sincos
+
+
+@njit
+def both(angle_rad):
+    return sincos(angle_rad)
+
+
+@njit
+def whole(number):
+    return rounded(number)
+
+
+@given(st.floats(-6000.0, 6000.0))
+def test_sine_and_cosine_are_those_of_libm(angle_rad):
+    assert both(angle_rad) == pytest.approx((math.sin(angle_rad), math.cos(angle_rad)), abs=2e-12)
+
+
+@pytest.mark.parametrize("halves", [-3, -2, -1, 0, 1, 2, 3, 1000, 1001])
+@pytest.mark.parametrize("off", [-1e-9, 0.0, 1e-9, math.pi / 2])
+def test_signs_are_right_on_both_sides_of_every_half_turn(halves, off):
+    angle_rad = halves * math.pi + off
+    assert both(angle_rad) == pytest.approx((math.sin(angle_rad), math.cos(angle_rad)), abs=2e-12)
+
+
+@given(st.floats(-1e12, 1e12))
+def test_rounding_gives_the_nearest_whole_number(number):
+    assert whole(number) == round(number)
