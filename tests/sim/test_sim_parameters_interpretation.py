@@ -237,10 +237,10 @@ planner_server:
   ros__parameters:
     planner_plugins: [Mine, GridBased]
     Mine: {plugin: "mine::Planner"}
-    GridBased: {plugin: "nav2_navfn_planner/NavfnPlanner", use_astar: true}
+    GridBased: {plugin: "nav2_navfn_planner/NavfnPlanner", tolerance: 0.75}
 """
     found = read(text).parameters
-    assert (type(found.controller), found.planner.use_astar) == (RppParameters, True)
+    assert (type(found.controller), found.planner.tolerance) == (RppParameters, 0.75)
     assert statuses(text)["Other.gain"] == "no effect"
 
 

@@ -10,7 +10,6 @@ class NavFn:
     """NavfnPlanner; tolerance in metres."""
 
     tolerance: float = parameter(0.5, 0.0, 100.0)
-    use_astar: bool = parameter(False)
     allow_unknown: bool = parameter(True)
 
 
