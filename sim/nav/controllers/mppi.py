@@ -343,18 +343,19 @@ def _average(space: Space, sequence: Any, samples: int, noise_at: int, twist: An
     for k in range(length):
         sums[k] = 0.0
     total = 0.0
-    for first in range(0, samples, WIDTH):
+    for group in range(0, samples, ROW):
         share = 0.0
-        for sample in range(first, first + WIDTH):
+        for sample in range(group, group + ROW):
             share += weights[sample]
         if share < NEGLIGIBLE:
             continue
         total += share
-        draw(space, first, steps, noise_at, twist, spread, limits)
-        weight = load(weights, first)
-        lane = first % ROW
-        for k in range(0, length, ROW):
-            store(sums, k + lane, load(sums, k + lane) + weight * load(controls, k))
+        for first in range(group, group + ROW, WIDTH):
+            draw(space, first, steps, noise_at, twist, spread, limits)
+            weight = load(weights, first)
+            lane = first - group
+            for k in range(0, length, ROW):
+                store(sums, k + lane, load(sums, k + lane) + weight * load(controls, k))
     for t in range(steps):
         for axis in range(2):
             mean = 0.0

@@ -1,0 +1,68 @@
+"""MPPI gives the same bits whatever the width of the processor's registers.
+
+The width is fixed when kernels are imported, so the module is also the program that other processes run.
+"""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from llvmlite import binding
+
+from vastflow.sim.nav.controllers import mppi
+from vastflow.sim.nav.controllers.lanes import WIDTH
+from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.record import record_of
+from vastflow.sim.nav.window import Window
+from vastflow.sim.numeric import njit
+
+FAR, NEAR, THERE = (5.0, 0.0, 0.0), (1.2, 0.1, 1.0), (0.4, 0.0, 1.0)
+
+
+@njit
+def command_of(record, memory, window, outline, pose, twist, plan, n, end_yaw_rad, goal):
+    return mppi.command(record[0], memory, window, outline, 0.2255, pose, twist, plan, n, end_yaw_rad, goal)
+
+
+def commands() -> list[str]:
+    """Commands and costs, bit for bit, on the way along a wall to a goal."""
+    costs = np.zeros((60, 60), dtype=np.uint8)
+    costs[36:] = np.linspace(20, 250, 24).astype(np.uint8)[:, None]
+    costs[40:, 44:] = 254
+    window = Window(costs, np.array([-1.5, -1.5, 0.05]))
+    plan = np.column_stack([np.arange(56) * 0.025, 0.002 * np.arange(56)])
+    lines = []
+    for parameters in (MppiParameters(), MppiParameters(batch_size=1003, ax_min=-1.0)):
+        memory = mppi.new_memory(parameters, np.array([99], dtype=np.uint64))
+        for k, goal in enumerate((FAR, FAR, FAR, NEAR, THERE)):
+            pose, twist = (0.01 * k, 0.02, 0.1 - 0.5 * k), (0.1 * k - 0.1, 0.1)
+            found = command_of(
+                record_of(parameters), memory, window, np.zeros((16, 2)), pose, twist, plan, 56, goal[2], goal
+            )
+            assert found[0]
+            judged = np.asarray(memory.costs)[: parameters.batch_size]
+            lines.append(f"{float(found[1]).hex()} {float(found[2]).hex()} {judged.tobytes().hex()}")
+    return lines
+
+
+def commands_with(features: str) -> list[str]:
+    """Width of the registers and the commands, from a process whose kernels are compiled for these features."""
+    environment = {**os.environ, "NUMBA_CPU_FEATURES": features}
+    done = subprocess.run([sys.executable, __file__], env=environment, capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split("\n")
+
+
+@pytest.mark.skipif(not binding.get_host_cpu_features().get("avx2"), reason="the processor has no AVX2")
+def test_wide_and_narrow_registers_give_the_same_commands_and_costs():
+    narrow, wide = commands_with(""), commands_with("+avx2")
+    assert (narrow[0], wide[0]) == ("4", "8")
+    assert len(narrow) == 12
+    assert [line[:60] for line in narrow[1:]] == [line[:60] for line in wide[1:]]
+    assert narrow[1:] == wide[1:]
+
+
+if __name__ == "__main__":
+    print(WIDTH, *commands(), sep="\n")
