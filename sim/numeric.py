@@ -1,14 +1,15 @@
 """How kernels are compiled: one portable target, no fast-math, and a cache that can't serve stale code.
 
 numba caches a compiled function by its own source alone, so an edited callee would leave its callers stale.
-The cache folder is therefore named by the content of every module of `sim`.
+The cache folder is therefore named by the content of every module that has kernels and of all that these import.
 """
 
 import hashlib
 import importlib
 import os
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -34,11 +35,38 @@ _import_without_blas()
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+_IMPORT: Final = re.compile(r"^from (vastflow\.sim[\w.]*) import (\([^)]*\)|.*)", re.MULTILINE)
+
+
+def kernel_sources() -> list[Path]:
+    """Modules with kernels, and those of `sim` that they import, directly or not: all that compiled code can follow from."""
+    root = Path(__file__).parent
+    text = {module: module.read_text("utf-8") for module in sorted(root.rglob("*.py"))}
+    waiting = [module for module in text if "vastflow.sim.numeric import" in text[module]] + [Path(__file__)]
+    found: set[Path] = set()
+    while waiting:
+        module = waiting.pop()
+        if module not in found:
+            found.add(module)
+            waiting += [file for file in _imported(root, text[module]) if file in text]
+    return sorted(found)
+
+
+def _imported(root: Path, text: str) -> Iterator[Path]:
+    """Files that the imports of a module may mean: a module, a package, and what is imported from one."""
+    for package, names in _IMPORT.findall(text):
+        place = root.joinpath(*package.split(".")[2:])
+        for name in ("", *re.findall(r"\w+", names)):
+            inner_place = place / name
+            yield inner_place.with_suffix(".py")
+            yield inner_place / "__init__.py"
+
+
 def kernel_cache_dir() -> Path:
-    """Folder of compiled kernels for exactly this source of `sim` and this numba."""
+    """Folder of compiled kernels for exactly this source of theirs and this numba."""
     content = hashlib.sha256(numba.__version__.encode())
     root = Path(__file__).parent
-    for module in sorted(root.rglob("*.py")):
+    for module in kernel_sources():
         content.update(module.relative_to(root).as_posix().encode() + b"\0" + module.read_bytes() + b"\0")
     return Path(platformdirs.user_cache_dir("vastflow")) / "kernels" / content.hexdigest()[:16]
 

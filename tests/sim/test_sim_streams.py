@@ -86,9 +86,23 @@ def test_an_edited_module_has_another_folder_of_compiled_kernels(copied, module)
     assert numeric.kernel_cache_dir() != before
 
 
-def test_a_new_module_has_another_folder_of_compiled_kernels(copied):
+@pytest.mark.parametrize("module", ["robot.py", "nav/parameters/mppi.py"])
+def test_what_kernels_take_constants_and_types_from_counts_as_well(copied, module):
     before = numeric.kernel_cache_dir()
+    (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
+    assert numeric.kernel_cache_dir() != before
+
+
+def test_an_edit_that_no_compiled_code_can_follow_from_compiles_nothing_again(copied):
+    before = numeric.kernel_cache_dir()
+    (copied / "run.py").write_text((copied / "run.py").read_text() + "\nX = 1\n")
     (copied / "nav" / "new.py").write_text("")
+    assert numeric.kernel_cache_dir() == before
+
+
+def test_a_new_module_with_kernels_has_another_folder_of_compiled_kernels(copied):
+    before = numeric.kernel_cache_dir()
+    (copied / "nav" / "new.py").write_text("from vastflow.sim.numeric import inner\n")
     assert numeric.kernel_cache_dir() != before
 
 
