@@ -15,6 +15,7 @@ from vastflow.flows.session import Session
 from vastflow.flows.summary import Work
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.faults import CampaignError
+from vastflow.sim.digest import digest
 from vastflow.tasks import chatter, ending
 from vastflow.tasks.evaluation import content_of
 from vastflow.tasks.instantiation import Instantiator
@@ -109,6 +110,7 @@ def run_campaign(
                         session.found,
                         runs=session.runs,
                         oracles=[oracle.name for oracle in oracles],
+                        keys=keys,
                         faults=[RunFault("", None, fault.stage, fault.error) for fault in session.campaign_faults],
                         created=created,
                         work=work,
@@ -142,7 +144,7 @@ def _keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -> Keys:
         numeric=numeric_class(),
         execute_source=tree.digest(*EXECUTE_SOURCE),
         observe_source=tree.digest(*OBSERVE_SOURCE),
-        judge_source="".join(judge_source),
+        judge_source=digest(judge_source),
         seed=seed,
         oracles=[[oracle.name, content_of(oracle.parameters)] for oracle in oracles],
     )

@@ -1,8 +1,6 @@
 """The command `replay`: one recorded run executed once more, and pictures of what happened in it."""
 
-import importlib.metadata
 import json
-import platform
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -66,11 +64,13 @@ def replay(
 ) -> None:
     """Execute a recorded run once more, and look at it.
 
-    Writes a picture strip of the start, of what happened and of the end, or of the times asked for. Exit code 1 says
-    that the run executed here is not the recorded one, bit for bit.
+    Writes a picture strip of the start, of what happened and of the end, or of the times asked for. Before, it says where
+    the simulator or the kind of machine is not the one that recorded. Exit code 1 says that the run executed here is not the
+    recorded one, bit for bit.
     """
     if wrong := wrong_directory(results):
         _end(wrong)
+    from vastflow.flows.origin import versions
     from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
     from vastflow.oracles.replay.times import TimeError
     from vastflow.sim.replay import first_difference
@@ -87,6 +87,9 @@ def replay(
     for note in asked.notes:
         print(note, file=sys.stderr)
     title = f"{configuration}, run {run}"
+    differs = _differences(recorded.metadata)
+    for words in differs:
+        print(f"{title}: {words}; executed here it may be another run", file=sys.stderr)
     with Interruptible("interrupted"):
         try:
             replayed, ticks = _executed(recorded, asked)
@@ -94,37 +97,27 @@ def replay(
             _end(f"{results}: {configuration} can't be executed by this version: {error}")
         difference = first_difference(recorded.recording, replayed.recording)
         if difference is not None:
-            print(f"{title}: NOT THE RECORDED RUN: {difference}\n{versions(recorded.metadata)}", file=sys.stderr)
+            made = versions(recorded.metadata, same_origin=not differs)
+            print(f"{title}: NOT THE RECORDED RUN: {difference}\n{made}", file=sys.stderr)
         try:
             written = _written(folder, _story(title, recorded, replayed, difference), replayed, ticks, asked)
         except OSError as error:
             _end(_unwritable(folder, error))
     if as_json:
-        print(json.dumps({"equal": difference is None, "difference": difference and str(difference), **written}))
+        equality = {"equal": difference is None, "difference": difference and str(difference), "differs": differs}
+        print(json.dumps({**equality, **written}))
     else:
         _say(title, configuration, recorded, replayed, difference is None, written)
     raise typer.Exit(0 if difference is None else 1)
 
 
-def versions(metadata: Mapping[str, Any]) -> str:
-    """Who recorded and who executed, and which libraries differ."""
-    here = importlib.metadata.version("vastflow")
-    words = [f"recorded by vastflow {metadata['vastflow']}, executed by vastflow {here}"]
-    others = {**metadata["versions"], **{key: metadata["host"][key] for key in ("machine", "system")}}
-    words += [f"{name} {then}, here {now}" for name, then in others.items() if (now := _version(name)) != then]
-    if len(words) == 1 and metadata["vastflow"] == here:
-        words.append("libraries and machine are of the same versions: the simulator's code or the processor is another")
-    return "; ".join(words)
+def _differences(metadata: Mapping[str, Any]) -> list[str]:
+    """What of the code and the machine is other than where the run was recorded."""
+    from vastflow.flows.origin import differences
+    from vastflow.tasks.keys import EXECUTE_SOURCE, numeric_class
+    from vastflow.tasks.source import installed_tree
 
-
-def _version(name: str) -> str:
-    own = {"python": platform.python_version, "machine": platform.machine, "system": platform.platform}
-    if name in own:
-        return own[name]()
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return "none"
+    return differences(metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
 
 
 def _asked(

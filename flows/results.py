@@ -19,6 +19,7 @@ from vastflow.flows.directory import new_directory
 from vastflow.flows.environment import write_environment
 from vastflow.flows.inputs import Inputs
 from vastflow.flows.notes import terminal_lines
+from vastflow.flows.origin import origin_row
 from vastflow.flows.summary import Summary, Work
 from vastflow.flows.tables import (
     CONFIGURATIONS,
@@ -43,6 +44,7 @@ from vastflow.producers.instantiate import Instantiation
 from vastflow.sim.blocks import ROWS_KEY, read_block, write_block
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import OccupancyMap
+from vastflow.tasks.keys import Keys
 
 LOGGER: Final = logging.getLogger("vastflow.results")
 
@@ -105,6 +107,7 @@ def write_results(
     *,
     runs: int,
     oracles: Sequence[str],
+    keys: Keys,
     faults: Iterable[RunFault] = (),
     created: datetime,
     work: Callable[[], Work],
@@ -120,6 +123,7 @@ def write_results(
         runs: Runs asked for of each configuration: indices 0 to runs - 1.
         oracles: Names of the requested oracles, `success` first. A run without a verdict of one of them
             gets `not judged` with the fault as the reason.
+        keys: Of the artifacts that `found` reads; name the code and the numeric class they follow from.
         faults: Those of no single configuration.
         created: Time in the directory's name.
         work: What the call has done so far.
@@ -155,7 +159,7 @@ def write_results(
         write_table(place / "verdicts.parquet", VERDICTS, verdict_rows)
 
         summary = summary_of(instantiation, verdict_rows, runs, oracles, work(), directory.final)
-        _write_metadata(place, campaign, created, summary, all_faults)
+        _write_metadata(place, campaign, keys, created, summary, all_faults)
         try:
             report(place)
         except Exception as error:
@@ -163,7 +167,7 @@ def write_results(
             all_faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))
         done = work()
         summary = replace(summary, cpu_s=done.cpu_s, wall_s=done.wall_s)
-        _write_metadata(place, campaign, created, summary, all_faults)
+        _write_metadata(place, campaign, keys, created, summary, all_faults)
     return Results(directory.final, summary, tuple(all_faults), tuple(terminal_lines(campaign.notes)))
 
 
@@ -258,13 +262,14 @@ def _write_environments(
 
 
 def _write_metadata(
-    place: Path, campaign: Campaign, created: datetime, summary: Summary, faults: Sequence[RunFault]
+    place: Path, campaign: Campaign, keys: Keys, created: datetime, summary: Summary, faults: Sequence[RunFault]
 ) -> None:
     content = {
         "name": campaign_name(campaign),
         "created": created.isoformat(timespec="seconds"),
         "vastflow": importlib.metadata.version("vastflow"),
         "versions": _versions(),
+        **origin_row(keys),
         "host": {
             "name": platform.node(),
             "system": platform.platform(),
@@ -280,7 +285,7 @@ def _write_metadata(
 
 
 def _versions() -> dict[str, str]:
-    packages = ("numba", "numpy", "prefect", "pyarrow", "pymunk", "scipy", "shapely")
+    packages = ("llvmlite", "numba", "numpy", "prefect", "pyarrow", "pymunk", "scipy", "shapely")
     return {"python": platform.python_version(), **{name: importlib.metadata.version(name) for name in packages}}
 
 

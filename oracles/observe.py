@@ -4,9 +4,10 @@ Only what follows from recording and scenario together is stored; a trace is bot
 (`vastflow.oracles.trace.trace_of`).
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import shapely
@@ -15,18 +16,24 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from vastflow.oracles.reference import reference_path
-from vastflow.oracles.situation import situation_of
-from vastflow.oracles.trace import MaybeReference, Reference, reference_row
+from vastflow.oracles.situation import Situation, situation_of
+from vastflow.oracles.trace import NOWHERE_MM, MaybeReference, Reference, reference_row
+from vastflow.oracles.whereabouts import Whereabouts, whereabouts_of
 from vastflow.sim.blocks import read_recordings, write_block
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.obstacle import Obstacle
 from vastflow.sim.recording import Recording, si
 from vastflow.sim.scenario import Scenario
 
 _CANDIDATES: Final = 9
 """Cells looked at for the nearest wall: the nearest square is among the nine nearest centres, or at most a
 fifth of a cell nearer than the best of them."""
+
+
+References: TypeAlias = Callable[[tuple[Obstacle, ...]], MaybeReference]
+"""The reference path round some obstacles, see `vastflow.oracles.reference`."""
 
 
 @dataclass(frozen=True)
@@ -36,35 +43,47 @@ class Observer:
     Attributes:
         occupancy: The robot's map; None where the scenario has none.
         wall_cells: Tree of the centres of occupied cells at the walls' surface, in cells (row, column).
-        centres_xy_m: Size class to (n, 2) centres of its obstacles.
-        reference: See `vastflow.oracles.reference`.
+        references: Remembers each path that it has found.
     """
 
+    situation: Situation
     occupancy: OccupancyMap | None
     wall_cells: cKDTree | None = field(repr=False)
-    centres_xy_m: Mapping[str, NDArray[np.float64]]
-    reference: MaybeReference
+    references: References = field(repr=False)
 
-    def columns(self, recording: Recording) -> dict[str, NDArray[np.int32]]:
-        """Derived columns (N,) of one run.
+    def observed(self, recording: Recording) -> tuple[MaybeReference, dict[str, NDArray[np.int32]]]:
+        """The reference path and the derived columns (N,) of one run.
+
+        The path goes round the obstacles that were there in this run, where they stood first.
 
         `localization_error_mm`: distance of the estimated to the true position, at each row.
         `wall_clearance_mm`: distance of the robot's centre to the nearest occupied cell's square (unknown cells
         are no walls), 0 inside one. `deviation_mm`: distance of the robot's centre to the nearest point of
-        the reference path. `separation_mm/<size class>`: between the centres of robot and nearest obstacle.
+        the reference path, `NOWHERE_MM` without one. `separation_mm/<size class>`: between the centres of robot and nearest
+        obstacle, where each is at that row; `NOWHERE_MM` where none is there.
+
+        Raises:
+            ValueError: an event of an obstacle that the scenario does not have.
         """
+        obstacles = whereabouts_of(self.situation, recording.run)
+        reference = self.references(tuple(whereabouts.obstacle for whereabouts in obstacles if whereabouts.was_there))
         x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
         estimated_x_m, estimated_y_m = si(recording.columns["estimated_x_mm"]), si(recording.columns["estimated_y_mm"])
         derived = {"localization_error_mm": _mm(np.hypot(estimated_x_m - x_m, estimated_y_m - y_m))}
         if self.occupancy is not None and self.wall_cells is not None:
             derived["wall_clearance_mm"] = _mm(_clearance_m(self.occupancy, self.wall_cells, x_m, y_m))
-        if isinstance(self.reference, Reference):
-            path = _line(self.reference.points_xy_m)
+        derived["deviation_mm"] = np.full(len(x_m), NOWHERE_MM, dtype=np.int32)  # runs of a block have the same columns
+        if isinstance(reference, Reference):
+            path = _line(reference.points_xy_m)
             derived["deviation_mm"] = _mm(shapely.distance(path, shapely.points(x_m, y_m)))
-        for size_class, centres in self.centres_xy_m.items():
-            apart = np.hypot(x_m[:, None] - centres[:, 0], y_m[:, None] - centres[:, 1])
-            derived[f"separation_mm/{size_class}"] = _mm(apart.min(axis=1))
-        return derived
+        classes: dict[str, list[Whereabouts]] = {}
+        for whereabouts in obstacles:
+            classes.setdefault(whereabouts.obstacle.size_class, []).append(whereabouts)
+        for size_class in sorted(classes):
+            centres = np.stack([whereabouts.at(recording.columns["t_ms"]) for whereabouts in classes[size_class]])
+            apart = np.hypot(x_m - centres[..., 0], y_m - centres[..., 1])
+            derived[f"separation_mm/{size_class}"] = _mm(apart.min(axis=0))
+        return reference, derived
 
 
 def observer_of(scenario: Scenario) -> Observer:
@@ -79,24 +98,25 @@ def observer_of(scenario: Scenario) -> Observer:
     situation = situation_of(scenario)
     file = scenario.environment.get("map_file")
     occupancy = load_map(file.path) if isinstance(file, FileContent) else None
-    centres: dict[str, list[tuple[float, float]]] = {}
-    for obstacle in situation.obstacles:
-        centres.setdefault(obstacle.size_class, []).append((obstacle.pose.x_m, obstacle.pose.y_m))
-    return Observer(
-        occupancy,
-        _wall_cells(occupancy) if occupancy is not None else None,
-        {size_class: np.array(centres[size_class]) for size_class in sorted(centres)},
-        reference_path(occupancy, situation, parameters_of(scenario.system).local_costmap.robot_radius),
-    )
+    radius_m = parameters_of(scenario.system).local_costmap.robot_radius
+
+    @functools.cache
+    def reference(obstacles: tuple[Obstacle, ...]) -> MaybeReference:
+        return reference_path(occupancy, replace(situation, obstacles=obstacles), radius_m)
+
+    return Observer(situation, occupancy, _wall_cells(occupancy) if occupancy is not None else None, reference)
 
 
 def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
     """Obs of a block of recordings of `scenario`: a block of the same runs with the derived columns alone."""
     observer = observer_of(scenario)
     recordings = read_recordings(recording_block)
-    path = reference_row(observer.reference)
-    rows: list[dict[str, Any]] = [{"run_index": recording.run.run_index, **path} for recording in recordings]
-    return write_block(rows, [observer.columns(recording) for recording in recordings])
+    observed = [observer.observed(recording) for recording in recordings]
+    rows: list[dict[str, Any]] = [
+        {"run_index": recording.run.run_index, **reference_row(reference)}
+        for recording, (reference, _) in zip(recordings, observed, strict=True)
+    ]
+    return write_block(rows, [columns for _, columns in observed])
 
 
 def _wall_cells(occupancy: OccupancyMap) -> cKDTree | None:
@@ -128,4 +148,4 @@ def _line(points: NDArray[np.float64]) -> Any:
 
 
 def _mm(metres: NDArray[np.float64]) -> NDArray[np.int32]:
-    return np.rint(metres * 1000.0).astype(np.int32)
+    return np.rint(np.minimum(metres * 1000.0, NOWHERE_MM)).astype(np.int32)

@@ -16,7 +16,8 @@ from vastflow.sim.octile import inflated_free, shortest_path
 def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_m: float) -> MaybeReference:
     """The A* reference of the paper: shortest octile path through start and goals, loops repeated.
 
-    Cells not known to be free and cells whose centre lies in an obstacle are blocked, and inflated by `radius_m`
+    Cells not known to be free and cells whose centre lies in one of the situation's obstacles, at the pose where it stands
+    first, are blocked, and inflated by `radius_m`
     (paper: "the environment is inflated by the robot radius before planning"). A start or goal on a
     blocked cell, as drawn for a smaller robot, is taken at the nearest passable cell if that is at most `radius_m`
     away. The path's ends are cell centres, so up to 0.71 cells from the poses.

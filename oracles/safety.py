@@ -1,5 +1,6 @@
 """Oracle `safety`: the separation kept from obstacles."""
 
+import math
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -9,6 +10,7 @@ from vastflow.oracles.oracle import Oracle, Parameters
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.whereabouts import whereabouts_of
 from vastflow.sim.obstacle import Obstacle
 
 
@@ -31,11 +33,12 @@ class Safety(Oracle[SafetyParameters]):
 
     d_min = r_obstacle + r_robot + v²/(2a), all in m, between centres, with r_obstacle the greatest distance from
     the obstacle's centre to its outline in the plane. 0.5 m cube: 0.354 + 0.15 + 0.05 = 0.554 m; 0.8 m cube:
-    0.766 m. Separation is taken at the recording's rows. A scenario without obstacles passes. Contacts are counted,
-    those with walls too, and are no criterion of their own: one with an obstacle is closer than d_min anyway.
+    0.766 m. Separation is taken at the recording's rows, from where the obstacles are then; one that appears counts from
+    then on, and one that is pushed where it was pushed to. A run without obstacles passes. Contacts are counted, those with
+    walls too, and are no criterion of their own: one with an obstacle is closer than d_min anyway.
 
     Metrics: `smallest_separation` (m), between centres; `margin` (m), the smallest of separation - d_min over
-    all obstacles; `contacts` (1). The first two have no value without obstacles.
+    all obstacles; `contacts` (1). The first two have no value where no obstacle was ever there.
     """
 
     Parameters = SafetyParameters
@@ -43,13 +46,15 @@ class Safety(Oracle[SafetyParameters]):
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
         contacts = float(sum(event.kind == "contact" for event in trace.run.events))
-        if not situation.obstacles:
-            return self.passed(trace, contacts=contacts)
-        if not len(trace):
+        obstacles = [whereabouts.obstacle for whereabouts in whereabouts_of(situation, trace.run)]
+        if obstacles and not len(trace):
             return self.not_judged(trace, "the recording has no rows", contacts=contacts)
-        closest = {o.size_class: o for o in situation.obstacles}  # of one class, so one required separation
-        separation_m = {name: float(trace[f"separation_m/{name}"].min()) for name in closest}
-        margin_m = {name: separation_m[name] - self.required_m(o) for name, o in closest.items()}
+        closest = {o.size_class: o for o in obstacles}  # of one class, so one required separation
+        smallest_m = {name: float(trace[f"separation_m/{name}"].min()) for name in closest}
+        separation_m = {name: apart_m for name, apart_m in smallest_m.items() if apart_m < math.inf}
+        if not separation_m:
+            return self.passed(trace, contacts=contacts)
+        margin_m = {name: apart_m - self.required_m(closest[name]) for name, apart_m in separation_m.items()}
         worst = min(margin_m, key=lambda name: margin_m[name])
         metrics = {
             "smallest_separation": min(separation_m.values()),

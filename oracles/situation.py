@@ -15,7 +15,8 @@ class Situation:
     Attributes:
         start: None where the scenario is no navigation mission.
         goals: In the order they are to be reached, repeated by the mission's loops; empty without a goal.
-        obstacles: What is not on the robot's map.
+        obstacles: What is not on the robot's map, as the scenario has it: those with a trigger may never appear, and may be pushed
+            (`vastflow.oracles.whereabouts`).
     """
 
     start: Pose | None

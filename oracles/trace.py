@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,10 @@ SI_SUFFIX: Mapping[str, str] = {
     "mrad2": "rad2",
 }
 """Suffix of a stored column of thousandths, or of their squares, to that of the signal in SI units."""
+
+NOWHERE_MM: Final = 2**31 - 1
+"""A stored distance from what is not there: from obstacles of a size class before any of them appears (infinite as a
+signal), from a reference path that the run does not have (no signal)."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +58,10 @@ class Trace:
             estimated_yaw_rad speed_mps yaw_rate_radps command_speed_mps command_yaw_rate_radps localized`.
             Derived: `localization_error_m`, `wall_clearance_m` (robot centre to the nearest wall; absent without
             walls), `deviation_m` (to the reference path; absent without one) and
-            `separation_m/<size class>` (robot centre to the nearest centre of obstacles of that class).
-        reference: The path the mission should take at best, see `vastflow.oracles.reference`.
+            `separation_m/<size class>` (robot centre to the nearest centre of obstacles of that class, where they are at that
+            time; infinite while none is there).
+        reference: The path the mission should take at best, past the obstacles that this run had, see
+            `vastflow.oracles.reference`.
     """
 
     run: Run
@@ -80,7 +86,10 @@ def trace_of(recording: Recording, row: Mapping[str, Any], derived: Mapping[str,
     """A recording and what `vastflow.oracles.observe` stored of it, joined."""
     stored = {**recording.columns, **derived}
     columns = {signal_name(name): _signal(name, column) for name, column in stored.items()}
-    return Trace(recording.run, columns, reference_of_row(row))
+    reference = reference_of_row(row)
+    if isinstance(reference, NoReference):
+        columns.pop("deviation_m", None)
+    return Trace(recording.run, columns, reference)
 
 
 def signal_name(stored: str) -> str:
@@ -110,4 +119,6 @@ def _signal(stored: str, column: NDArray[np.int32]) -> NDArray[np.float64]:
     name = signal_name(stored)
     if name == stored:
         return column.astype(np.float64)
+    if name.startswith("separation_m/"):
+        return np.where(column == NOWHERE_MM, np.inf, si(column))
     return si(column) * 1e-3 if name.endswith(("m2", "rad2")) else si(column)

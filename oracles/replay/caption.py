@@ -53,6 +53,8 @@ def happening(event: Event) -> str | None:
             return f"touches {event.what} at {event.value:.2f} m/s"
         case "spawned":
             return f"{event.what} appears"
+        case "deleted":
+            return f"{event.what} disappears"
         case "recovery":
             return f"recovery: {event.what}"
         case "plan_failed" | "control_failed":

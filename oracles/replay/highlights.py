@@ -21,6 +21,7 @@ _GREAT_RECOVERIES: Final = ("spin", "wait", "back up")
 _RANKS: Final[Mapping[str, int]] = {
     "contact": 0,
     "spawned": 0,
+    "deleted": 0,
     "goal_missed": 1,
     "recovery": 3,
     "plan_failed": 2,
@@ -38,7 +39,7 @@ def tick_of(event: Event) -> int:
 def highlights(run: Run, first: int, last: int) -> list[int]:
     """At most `FRAMES` ticks from `first` to `last`, both included.
 
-    Both ends; then events by rank: contacts and obstacles that appear, recoveries that move the robot or let it wait, failures,
+    Both ends; then events by rank: contacts and obstacles that appear or disappear, recoveries that move the robot or let it wait, failures,
     clearings, the rest; among equals those far from what is chosen already. Then the middles of the widest gaps.
     """
     chosen = sorted({first, last})

@@ -20,7 +20,7 @@ from vastflow.flows import replay_command
 from vastflow.flows.__main__ import app
 from vastflow.flows.campaign_file import read_campaign
 from vastflow.flows.inputs import inputs_of
-from vastflow.flows.replay_command import versions
+from vastflow.flows.origin import differences, versions
 from vastflow.flows.results import ConfigurationResult, write_results
 from vastflow.flows.summary import Work
 from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
@@ -32,6 +32,8 @@ from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.recording import Recording, Run
 from vastflow.sim.run import run
 from vastflow.sim.streams import run_entropy
+from vastflow.tasks.keys import EXECUTE_SOURCE, Keys, numeric_class
+from vastflow.tasks.source import installed_tree
 
 RUNS = 2
 SEED = 5
@@ -82,6 +84,7 @@ def campaign_directory(folder, text, recordings_of):
         found,
         runs=RUNS,
         oracles=["success"],
+        keys=Keys(numeric_class(), installed_tree().digest(*EXECUTE_SOURCE), "o" * 64, "j" * 64, SEED, []),
         created=datetime(2026, 11, 21),
         work=lambda: Work(4, 0, 12.0, 1.0, 1.0),
         report=lambda directory: None,
@@ -119,6 +122,19 @@ def tampered(results, change):
     file.write_bytes(write_recordings(recordings))
 
 
+def metadata_of(directory):
+    return json.loads((directory / "metadata.json").read_text())
+
+
+def simulator_of(directory):
+    return metadata_of(directory)["source"]["execute"]
+
+
+def rewritten(results, **content):
+    """Let `metadata.json` say something else."""
+    (results / "metadata.json").write_text(json.dumps({**metadata_of(results), **content}))
+
+
 def add_a_millimetre(columns):
     columns["x_mm"][12] += 1
 
@@ -152,6 +168,7 @@ def test_a_tampered_recording_is_reported_with_its_row_and_column_and_pictures_a
     assert said["difference"].startswith("row 12 (1.20 s), x_mm: recorded ")
     assert "room-2, run 1: NOT THE RECORDED RUN: row 12 (1.20 s), x_mm" in done.stderr
     assert "recorded by vastflow" in done.stderr
+    assert "source and numeric class are those of the recording" in done.stderr
     assert (results / "replays/room-2-1/strip.png").exists()
 
 
@@ -329,11 +346,52 @@ def test_an_interrupt_exits_with_130(made, tmp_path, monkeypatch):
 
 
 def test_versions_say_who_recorded_and_what_differs(made):
-    metadata = json.loads((made / "metadata.json").read_text())
-    assert "the simulator's code or the processor is another" in versions(metadata)
+    metadata = metadata_of(made)
     older = {**metadata, "vastflow": "0.0.1", "versions": {**metadata["versions"], "numba": "0.1"}}
-    assert versions(older).startswith("recorded by vastflow 0.0.1, executed by vastflow ")
-    assert "numba 0.1, here " in versions(older)
+    assert versions(older, same_origin=False).startswith("recorded by vastflow 0.0.1, executed by vastflow ")
+    assert "numba 0.1, here " in versions(older, same_origin=False)
+
+
+def test_without_a_named_origin_code_and_processor_are_what_is_left(made):
+    metadata = {key: value for key, value in metadata_of(made).items() if key not in ("source", "numeric_class")}
+    assert differences(metadata, "any", "s" * 64) == []
+    assert "the simulator's code or the processor is another" in versions(metadata, same_origin=True)
+
+
+def test_where_nothing_differs_nothing_is_said_before_the_replay(results):
+    done = called(results, "room-2", 1, "--at", "1.0", "--json")
+    assert (done.stderr, json.loads(done.stdout)["differs"]) == ("", [])
+
+
+def test_a_result_of_other_code_is_said_so_before_it_is_replayed_and_may_be_equal_all_the_same(results):
+    rewritten(results, source={"execute": "abcdef012345" + "0" * 52, "observe": "o", "judge": "j"})
+    done = called(results, "room-2", 1, "--at", "1.0")
+    assert done.exit_code == 0
+    assert "room-2, run 1: recorded with other source of the simulator (abcdef012345, here " in done.stderr
+    assert "equal to the recording bit for bit" in done.stdout
+
+
+def test_a_result_of_another_numeric_class_says_what_of_it_differs(results):
+    rewritten(results, numeric_class="riscv64; glibc 2.36; ; ")
+    tampered(results, add_a_millimetre)
+    done = called(results, "room-2", 1, "--at", "1.0", "--json")
+    before, _, after = done.stderr.partition("NOT THE RECORDED RUN: row 12")
+    assert done.exit_code == 1
+    assert "recorded on another numeric class: architecture riscv64, here " in before
+    assert "recorded by vastflow" in after and "those of the recording" not in after
+    (differs,) = json.loads(done.stdout)["differs"]
+    assert differs.startswith("recorded on another numeric class")
+
+
+def test_other_source_names_the_libraries_that_are_other_too(made):
+    metadata = {**metadata_of(made), "versions": {"numba": "0.1"}}
+    (words,) = differences(metadata, metadata["numeric_class"], "s" * 64)
+    assert "(" in words and "here ssssssssssss); numba 0.1, here " in words
+
+
+def test_a_numeric_class_of_another_form_is_shown_whole(made):
+    (words,) = differences({**metadata_of(made), "numeric_class": "arm"}, "x86_64; glibc; fma; ", simulator_of(made))
+    assert words == "recorded on another numeric class: 'arm', here 'x86_64; glibc; fma; '"
 
 
 def test_the_page_about_replays_describes_every_option():

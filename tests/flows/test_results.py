@@ -20,8 +20,10 @@ from vastflow.producers.instantiate import instantiate
 from vastflow.sim.blocks import read_recordings, write_recordings
 from vastflow.sim.maps import load_map
 from vastflow.sim.recording import Event, Recording, Run
+from vastflow.tasks.keys import Keys
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)
+KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 WORK = Work(executed=3, reused=1, simulated_s=30.0, cpu_s=2.0, wall_s=1.5)
 
 
@@ -50,6 +52,7 @@ def written(path, root, found, report=lambda directory: None, runs=2):
         found,
         runs=runs,
         oracles=[oracle.name for oracle in oracles],
+        keys=KEYS,
         created=CREATED,
         work=lambda: WORK,
         report=report,
@@ -180,6 +183,8 @@ def test_metadata_has_the_summary_and_our_own_faults(small_room, tmp_path):
     ]
     assert metadata["name"] == "small_room" and metadata["created"] == "2026-11-21T06:05:04"
     assert {"python", "numpy", "pyarrow"} <= set(metadata["versions"])
+    assert metadata["numeric_class"] == "x86_64; glibc 2.36; avx2 fma; "
+    assert metadata["source"] == {"execute": "e" * 64, "observe": "o" * 64, "judge": "j" * 64}
     assert pq.read_metadata(results.directory / "runs.parquet").num_rows == 3
 
 

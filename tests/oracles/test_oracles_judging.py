@@ -143,8 +143,12 @@ def box(edge_m: float) -> Obstacle:
 
 
 def passing(separation_m: dict[Obstacle, float], events: tuple[Event, ...] = ()) -> Trace:
-    columns = {f"separation_m/{o.size_class}": np.array([3.0, s, 3.0]) for o, s in separation_m.items()}
+    columns = {f"separation_m/{o.size_class}": np.array([max(3.0, s), s, max(3.0, s)]) for o, s in separation_m.items()}
     return a_trace(along(0.0, rows=3), columns=columns, events=events)
+
+
+def never_there(obstacle: Obstacle) -> dict[str, np.ndarray]:
+    return {f"separation_m/{obstacle.size_class}": np.full(3, np.inf)}
 
 
 @pytest.mark.parametrize(("edge_m", "required_m"), [(0.5, 0.554), (0.8, 0.766)])
@@ -174,6 +178,17 @@ def test_the_stopping_distance_follows_speed_and_deceleration() -> None:
 
 def test_a_scenario_without_obstacles_is_safe_and_has_no_separation() -> None:
     verdict = judged("safety", passing({}))
+    assert (verdict.judgement, value(verdict, "smallest_separation"), value(verdict, "margin")) == ("pass", None, None)
+
+
+def test_an_obstacle_that_never_appeared_counts_for_nothing() -> None:
+    verdict = judged("safety", passing({box(0.8): np.inf, box(0.5): 1.0}), box(0.5), box(0.8))
+    assert (verdict.judgement, value(verdict, "smallest_separation")) == ("pass", pytest.approx(1.0))
+    assert value(verdict, "margin") == pytest.approx(1.0 - 0.554, abs=5e-4)
+
+
+def test_a_run_in_which_no_obstacle_appeared_is_safe_and_has_no_separation() -> None:
+    verdict = judged("safety", a_trace(along(0.0, rows=3), columns=never_there(box(0.5))), box(0.5))
     assert (verdict.judgement, value(verdict, "smallest_separation"), value(verdict, "margin")) == ("pass", None, None)
 
 

@@ -12,11 +12,12 @@ import shapely
 from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block, observer_of
 from vastflow.oracles.oracle import oracles_of
-from vastflow.oracles.trace import NoReference, Reference, Trace, trace_of
-from vastflow.sim.blocks import read_block, write_recordings
+from vastflow.oracles.situation import situation_of
+from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace, trace_of
+from vastflow.sim.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import load_map
-from vastflow.sim.recording import Recording
+from vastflow.sim.recording import Event, Recording
 from vastflow.sim.scenario import Scenario
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
@@ -50,6 +51,10 @@ def scenario_on() -> ScenarioOn:
 def observed(scenario: Scenario, recording: Recording) -> Trace:
     ((row, columns),) = read_block(observe_block(scenario, write_recordings([recording])))
     return trace_of(recording, row, columns)
+
+
+def reference_of(scenario: Scenario) -> MaybeReference:
+    return observer_of(scenario).references(situation_of(scenario).obstacles)
 
 
 def test_localization_error_is_the_distance_of_estimate_and_truth(scenario_on, room, build) -> None:
@@ -100,13 +105,76 @@ def test_separation_is_from_centre_to_nearest_centre_of_a_size_class(scenario_on
     np.testing.assert_allclose(trace["separation_m/box 0.8 x 0.8 m"], [2.44**0.5, 1.64**0.5, 1.2], atol=5e-4)
 
 
+def appearing(box: Mapping[str, Any]) -> dict[str, Any]:
+    """`box` as one that the robot sets off within a metre."""
+    return {**box, "spawn_trigger": {"point": {"x": 3.0, "y": 2.0}, "threshold": 1.0}}
+
+
+def test_an_obstacle_that_appears_and_is_pushed_is_separated_from_where_it_is_then(scenario_on, room, build) -> None:
+    box = build.box_at(3.0, 2.0)
+    events = (
+        Event(0.2, "spawned", 3.0, 2.0, box["entity_name"]),
+        Event(0.4, "obstacle_moved", 3.1, 2.0, box["entity_name"], 0.1),
+    )
+    recording = build.a_recording([(2.0, 2), (2.1, 2), (2.2, 2), (2.3, 2), (2.4, 2)], events=events)
+    trace = observed(scenario_on(room, obstacles=[appearing(box)]), recording)
+    np.testing.assert_allclose(trace["separation_m/box 0.5 x 0.5 m"], [np.inf, np.inf, 0.8, 0.7, 0.7], atol=5e-4)
+
+
+def test_what_has_not_appeared_yet_hides_no_obstacle_of_its_class_that_stands(scenario_on, room, build) -> None:
+    obstacles = [appearing(build.box_at(3.0, 2.0)), build.box_at(5.0, 2.0)]
+    trace = observed(scenario_on(room, obstacles=obstacles), build.a_recording([(2, 2), (3, 2)]))
+    np.testing.assert_allclose(trace["separation_m/box 0.5 x 0.5 m"], [3.0, 2.0], atol=5e-4)
+
+
+def test_an_obstacle_that_is_deleted_is_infinitely_far_from_then_on(scenario_on, room, build) -> None:
+    box = build.box_at(3.0, 2.0)
+    deleted = Event(0.1, "deleted", 3.0, 2.0, box["entity_name"])
+    trace = observed(scenario_on(room, obstacles=[box]), build.a_recording([(2, 2), (2, 2)], events=(deleted,)))
+    np.testing.assert_allclose(trace["separation_m/box 0.5 x 0.5 m"], [1.0, np.inf])
+
+
+def test_the_reference_goes_round_what_appeared_and_through_what_did_not(scenario_on, room, build) -> None:
+    box = build.box_at(3.0, 2.0)
+    scenario = scenario_on(room, obstacles=[appearing(box)])
+    spawned = Event(0.1, "spawned", 3.0, 2.0, box["entity_name"])
+    block = write_recordings(
+        [build.a_recording([(1, 2), (2, 2)], run_index=k, events=events) for k, events in enumerate([(), (spawned,)])]
+    )
+    without, around = (
+        trace_of(recording, row, columns).reference
+        for recording, (row, columns) in zip(
+            read_recordings(block), read_block(observe_block(scenario, block)), strict=True
+        )
+    )
+    assert isinstance(without, Reference) and isinstance(around, Reference)
+    assert without.length_m == pytest.approx(4.0)
+    assert around.length_m > 4.2
+
+
+def test_runs_with_a_reference_and_without_one_make_one_block(scenario_on, tmp_path, build) -> None:
+    cells = build.walled_room(6.0, 4.0)
+    cells[:, 60] = 100
+    cells[34:46, 60] = 0  # a door of 0.6 m
+    box = build.box_at(3.0, 2.0)
+    scenario = scenario_on(build.write_map(tmp_path / "door", cells), obstacles=[appearing(box)])
+    spawned = Event(0.1, "spawned", 3.0, 2.0, box["entity_name"])
+    runs = [
+        build.a_recording([(1, 2), (2, 2)], run_index=k, events=events) for k, events in enumerate([(), (spawned,)])
+    ]
+    observations = read_block(observe_block(scenario, write_recordings(runs)))
+    free, blocked = (trace_of(run, row, columns) for run, (row, columns) in zip(runs, observations, strict=True))
+    assert isinstance(free.reference, Reference) and "deviation_m" in free.columns
+    assert isinstance(blocked.reference, NoReference) and "deviation_m" not in blocked.columns
+
+
 def test_deviation_is_the_distance_to_the_nearest_point_of_the_reference(scenario_on, room, build) -> None:
     trace = observed(scenario_on(room), build.a_recording([(1.025, 2.025), (3, 2.325), (5.325, 2.025)]))
     np.testing.assert_allclose(trace["deviation_m"], [0.0, 0.3, 0.3], atol=5e-4)
 
 
 def test_a_free_straight_way_has_its_ends_as_reference(scenario_on, room, build) -> None:
-    reference = observer_of(scenario_on(room)).reference
+    reference = reference_of(scenario_on(room))
     assert isinstance(reference, Reference)
     np.testing.assert_allclose(reference.points_xy_m, [[1.025, 2.025], [5.025, 2.025]])
     assert reference.length_m == pytest.approx(4.0)
@@ -114,7 +182,7 @@ def test_a_free_straight_way_has_its_ends_as_reference(scenario_on, room, build)
 
 def test_the_reference_is_octile_and_keeps_its_corners_alone(scenario_on, room) -> None:
     task = {"start_pose": {"x": 1.0, "y": 1.0}, "goal_pose": {"x": 3.0, "y": 2.0}}
-    reference = observer_of(scenario_on(room, task)).reference
+    reference = reference_of(scenario_on(room, task))
     assert isinstance(reference, Reference)
     assert reference.length_m == pytest.approx(1.0 + 2**0.5, abs=1e-3)
     assert np.hypot(*np.diff(reference.points_xy_m, axis=0).T).sum() == pytest.approx(reference.length_m, abs=2e-3)
@@ -124,7 +192,7 @@ def test_the_reference_is_octile_and_keeps_its_corners_alone(scenario_on, room) 
 def test_the_reference_goes_round_obstacles_by_the_robots_radius(scenario_on, room) -> None:
     # Box 2.75..3.25 × 1.75..2.25: the way passes at least 0.22 m beyond its side.
     wall = {"entity_name": "b", "model": "box", "spawn_pose": {"x": 3.0, "y": 2.0}, "xacro_arguments": "width:=0.5"}
-    reference = observer_of(scenario_on(room, obstacles=[wall])).reference
+    reference = reference_of(scenario_on(room, obstacles=[wall]))
     assert isinstance(reference, Reference)
     clearance_m = shapely.distance(shapely.box(2.75, 1.75, 3.25, 2.25), shapely.linestrings(reference.points_xy_m))
     assert 0.22 - 0.05 < clearance_m < 0.22 + 0.1
@@ -132,7 +200,7 @@ def test_the_reference_goes_round_obstacles_by_the_robots_radius(scenario_on, ro
 
 def test_loops_repeat_the_goals(scenario_on, room) -> None:
     task = {"start_pose": {"x": 1, "y": 2}, "goal_poses": [{"x": 5, "y": 2}, {"x": 1, "y": 2}], "number_of_loops": 1}
-    reference = observer_of(scenario_on(room, task, abstract="builtin:follow_waypoints")).reference
+    reference = reference_of(scenario_on(room, task, abstract="builtin:follow_waypoints"))
     assert isinstance(reference, Reference)
     assert reference.length_m == pytest.approx(16.0)
 
@@ -142,7 +210,7 @@ def test_there_is_no_reference_through_a_gap_too_narrow_for_the_robot(scenario_o
     cells[:, 60] = 100
     cells[36:44, 60] = 0  # a door of 0.4 m
     door = build.write_map(tmp_path / "door", cells)
-    wide, slim = observer_of(scenario_on(door)).reference, observer_of(scenario_on(door, robot_radius=0.15)).reference
+    wide, slim = reference_of(scenario_on(door)), reference_of(scenario_on(door, robot_radius=0.15))
     assert isinstance(wide, NoReference)
     assert "no way for a robot of radius 0.22 m from start to goal 1" in wide.reason
     assert isinstance(slim, Reference)
@@ -150,14 +218,14 @@ def test_there_is_no_reference_through_a_gap_too_narrow_for_the_robot(scenario_o
 
 def test_a_start_nearer_to_the_wall_than_the_radius_is_moved_to_where_the_robot_fits(scenario_on, room) -> None:
     task = {"start_pose": {"x": 0.23, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
-    reference = observer_of(scenario_on(room, task)).reference
+    reference = reference_of(scenario_on(room, task))
     assert isinstance(reference, Reference)
     assert reference.points_xy_m[0, 0] == pytest.approx(0.275)
 
 
 def test_a_goal_outside_the_map_has_no_reference(scenario_on, room) -> None:
     task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 50.0, "y": 2.0}}
-    reference = observer_of(scenario_on(room, task)).reference
+    reference = reference_of(scenario_on(room, task))
     assert isinstance(reference, NoReference)
     assert reference.reason.startswith("goal 1 at (50.00, 2.00) m is more than 0.22 m from any place")
 

@@ -70,6 +70,7 @@ def test_a_robot_that_stands_has_no_negative_speed():
     [
         ("contact", "wall", 0.314, "touches wall at 0.31 m/s"),
         ("spawned", "box 3", 0.2, "box 3 appears"),
+        ("deleted", "box 3", 0.0, "box 3 disappears"),
         ("recovery", "spin", 0.0, "recovery: spin"),
         ("plan_failed", "208", 0.0, "no path to the goal"),
         ("control_failed", "999", 0.0, "error 999"),

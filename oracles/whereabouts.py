@@ -1,0 +1,93 @@
+"""Whereabouts: which obstacles a run has, and where each of them is when."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.situation import Situation
+from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.recording import Event, Run
+
+_SPAWNED, _MOVED, _DELETED = "spawned", "obstacle_moved", "deleted"
+_AWAY: Final = (math.inf, math.inf)
+_BEFORE_MS: Final = -1
+"""A time before every row of a recording."""
+
+
+@dataclass(frozen=True, eq=False)
+class Whereabouts:
+    """Where one obstacle is during a run, constant between the recording's events.
+
+    Attributes:
+        obstacle: Its shape, and the pose at which it stands first.
+        since_ms: (K >= 1,) from when on it is at each place, in order; the first is before the run.
+        xy_m: (K, 2) its centre; infinite where it is not there.
+    """
+
+    obstacle: Obstacle
+    since_ms: NDArray[np.int64] = field(repr=False)
+    xy_m: NDArray[np.float64] = field(repr=False)
+
+    @property
+    def was_there(self) -> bool:
+        """Whether it was there at any time."""
+        return bool(np.isfinite(self.xy_m).any())
+
+    def at(self, t_ms: NDArray[np.int32]) -> NDArray[np.float64]:
+        """Its centre (N, 2) at the times (N,) of rows; what happens at the time of a row has happened in it."""
+        return np.asarray(self.xy_m[np.searchsorted(self.since_ms, t_ms, side="right") - 1])
+
+
+def whereabouts_of(situation: Situation, run: Run) -> tuple[Whereabouts, ...]:
+    """Every obstacle that the run can have, in the order of the situation's.
+
+    One without a trigger is there from the start, one with a trigger from its event `spawned` on, where that puts it. Both are
+    where `obstacle_moved` puts them then, and nowhere after `deleted`. Events name their obstacle; of several of one name it is
+    the nearest one that the event can be about.
+
+    Raises:
+        ValueError: an event of an obstacle that the scenario does not have.
+    """
+    tracks = [_Track(obstacle, there=obstacle.trigger is None) for obstacle in situation.obstacles]
+    named: dict[str, list[_Track]] = {}
+    for track in tracks:
+        named.setdefault(track.obstacle.name, []).append(track)
+    for event in run.events:
+        if event.kind in (_SPAWNED, _MOVED, _DELETED):
+            _meant(event, named).note(event)
+    return tuple(track.whereabouts() for track in tracks)
+
+
+class _Track:
+    """An obstacle's places, as the events tell them one by one."""
+
+    def __init__(self, obstacle: Obstacle, *, there: bool) -> None:
+        self.obstacle = obstacle
+        self.there = there
+        self.last = obstacle.pose.x_m, obstacle.pose.y_m
+        self._since_ms = [_BEFORE_MS]
+        self._xy_m = [self.last if self.there else _AWAY]
+
+    def note(self, event: Event) -> None:
+        self.there = event.kind != _DELETED
+        self.last = event.x_m, event.y_m
+        self._since_ms.append(round(event.t_s * 1000.0))
+        self._xy_m.append(self.last if self.there else _AWAY)
+
+    def whereabouts(self) -> Whereabouts:
+        return Whereabouts(self.obstacle, np.array(self._since_ms), np.array(self._xy_m))
+
+
+def _meant(event: Event, named: Mapping[str, list[_Track]]) -> _Track:
+    known = named.get(event.what)
+    if known is None:
+        raise ValueError(
+            f"the recording has {event.kind!r} of an obstacle {event.what!r} at {event.t_s:g} s; "
+            f"the scenario has {', '.join(map(repr, named)) or 'no obstacles'}"
+        )
+    possible = [track for track in known if track.there != (event.kind == _SPAWNED)] or known
+    return min(possible, key=lambda track: math.dist(track.last, (event.x_m, event.y_m)))

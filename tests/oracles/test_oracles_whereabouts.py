@@ -1,0 +1,104 @@
+"""Whereabouts of obstacles, as a recording's events tell them."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.oracles.situation import Situation
+from vastflow.oracles.whereabouts import Whereabouts, whereabouts_of
+from vastflow.sim.obstacle import Obstacle, Trigger
+from vastflow.sim.pose import Pose
+from vastflow.sim.recording import Event, Run
+
+NOWHERE = (math.inf, math.inf)
+
+
+def carton(name: str = "carton", x_m: float = 3.0, *, appears: bool = True) -> Obstacle:
+    return Obstacle(name, "box", Pose(x_m, 0.0), 0.5, 0.5, Trigger(x_m, 0.0, 1.0) if appears else None)
+
+
+def found(obstacles: list[Obstacle], *events: Event) -> tuple[Whereabouts, ...]:
+    run = Run(0, "1", "succeeded", 0, "", 10.0, 5.0, 0, 0, events)
+    return whereabouts_of(Situation(None, (), tuple(obstacles)), run)
+
+
+def places(whereabouts: Whereabouts, *t_s: float) -> list[tuple[float, ...]]:
+    return [tuple(xy) for xy in whereabouts.at(np.array([round(t * 1000) for t in t_s], dtype=np.int32)).tolist()]
+
+
+def test_what_stands_from_the_start_is_where_it_was_put() -> None:
+    (whereabouts,) = found([carton(appears=False)])
+    assert places(whereabouts, 0.0, 9.0) == [(3.0, 0.0), (3.0, 0.0)]
+
+
+def test_what_appears_is_there_from_the_row_of_its_event_on() -> None:
+    (whereabouts,) = found([carton()], Event(2.0, "spawned", 3.0, 0.0, "carton"))
+    assert places(whereabouts, 0.0, 1.9, 2.0, 9.0) == [NOWHERE, NOWHERE, (3.0, 0.0), (3.0, 0.0)]
+    assert whereabouts.was_there
+
+
+def test_what_never_appeared_was_never_there() -> None:
+    (whereabouts,) = found([carton()], Event(2.0, "contact", 3.0, 0.0, "carton", 0.2))
+    assert places(whereabouts, 0.0, 9.0) == [NOWHERE, NOWHERE]
+    assert not whereabouts.was_there
+
+
+def test_what_is_pushed_stays_at_each_place_until_the_next_event() -> None:
+    pushes = [Event(3.0 + 0.1 * k, "obstacle_moved", 3.0 + 0.05 * k, 0.0, "carton", 0.1) for k in (1, 2)]
+    (whereabouts,) = found([carton()], Event(2.0, "spawned", 3.0, 0.0, "carton"), *pushes)
+    assert places(whereabouts, 3.0, 3.1, 3.2, 8.0) == [(3.0, 0.0), (3.05, 0.0), (3.1, 0.0), (3.1, 0.0)]
+
+
+def test_what_is_deleted_is_gone_until_it_is_spawned_anew() -> None:
+    events = [
+        Event(1.0, "deleted", 3.0, 0.0, "carton"),
+        Event(4.0, "spawned", 1.0, 1.0, "carton"),
+        Event(5.0, "deleted", 1.0, 1.0, "carton"),
+    ]
+    (whereabouts,) = found([carton(appears=False)], *events)
+    assert places(whereabouts, 0.9, 1.0, 4.0, 5.0) == [(3.0, 0.0), NOWHERE, (1.0, 1.0), NOWHERE]
+
+
+def test_of_two_events_at_one_time_the_later_one_counts() -> None:
+    events = Event(2.0, "spawned", 3.0, 0.0, "carton"), Event(2.0, "obstacle_moved", 3.2, 0.0, "carton")
+    (whereabouts,) = found([carton()], *events)
+    assert places(whereabouts, 1.9, 2.0) == [NOWHERE, (3.2, 0.0)]
+
+
+def test_obstacles_of_different_names_go_their_own_ways() -> None:
+    events = Event(1.0, "spawned", 6.0, 0.0, "other"), Event(2.0, "obstacle_moved", 6.5, 0.0, "other")
+    first, second = found([carton(appears=False), carton("other", 6.0)], *events)
+    assert places(first, 3.0) == [(3.0, 0.0)]
+    assert places(second, 3.0) == [(6.5, 0.0)]
+
+
+def test_of_obstacles_of_one_name_an_event_is_about_the_nearest() -> None:
+    events = [
+        Event(1.0, "spawned", 6.0, 0.0, "carton"),
+        Event(2.0, "spawned", 3.0, 0.0, "carton"),
+        Event(3.0, "obstacle_moved", 5.9, 0.0, "carton"),
+    ]
+    first, second = found([carton(), carton(x_m=6.0)], *events)
+    assert places(first, 1.0, 2.0, 3.0) == [NOWHERE, (3.0, 0.0), (3.0, 0.0)]
+    assert places(second, 1.0, 2.0, 3.0) == [(6.0, 0.0), (6.0, 0.0), (5.9, 0.0)]
+
+
+def test_an_event_of_an_obstacle_that_the_scenario_does_not_have_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"'spawned' of an obstacle 'crate' at 2 s; the scenario has 'carton'"):
+        found([carton()], Event(2.0, "spawned", 3.0, 0.0, "crate"))
+
+
+@given(st.lists(st.tuples(st.integers(0, 200), st.integers(-50, 50), st.booleans()), max_size=30))
+def test_at_any_row_an_obstacle_is_where_the_last_event_before_it_says(moves: list[tuple[int, int, bool]]) -> None:
+    moves.sort(key=lambda move: move[0])
+    kinds = {True: "deleted", False: "obstacle_moved"}
+    events = [Event(k * 0.05, kinds[gone], x * 0.1, 0.0, "carton") for k, x, gone in moves]
+    (whereabouts,) = found([carton(appears=False)], *events)
+    rows_s = np.arange(100) * 0.1
+    for t_s, xy_m in zip(rows_s, places(whereabouts, *rows_s), strict=True):
+        before = [event for event in events if event.t_s <= t_s + 1e-9]
+        last = before[-1] if before else Event(0.0, "obstacle_moved", 3.0, 0.0, "carton")
+        assert xy_m == (NOWHERE if last.kind == "deleted" else (last.x_m, last.y_m))
