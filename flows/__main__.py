@@ -8,12 +8,14 @@ import typer
 
 from vastflow.flows.bench_command import bench
 from vastflow.flows.coverage_command import coverage
+from vastflow.flows.execution_command import execution
 from vastflow.flows.file_commands import schema, validate
 from vastflow.flows.floorplan_command import floorplan
 from vastflow.flows.params_command import params
 from vastflow.flows.preview_command import preview
 from vastflow.flows.replay_command import replay
 from vastflow.flows.run_command import run
+from vastflow.flows.scenario_command import scenario
 from vastflow.flows.show_command import show
 
 app = typer.Typer(
@@ -26,7 +28,9 @@ app = typer.Typer(
 for command in (run, validate, preview, coverage, schema, params, show, replay):
     app.command()(command)
 app.add_typer(bench, name="bench")
+app.add_typer(execution, name="execution")
 app.add_typer(floorplan, name="floorplan")
+app.add_typer(scenario, name="scenario")
 
 
 def main() -> None:

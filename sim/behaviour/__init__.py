@@ -1,0 +1,1 @@
+"""Scenarios as behaviour trees, ticked in simulated time."""

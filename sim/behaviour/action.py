@@ -1,0 +1,74 @@
+"""Actions: the leaves of a scenario's tree that do something to the simulated world, or to a process."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, MutableMapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
+
+from py_trees.common import Status
+
+
+class Clock(Protocol):
+    """Time of a scenario, as its tree counts it."""
+
+    @property
+    def now_s(self) -> float:
+        """Simulated time of the tick that is being made."""
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What an action of a run is made with.
+
+    Attributes:
+        actor: Members of the actor instance it is called on, evaluated, with its `name`; empty without one.
+        label: As written before the call, or empty.
+        clock: The scenario's.
+        variables: Values of the run's `var`s by name, which actions may change.
+        log: Takes a line for the run's log.
+    """
+
+    actor: Mapping[str, Any]
+    label: str
+    clock: Clock
+    variables: MutableMapping[str, Any]
+    log: Callable[[str], None]
+
+
+class Action(ABC):
+    """One call of an action, made with the tree of a run; it is entered again where a modifier repeats it.
+
+    Attributes:
+        goes_along: It runs until the scenario ends, whatever happens; nobody waits for it, and no timeout runs out for it.
+        message: What it is doing, or why it ended so; one line.
+        error_code: Nav2's code of the failure it ended with, else 0.
+    """
+
+    goes_along: bool = False
+    message: str = ""
+    error_code: int = 0
+
+    @abstractmethod
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        """Begin, with the arguments as they are at this moment: SI numbers, structs as dicts, lists, `EnumValue`s."""
+
+    @abstractmethod
+    def update(self) -> Status:
+        """RUNNING, SUCCESS or FAILURE; called once in each tick from that of `enter` on."""
+
+    def cancel(self) -> None:  # noqa: B027 - most have nothing to stop
+        """Stop what was begun; called when the branch is given up while the action runs."""
+
+    def shutdown(self) -> None:  # noqa: B027 - most leave nothing
+        """Leave nothing running; called once at the end of a run, whatever became of the action."""
+
+    def wakes_s(self) -> float:
+        """When `update` could answer otherwise than last time if the robot's mission doesn't end before.
+
+        Ticks in between change nothing and are left out. By default any moment: at the next tick.
+        """
+        return -math.inf
+
+
+ActionFactory: TypeAlias = Callable[[Situation], Action]

@@ -1,0 +1,83 @@
+"""Processes of a run are found by a mark in their environment, wherever they went, and end with whoever started them.
+
+Run as a script, `guard.py MARK FOLDER` waits until its standard input is closed, kills what bears the mark and removes
+the folder. The kernel closes the pipe however the program that holds it ends, SIGKILL too. It imports nothing but the
+standard library, so that it starts in some milliseconds. Marks are read from /proc: where there is none (macOS), no
+process is found.
+"""
+
+import os
+import shutil
+import signal
+import stat
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+VARIABLE: Final = "VASTFLOW_RUN"
+"""The environment variable that is the mark."""
+KILL_FOR_S: Final = 5.0
+"""How long processes that beget others are killed before they are given up."""
+_PROC: Final = Path("/proc")
+
+
+def marked(mark: str) -> Iterator[int]:
+    """Ids of the living processes whose mark begins with `mark`, this one aside.
+
+    A process that cleared its environment is not found, nor is one of another user.
+    """
+    entry = f"{VARIABLE}={mark}".encode()
+    me = os.getpid()
+    for name in os.listdir(_PROC) if _PROC.is_dir() else ():
+        if name.isdigit() and int(name) != me and _bears(int(name), entry):
+            yield int(name)
+
+
+def kill_marked(mark: str, for_s: float = KILL_FOR_S) -> tuple[int, ...]:
+    """Kill every process that bears `mark` until there is none; the ids of those left after `for_s` seconds."""
+    until_s = time.monotonic() + for_s
+    while found := tuple(marked(mark)):
+        for pid in found:
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except (ProcessLookupError, PermissionError):
+                continue
+        if time.monotonic() > until_s:
+            break
+        time.sleep(0.005)
+    return found
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove `folder` and what is in it, also where programs left folders in it that nobody may enter."""
+    shutil.rmtree(folder, ignore_errors=True)
+    locked = [folder] if folder.is_dir() else []
+    while locked:
+        within = locked.pop()
+        with suppress(OSError):
+            within.chmod(stat.S_IRWXU)
+            locked += [Path(entry) for entry in os.scandir(within) if entry.is_dir(follow_symlinks=False)]
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def _bears(pid: int, entry: bytes) -> bool:
+    try:
+        environment = (_PROC / str(pid) / "environ").read_bytes()
+    except OSError:  # it ended, or it is another user's
+        return False
+    return environment.startswith(entry) or b"\0" + entry in environment
+
+
+if __name__ == "__main__":
+    # A terminal's Ctrl-C is for the program that started the run, which then closes the pipe in its own time.
+    for ignored in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ignored, signal.SIG_IGN)
+    sys.stdin.buffer.read()
+    _, given_mark, folder = sys.argv
+    kill_marked(given_mark)
+    time.sleep(0.1)  # a process that was just being started bears its mark a moment later
+    kill_marked(given_mark)
+    remove_folder(Path(folder))

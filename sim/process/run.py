@@ -1,0 +1,251 @@
+"""A run of programs: its folder, its environment, what was started in it, and what is left when it is over."""
+
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+import threading
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import psutil
+
+from vastflow.sim.process import guard
+from vastflow.sim.process.environment import COMMAND_TIMEOUT_S, finished, sourced
+from vastflow.sim.process.folder import copy_in
+from vastflow.sim.process.guard import VARIABLE, kill_marked, marked, remove_folder
+from vastflow.sim.process.outputs import Outputs, Stamp, read_outputs, stamps
+from vastflow.sim.process.process import NotStarted, ProcessGroup, Usage, kill_all
+from vastflow.sim.process.resources import ResourceSampler, Use
+from vastflow.sim.process.setup import ProcessSetup
+
+MAX_LOGS_BYTES: Final = 64 * 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class LogText:
+    """What one command printed.
+
+    Attributes:
+        label: What the scenario calls it, or `pre_command`, `post_command`; may be empty.
+        cut: Whether there was more.
+    """
+
+    label: str
+    command: tuple[str, ...]
+    text: str = field(repr=False)
+    cut: bool
+
+
+@dataclass(frozen=True)
+class ProcessRecord:
+    """What is left of a run of programs.
+
+    Attributes:
+        resources: Once a second of host time.
+        usage: Of all its processes. Those that lived less than a second, and those that nobody waited for, may be missing.
+        post_command: How it ended in words; empty where it exited with code 0 or there is none.
+    """
+
+    outputs: Outputs
+    logs: tuple[LogText, ...]
+    resources: tuple[Use, ...]
+    usage: Usage
+    post_command: str
+
+
+class ProcessRun:
+    """The processes of one run, see `process_run`.
+
+    Attributes:
+        folder: Where its programs work, and what they write is looked for.
+        environment: Of its programs.
+    """
+
+    def __init__(self, root: Path, setup: ProcessSetup) -> None:
+        self.folder = root / "run"
+        self.environment = {**os.environ, **setup.environment}
+        self._setup = setup
+        self._logs_folder = root / "logs"
+        # A run inside of another's process bears that one's mark too.
+        self._mark = f"{os.environ.get(VARIABLE, '')}{uuid.uuid4().hex}."
+        self._groups: list[ProcessGroup] = []
+        self._news = threading.Event()
+        self._guard: subprocess.Popen[bytes] | None = None
+        self._sampler: ResourceSampler | None = None
+        self._before: Mapping[str, Stamp] = {}
+        self._usages: list[Usage] = []
+
+    def begin(self) -> None:
+        """Fill the folder and source `pre_command`.
+
+        Raises:
+            RunFileError: a run file changed or is gone.
+            CommandFailed: `pre_command` did; the run is not to be judged.
+        """
+        self.folder.mkdir()
+        self._logs_folder.mkdir()
+        copy_in(self._setup.files, self.folder)
+        self._before = stamps(self.folder)
+        if self._setup.pre_command:
+            script, result = self._seen(self._setup.pre_command), self._logs_folder / "environment"
+            self.environment = sourced(script, self.environment, result, self._start_in)
+            self._news.clear()
+
+    def start(self, command: Sequence[str], label: str = "") -> ProcessGroup:
+        """Start `command` in the run's folder.
+
+        Raises:
+            NotStarted: there is no such program, or it can't be executed.
+        """
+        return self._start_in(command, self.environment, label)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a command that was started still runs, so that host time has to go by."""
+        return any(group.poll() is None for group in self._groups)
+
+    def wait(self, timeout_s: float) -> None:
+        """Return as soon as a command has ended since the last call, at the latest after `timeout_s` of host time.
+
+        At once where none runs.
+        """
+        if self.waiting:
+            self._news.wait(timeout_s)
+        self._news.clear()
+
+    def labelled(self, label: str) -> ProcessGroup | None:
+        """The command that was started under `label` last."""
+        return next((group for group in reversed(self._groups) if group.label == label), None)
+
+    def running_labels(self) -> list[str]:
+        """Labels of the commands that run, where they have one."""
+        return [group.label for group in self._groups if group.label and group.poll() is None]
+
+    def pids(self) -> set[int]:
+        """Ids of all living processes of the run."""
+        pids = set(marked(self._mark))
+        for group in tuple(self._groups):
+            if group.poll() is None:
+                with suppress(psutil.NoSuchProcess):
+                    pids |= {group.pid, *(child.pid for child in psutil.Process(group.pid).children(recursive=True))}
+        return pids
+
+    @property
+    def resources(self) -> tuple[Use, ...]:
+        """What its processes used so far, once a second since the first was started."""
+        return self._sampler.rows if self._sampler else ()
+
+    def close(self) -> ProcessRecord:
+        """End everything, let `post_command` run, and read what is left; called once.
+
+        Programs that should be asked before they are killed have to be stopped first.
+        """
+        for group in reversed(self._groups):
+            group.stop(timeout_s=0.0)
+        post_command = self._post_command() if self._setup.post_command else ""
+        resources = self._sampler.stop() if self._sampler else ()
+        self.end()
+        waited_s, sampled_s = sum(usage.cpu_s for usage in self._usages), resources[-1].cpu_s if resources else 0.0
+        usage = Usage(max(waited_s, sampled_s), max((usage.max_rss_bytes for usage in self._usages), default=0))
+        return ProcessRecord(read_outputs(self.folder, self._before), self._logs(), resources, usage, post_command)
+
+    def end(self) -> None:
+        """Leave nothing running; may be called again.
+
+        Raises:
+            RuntimeError: some process could not be killed.
+        """
+        left = kill_marked(self._mark)  # all at once first, so that none is spared should another not end
+        if len(self._usages) < len(self._groups):
+            self._usages = [group.release() for group in self._groups]
+        if self._sampler:
+            self._sampler.stop()
+            kill_all(self._sampler.processes)  # who left its family and dropped its mark was perhaps seen before
+        if self._guard is not None and self._guard.returncode is None:
+            self._guard.kill()
+            self._guard.communicate()
+        if left:
+            raise RuntimeError(f"processes {sorted(left)} of a run could not be killed")
+
+    def _start_in(self, command: Sequence[str], environment: Mapping[str, str], label: str) -> ProcessGroup:
+        if self._guard is None:
+            self._guard = _guarding(self._mark, self.folder.parent)
+        number = len(self._groups)
+        group = ProcessGroup(
+            command,
+            folder=self.folder,
+            environment=environment,
+            log_file=self._logs_folder / f"{number}.log",
+            mark=f"{self._mark}{number}.",
+            label=label,
+            on_end=self._news.set,
+        )
+        self._groups.append(group)
+        if self._sampler is None:
+            self._sampler = ResourceSampler(self.pids)
+        return group
+
+    def _post_command(self) -> str:
+        try:
+            program, *arguments = shlex.split(self._setup.post_command)
+            group = self.start([str(self._seen(program)), *arguments, str(self.folder)], "post_command")
+        except (NotStarted, ValueError) as error:
+            return str(error)
+        return finished(group, COMMAND_TIMEOUT_S).reason
+
+    def _seen(self, program: str) -> Path:
+        here, there = self.folder / program, self._setup.base / program
+        if here.is_file():
+            return here
+        return there if there.is_file() else Path(program)
+
+    def _logs(self) -> tuple[LogText, ...]:
+        texts, left_bytes = [], MAX_LOGS_BYTES
+        for group in self._groups:
+            content = group.log.read()
+            cut = group.log.cut or len(content) > left_bytes
+            text = content[:left_bytes].decode(errors="replace")
+            texts.append(LogText(group.label, group.command, text, cut))
+            left_bytes -= min(left_bytes, len(content))
+        return tuple(texts)
+
+
+@contextmanager
+def process_run(setup: ProcessSetup, where: Path | None = None) -> Iterator[ProcessRun]:
+    """A run of programs in a folder that is there until the end of the `with`, as are its processes.
+
+    Args:
+        where: Folder to make it in; the system's for temporary files where None.
+
+    Raises:
+        RunFileError, CommandFailed: see `ProcessRun.begin`.
+    """
+    root = Path(tempfile.mkdtemp(prefix="vastflow-run-", dir=where)).resolve()
+    run = ProcessRun(root, setup)
+    try:
+        run.begin()
+        yield run
+    finally:
+        try:
+            run.end()
+        finally:
+            remove_folder(root)
+
+
+def _guarding(mark: str, folder: Path) -> "subprocess.Popen[bytes]":
+    """A process that kills what bears `mark` and removes `folder` when this one is gone, however that comes about."""
+    environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
+    return subprocess.Popen(
+        [sys.executable, "-I", "-S", guard.__file__, mark, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=environment,
+        start_new_session=True,
+    )

@@ -1,0 +1,128 @@
+"""The description of a run in containers, which every container engine is given its own form of."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from vastflow.tasks.execution.shell import wrapped
+
+MAIN: Final = "main"
+"""Name of the container whose end is the run's."""
+OUT: Final = "/vastflow/out"
+"""Where containers write what is kept; shared."""
+SOCKETS: Final = "/vastflow/sockets"
+"""Where containers put Unix sockets for each other; shared."""
+CONFIG: Final = "/config"
+"""Where the run's files are, at their places below the campaign file's folder; can't be written."""
+SHARED_MEMORY: Final = "/dev/shm"
+SHARED_MEMORY_BYTES: Final = 512 * 2**20
+"""DDS and simulators want more than the 64 MiB that engines give; as in version 4 of the format."""
+
+MAX_LABEL: Final = 63
+LABEL: Final = re.compile(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?")
+
+
+def is_label(text: str) -> bool:
+    """Whether `text` is a DNS label of RFC 1123, as names of containers have to be."""
+    return len(text) <= MAX_LABEL and LABEL.fullmatch(text) is not None
+
+
+def label_of(text: str) -> str:
+    """The DNS label nearest to `text`; empty where it has neither letters nor digits."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:MAX_LABEL].rstrip("-")
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """What a container needs of its node.
+
+    Attributes:
+        cpu: Cores.
+        memory_bytes: Memory (bytes); a container that takes more is ended.
+        gpu: NVIDIA GPUs.
+    """
+
+    cpu: int | None = None
+    memory_bytes: int | None = None
+    gpu: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Container:
+    """A container of the run.
+
+    Attributes:
+        name: A DNS label.
+        command: Program and arguments in place of the image's entry point; empty for the image's own.
+    """
+
+    name: str
+    needs: Needs = Needs()
+    command: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not is_label(self.name):
+            raise ValueError(f"found {self.name!r}; at most {MAX_LABEL} lowercase letters, digits and hyphens")
+
+
+@dataclass(frozen=True, slots=True)
+class RunDescription:
+    """One run, or one job of several, in containers of one image that share files, sockets, memory and network.
+
+    Attributes:
+        name: Of the campaign, as a DNS label.
+        image: Of all containers.
+        main: The container whose end is the run's.
+        sidecars: The others. They run before the main one begins and are stopped when it ends.
+        env: Variables of all containers, the campaign file's own.
+        folder: What `files` are relative to.
+        files: Files that the containers find below `CONFIG`.
+        pre_command, post_command: Paths in the main container of a script to be sourced before and of one to run after
+            its command.
+        user: User id in the containers.
+        deadline_s: Seconds of the host after which everything is stopped; None for never.
+        node_labels: Labels a node of a cluster must have.
+    """
+
+    name: str
+    image: str
+    main: Container
+    sidecars: tuple[Container, ...] = ()
+    env: Mapping[str, str] = field(default_factory=dict)
+    folder: Path = Path()
+    files: tuple[str, ...] = ()
+    pre_command: str | None = None
+    post_command: str | None = None
+    user: int = 1000
+    deadline_s: int | None = None
+    node_labels: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not is_label(self.name):
+            raise ValueError(f"found {self.name!r}; at most {MAX_LABEL} lowercase letters, digits and hyphens")
+        names = [self.main.name, *(sidecar.name for sidecar in self.sidecars)]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"found two containers {twice[0]!r}; a name of its own for each")
+
+    def command_of(self, container: Container) -> tuple[str, ...]:
+        """The container's command, the main one's with the scripts before and after it; empty for the image's."""
+        if container.name != self.main.name or not container.command:
+            return container.command
+        return wrapped(container.command, self.pre_command, self.post_command)
+
+    def environment_of(self, container: Container) -> dict[str, str]:
+        """The container's variables: those that are set for every run, and the campaign file's.
+
+        Only the image knows its own command, so it is told which scripts belong before and after it.
+        """
+        own = {
+            "CAMPAIGN_ID": self.name,
+            "CONTAINER_NAME": container.name,
+            "ROS_LOG_DIR": f"{OUT}/logs/{container.name}",
+        }
+        if container.name == self.main.name and not container.command:
+            scripts = {"PRE_COMMAND": self.pre_command, "POST_COMMAND": self.post_command}
+            own.update({name: path for name, path in scripts.items() if path is not None})
+        return {**self.env, **own}

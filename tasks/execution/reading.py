@@ -1,0 +1,188 @@
+"""A campaign's run description, from the keys of its `execution` that are about containers."""
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final, Literal, TypeVar
+
+import yaml
+
+from vastflow.producers.campaign import Campaign
+from vastflow.producers.document import EXPONENT
+from vastflow.producers.faults import CampaignError, Fault, Location, did_you_mean, shown
+from vastflow.producers.spec import Resources
+from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of
+from vastflow.tasks.execution.memory import memory_bytes
+
+T = TypeVar("T")
+
+VARIABLE: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+NODE_LABEL: Final = re.compile(r"([a-z0-9][a-z0-9.-]{0,252}/)?[A-Za-z0-9]([A-Za-z0-9_.-]{0,61}[A-Za-z0-9])?")
+NODE_LABEL_VALUE: Final = re.compile(r"([A-Za-z0-9]([A-Za-z0-9_.-]{0,61}[A-Za-z0-9])?)?")
+PLAIN_SCALAR: Final = re.compile(r"[^\s,\[\]{}#]+")
+
+
+def describe(campaign: Campaign, name: str, context: str | None = None) -> RunDescription:
+    """The run description of `campaign`, which is called `name`.
+
+    Args:
+        context: Cluster (kubeconfig context) whose resources count where the file has a list of them; else the first that
+            it names.
+
+    Raises:
+        CampaignError: no image, or every value that containers can't be given.
+    """
+    execution = campaign.spec.execution
+    reader = _Reader(campaign, context)
+    found = RunDescription(
+        name=label_of(name) or "campaign",
+        image=reader.image(),
+        main=Container(MAIN, reader.needs(execution.resources, ("execution", "resources"))),
+        sidecars=tuple(reader.sidecars()),
+        env=dict(reader.environment()),
+        folder=campaign.path.parent,
+        files=tuple(reader.files()),
+        pre_command=execution.pre_command or None,
+        post_command=execution.post_command or None,
+        user=execution.run_as_user,
+        # Version 1 has seconds of the host here, for one run; in our simulator they are simulated ones.
+        deadline_s=math.ceil(execution.timeout * execution.runs_per_job) if execution.timeout else None,
+        node_labels=dict(reader.node_labels()),
+    )
+    if reader.faults:
+        raise CampaignError(reader.faults)
+    return found
+
+
+class _Reader:
+    """One reading of a campaign's `execution`; collects its faults."""
+
+    def __init__(self, campaign: Campaign, context: str | None) -> None:
+        self.faults: list[Fault] = []
+        self._campaign = campaign
+        self._execution = campaign.spec.execution
+        self._context = context or next(self._contexts(), "")
+
+    def image(self) -> str:
+        image = self._execution.image
+        if image is None:
+            right = "image: container image of the system under test, such as ghcr.io/me/robot:1.0"
+            self.faults.append(self._campaign.fault(("execution",), "no 'image'", right, "key"))
+        elif not image or re.search(r"\s", image):
+            self._fault(
+                ("execution", "image"), f"found {image!r}", "the name of an image, such as ghcr.io/me/robot:1.0"
+            )
+        return image or ""
+
+    def needs(self, resources: Resources | None, location: Location) -> Needs:
+        if resources is None:
+            return Needs()
+        memory = self._chosen(resources.memory, (*location, "memory"))
+        size = None
+        if memory is not None:
+            text, where = memory
+            try:
+                size = memory_bytes(text)
+            except ValueError as error:
+                what, _, right = str(error).partition("; ")
+                self._fault(where, what, right)
+        cpu = self._chosen(resources.cpu, (*location, "cpu"))
+        return Needs(cpu[0] if cpu else None, size, resources.gpu or 0)
+
+    def sidecars(self) -> Iterator[Container]:
+        names = {MAIN}
+        for i, secondary in enumerate(self._execution.secondary_containers):
+            location = ("execution", "secondary_containers", i)
+            name = label_of(secondary.name)
+            needs = self.needs(secondary.resources, (*location, "resources"))
+            if not name:
+                self._fault(location, f"found {secondary.name!r}", "a name of letters, digits and hyphens")
+            elif name in names:
+                what = f"{name!r} is the main container" if name == MAIN else f"a second container {name!r}"
+                self._fault(location, what, "another name")
+            else:
+                names.add(name)
+                yield Container(name, needs)
+
+    def environment(self) -> Iterator[tuple[str, str]]:
+        """The variables in the order of the file; of two with one name the later counts."""
+        for i, entry in enumerate(self._execution.env):
+            for name, value in entry.items():
+                location = ("execution", "env", i, name)
+                if not VARIABLE.fullmatch(name):
+                    self._fault(location, f"found {name!r}", "letters, digits and underscores", "key")
+                elif name == "CONTAINER_NAME":
+                    self._fault(location, f"{name} is set for every container", "another name", "key")
+                elif isinstance(value, list | dict):
+                    self._fault(location, "found a list or mapping", "text, a number, true or false")
+                else:
+                    yield name, self._as_written(location, value)
+
+    def files(self) -> Iterator[str]:
+        """The files that the patterns match, each once; a pattern without a slash matches in every folder."""
+        folder = self._campaign.path.parent
+        seen: set[str] = set()
+        for i, pattern in enumerate(self._execution.run_files):
+            location = ("execution", "run_files", i)
+            if ".." in Path(pattern).parts or Path(pattern).is_absolute():
+                self._fault(location, f"found {pattern!r}", "a pattern of files below the campaign file's folder")
+                continue
+            try:
+                matches = folder.glob(pattern) if "/" in pattern else folder.rglob(pattern)
+                found = sorted(path.relative_to(folder).as_posix() for path in matches if path.is_file())
+            except (ValueError, NotImplementedError):
+                self._fault(location, f"found {pattern!r}", "a pattern such as scripts/*.sh or **/*.yaml")
+                continue
+            if not found:
+                self._fault(location, f"found {pattern!r}, which no file matches", f"a pattern of files below {folder}")
+            yield from (file for file in found if file not in seen)
+            seen.update(found)
+
+    def node_labels(self) -> Iterator[tuple[str, str]]:
+        jobs = self._execution.kubernetes.jobs if self._execution.kubernetes else None
+        for name, value in (jobs.node_labels if jobs else {}).items():
+            location = ("execution", "kubernetes", "jobs", "node_labels", name)
+            text = "" if isinstance(value, list | dict) else self._as_written(location, value)
+            if not NODE_LABEL.fullmatch(name):
+                self._fault(location, f"found {name!r}", "a label such as node-type or example.org/node-type", "key")
+            elif isinstance(value, list | dict) or not NODE_LABEL_VALUE.fullmatch(text):
+                self._fault(location, f"found {shown(value)}", "at most 63 letters, digits, '-', '_' and '.'")
+            else:
+                yield name, text
+
+    def _contexts(self) -> Iterator[str]:
+        """Every cluster that the file names, in its order."""
+        needs = [self._execution.resources, *(each.resources for each in self._execution.secondary_containers)]
+        for resources in needs:
+            for amounts in (resources.cpu, resources.memory) if resources else ():
+                for entry in amounts if isinstance(amounts, list) else ():
+                    yield from entry
+
+    def _chosen(self, amounts: T | list[dict[str, T]] | None, location: Location) -> tuple[T, Location] | None:
+        """The amount for the chosen cluster and where it stands; None where there is none."""
+        if amounts is None or not isinstance(amounts, list):
+            return None if amounts is None else (amounts, location)
+        places: dict[str, tuple[T, Location]] = {
+            context: (amount, (*location, i, context))
+            for i, entry in enumerate(amounts)
+            for context, amount in entry.items()
+        }
+        if not places:
+            self._fault(location, "found an empty list", "an amount, or one for each context, '- context: amount'")
+        elif self._context not in places:
+            self._fault(location, f"nothing for the context {self._context!r}", did_you_mean(self._context, places))
+        return places.get(self._context)
+
+    def _as_written(self, location: Location, value: Any) -> str:
+        """A value of YAML as text: `1.10` and `yes` are 1.1 and true to YAML, and mean themselves to a program."""
+        if value is None or isinstance(value, str):
+            return value or ""
+        line, column = self._campaign.document.place(location)
+        match = PLAIN_SCALAR.match(self._campaign.document.text.split("\n")[line - 1], column - 1)
+        if match and (yaml.safe_load(match[0]) == value or EXPONENT.fullmatch(match[0])):
+            return match[0]
+        return str(value).lower() if isinstance(value, bool) else str(value)
+
+    def _fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> None:
+        self.faults.append(self._campaign.fault(location, what, right, at))

@@ -1,0 +1,65 @@
+"""The commands about scenario files, as a user meets them."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+
+PATROL = """\
+import osc.helpers
+import osc.ros
+
+scenario patrol:
+    start: pose_3d
+    speed_limit: speed = 36kmph
+    names: list of string = ['a']
+    stop: signal = signal!sigint
+    bot: differential_drive_robot
+    do log("x")
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "patrol.osc"
+    path.write_text(PATROL)
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["scenario", *map(str, arguments)])
+
+
+def test_check_says_which_scenarios_a_sound_file_has(file):
+    result = run("check", file)
+    assert (result.exit_code, result.stdout) == (0, "OK: scenario patrol\n")
+
+
+@pytest.mark.parametrize("command", ["check", "parameters"])
+def test_every_fault_is_said_with_its_place_and_nothing_is_printed_else(file, command):
+    file.write_text(PATROL.replace("speed =", "sped =").replace("log(", "logg("))
+    result = run(command, file)
+    assert (result.exit_code, result.stdout) == (2, "")
+    places = [line.split(": ")[0] for line in result.stderr.splitlines()]
+    assert places == [f"{file}:6:18", f"{file}:10:8"]
+    assert "did you mean 'speed'?" in result.stderr and "did you mean 'log'?" in result.stderr
+
+
+def test_a_missing_file_is_said_without_a_traceback(tmp_path):
+    result = run("check", tmp_path / "absent.osc")
+    assert result.exit_code == 2 and "there is no file" in result.stderr and "Traceback" not in result.stderr
+
+
+def test_parameters_lists_names_types_and_defaults_as_json(file):
+    result = run("parameters", file)
+    assert result.exit_code == 0
+    (listed,) = json.loads(result.stdout)
+    assert listed["scenario"] == "patrol"
+    assert listed["parameters"] == [
+        {"name": "start", "type": "pose_3d", "is_list": False, "default": None},
+        {"name": "speed_limit", "type": "speed", "is_list": False, "default": pytest.approx(10.0)},
+        {"name": "names", "type": "string", "is_list": True, "default": ["a"]},
+        {"name": "stop", "type": "signal", "is_list": False, "default": "sigint"},
+    ]

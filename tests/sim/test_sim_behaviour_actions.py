@@ -1,0 +1,208 @@
+"""Actions that need neither simulator nor process, stand-ins for the ROS machine's, and what can't be had."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from py_trees.common import Status
+
+from vastflow.sim.behaviour.action import Situation
+from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
+from vastflow.sim.behaviour.stand_ins import SIMULATOR_PROCESSES, stand_ins
+from vastflow.sim.behaviour.support import GENERIC, REASONS, unsupported
+from vastflow.sim.osc.definition import Call, Composition, Constant, Emit, Modified, Place, ScenarioDefinition, Until
+from vastflow.sim.osc.definition import Elapsed as ElapsedTime
+
+
+@pytest.fixture
+def lines():
+    return []
+
+
+@pytest.fixture
+def made(lines):
+    """Makes an action by name and enters it; answers status and message."""
+
+    def make(action, variables=None, known=HELPERS, **arguments):
+        situation = Situation({}, "", None, {} if variables is None else variables, lines.append)
+        acting = known[action](situation)
+        acting.enter(arguments)
+        status = acting.update()
+        return status, acting.message
+
+    return make
+
+
+def functions(seed=1):
+    return helper_functions(np.random.default_rng(seed), Path("/scenarios"), Path("/results/run"))
+
+
+def test_log_writes_a_line(made, lines):
+    assert made("log", msg="alive")[0] is Status.SUCCESS
+    assert lines == ["alive"]
+
+
+@pytest.mark.parametrize(
+    ("left", "sign", "right", "holds"),
+    [
+        (1, "==", 1, True),
+        (1, "!=", 1, False),
+        (1.5, "<", 2, True),
+        (2, "<=", 2, True),
+        ("b", ">", "a", True),
+        (1, ">=", 2, False),
+    ],
+)
+def test_compare_succeeds_where_the_relation_holds(made, left, sign, right, holds):
+    status, message = made("compare", left_value=left, operator=sign, right_value=right)
+    assert (status is Status.SUCCESS) == holds
+    assert ("does not hold" in message) == (not holds)
+
+
+def test_compare_fails_with_a_reason_where_the_relation_has_no_meaning(made):
+    assert made("compare", left_value=1, operator="=>", right_value=2) == (
+        Status.FAILURE,
+        "'=>' is no operator of compare; it knows ==, !=, <, <=, >, >=",
+    )
+    assert made("compare", left_value=1, operator="<", right_value="a") == (
+        Status.FAILURE,
+        "1 and 'a' can't be compared by <",
+    )
+
+
+def test_increment_and_decrement_change_a_variable(made):
+    variables = {"count": 3, "share": 0.5}
+    assert made("increment", variables, target_variable="count") == (Status.SUCCESS, "count is 4")
+    assert made("decrement", variables, target_variable="share")[0] is Status.SUCCESS
+    assert variables == {"count": 4, "share": -0.5}
+
+
+def test_only_a_variable_that_holds_a_number_can_be_counted(made):
+    variables = {"ready": True, "count": 1}
+    assert made("increment", variables, target_variable="ready") == (
+        Status.FAILURE,
+        "ready is True; only a number can be counted",
+    )
+    assert made("increment", variables, target_variable="cuont") == (
+        Status.FAILURE,
+        "cuont is no variable with a value; did you mean count?",
+    )
+
+
+def test_random_numbers_come_from_the_runs_generator_alone():
+    def drawn(seed):
+        random = functions(seed)
+        choices = ["a", "b", "c"]
+        return [
+            (
+                random["random.get_int"](1, 6),
+                random["random.get_float"](2.0, 3.0),
+                random["random.get_random_string"](choices),
+            )
+            for _ in range(50)
+        ]
+
+    assert drawn(7) == drawn(7) != drawn(8)
+    assert {n for n, _, _ in drawn(7)} == {1, 2, 3, 4, 5, 6}
+    assert all(2.0 <= x < 3.0 for _, x, _ in drawn(7))
+    assert {s for _, _, s in drawn(7)} == {"a", "b", "c"}
+
+
+def test_a_seed_in_the_file_makes_every_run_draw_the_same():
+    one, other = functions(1), functions(2)
+    assert one["random.seed"](5) == other["random.seed"](5) == 5
+    assert one["random.get_float"](0.0, 1.0) == other["random.get_float"](0.0, 1.0)
+
+
+def test_bounds_the_wrong_way_round_and_empty_lists_are_refused():
+    with pytest.raises(ValueError, match="the lower bound comes first, got 6 and 1"):
+        functions()["random.get_int"](6, 1)
+    with pytest.raises(ValueError, match="the lower bound comes first"):
+        functions()["random.get_float"](1.0, 0.5)
+    with pytest.raises(ValueError, match="at least one item"):
+        functions()["random.get_random_string"]([])
+    assert functions()["random.get_int"](3, 3) == 3
+
+
+def test_folders_and_paths_are_those_of_the_run():
+    known = functions()
+    assert known["common.get_scenario_file_directory"]() == "/scenarios"
+    assert known["common.get_output_directory"]() == "/results/run"
+    assert known["os.abspath"]("../maps/hall.yaml") == "/maps/hall.yaml"
+    assert known["os.basename"]("/maps/hall.yaml") == "hall.yaml"
+    assert known["os.dirname"]("/maps/hall.yaml") == "/maps"
+
+
+def test_stand_ins_say_in_the_log_what_stands_for_them(made, lines):
+    known = stand_ins({})
+    launch = {"package_name": "nav2_bringup", "launch_file": "bringup.py"}
+    assert made("ros_launch", known=known, **launch)[0] is Status.RUNNING
+    assert made("ros_launch", known=known, wait_for_shutdown=False, **launch)[0] is Status.SUCCESS
+    assert made("capture_screen", known=known)[0] is Status.RUNNING
+    assert made("bag_record", known=known)[0] is Status.RUNNING
+    assert made("wait_for_sim", known=known)[0] is Status.SUCCESS
+    assert made("floorplan_generator.generate_gazebo_world", known=known)[0] is Status.SUCCESS
+    assert len(lines) == 6
+    assert lines[0].startswith("ros_launch nav2_bringup bringup.py: ")
+
+
+def test_what_runs_until_the_end_never_wakes_the_tree():
+    for action in ("ros_launch", "capture_screen", "bag_record"):
+        acting = stand_ins({})[action](Situation({}, "", None, {}, [].append))
+        assert acting.wakes_s() == math.inf
+
+
+def test_the_simulators_programs_run_as_long_as_it_does(made):
+    known = stand_ins({})
+    for process in (*SIMULATOR_PROCESSES, "nav2_amcl"):
+        assert made("check_process_running", known=known, process_name=process, regex=False)[0] is Status.SUCCESS
+    assert made("check_process_running", known=known, process_name="^gz", regex=True)[0] is Status.SUCCESS
+    assert made("check_process_running", known=known, process_name="rviz2", regex=False) == (
+        Status.FAILURE,
+        "no process rviz2 is running",
+    )
+    status, message = made("check_process_running", known=known, process_name="(", regex=True)
+    assert status is Status.FAILURE and message.startswith("'(' is no regular expression")
+
+
+def test_other_programs_are_looked_for_among_the_runs_own(made):
+    own = {"check_process_running": HELPERS["log"]}
+    known = stand_ins(own)
+    assert made("check_process_running", known=known, process_name="growth", msg="asked")[0] is Status.SUCCESS
+
+
+def definition(root):
+    return ScenarioDefinition("visit", (), (), (), (), root, Place("visit.osc", 1, 1), {}, {}, {})
+
+
+def test_every_call_that_nothing_implements_is_told_with_its_place_and_a_reason():
+    def call(action, line):
+        return Call(action, "", {}, "", Place("visit.osc", line, 9))
+
+    place = Place("visit.osc", 2, 5)
+    root = Composition(
+        "serial",
+        (
+            call("log", 3),
+            Modified("timeout", {}, call("ros_run", 4), place),
+            Until(ElapsedTime(Constant(1.0, place), place), call("robot.dance", 5), place),
+            call("docker_run", 6),
+            Emit("end", "", place),
+        ),
+        "",
+        place,
+    )
+    found = unsupported(definition(root), HELPERS)
+    assert [(fault.name, fault.place.line) for fault in found] == [
+        ("ros_run", 4),
+        ("robot.dance", 5),
+        ("docker_run", 6),
+    ]
+    assert found[0].reason == REASONS["ros_run"]
+    assert str(found[1]) == f"visit.osc:5:9: robot.dance can't be run: {GENERIC}"
+    assert "container" in found[2].reason
+
+
+def test_a_scenario_of_known_actions_lacks_nothing():
+    assert unsupported(definition(Call("log", "", {}, "", Place("visit.osc", 3, 9))), HELPERS) == []

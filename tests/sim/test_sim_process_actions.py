@@ -1,0 +1,247 @@
+import shlex
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+import yaml
+from py_trees.common import Status
+
+from vastflow.sim.behaviour.action import Situation
+from vastflow.sim.osc.definition import EnumValue
+from vastflow.sim.process.actions import process_actions
+from vastflow.sim.process.run import process_run
+from vastflow.sim.process.setup import ProcessSetup
+
+pytestmark = pytest.mark.timeout(30)
+
+SLEEPS = "import time; print('ready', flush=True); time.sleep(600)"
+
+
+@pytest.fixture
+def run(tmp_path):
+    with process_run(ProcessSetup(tmp_path), tmp_path) as run:
+        yield run
+
+
+@pytest.fixture
+def entered(run):
+    """Makes an action of this name, enters it with these arguments, and shuts it down at the end."""
+    actions = []
+
+    def enter(name, label="", **arguments):
+        situation = Situation({}, label, SimpleNamespace(now_s=0.0), {}, lambda line: None)
+        action = process_actions(run)[name](situation)
+        actions.append(action)
+        action.enter(arguments)
+        return action
+
+    yield enter
+    for action in actions:
+        action.shutdown()
+    assert run.pids() == set()
+
+
+def python(text):
+    return shlex.join([sys.executable, "-c", text])
+
+
+def outcome(action):
+    """What an action says once it has ended."""
+    while (status := action.update()) is Status.RUNNING:
+        time.sleep(0.005)
+    return status, action.message
+
+
+def until_printed(run, label):
+    while b"ready" not in run.labelled(label).log.read():
+        time.sleep(0.005)
+
+
+def test_a_program_that_exits_with_code_0_succeeds(entered):
+    assert outcome(entered("run_process", command=python("pass")))[0] is Status.SUCCESS
+
+
+def test_a_program_that_exits_with_another_code_fails_with_its_last_words(entered):
+    status, message = outcome(entered("run_process", command=python("raise SystemExit('no route')")))
+    assert status is Status.FAILURE
+    assert message.endswith(" exited with code 1: no route")
+
+
+def test_a_program_that_can_not_be_started_fails(entered):
+    status, message = outcome(entered("run_process", command="no-such-program --fast"))
+    assert status is Status.FAILURE
+    assert message == "'no-such-program' could not be started: no program of this name in PATH"
+
+
+@pytest.mark.parametrize(
+    ("command", "message"), [("", "the command is empty"), ("echo 'a", 'command "echo \'a": no closing quotation')]
+)
+def test_a_command_that_is_none_fails(entered, command, message):
+    assert outcome(entered("run_process", command=command)) == (Status.FAILURE, message)
+
+
+def test_quotes_keep_blanks_in_a_word_and_no_shell_reads_the_command(entered, run):
+    outcome(entered("run_process", "echo", command="""echo 'a  b' "$HOME" > c"""))
+    run.labelled("echo").stop()
+    assert run.labelled("echo").log.read() == b"a  b $HOME > c\n"
+
+
+def test_a_program_nobody_waits_for_succeeds_at_once_and_runs_on(entered, run):
+    action = entered("run_process", "sim", command=python(SLEEPS), wait_for_shutdown=False)
+    assert action.update() is Status.SUCCESS
+    assert run.waiting
+    action.shutdown()
+    assert not run.waiting
+
+
+def test_a_program_that_is_given_up_gets_the_signal_of_its_call(entered, run):
+    text = "import signal; signal.signal(signal.SIGUSR1, lambda *_: exit(7)); " + SLEEPS
+    usr1 = EnumValue("signal", "sigusr1", 10)
+    action = entered("run_process", "sim", command=python(text), shutdown_signal=usr1, shutdown_timeout=20.0)
+    assert action.update() is Status.RUNNING
+    until_printed(run, "sim")
+    action.cancel()
+    assert run.labelled("sim").poll().code == 7
+
+
+def test_a_program_that_ignores_its_signal_is_killed_after_the_timeout_of_its_call(entered, run):
+    text = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); " + SLEEPS
+    action = entered("run_process", "sim", command=python(text), shutdown_timeout=0.2)
+    until_printed(run, "sim")
+    action.cancel()
+    assert run.labelled("sim").poll().reason == "did not end within 0.2 s of SIGTERM and was killed"
+
+
+def test_an_action_that_is_repeated_starts_its_program_again(entered, run):
+    command = python("open('times', 'a').write('x')")
+    action = entered("run_process", command=command)
+    outcome(action)
+    action.enter({"command": command})
+    assert outcome(action)[0] is Status.SUCCESS
+    assert (run.folder / "times").read_text() == "xx"
+
+
+def test_a_log_check_succeeds_when_one_of_the_values_is_printed(entered, run):
+    check = entered("process_log_check", process_name="sim", values=["never", "rea"])
+    assert check.update() is Status.RUNNING
+    assert check.message == "no run_process labelled 'sim' has begun"
+    entered("run_process", "sim", command=python(SLEEPS))
+    assert outcome(check) == (Status.SUCCESS, "'sim' printed 'rea'")
+
+
+def test_a_log_check_finds_a_value_that_comes_in_two_pieces(entered):
+    text = "import time; print('one t', end='', flush=True); time.sleep(0.1); print('wo', flush=True); time.sleep(600)"
+    entered("run_process", "sim", command=python(text))
+    assert outcome(entered("process_log_check", process_name="sim", values=["one two"]))[0] is Status.SUCCESS
+
+
+def test_a_log_check_fails_once_the_value_can_not_come_any_more(entered):
+    entered("run_process", "sim", command=python("print('nothing')"))
+    status, message = outcome(entered("process_log_check", process_name="sim", values=["up"]))
+    assert (status, message) == (Status.FAILURE, "it ended before 'sim' printed 'up'")
+
+
+def test_a_log_check_from_now_on_does_not_see_what_was_printed_before(entered, run):
+    entered("run_process", "sim", command=python(SLEEPS))
+    until_printed(run, "sim")
+    check = entered("process_log_check", process_name="sim", values=["ready"], from_start=False)
+    assert check.update() is Status.RUNNING
+
+
+def test_a_process_of_this_run_is_found_by_command_line_label_or_pattern(entered, run):
+    entered("run_process", "planner", command=python(SLEEPS))
+    until_printed(run, "planner")
+
+    def running(name, regex=False):
+        return entered("check_process_running", process_name=name, regex=regex).update() is Status.SUCCESS
+
+    assert running("time.sleep(600)")
+    assert running("plan")
+    assert running(r"^python.*sleep\(\d+\)$", regex=True)
+    assert not running(r"^python.*sleep\(\d+\)$")
+    assert not running("gz")
+
+
+def test_processes_of_the_machine_are_not_this_runs(entered):
+    action = entered("check_process_running", process_name="python")
+    assert (action.update(), action.message) == (Status.FAILURE, "no process 'python' of this run is running")
+
+
+def test_a_pattern_that_is_none_fails(entered):
+    action = entered("check_process_running", process_name="(", regex=True)
+    assert action.update() is Status.FAILURE
+    assert action.message.startswith("'(' is no regular expression")
+
+
+def test_files_are_looked_for_in_the_runs_folder(entered, run):
+    (run.folder / "there").touch()
+    statuses = {
+        (name, file): entered(name, file_name=file).update()
+        for name in ("check_file_exists", "check_file_not_exists")
+        for file in ("there", "gone")
+    }
+    assert statuses == {
+        ("check_file_exists", "there"): Status.SUCCESS,
+        ("check_file_exists", "gone"): Status.FAILURE,
+        ("check_file_not_exists", "there"): Status.FAILURE,
+        ("check_file_not_exists", "gone"): Status.SUCCESS,
+    }
+
+
+def test_resources_stand_in_the_file_at_the_end(entered, run):
+    monitor = entered("monitor_resources", file_name="logs/use.csv")
+    assert monitor.update() is Status.RUNNING
+    entered("run_process", "sim", command=python(SLEEPS))
+    until_printed(run, "sim")
+    monitor.shutdown()
+    header, *rows = (run.folder / "logs/use.csv").read_text().splitlines()
+    assert header == "t_s,cpu_s,rss_bytes,processes"
+    assert rows
+
+
+def test_resources_are_not_written_outside_of_the_runs_folder(entered):
+    monitor = entered("monitor_resources", file_name="../use.csv")
+    assert (monitor.update(), monitor.message) == (
+        Status.FAILURE,
+        "'../use.csv' lies outside of the run's folder",
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "changed"),
+    [
+        ({"key_path": "a.b", "value": "x"}, {"a": {"b": "x", "c": [1, 2]}}),
+        ({"key_path": "a.b", "value": "2", "value_type": "int"}, {"a": {"b": 2, "c": [1, 2]}}),
+        ({"key_path": "a.b", "value": "2.5", "value_type": "float"}, {"a": {"b": 2.5, "c": [1, 2]}}),
+        ({"key_path": "a.c.1", "value": "true", "value_type": "bool"}, {"a": {"b": 1, "c": [1, True]}}),
+        ({"key_path": "d.e", "value": "x"}, {"a": {"b": 1, "c": [1, 2]}, "d": {"e": "x"}}),
+    ],
+)
+def test_a_value_of_a_yaml_file_is_set(entered, run, arguments, changed):
+    (run.folder / "x.yaml").write_text("a: {b: 1, c: [1, 2]}\n")
+    assert entered("set_yaml_value", file_path="x.yaml", **arguments).update() is Status.SUCCESS
+    assert yaml.safe_load((run.folder / "x.yaml").read_text()) == changed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"key_path": "a.c.2"}, "key_path 'a.c.2' leads nowhere: there is no '2'"),
+        ({"key_path": "a.x.y", "create_missing": False}, "key_path 'a.x.y' leads nowhere: there is no 'x'"),
+        ({"key_path": "a.x", "create_missing": False}, "key_path 'a.x' leads nowhere: there is no 'x'"),
+        ({"key_path": "a.b", "value_type": "int"}, "found value 'v'; one of type int"),
+        ({"key_path": "a.b", "value_type": "bool"}, "found 'v'; true or false"),
+        ({"key_path": "a.b", "value_type": "text"}, "found value_type 'text'; a value_type of str, int, float, bool"),
+        (
+            {"key_path": "a.b", "output_file": "/tmp/x.yaml"},
+            "what set_yaml_value writes has to lie in the run's folder",
+        ),
+    ],
+)
+def test_a_value_that_can_not_be_set_fails(entered, run, arguments, message):
+    (run.folder / "x.yaml").write_text("a: {b: 1, c: [1, 2]}\n")
+    action = entered("set_yaml_value", file_path="x.yaml", **{"value": "v", **arguments})
+    assert action.update() is Status.FAILURE
+    assert action.message.startswith(message)
+    assert (run.folder / "x.yaml").read_text() == "a: {b: 1, c: [1, 2]}\n"

@@ -1,0 +1,109 @@
+import fnmatch
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.sim.digest import file_digest
+from vastflow.sim.process.folder import RunFileError, copy_in, files_matching, unmatched
+from vastflow.sim.process.folder import _pattern as pattern_of
+
+TREE = (
+    "run.py",
+    "notes.txt",
+    ".hidden",
+    "files/a.py",
+    "files/b.yaml",
+    "files/deep/er/c.py",
+    "files/.git/config",
+    "files/__pycache__/a.pyc",
+)
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    folder = tmp_path / "campaign"
+    for name in TREE:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(name)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("pattern", "expected"),
+    [
+        ("run.py", ["run.py"]),
+        ("*.py", ["files/a.py", "files/deep/er/c.py", "run.py"]),
+        ("c.py", ["files/deep/er/c.py"]),
+        ("files/*.py", ["files/a.py"]),
+        ("./files/*.py", ["files/a.py"]),
+        ("files/**", ["files/a.py", "files/b.yaml", "files/deep/er/c.py"]),
+        ("files/**/*.py", ["files/a.py", "files/deep/er/c.py"]),
+        ("**", ["files/a.py", "files/b.yaml", "files/deep/er/c.py", "notes.txt", "run.py"]),
+        ("**/[ab].*", ["files/a.py", "files/b.yaml"]),
+        ("**/[!ab].py", ["files/deep/er/c.py"]),
+        ("files/?.yaml", ["files/b.yaml"]),
+        (".hidden", [".hidden"]),
+        ("files/.git/*", ["files/.git/config"]),
+        ("nothing/*", []),
+    ],
+)
+def test_a_pattern_names_these_files(campaign, pattern, expected):
+    assert [path for path, _ in files_matching(campaign, [pattern])] == expected
+
+
+def test_files_come_once_in_the_order_of_their_paths_with_their_digests(campaign):
+    found = files_matching(campaign, ["run.py", "*.py", "notes.txt"])
+    assert [path for path, _ in found] == ["files/a.py", "files/deep/er/c.py", "notes.txt", "run.py"]
+    assert all(content.digest == file_digest(campaign / path) for path, content in found)
+
+
+def test_a_pattern_that_matches_nothing_is_told(campaign):
+    patterns = ["run.py", "rnu.py", "files/**"]
+    assert unmatched(files_matching(campaign, patterns), patterns) == ("rnu.py",)
+
+
+@pytest.mark.parametrize("pattern", ["/etc/passwd", "../secret", "files/../../secret", ""])
+def test_a_pattern_that_leaves_the_campaigns_folder_is_refused(campaign, pattern):
+    with pytest.raises(RunFileError, match="a pattern below the campaign file's folder"):
+        files_matching(campaign, [pattern])
+
+
+def test_a_range_that_goes_down_is_refused(campaign):
+    with pytest.raises(RunFileError, match=r"found run_files pattern '\[z-a\]'"):
+        files_matching(campaign, ["[z-a]"])
+
+
+@given(st.text("ab.*?[]!\\^-", min_size=1, max_size=6), st.text("ab.[]!\\^-", min_size=1, max_size=6))
+def test_a_part_means_what_the_standard_librarys_patterns_mean(part, name):
+    hidden = name.startswith(".") and not part.startswith(".")
+    try:
+        ours = bool(pattern_of(part).fullmatch(name))
+    except RunFileError:
+        return
+    if part not in {".", "..", "**"}:
+        assert ours == (not hidden and fnmatch.fnmatchcase(name, part))
+
+
+def test_copies_hold_the_same_and_are_executable_where_their_originals_are(campaign, tmp_path):
+    (campaign / "run.py").chmod(0o555)
+    files = files_matching(campaign, ["*.py"])
+    copy_in(files, tmp_path / "copy")
+    copies = sorted(path for path in (tmp_path / "copy").rglob("*") if path.is_file())
+    assert [path.relative_to(tmp_path / "copy").as_posix() for path in copies] == [path for path, _ in files]
+    assert (tmp_path / "copy/run.py").stat().st_mode & 0o777 == 0o755
+
+
+def test_a_file_that_changed_since_it_was_resolved_is_not_copied_in_silence(campaign, tmp_path):
+    files = files_matching(campaign, ["run.py"])
+    (campaign / "run.py").write_text("something else")
+    with pytest.raises(RunFileError, match=r"run\.py' changed since the campaign was read"):
+        copy_in(files, tmp_path / "copy")
+
+
+def test_a_file_that_is_gone_is_told(campaign, tmp_path):
+    files = files_matching(campaign, ["run.py"])
+    Path(files[0][1].path).unlink()
+    with pytest.raises(RunFileError, match=r"run\.py' can't be copied: No such file"):
+        copy_in(files, tmp_path / "copy")

@@ -1,0 +1,240 @@
+"""Programs that behave badly: each ends in time, says why, and leaves nothing running."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+import time
+import uuid
+from pathlib import Path
+
+import pytest
+
+from vastflow.sim.process.guard import marked
+from vastflow.sim.process.process import NotStarted, ProcessGroup
+
+pytestmark = pytest.mark.timeout(30)
+
+SLEEPS = "import time; time.sleep(600)"
+STUBBORN = """
+import signal, sys, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print("ready", flush=True)
+time.sleep(600)
+"""
+FORKS = """
+import os, subprocess, sys, time
+for session in (True, False):
+    subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=session)
+print("ready", flush=True)
+if "stay" in sys.argv:
+    time.sleep(600)
+"""
+HIDES = """
+import os, subprocess, sys, time
+subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True, env={})
+print("ready", flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.fixture
+def mark():
+    """A mark whose processes must be gone when the test is over."""
+    mark = f"{uuid.uuid4().hex}."
+    yield mark
+    assert list(marked(mark)) == []
+
+
+@pytest.fixture
+def started(tmp_path, mark):
+    """Starts a Python script, or a command, as a process group."""
+    groups = []
+
+    def start(script="", *arguments, command=None, **options):
+        group = ProcessGroup(
+            command or [sys.executable, "-c", script, *arguments],
+            folder=tmp_path,
+            environment=os.environ,
+            log_file=tmp_path / f"{len(groups)}.log",
+            mark=f"{mark}{len(groups)}.",
+            **options,
+        )
+        groups.append(group)
+        return group
+
+    yield start
+    for group in groups:
+        group.release()
+
+
+def until_printed(group, text=b"ready"):
+    while text not in group.log.read():
+        assert group.poll() is None, group.log.read()
+        time.sleep(0.005)
+
+
+def test_a_program_that_exits_with_code_0_has_no_reason_to_give(started):
+    ended = started("print('hello')").wait(20)
+    assert (ended.code, ended.signal, ended.killed, ended.reason) == (0, "", False, "")
+
+
+def test_an_exit_code_is_a_reason(started):
+    assert started("raise SystemExit(3)").wait(20).reason == "exited with code 3"
+
+
+def test_the_log_has_standard_output_and_error(started):
+    group = started("import sys; print('out', flush=True); print('err', file=sys.stderr)")
+    group.wait(20)
+    group.stop()
+    assert group.log.read() == b"out\nerr\n"
+    assert group.log.last_line() == "err"
+
+
+def test_a_signal_that_ended_a_program_is_named(started):
+    ended = started("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)").wait(20)
+    assert (ended.code, ended.signal, ended.reason) == (None, "SIGSEGV", "was ended by SIGSEGV")
+
+
+def test_a_program_that_sleeps_for_ever_ends_by_the_signal_it_is_sent(started):
+    group = started(SLEEPS)
+    assert group.wait(0.05) is None
+    assert group.poll() is None
+    assert group.stop(signal.SIGINT, 20).reason in {"was ended by SIGINT", "exited with code 130"}
+    assert not group.poll().killed
+
+
+def test_a_program_that_ignores_sigterm_is_killed_after_its_time(started):
+    group = started(STUBBORN)
+    until_printed(group)
+    ended = group.stop(timeout_s=0.3)
+    assert ended.killed
+    assert ended.reason == "did not end within 0.3 s of SIGTERM and was killed"
+
+
+def test_children_that_began_sessions_of_their_own_end_with_the_program(started, mark):
+    group = started(FORKS, "stay")
+    until_printed(group)
+    assert len(set(marked(mark))) == 3
+    group.stop(timeout_s=5)
+    assert list(marked(mark)) == []
+
+
+def test_children_that_a_program_leaves_behind_end_when_it_is_stopped(started, mark):
+    group = started(FORKS)
+    assert group.wait(20).code == 0
+    assert len(set(marked(mark))) == 2
+    assert group.stop().code == 0
+    assert list(marked(mark)) == []
+
+
+def test_a_child_without_a_mark_is_found_by_its_parents(started, tmp_path):
+    group = started(HIDES)
+    until_printed(group)
+    (child,) = [int(pid) for pid in _children(group.pid)]
+    group.stop(timeout_s=5)
+    assert not _alive(child)
+
+
+def test_children_in_the_group_have_the_rest_of_the_time_to_end_in_order(started, tmp_path):
+    child = (
+        "import pathlib, signal, sys, time\n"
+        "def end(*_):\n    time.sleep(0.2); pathlib.Path('saved').touch(); sys.exit()\n"
+        "signal.signal(signal.SIGTERM, end)\nprint('ready', flush=True)\ntime.sleep(600)"
+    )
+    group = started(f"import subprocess, sys; subprocess.run([sys.executable, '-c', {child!r}])")
+    until_printed(group)
+    group.stop(timeout_s=10)
+    assert (tmp_path / "saved").exists()
+
+
+def test_a_flood_is_cut_and_the_program_never_waits_for_its_reader(started):
+    group = started("import os\nfor _ in range(1700): os.write(1, b'x' * 65536)", max_log_bytes=1 << 20)
+    assert group.wait(20).code == 0
+    group.stop()
+    size = group.log.path.stat().st_size
+    assert group.log.cut
+    assert 1 << 20 < size < (1 << 20) + 200
+    assert group.log.last_line() == "[the log was cut here: more than 1048576 bytes]"
+
+
+def test_a_program_that_is_not_there_is_not_started(started):
+    with pytest.raises(NotStarted, match=r"'no-such-program' could not be started: no program of this name in PATH"):
+        started(command=["no-such-program"])
+
+
+def test_a_file_that_is_not_there_is_not_started(started):
+    with pytest.raises(NotStarted, match=r"'\./gone' could not be started: there is no such file"):
+        started(command=["./gone"])
+
+
+def test_a_file_that_is_not_executable_is_not_started(started, tmp_path):
+    (tmp_path / "data").write_text("#!/bin/sh\n")
+    with pytest.raises(NotStarted, match=r"'\./data' could not be started: it is not executable"):
+        started(command=["./data"])
+
+
+def test_a_script_without_a_first_line_is_not_started(started, tmp_path):
+    executable(tmp_path / "script", "exit 0\n")
+    with pytest.raises(NotStarted, match="neither a binary of this machine nor a script with a #! line"):
+        started(command=["./script"])
+
+
+def test_a_script_whose_interpreter_is_missing_is_not_started(started, tmp_path):
+    executable(tmp_path / "script", "#!/no/such/interpreter\n")
+    with pytest.raises(NotStarted, match="the interpreter its first line names was not found"):
+        started(command=["./script"])
+
+
+def test_what_a_program_and_its_children_used_is_known_when_it_is_released(started):
+    busy = "import time\nwhile time.process_time() < 0.2: pass"
+    group = started(f"import subprocess, sys; subprocess.run([sys.executable, '-c', {busy!r}])")
+    group.wait(20)
+    usage = group.release()
+    assert 0.2 <= usage.cpu_s < 5
+    assert usage.max_rss_bytes > 1 << 20
+
+
+def test_programs_and_folder_are_gone_with_whoever_started_them_even_by_sigkill(tmp_path, mark):
+    script = f"""
+import os, pathlib, sys, time
+from vastflow.sim.process.run import process_run
+from vastflow.sim.process.setup import ProcessSetup
+with process_run(ProcessSetup(pathlib.Path("."))) as run:
+    group = run.start([sys.executable, "-c", {FORKS!r}, "stay"])
+    while b"ready" not in group.log.read():
+        time.sleep(0.005)
+    print("ready", flush=True)
+    time.sleep(600)
+"""
+    parent = subprocess.Popen(
+        [sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "VASTFLOW_RUN": mark, "TMPDIR": str(tmp_path)},
+    )
+    assert parent.stdout.readline() == b"ready\n"
+    assert len(set(marked(mark))) == 4
+    assert len(list(tmp_path.glob("vastflow-run-*"))) == 1
+    parent.kill()
+    parent.wait()
+    until_s = time.monotonic() + 10
+    while list(marked(mark)) or list(tmp_path.glob("vastflow-run-*")):
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+
+
+def executable(path: Path, text: str) -> None:
+    path.write_text(text)
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+
+
+def _children(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,249 @@
+import os
+import sys
+import threading
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from vastflow.sim.process import run as run_module
+from vastflow.sim.process.environment import CommandFailed
+from vastflow.sim.process.folder import files_matching
+from vastflow.sim.process.guard import VARIABLE
+from vastflow.sim.process.process import NotStarted
+from vastflow.sim.process.resources import Use, write_resources
+from vastflow.sim.process.run import process_run
+from vastflow.sim.process.setup import ProcessSetup
+
+pytestmark = pytest.mark.timeout(30)
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    folder = tmp_path / "campaign"
+    folder.mkdir()
+    (folder / "given.txt").write_text("given")
+    return folder
+
+
+@pytest.fixture
+def begun(campaign, tmp_path):
+    """Begins a run of this campaign, with what the test gives it."""
+
+    def begin(**setup):
+        return process_run(ProcessSetup(campaign, files_matching(campaign, ["given.txt"]), **setup), tmp_path)
+
+    return begin
+
+
+def script(text):
+    return [sys.executable, "-c", text]
+
+
+def said(run, text):
+    """What a script of this run prints."""
+    group = run.start(script(text))
+    group.wait(20)
+    group.stop()
+    return group.log.read().decode().strip()
+
+
+def test_a_run_works_in_a_folder_of_its_own_with_its_files(begun, tmp_path):
+    with begun() as run:
+        assert said(run, "import os; print(os.getcwd(), sorted(os.listdir()))") == f"{run.folder} ['given.txt']"
+        folder = run.folder
+    assert not folder.exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["campaign"]
+
+
+def test_a_program_has_the_campaigns_environment_and_this_process_own(begun, monkeypatch):
+    monkeypatch.setenv("FROM_HERE", "1")
+    with begun(environment={"FROM_THE_CAMPAIGN": "2"}) as run:
+        assert said(run, "import os; print(os.environ['FROM_HERE'], os.environ['FROM_THE_CAMPAIGN'])") == "1 2"
+
+
+def test_what_a_run_wrote_and_printed_is_its_record(begun):
+    with begun() as run:
+        run.start(script("print('hello'); open('x.csv', 'w').write('a\\n1\\n')"), "writer").wait(20)
+        record = run.close()
+    assert record.outputs.tables["x"]["a"].tolist() == [1]
+    assert not record.outputs.files
+    assert [(log.label, log.text, log.cut) for log in record.logs] == [("writer", "hello\n", False)]
+    assert record.usage.cpu_s > 0
+
+
+def test_exports_of_the_pre_command_reach_the_programs(begun, campaign):
+    (campaign / "pre.sh").write_text("echo sourcing $FROM\nexport FOR_YOU=$'two\\nlines'\nhelper() { :; }\n")
+    with begun(pre_command="pre.sh", environment={"FROM": "here"}) as run:
+        assert said(run, "import os; print(repr(os.environ['FOR_YOU']), os.getcwd())") == rf"'two\nlines' {run.folder}"
+        record = run.close()
+    assert (record.logs[0].label, record.logs[0].text) == ("pre_command", "sourcing here\n")
+
+
+def test_what_the_pre_command_started_runs_until_the_end(begun, campaign):
+    (campaign / "pre.sh").write_text("sleep 600 &\n")
+    with begun(pre_command="pre.sh") as run:
+        assert len(run.pids()) == 1
+        run.close()
+        assert run.pids() == set()
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("echo no licence; false", r"pre_command 'pre\.sh' exited with code 1: no licence"),
+        ("exit 0", r"pre_command 'pre\.sh' left the shell that sources it; it must not call exit"),
+        ("kill -9 $$", r"pre_command 'pre\.sh' was ended by SIGKILL"),
+    ],
+)
+def test_a_pre_command_that_fails_ends_the_run_with_its_reason(begun, campaign, text, reason):
+    (campaign / "pre.sh").write_text(text)
+    with pytest.raises(CommandFailed, match=reason), begun(pre_command="pre.sh"):
+        pass
+
+
+def test_a_pre_command_that_is_not_there_is_told(begun):
+    with pytest.raises(CommandFailed, match=r"pre_command: there is no file 'pre\.sh'"), begun(pre_command="pre.sh"):
+        pass
+
+
+def test_the_post_command_gets_the_runs_folder_and_may_add_to_it(begun, campaign):
+    (campaign / "post.sh").write_text('#!/bin/sh\necho "$1" > "$2/after.txt"; echo done; exit 4\n')
+    (campaign / "post.sh").chmod(0o755)
+    with begun(post_command="post.sh 'two words'") as run:
+        record = run.close()
+    assert record.outputs.files["after.txt"] == b"two words\n"
+    assert record.post_command == "exited with code 4"
+    assert record.logs[-1].text == "done\n"
+
+
+def test_a_post_command_that_takes_too_long_is_killed(begun, monkeypatch):
+    monkeypatch.setattr(run_module, "COMMAND_TIMEOUT_S", 0.2)
+    with begun(post_command="sh -c 'sleep 600'") as run:
+        assert run.close().post_command == "took longer than 0.2 s and was killed"
+
+
+def test_a_post_command_that_can_not_be_started_is_noted(begun):
+    with begun(post_command="no-such-program") as run:
+        assert "no program of this name in PATH" in run.close().post_command
+
+
+def test_waiting_ends_as_soon_as_a_program_does(begun):
+    with begun() as run:
+        assert not run.waiting
+        run.wait(600)
+        run.start(script("import time; time.sleep(0.1)"))
+        assert run.waiting
+        run.wait(600)
+        assert not run.waiting
+
+
+def test_waiting_ends_after_its_time_while_programs_run(begun):
+    with begun() as run:
+        run.start(script("import time; time.sleep(600)"))
+        run.wait(0.05)
+        assert run.waiting
+
+
+def test_nothing_is_left_when_a_run_is_given_up(begun):
+    with pytest.raises(KeyError), begun() as run:
+        run.start(script("import time; time.sleep(600)"))
+        run.start(script("import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True)")).wait(20)
+        raise KeyError
+    assert run.pids() == set()
+
+
+def test_a_daemon_that_was_seen_before_it_hid_ends_with_the_run(begun):
+    text = (
+        "import os, subprocess, sys, time\n"
+        "subprocess.Popen(['sleep', '600'], start_new_session=True, env={})\n"
+        "while not os.path.exists('seen'): time.sleep(0.01)"
+    )
+    with begun() as run:
+        group = run.start(script(text))
+        while len(run.pids()) < 2 or run.resources[-1].processes < 2:
+            time.sleep(0.01)
+        (daemon,) = run.pids() - {group.pid}
+        (run.folder / "seen").touch()
+        group.wait(20)
+        assert psutil.pid_exists(daemon)
+        run.close()
+    assert not psutil.pid_exists(daemon) or psutil.Process(daemon).status() == psutil.STATUS_ZOMBIE
+
+
+def test_runs_side_by_side_do_not_touch_each_other(begun):
+    with begun() as one, begun() as other:
+        survivor = other.start(script("import time; open('mine', 'w'); time.sleep(600)"))
+        one.start(script("import time; time.sleep(600)"))
+        assert one.pids().isdisjoint(other.pids())
+        assert not one.close().outputs.files
+        assert one.pids() == set()
+        assert survivor.poll() is None
+        assert survivor.pid in other.pids()
+
+
+def test_many_runs_in_threads_end_for_themselves(begun):
+    records = {}
+
+    def one(number):
+        with begun() as run:
+            run.start(script(f"print({number})")).wait(20)
+            records[number] = run.close().logs[0].text
+
+    threads = [threading.Thread(target=one, args=(number,)) for number in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert records == {number: f"{number}\n" for number in range(8)}
+
+
+def test_resources_count_all_processes_of_a_run(begun):
+    busy = "import time\nwhile time.process_time() < 0.3: pass\nprint('ready', flush=True); time.sleep(600)"
+    with begun() as run:
+        group = run.start(script(f"import subprocess, sys; subprocess.run([sys.executable, '-c', {busy!r}])"))
+        while b"ready" not in group.log.read():
+            time.sleep(0.01)
+        while len(run.resources) < 2:
+            time.sleep(0.01)
+        record = run.close()
+    last = record.resources[-1]
+    assert last.processes == 2
+    assert last.cpu_s >= 0.25  # counted in ticks of 10 ms
+    assert last.rss_bytes > 1 << 20
+    assert record.usage.cpu_s >= 0.25
+
+
+def test_resources_can_be_written_as_a_table(tmp_path):
+    write_resources([Use(0.0, 0.5, 1024, 1)], tmp_path / "use.csv")
+    assert (tmp_path / "use.csv").read_text() == "t_s,cpu_s,rss_bytes,processes\n0.000,0.50,1024,1\n"
+
+
+def test_a_run_inside_of_another_bears_both_marks(begun, monkeypatch):
+    monkeypatch.setenv(VARIABLE, "outer.")
+    with begun() as run:
+        assert said(run, f"import os; print(os.environ['{VARIABLE}'])").startswith("outer.")
+
+
+def test_a_folder_that_a_program_locked_is_removed_all_the_same(begun):
+    with begun() as run:
+        said(run, "import os; os.mkdir('a'); open('a/b', 'w'); os.chmod('a', 0)")
+        folder = Path(run.folder)
+    assert not os.path.lexists(folder)
+
+
+def test_a_run_leaves_no_descriptor_and_no_thread_behind(begun):
+    def descriptors():
+        return len(os.listdir("/proc/self/fd"))
+
+    with begun() as run:
+        said(run, "pass")
+    before = descriptors(), threading.active_count()
+    for _ in range(3):
+        with begun() as run:
+            said(run, "pass")
+            with pytest.raises(NotStarted, match="no program of this name"):
+                run.start(["no-such-program"])
+            run.close()
+    assert (descriptors(), threading.active_count()) <= before
