@@ -1,0 +1,260 @@
+"""Checking what a scenario does: compositions, calls of actions, waits, and the modifiers round them."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from vastflow.sim.osc.declarations import Compound, Declarations
+from vastflow.sim.osc.definition import (
+    Awaited,
+    Behaviour,
+    Call,
+    Composition,
+    Elapsed,
+    Emit,
+    Expression,
+    Happened,
+    Holds,
+    Modified,
+    Type,
+    Until,
+    Wait,
+)
+from vastflow.sim.osc.expressions import ExpressionChecker, Visible
+from vastflow.sim.osc.faults import did_you_mean
+from vastflow.sim.osc.libraries import declaring
+from vastflow.sim.osc.operators import BOOL
+from vastflow.sim.osc.syntax import (
+    ActText,
+    AwaitedText,
+    BehaviourText,
+    CallText,
+    CompositionText,
+    EmitText,
+    KeepText,
+    RefusedText,
+    UntilText,
+    WaitText,
+    WithText,
+    Word,
+)
+
+ENDING: Final = ("end", "fail")
+"""Events that every scenario has."""
+
+MODIFIERS: Final = frozenset(
+    {
+        "failure_is_running",
+        "failure_is_success",
+        "inverter",
+        "repeat",
+        "retry",
+        "running_is_failure",
+        "running_is_success",
+        "success_is_failure",
+        "success_is_running",
+        "timeout",
+    }
+)
+"""Those that are executed; others can be declared and not used."""
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviourChecker:
+    """Checks behaviours of one scenario; what is wrong goes to the faults of `expressions`.
+
+    Attributes:
+        names: Parameters, variables and actors of the scenario.
+        events: Declared in it.
+    """
+
+    declared: Declarations
+    expressions: ExpressionChecker
+    names: Visible
+    events: Sequence[str]
+
+    def behaviour(self, text: BehaviourText) -> Behaviour | None:
+        """What is done; None where something in it is at fault."""
+        match text:
+            case RefusedText():
+                self.expressions.refuse(text)
+                return None
+            case CompositionText():
+                return self._composition(text)
+            case ActText():
+                return self._modified(self._call(text), text.modifiers)
+            case WaitText():
+                awaited = self._awaited(text.awaited)
+                wait = None if awaited is None else Wait(awaited, _label(text.label), text.place)
+                return self._modified(wait, text.modifiers)
+            case EmitText():
+                return self._modified(self._emit(text), text.modifiers)
+
+    def is_modifier(self, text: ActText) -> bool:
+        """Whether a call in a body or composition is of a modifier."""
+        path = str(text.call.path)
+        return path in self.declared.modifiers and path not in self.declared.actions
+
+    def wrapped(self, child: Behaviour | None, modifiers: Iterable[ActText]) -> Behaviour | None:
+        """`child` with the modifiers that stand beside it, the first outermost."""
+        calls = []
+        for text in modifiers:
+            if text.label is not None:
+                self.expressions.fault(text.label.place, "found a label of a modifier", "the modifier alone")
+            if text.modifiers.items:
+                self.expressions.fault(text.call.place, "found a modifier of a modifier", "one after the other")
+            calls.append(text.call)
+        return self._applied(child, calls)
+
+    def _composition(self, text: CompositionText) -> Behaviour | None:
+        modifiers = [member for member in text.members if isinstance(member, ActText) and self.is_modifier(member)]
+        members = [member for member in text.members if all(member is not one for one in modifiers)]
+        if not members:
+            self.expressions.fault(text.place, f"found an empty {text.kind}", "one action or more in it")
+        children = [self.behaviour(member) for member in members]
+        composition: Behaviour | None = None
+        if members and None not in children:
+            done = tuple(child for child in children if child is not None)
+            composition = Composition(text.kind, done, _label(text.label), text.place)
+        return self._modified(self.wrapped(composition, modifiers), text.modifiers)
+
+    def _modified(self, child: Behaviour | None, text: WithText) -> Behaviour | None:
+        """`child` with what its `with:` block says: modifiers, the first outermost, and `until` outside of them."""
+        calls: list[CallText] = []
+        untils: list[UntilText] = []
+        for item in text.items:
+            match item:
+                case CallText():
+                    calls.append(item)
+                case UntilText():
+                    untils.append(item)
+                case KeepText():
+                    self.expressions.fault(item.place, "found 'keep' where something is done", "'keep' below a field")
+                    child = None
+                case RefusedText():
+                    self.expressions.refuse(item)
+                    child = None
+        child = self._applied(child, calls)
+        for until in reversed(untils):
+            awaited = self._awaited(until.awaited)
+            child = None if child is None or awaited is None else Until(awaited, child, until.place)
+        return child
+
+    def _applied(self, child: Behaviour | None, calls: Sequence[CallText]) -> Behaviour | None:
+        for call in reversed(calls):
+            name = str(call.path)
+            modifier = self.declared.modifiers.get(name)
+            if modifier is None:
+                known = self.declared.modifiers
+                hint = did_you_mean(name, known, "'import osc.helpers', which declares the modifiers")
+                self.expressions.fault(call.place, f"unknown modifier {name!r}", hint)
+            elif name not in MODIFIERS:
+                self.expressions.fault(call.place, f"modifier {name!r} can't be executed", "a modifier of osc.helpers")
+            arguments = None if modifier is None else self._arguments(call, modifier, name)
+            child = None if child is None or arguments is None else Modified(name, arguments, child, call.place)
+        return child
+
+    def _arguments(self, call: CallText, declared: Compound, whose: str) -> Mapping[str, Expression] | None:
+        given = self.expressions.arguments(call.arguments, declared.members, self.names, whose)
+        return None if given is None else self.expressions.complete(given, declared.members, call.place, whose, False)
+
+    def _call(self, text: ActText) -> Behaviour | None:
+        words = text.call.path.words
+        action = self._action(words[0]) if len(words) == 1 else self._action_of(words)
+        if action is None:
+            return None
+        arguments = self._arguments(text.call, action, str(text.call.path))
+        if arguments is None:
+            return None
+        actor = words[0].text if len(words) == 2 else ""
+        return Call(action.name, actor, arguments, _label(text.label), text.call.place)
+
+    def _action(self, name: Word) -> Compound | None:
+        known = self.declared.actions.get(name.text, ())
+        if len(known) == 1:
+            return known[0]
+        if known:
+            origins = " and ".join(action.origin for action in known)
+            right = "one import of them, or an action of another name"
+            self.expressions.fault(name.place, f"{name.text!r} is declared by {origins}", right)
+            return None
+        self.expressions.fault(name.place, f"unknown action {name.text!r}", self._right_action(name.text))
+        return None
+
+    def _right_action(self, name: str) -> str:
+        if owners := [action for action in self.declared.actions if action.endswith(f".{name}")]:
+            actor = owners[0].partition(".")[0]
+            instances = [key for key, type_ in self.names.types.items() if self._is_instance(type_, actor)]
+            return f"it is an action of {actor}: {instances[0] if instances else 'instance'}.{name}(…)"
+        if libraries := declaring(name):
+            return f"'import {libraries[0]}', which declares it"
+        return did_you_mean(name, [action for action in self.declared.actions if "." not in action], "an import")
+
+    def _is_instance(self, type_: Type, actor: str) -> bool:
+        return self.declared.is_a(type_, Type(actor, "actor"))
+
+    def _action_of(self, words: Sequence[Word]) -> Compound | None:
+        instance, name = words[0], words[-1]
+        type_ = self.names.types.get(instance.text)
+        if instance.text in self.names.faulty:
+            return None
+        if len(words) > 2 or type_ is None or type_.kind != "actor":
+            actors = [key for key, of in self.names.types.items() if of.kind == "actor"]
+            hint = did_you_mean(instance.text, actors, "an instance, declared as 'name: actor' in the scenario")
+            self.expressions.fault(instance.place, f"unknown actor instance {instance.text!r}", hint)
+            return None
+        chain = (type_.name, *self.declared.actors[type_.name].bases)
+        for actor in chain:
+            if known := self.declared.actions.get(f"{actor}.{name.text}"):
+                return known[0]
+        own = [action.partition(".")[2] for action in self.declared.actions if action.partition(".")[0] in chain]
+        libraries = [library for actor in chain for library in declaring(f"{actor}.{name.text}")]
+        hint = f"'import {libraries[0]}', which declares it" if libraries else did_you_mean(name.text, own)
+        self.expressions.fault(name.place, f"{type_.name} has no action {name.text!r}", hint)
+        return None
+
+    def _emit(self, text: EmitText) -> Behaviour | None:
+        if not self._is_event(text.event, (*self.events, *ENDING)):
+            return None
+        return Emit(text.event.text, _label(text.label), text.place)
+
+    def _is_event(self, name: Word, known: Sequence[str]) -> bool:
+        if name.text in known:
+            return True
+        right = did_you_mean(name.text, known, f"'event {name.text}' in the scenario")
+        self.expressions.fault(name.place, f"unknown event {name.text!r}", right)
+        return False
+
+    def _awaited(self, text: AwaitedText) -> Awaited | None:
+        condition = text.condition
+        if text.event is not None:
+            return self._happened(text)
+        if isinstance(condition, CallText) and str(condition.path) == "elapsed":
+            return self._elapsed(condition)
+        assert condition is not None
+        value = self.expressions.assigned(condition, BOOL, self.names, "a condition")
+        return None if value is None else Holds(value, text.place)
+
+    def _happened(self, text: AwaitedText) -> Awaited | None:
+        assert text.event is not None
+        if len(text.event.words) > 1:
+            self.expressions.fault(text.event.place, f"found event {text.event}", "an event of the scenario")
+            return None
+        if not self._is_event(text.event.words[0], self.events):
+            return None
+        if text.condition is None:
+            return Happened(str(text.event), None, text.place)
+        condition = self.expressions.assigned(text.condition, BOOL, self.names, "a condition")
+        return None if condition is None else Happened(str(text.event), condition, text.place)
+
+    def _elapsed(self, call: CallText) -> Awaited | None:
+        if len(call.arguments) != 1 or call.arguments[0].name is not None:
+            self.expressions.fault(call.place, "found elapsed without one duration", "elapsed(3s)")
+            return None
+        wanted = Type("time", "physical")
+        duration = self.expressions.assigned(call.arguments[0].value, wanted, self.names, "a duration")
+        return None if duration is None else Elapsed(duration, call.place)
+
+
+def _label(label: Word | None) -> str:
+    return label.text if label else ""

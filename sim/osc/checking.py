@@ -1,0 +1,208 @@
+"""From a scenario's syntax to its definition."""
+
+from collections.abc import Mapping, Sequence
+
+from vastflow.sim.osc.behaviours import ENDING, BehaviourChecker
+from vastflow.sim.osc.declarations import Declarations, Member
+from vastflow.sim.osc.definition import Actor, Behaviour, Expression, Parameter, ScenarioDefinition, Type, Variable
+from vastflow.sim.osc.expressions import ExpressionChecker, Visible
+from vastflow.sim.osc.faults import OscFault, did_you_mean
+from vastflow.sim.osc.members import MemberChecker
+from vastflow.sim.osc.syntax import (
+    ActText,
+    CompoundText,
+    DoText,
+    EventText,
+    ExpressionText,
+    FieldText,
+    KeepText,
+    MemberText,
+    MethodText,
+    OperationText,
+    PhysicalText,
+    RefusedText,
+    Word,
+)
+
+
+def checked(text: CompoundText, declared: Declarations, faults: list[OscFault]) -> ScenarioDefinition | None:
+    """The definition of a scenario; None where something in it is at fault, which goes to `faults`."""
+    before = len(faults)
+    scenario = _Scenario(declared, faults)
+    definition = scenario.definition(text)
+    return definition if len(faults) == before else None
+
+
+class _Scenario:
+    """Checks one scenario, with all that it inherits."""
+
+    def __init__(self, declared: Declarations, faults: list[OscFault]) -> None:
+        self._declared = declared
+        self._expressions = ExpressionChecker(declared, faults)
+        self._members = MemberChecker(declared, self._expressions)
+        self._fields: dict[str, Member] = dict(declared.globals)
+        self._units: dict[str, str] = {}
+        self._instances: dict[str, FieldText] = {}
+        self._events: list[str] = []
+        self._faulty: set[str] = set()
+
+    def definition(self, text: CompoundText) -> ScenarioDefinition | None:
+        chain = self._chain(text)
+        members = [member for part in chain for member in part.members]
+        for member in members:
+            self._declare(member)
+        done = self._done(chain)
+        visible = self._visible()
+        checker = BehaviourChecker(self._declared, self._expressions, visible, self._events)
+        root: Behaviour | None = None if done is None else checker.behaviour(done.behaviour)
+        applied = [member for member in members if isinstance(member, ActText)]
+        for member in applied:
+            if not checker.is_modifier(member):
+                self._misplaced(member)
+        root = checker.wrapped(root, [member for member in applied if checker.is_modifier(member)])
+        actors = [self._actor(name, field, visible) for name, field in self._instances.items()]
+        if root is None or None in actors:
+            return None
+        return self._made(text, root, tuple(actor for actor in actors if actor is not None))
+
+    def _misplaced(self, text: ActText) -> None:
+        path = str(text.call.path)
+        known = did_you_mean(path, self._declared.modifiers, "'import osc.helpers', which declares the modifiers")
+        right = "'do' before it" if "." in path or path in self._declared.actions else known
+        self._expressions.fault(text.call.place, f"found {path}(…) in the body of a scenario", right)
+
+    def _chain(self, text: CompoundText) -> list[CompoundText]:
+        """The scenario and those that it inherits from, the farthest first."""
+        chain = [text]
+        while chain[0].base is not None:
+            name = str(chain[0].base)
+            base = self._declared.scenarios.get(name)
+            if base is None:
+                right = did_you_mean(name, self._declared.scenarios)
+                self._expressions.fault(chain[0].base.place, f"unknown scenario {name!r}", right)
+                break
+            if any(base is one for one in chain):
+                self._expressions.fault(chain[0].base.place, f"scenario {name!r} inherits from itself", "another one")
+                break
+            chain.insert(0, base)
+        return chain
+
+    def _declare(self, member: MemberText) -> None:
+        match member:
+            case FieldText():
+                self._field(member)
+            case EventText():
+                self._event(member.name)
+            case KeepText():
+                self._keep(member)
+            case MethodText():
+                self._expressions.fault(member.name.place, "found a method of a scenario", "a function of a library")
+            case RefusedText():
+                self._expressions.refuse(member)
+
+    def _field(self, text: FieldText) -> None:
+        members = self._members.fields(text, self._visible())
+        self._faulty |= {name.text for name in text.names} - {member.name for member in members}
+        for member in members:
+            if member.name in self._fields or member.name in self._events:
+                self._expressions.fault(member.place, f"{member.name!r} is declared already", "another name")
+                continue
+            if member.type.kind == "actor":
+                if member.type.is_list or member.is_variable:
+                    what = "a list of actors" if member.type.is_list else "a variable of an actor"
+                    self._expressions.fault(member.place, f"found {what}", "'name: actor' for each instance")
+                self._instances[member.name] = text
+            self._fields[member.name] = member
+            self._units[member.name] = _unit(text.default)
+
+    def _keep(self, text: KeepText) -> None:
+        before = self._fields
+        self._fields = self._members.keep(text, before, self._visible())
+        for name, member in self._fields.items():
+            if (
+                member is not before[name]
+                and member.type.kind == "physical"
+                and isinstance(text.condition, OperationText)
+            ):
+                self._units[name] = _unit(text.condition.operands[-1])
+
+    def _event(self, name: Word) -> None:
+        if name.text in self._fields or name.text in self._events or name.text in ENDING:
+            self._expressions.fault(name.place, f"{name.text!r} is declared already", "another name")
+        elif self._members.allowed(name):
+            self._events.append(name.text)
+
+    def _visible(self) -> Visible:
+        changing = [name for name, member in self._fields.items() if self._is_variable(name, member)]
+        types = {name: member.type for name, member in self._fields.items()}
+        return Visible(types, frozenset(changing), frozenset(self._faulty - types.keys()))
+
+    def _is_variable(self, name: str, member: Member) -> bool:
+        return member.is_variable or name in self._declared.globals
+
+    def _done(self, chain: Sequence[CompoundText]) -> DoText | None:
+        """What the scenario does: its own `do`, or that of the nearest it inherits from."""
+        for part in reversed(chain):
+            found = [member for member in part.members if isinstance(member, DoText)]
+            for other in found[1:]:
+                self._expressions.fault(other.place, "found a second 'do'", "one 'do' with a serial or parallel")
+            if found:
+                return found[0]
+        name = chain[-1].name
+        self._expressions.fault(name.place, f"scenario {name} does nothing", "'do' and an action")
+        return None
+
+    def _actor(self, name: str, text: FieldText, visible: Visible) -> Actor | None:
+        type_ = self._fields[name].type
+        declared = self._declared.actors[type_.name]
+        members: Mapping[str, Member] = declared.members
+        if text.default is not None:
+            self._expressions.fault(self._fields[name].place, "found a value for an actor", "'keep' below it")
+        for item in text.keeps.items:
+            if isinstance(item, KeepText):
+                members = self._members.keep(item, members, visible)
+            else:
+                self._members.refuse_modifier(item)
+        values: dict[str, Expression] = {}
+        place = self._fields[name].place
+        for member in members.values():
+            value = member.default or self._declared.default_of(member.type, place)
+            if value is not None:
+                values[member.name] = value
+            elif not member.is_variable:
+                right = f"'with:' and below it 'keep(it.{member.name} == …)'"
+                self._expressions.fault(place, f"{name!r} has no value for {member.name!r}", right)
+                return None
+        return Actor(name, (type_.name, *declared.bases), values, place)
+
+    def _made(self, text: CompoundText, root: Behaviour, actors: tuple[Actor, ...]) -> ScenarioDefinition:
+        parameters, variables = [], []
+        for member in self._fields.values():
+            if self._is_variable(member.name, member):
+                variables.append(Variable(member.name, member.type, member.default, member.place))
+            elif member.type.kind != "actor":
+                unit = self._units[member.name]
+                parameters.append(Parameter(member.name, member.type, member.default, unit, member.place))
+        return ScenarioDefinition(
+            name=str(text.name),
+            parameters=tuple(parameters),
+            variables=tuple(variables),
+            actors=actors,
+            events=tuple(self._events),
+            root=root,
+            place=text.name.place,
+            structs=_structs(self._declared),
+            units=self._declared.units,
+            enums=self._declared.enums,
+        )
+
+
+def _unit(text: ExpressionText | None) -> str:
+    return text.unit.text if isinstance(text, PhysicalText) else ""
+
+
+def _structs(declared: Declarations) -> Mapping[str, Mapping[str, tuple[Type, Expression | None]]]:
+    return {
+        name: {member.name: (member.type, member.default) for member in struct.members.values()}
+        for name, struct in declared.structs.items()
+    }

@@ -1,0 +1,159 @@
+"""What names mean in a scenario file: the types, actors, actions, modifiers and globals that it and its imports declare."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+from vastflow.sim.osc.definition import Expression, Place, Struct, Type
+from vastflow.sim.osc.syntax import CompoundText
+
+BASIC: Final = ("int", "uint", "float", "bool", "string")
+
+ANY: Final = Type("any", "basic")
+"""Of a library's parameter that takes values of every type."""
+
+VARIABLE: Final = Type("variable", "basic")
+"""Of a library's parameter that is the name of a `var`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A field of a struct or actor, a parameter of an action, modifier, function or scenario, or a `var`."""
+
+    name: str
+    type: Type
+    default: Expression | None
+    is_variable: bool
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """An external function.
+
+    Attributes:
+        name: With its struct: `random.get_int`.
+        of_library: Whether vastflow brings it; a user's own can't be run.
+    """
+
+    name: str
+    parameters: Mapping[str, Member]
+    returns: Type | None
+    of_library: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Compound:
+    """A struct, actor, action or modifier with all members, the inherited ones first.
+
+    Attributes:
+        name: An actor's action has its actor before it: `robot.drive`.
+        bases: What it inherits from, the nearest first.
+        origin: The library or file that declares it.
+    """
+
+    kind: Literal["struct", "actor", "action", "modifier"]
+    name: str
+    bases: tuple[str, ...]
+    members: Mapping[str, Member]
+    functions: Mapping[str, Function]
+    origin: str
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Declarations:
+    """All that is declared, by name.
+
+    Attributes:
+        physical: Physical type to the exponents of its base units.
+        units: Unit to (physical type, factor, offset).
+        actions: More than one where libraries declare the same name.
+        scenarios: As written; they are checked one by one.
+    """
+
+    physical: dict[str, Mapping[str, int | float]] = field(default_factory=dict)
+    units: dict[str, tuple[str, float, float]] = field(default_factory=dict)
+    enums: dict[str, Mapping[str, int]] = field(default_factory=dict)
+    structs: dict[str, Compound] = field(default_factory=dict)
+    actors: dict[str, Compound] = field(default_factory=dict)
+    actions: dict[str, tuple[Compound, ...]] = field(default_factory=dict)
+    modifiers: dict[str, Compound] = field(default_factory=dict)
+    globals: dict[str, Member] = field(default_factory=dict)
+    scenarios: dict[str, CompoundText] = field(default_factory=dict)
+
+    def include(self, other: "Declarations") -> tuple[str, ...]:
+        """Take in what an imported file or library declares; gives the names that mean something else already."""
+        clashing: list[str] = []
+        for mine, theirs in zip(self._unique(), other._unique(), strict=True):
+            clashing += [name for name, meant in theirs.items() if mine.get(name, meant) is not meant]
+            mine.update(theirs)
+        for name, actions in other.actions.items():
+            known = self.actions.get(name, ())
+            self.actions[name] = known + tuple(action for action in actions if all(action is not one for one in known))
+        return tuple(clashing)
+
+    def _unique(self) -> tuple[dict[str, Any], ...]:
+        """What a name may mean once only; an action may be declared twice, and not used then."""
+        return (
+            self.physical,
+            self.units,
+            self.enums,
+            self.structs,
+            self.actors,
+            self.modifiers,
+            self.globals,
+            self.scenarios,
+        )
+
+    def type_names(self) -> tuple[str, ...]:
+        """Every name that can stand as a type."""
+        return (*BASIC, *self.physical, *self.enums, *self.structs, *self.actors)
+
+    def type_named(self, name: str, is_list: bool = False) -> Type | None:
+        """The type of that name."""
+        if name in BASIC:
+            return Type(name, "basic", is_list)
+        if name in self.physical:
+            return Type(name, "physical", is_list)
+        if name in self.structs:
+            return Type(name, "struct", is_list)
+        if name in self.enums:
+            return Type(name, "enum", is_list)
+        if name in self.actors:
+            return Type(name, "actor", is_list)
+        return None
+
+    def is_a(self, found: Type, wanted: Type) -> bool:
+        """Whether a value of type `found` can stand where `wanted` is declared: the same, or one that inherits from it."""
+        if wanted == ANY or found == wanted:
+            return True
+        if found.is_list != wanted.is_list or found.kind != wanted.kind:
+            return False
+        kinds = {"struct": self.structs, "actor": self.actors}.get(found.kind, {})
+        return found.name in kinds and wanted.name in kinds[found.name].bases
+
+    def members_of(self, type_: Type) -> Mapping[str, Member]:
+        """Members of a struct or an actor; none of anything else."""
+        if type_.is_list or type_.kind not in ("struct", "actor"):
+            return {}
+        return (self.structs if type_.kind == "struct" else self.actors)[type_.name].members
+
+    def default_of(self, type_: Type, place: Place) -> Expression | None:
+        """A struct with the defaults of all its members; None where one of them has none, and for every other type."""
+        if type_.is_list or type_.kind != "struct":
+            return None
+        members: dict[str, Expression] = {}
+        for member in self.structs[type_.name].members.values():
+            value = member.default or self.default_of(member.type, place)
+            if value is None:
+                return None
+            members[member.name] = value
+        return Struct(type_.name, members, place)
+
+    def unit_of(self, physical: str) -> str:
+        """The SI unit of a physical type, for messages."""
+        return next(
+            (name for name, (of, factor, offset) in self.units.items() if (of, factor, offset) == (physical, 1.0, 0.0)),
+            "",
+        )

@@ -1,0 +1,261 @@
+"""What a scenario file defines once it is read and checked: names resolved, types agreed, modifiers wrapped round.
+
+A definition is a value. It is made once for a file, and any number of runs build their trees from it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where something stands; line and column count from 1."""
+
+    file: str
+    line: int
+    column: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}"
+
+
+@dataclass(frozen=True, slots=True)
+class Type:
+    """A type by name: `int uint float bool string`, a physical type, a struct, an enum or an actor, or a list of one.
+
+    Attributes:
+        kind: What the name is the name of.
+    """
+
+    name: str
+    kind: Literal["basic", "physical", "struct", "enum", "actor"]
+    is_list: bool = False
+
+    def __str__(self) -> str:
+        return f"list of {self.name}" if self.is_list else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class EnumValue:
+    """A member of an enumeration."""
+
+    type: str
+    member: str
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """A value that is known: int, float (SI where it is physical), bool, str or `EnumValue`."""
+
+    value: int | float | bool | str | EnumValue
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A parameter, variable, global or actor instance by name, and below it members of structs (`start.position.x`)."""
+
+    path: tuple[str, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class ListOf:
+    """A list."""
+
+    items: "tuple[Expression, ...]"
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Struct:
+    """A struct with every member, given or by default."""
+
+    type: str
+    members: "Mapping[str, Expression]"
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """An operator on one operand or two: `+ - * / % == != < <= > >= in and or not`."""
+
+    operator: str
+    operands: "tuple[Expression, ...]"
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class External:
+    """A call of an external function, such as `random.get_int`, by library struct and function name."""
+
+    function: str
+    arguments: "tuple[Expression, ...]"
+    place: Place
+
+
+Expression: TypeAlias = Constant | Name | ListOf | Struct | Operation | External
+
+
+@dataclass(frozen=True, slots=True)
+class Elapsed:
+    """`elapsed(d)`: holds once so much simulated time went by since it was first looked at."""
+
+    duration: Expression
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """`@event`, perhaps `if condition`: events are flags that stay set for the rest of the run."""
+
+    event: str
+    condition: Expression | None
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Holds:
+    """A condition over parameters and variables, evaluated at each tick."""
+
+    condition: Expression
+    place: Place
+
+
+Awaited: TypeAlias = Elapsed | Happened | Holds
+
+
+@dataclass(frozen=True, slots=True)
+class Composition:
+    """`serial`, `parallel` or `one_of`."""
+
+    kind: Literal["serial", "parallel", "one_of"]
+    children: "tuple[Behaviour, ...]"
+    label: str
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A call of an action.
+
+    Attributes:
+        action: Qualified by the actor that declares it, where one does: `differential_drive_robot.nav_to_pose`, `log`.
+        actor: The instance that acts, by name; empty for an action of no actor.
+        arguments: Every declared parameter that was given or has a default. One that names a variable, such as the target
+            of `increment`, is the variable's name as a `Constant`.
+        label: As written before the call, or empty.
+    """
+
+    action: str
+    actor: str
+    arguments: Mapping[str, Expression]
+    label: str
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """`wait` until something holds."""
+
+    until: Awaited
+    label: str
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Emit:
+    """`emit`: sets an event's flag; `end` and `fail` end the scenario after the tick."""
+
+    event: str
+    label: str
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Modified:
+    """A modifier round a behaviour, such as `timeout` or `repeat`, with all its parameters."""
+
+    modifier: str
+    arguments: Mapping[str, Expression]
+    child: "Behaviour"
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Until:
+    """`until`: ends the behaviour below with success when something holds."""
+
+    until: Awaited
+    child: "Behaviour"
+    place: Place
+
+
+Behaviour: TypeAlias = Composition | Call | Wait | Emit | Modified | Until
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of a scenario.
+
+    Attributes:
+        default: None where a value has to be given from outside.
+        unit: Of a physical default as it is written (`36.0kmph`: `kmph`), else empty.
+    """
+
+    name: str
+    type: Type
+    default: Expression | None
+    unit: str
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A `var`: a value that may change during a run; a global one counts as the scenario's too."""
+
+    name: str
+    type: Type
+    initial: Expression | None
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Actor:
+    """An instance of an actor, with every member its type and the `keep` of the instance give.
+
+    Attributes:
+        types: Its type and those that one inherits from, the nearest first.
+        members: A `var` of the actor is among them where it has an initial value.
+    """
+
+    name: str
+    types: tuple[str, ...]
+    members: Mapping[str, Expression]
+    place: Place
+
+
+@dataclass(frozen=True)
+class ScenarioDefinition:
+    """A scenario, checked.
+
+    Attributes:
+        events: Declared names.
+        root: The `do` behaviour with the modifiers of the scenario's body wrapped round it.
+        structs: Struct name to its members' types and default expressions, for values that come from outside.
+        units: Unit name to (physical type, factor, offset): value × factor + offset is SI.
+        enums: Enum name to member name to number.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    variables: tuple[Variable, ...]
+    actors: tuple[Actor, ...]
+    events: tuple[str, ...]
+    root: Behaviour
+    place: Place
+    structs: Mapping[str, Mapping[str, tuple[Type, Expression | None]]] = field(repr=False)
+    units: Mapping[str, tuple[str, float, float]] = field(repr=False)
+    enums: Mapping[str, Mapping[str, int]] = field(repr=False)

@@ -1,0 +1,148 @@
+"""Checking fields and variables, and the `keep` that gives them values."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Final
+
+from vastflow.sim.osc.declarations import ANY, VARIABLE, Declarations, Member
+from vastflow.sim.osc.definition import Expression, Struct, Type
+from vastflow.sim.osc.expressions import ExpressionChecker, Visible
+from vastflow.sim.osc.faults import did_you_mean
+from vastflow.sim.osc.hints import right_type
+from vastflow.sim.osc.syntax import (
+    CallText,
+    ExpressionText,
+    FieldText,
+    KeepText,
+    OperationText,
+    PathText,
+    RefusedText,
+    TypeText,
+    UntilText,
+    Word,
+)
+
+RESERVED: Final = frozenset({"kg", "m", "s", "A", "K", "mol", "cd", "rad"})
+"""Base units, which the language keeps for itself."""
+
+
+def nothing_more(name: str) -> None:
+    """All that is declared is declared."""
+
+
+class MemberChecker:
+    """Checks fields against declarations.
+
+    Args:
+        ensure: Called with the name of a type before it is looked up, so that it may be declared further down.
+        of_library: Whether the types that only libraries may use are known.
+    """
+
+    def __init__(
+        self,
+        declared: Declarations,
+        expressions: ExpressionChecker,
+        *,
+        ensure: Callable[[str], None] = nothing_more,
+        of_library: bool = False,
+    ) -> None:
+        self._declared = declared
+        self._expressions = expressions
+        self._ensure = ensure
+        self._of_library = of_library
+
+    def type_of(self, text: TypeText) -> Type | None:
+        """The type that is named; None and a fault where there is none."""
+        name = text.name.text
+        self._ensure(name)
+        if self._of_library and name in (ANY.name, VARIABLE.name):
+            return Type(name, "basic", text.is_list)
+        type_ = self._declared.type_named(name, text.is_list)
+        if type_ is None:
+            known = self._declared.type_names()
+            right = did_you_mean(name, known) if self._of_library else right_type(name, known)
+            self._expressions.fault(text.name.place, f"unknown type {name!r}", right)
+        return type_
+
+    def allowed(self, name: Word) -> bool:
+        """Whether something may be called so."""
+        if name.text in RESERVED:
+            self._expressions.fault(name.place, f"{name.text!r} is a base unit, a reserved word", "another name")
+            return False
+        return True
+
+    def fields(self, text: FieldText, names: Visible) -> list[Member]:
+        """The members that a field declares, with what `keep` below it gives them; those with a fault are left out."""
+        type_ = self.type_of(text.type)
+        words = [name for name in text.names if self.allowed(name)]
+        if type_ is None:
+            return []
+        default = None
+        if text.default is not None:
+            whose = ", ".join(repr(name.text) for name in text.names)
+            default = self._expressions.assigned(text.default, type_, names, whose)
+            if default is None:
+                return []
+        if type_.kind != "actor":  # an instance's members are checked with the instance
+            for item in text.keeps.items:
+                if not isinstance(item, KeepText):
+                    self.refuse_modifier(item)
+                elif (target := self._target(item)) is not None:
+                    default = self._with_value(default, type_, *target, names)
+        return [Member(name.text, type_, default, text.is_variable, name.place) for name in words]
+
+    def keep(self, text: KeepText, members: Mapping[str, Member], names: Visible) -> dict[str, Member]:
+        """`members` with the value that a `keep` about their owner gives one of them."""
+        kept = dict(members)
+        target = self._target(text)
+        if target is None:
+            return kept
+        (first, *rest), value = target
+        member = members.get(first.text)
+        if member is None:
+            self._expressions.fault(first.place, f"no member {first.text!r}", did_you_mean(first.text, members))
+        elif rest:
+            default = self._with_value(member.default, member.type, tuple(rest), value, names)
+            kept[first.text] = replace(member, default=default)
+        else:
+            given = self._expressions.assigned(value, member.type, names, repr(first.text))
+            kept[first.text] = replace(member, default=given or member.default)
+        return kept
+
+    def refuse_modifier(self, item: CallText | UntilText | RefusedText) -> None:
+        """Take down that something in a `with:` block below a field is no `keep`."""
+        if isinstance(item, RefusedText):
+            self._expressions.refuse(item)
+        else:
+            self._expressions.fault(item.place, "found a modifier of a field", "'keep(it.member == value)'")
+
+    def _target(self, text: KeepText) -> tuple[tuple[Word, ...], ExpressionText] | None:
+        """The path below `it` and the value of `keep(it.path == value)`."""
+        match text.condition:
+            case OperationText(operator="==", operands=(PathText(words=(Word(text="it"), *path)), value)) if path:
+                return tuple(path), value
+        self._expressions.fault(text.place, "found a 'keep' that gives no value", "'keep(it.member == value)'")
+        return None
+
+    def _with_value(
+        self, default: Expression | None, type_: Type, path: tuple[Word, ...], value: ExpressionText, names: Visible
+    ) -> Expression | None:
+        """`default`, of type `type_`, with a value at `path` below it; as it was where the value is at fault."""
+        first, *rest = path
+        members = self._declared.members_of(type_)
+        if first.text not in members:
+            right = did_you_mean(first.text, members, "a value for it as a whole")
+            self._expressions.fault(first.place, f"a {type_} has no member {first.text!r}", right)
+            return default
+        whole = default or self._declared.default_of(type_, first.place)
+        if not isinstance(whole, Struct):
+            self._expressions.fault(first.place, f"found a 'keep' below a {type_} without value", f"{type_.name}(…)")
+            return default
+        member = members[first.text]
+        if rest:
+            below = self._with_value(whole.members[first.text], member.type, tuple(rest), value, names)
+        else:
+            below = self._expressions.assigned(value, member.type, names, repr(first.text))
+        if below is None:
+            return default
+        return Struct(whole.type, {**whole.members, first.text: below}, whole.place)

@@ -1,0 +1,185 @@
+"""Values of parameters: defaults, and what a configuration gives in their place."""
+
+import pickle
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.sim.osc.definition import EnumValue
+from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
+from vastflow.sim.osc.reading import read_text
+
+
+def scenario(*parameters):
+    body = "".join(f"    {parameter}\n" for parameter in parameters)
+    text = f"import osc.helpers\nimport osc.ros\nimport osc.gazebo\nscenario patrol:\n{body}    do log('x')\n"
+    (definition,) = read_text(text, "patrol.osc", Path())
+    return definition
+
+
+def value(parameter, **overrides):
+    """What the one parameter of a scenario becomes."""
+    (found,) = bound(scenario(parameter), overrides).values()
+    return found
+
+
+def refused(parameter, **overrides):
+    with pytest.raises(ParameterMismatch, match=r"^parameter \S+ of scenario patrol: found .+; .+") as raised:
+        value(parameter, **overrides)
+    return str(raised.value).partition("patrol: ")[2]
+
+
+def test_without_overrides_all_parameters_have_their_defaults_in_order():
+    values = bound(scenario("b: speed = 3.6kmph", "a: pose_3d = pose_3d()", "c: list of int = [1, 2]"), {})
+    assert list(values) == ["b", "a", "c"]
+    assert values["b"] == pytest.approx(1.0)
+    assert values["a"]["orientation"] == {"roll": 0.0, "pitch": 0.0, "yaw": 0.0}
+    assert values["c"] == [1, 2]
+
+
+@pytest.mark.parametrize("type_", ["string", "float", "speed", "pose_3d", "list of pose_3d", "signal"])
+def test_a_parameter_without_default_needs_a_value(type_):
+    assert refused(f"p: {type_}").startswith("found nothing; a value, ")
+
+
+def test_actors_and_variables_are_no_parameters():
+    assert bound(scenario("bot: differential_drive_robot", "var n: int = 3"), {}) == {}
+
+
+@pytest.mark.parametrize(
+    ("parameter", "given", "value_"),
+    [
+        ("p: string", "maps/flat.yaml", "maps/flat.yaml"),
+        ("p: string", 0.5, "0.5"),
+        ("p: string", 3, "3"),
+        ("p: string", True, "true"),
+        ("p: float", 3, 3.0),
+        ("p: float", 3.5, 3.5),
+        ("p: int", 3, 3),
+        ("p: uint", 3, 3),
+        ("p: bool", False, False),
+        ("p: speed", 0.8, 0.8),
+        ("p: speed", 1, 1.0),
+        ("p: time = 10s", 2.5, 2.5),
+        ("p: signal", "sigint", EnumValue("signal", "sigint", 2)),
+        ("p: signal", "signal!sigint", EnumValue("signal", "sigint", 2)),
+        ("p: signal", EnumValue("signal", "sigint", 2), EnumValue("signal", "sigint", 2)),
+        ("p: list of string", [1, "a"], ["1", "a"]),
+        ("p: list of int = [1, 2, 3]", [9], [9]),
+        ("p: list of int = [1, 2, 3]", [], []),
+        ("p: list of int", (1, 2), [1, 2]),
+    ],
+)
+def test_an_override_takes_the_place_of_the_default(parameter, given, value_):
+    found = value(parameter, p=given)
+    assert found == value_ and type(found) is type(value_)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "given", "words"),
+    [
+        ("p: float", "fast", "found 'fast'; a number"),
+        ("p: float", True, "found true; a number"),
+        ("p: float", float("nan"), "found nan; a number"),
+        ("p: int", 3.0, "found 3.0; a whole number"),
+        ("p: int", True, "found true; a whole number"),
+        ("p: uint", -3, "found -3; a whole number >= 0"),
+        ("p: bool", 1, "found 1; true or false"),
+        ("p: bool", "true", "found 'true'; true or false"),
+        ("p: string", None, "found nothing; a text"),
+        ("p: speed", "3mps", "found '3mps'; a speed, a number in SI units"),
+        ("p: speed = 36kmph", "fast", "found 'fast'; a speed, a number in kmph"),
+        ("p: signal", "sigtrem", "found 'sigtrem'; did you mean 'sigterm'?"),
+        ("p: list of int", 3, "found 3; a list of int"),
+        ("p: list of string", "ab", "found 'ab'; a list of string"),
+        ("p: pose_3d", [1, 2], "found [1, 2]; a mapping, pose_3d with position, orientation"),
+        ("p: pose_3d", {"positon": {}}, "found member 'positon'; did you mean 'position'?"),
+    ],
+)
+def test_a_value_of_another_type_is_refused(parameter, given, words):
+    assert refused(parameter, p=given) == words
+
+
+def test_a_fault_names_the_member_and_the_item_that_it_is_about():
+    with pytest.raises(ParameterMismatch, match=r"parameter p\[1\]\.position\.x of scenario patrol: found 'a'"):
+        value("p: list of pose_3d", p=[{}, {"position": {"x": "a"}}])
+
+
+def test_an_unknown_parameter_is_refused_with_the_nearest_name():
+    with pytest.raises(ParameterMismatch, match=r"parameter speed_limt .* did you mean 'speed_limit'"):
+        bound(scenario("speed_limit: speed = 1mps"), {"speed_limt": 1})
+    with pytest.raises(ParameterMismatch, match=r"parameter bot .* no parameters"):
+        bound(scenario("bot: differential_drive_robot"), {"bot": 1})
+
+
+def test_a_part_of_a_struct_leaves_the_other_members_as_the_default_has_them():
+    pose = value("p: pose_3d = pose_3d(position_3d(1m, 2m))", p={"position": {"x": 9}})
+    assert pose["position"] == {"x": 9.0, "y": 2.0, "z": 0.0}
+
+
+def test_a_part_of_a_struct_without_default_has_the_defaults_of_its_type():
+    pose = value("p: pose_3d", p={"position": {"x": 9}})
+    assert pose["position"] == {"x": 9.0, "y": 0.0, "z": 0.0}
+    assert pose["orientation"]["yaw"] == 0.0
+
+
+def test_a_member_of_a_struct_without_default_needs_a_value():
+    boxes = [{"entity_name": "box1", "spawn_pose": {"position": {"x": 2.0}}}]
+    with pytest.raises(ParameterMismatch, match=r"parameter p\[0\]\.model of scenario patrol: found nothing"):
+        value("p: list of spawn_entity", p=boxes)
+    (box,) = value("p: list of spawn_entity", p=[{**boxes[0], "model": "box.sdf"}])
+    assert (box["model"], box["xacro_arguments"], box["spawn_pose"]["position"]["x"]) == ("box.sdf", "", 2.0)
+
+
+def test_a_number_with_a_unit_is_given_in_the_unit_of_the_default():
+    assert value("p: speed = 36.0kmph", p=72.0) == pytest.approx(20.0)
+    assert value("p: temperature = 20C", p=10) == pytest.approx(283.15)
+
+
+def test_a_default_may_use_what_is_declared_before_it_overridden_or_not():
+    definition = scenario("base: string = 'maps'", "p: string = base + '/flat.yaml'")
+    assert bound(definition, {"base": "other"})["p"] == "other/flat.yaml"
+
+
+def test_a_default_may_call_a_function():
+    definition = scenario("p: string = common.get_output_directory()")
+    assert bound(definition, {}, {"common.get_output_directory": lambda: "/out"}) == {"p": "/out"}
+    with pytest.raises(ParameterMismatch, match=r"common\.get_output_directory\(\) is not available here"):
+        bound(definition, {})
+    assert default_of(definition, "p") is None
+
+
+def test_a_default_that_has_no_value_is_a_mismatch():
+    assert "'/' can't be done" in refused("p: float = 1 / 0")
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.integers(-(2**53), 2**53))
+def test_numbers_come_out_as_they_went_in(x, n):
+    values = bound(scenario("x: float", "n: int", "d: length"), {"x": x, "n": n, "d": x})
+    assert values == {"x": x, "n": n, "d": x}
+
+
+def test_overrides_and_defaults_are_not_shared_between_runs():
+    definition, overrides = scenario("p: pose_3d = pose_3d()"), {"p": {"position": {"x": 1}}}
+    bound(definition, overrides)["p"]["position"]["x"] = 5.0
+    assert bound(definition, overrides)["p"]["position"]["x"] == 1.0
+    assert overrides == {"p": {"position": {"x": 1}}}
+
+
+def test_a_mismatch_survives_the_way_to_another_process():
+    with pytest.raises(ParameterMismatch, match="p of") as raised:
+        value("p: int", p="a")
+    copy = pickle.loads(pickle.dumps(raised.value))
+    assert (copy.parameter, copy.expected, copy.given) == ("p", "a whole number", "'a'")
+
+
+def test_binding_takes_far_less_than_a_millisecond_of_cpu():
+    definition = scenario("start: pose_3d", "goals: list of pose_3d", "limit: speed = 1mps")
+    overrides = {"start": {"position": {"x": 1.0}}, "goals": [{"position": {"x": 1.0}}] * 3}
+    begun = time.process_time()
+    for _ in range(50):
+        bound(definition, overrides)
+    assert (time.process_time() - begun) / 50 < 0.001
