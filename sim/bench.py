@@ -136,14 +136,13 @@ class _Course:
         for index, mission in enumerate(self.missions):
             loop = self.loop(index, mission)
             m = loop.stack.m[0]
-            updates, flooded_tick = 0, -1
+            updates = 0
             while loop.running:
                 loop.advance(loop.tick + 1)
                 if m["filter_updates"] > updates:
                     updates = int(m["filter_updates"])
                     particles.append(int(m["particles"]))
-                if m["planned_goal"] >= 0 and m["flooded_tick"] != flooded_tick:
-                    flooded_tick, floods = int(m["flooded_tick"]), floods + 1
+            floods += int(m["floods"])
         return {
             "amcl_updates_per_s": round(len(particles) / simulated_s, 2),
             "amcl_particles_mean": round(float(np.mean(particles)), 1),

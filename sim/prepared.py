@@ -36,7 +36,7 @@ class PreparedMap:
         static: (H, W) uint8 of 0, 254, 255: the static layer.
         static_costs: (H, W) uint8 inflation of its lethal cells; `costs` is that with its unknown cells.
         stamp, local_stamp: Inflation round one cell of the global and of the local costmap.
-        travel: (H, W) uint8: NavFn's costs of the inflated static layer.
+        travel: (H, W) uint8: NavFn's costs of the inflated static layer; `least` those with unknown cells taken for free.
     """
 
     occupancy: OccupancyMap
@@ -48,6 +48,7 @@ class PreparedMap:
     stamp: NDArray[np.uint8]
     costs: NDArray[np.uint8]
     travel: NDArray[np.uint8]
+    least: NDArray[np.uint8]
     local_stamp: NDArray[np.uint8]
 
 
@@ -94,6 +95,7 @@ class _Costs(NamedTuple):
     stamp: NDArray[np.uint8]
     costs: NDArray[np.uint8]
     travel: NDArray[np.uint8]
+    least: NDArray[np.uint8]
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)
@@ -102,7 +104,9 @@ def _costs(occupancy: OccupancyMap, costmap: Costmap, allow_unknown: bool) -> _C
     stamp = _stamp(costmap, occupancy.resolution_m)
     static_costs = inflation_of(static, stamp)
     costs = with_unknown(static, static_costs)
-    return _Costs(static, static_costs, stamp, costs, travel_costs(costs, allow_unknown))
+    travel = travel_costs(costs, allow_unknown)
+    least = travel_costs(static_costs) if (static == UNKNOWN).any() else travel
+    return _Costs(static, static_costs, stamp, costs, travel, least)
 
 
 def _static_layer(occupancy: OccupancyMap, costmap: Costmap) -> NDArray[np.uint8]:

@@ -102,7 +102,6 @@ def note(m: Any, kind: int, what: int, value: float) -> None:
 def _begin_goal(m: Any) -> None:
     m.attempts, m.round_robin = 0, 0
     m.planner_code, m.controller_code = 0, 0
-    m.planned_goal = -1
     _resume(m)
 
 

@@ -1,16 +1,13 @@
 """Costmap updates: the rolling window in the odom frame, and the global map."""
 
 import math
-from typing import Any, Final
+from typing import Any
 
 from vastflow.sim.nav.costmap import MARKED, UNSEEN, clear_disc, merge_window, observe, roll
 from vastflow.sim.nav.inflation import FREE, LETHAL, stamp_lethal
-from vastflow.sim.nav.navfn import NEUTRAL, UNREACHED, fill_travel_costs
+from vastflow.sim.nav.navfn import fill_travel_costs
 from vastflow.sim.nav.state import Grids, Local
 from vastflow.sim.numeric import inner
-
-CLEARED: Final = 64
-"""By this much a travel cost falls where an obstacle went, and not where a mark moved by two cells."""
 
 
 @inner
@@ -100,7 +97,7 @@ def update_global(p: Any, m: Any, g: Grids) -> None:
         radius = (q.robot_radius + q.footprint_padding) / p.resolution
         clear_disc(g.layer, (m.x - p.origin_x) / p.resolution, (m.y - p.origin_y) / p.resolution, radius)
     reach_m = max(q.obstacle_layer.raytrace_max_range, q.obstacle_layer.obstacle_max_range) + 0.1
-    _merge(p, m, g, column, row, math.ceil(reach_m / p.resolution) + g.stamp.shape[0] // 2)
+    _merge(p, g, column, row, math.ceil(reach_m / p.resolution) + g.stamp.shape[0] // 2)
 
 
 @inner
@@ -120,24 +117,12 @@ def clear_global(p: Any, m: Any, g: Grids) -> None:
     for r in range(g.layer.shape[0]):
         for c in range(g.layer.shape[1]):
             g.layer[r, c] = UNSEEN
-    _merge(p, m, g, g.layer.shape[1] // 2, g.layer.shape[0] // 2, max(g.layer.shape[0], g.layer.shape[1]))
+    _merge(p, g, g.layer.shape[1] // 2, g.layer.shape[0] // 2, max(g.layer.shape[0], g.layer.shape[1]))
 
 
 @inner
-def _merge(p: Any, m: Any, g: Grids, column: int, row: int, reach: int) -> None:
+def _merge(p: Any, g: Grids, column: int, row: int, reach: int) -> None:
     row0, row1, col0, col1 = merge_window(g.static, g.static_costs, g.layer, g.stamp, column, row, reach, g.costs)
     rows, columns = g.travel.shape
     row0, row1, col0, col1 = max(row0, 1), min(row1, rows - 1), max(col0, 1), min(col1, columns - 1)
     fill_travel_costs(g.costs, p.planner.allow_unknown != 0, row0, row1, col0, col1, g.travel)
-    if m.dirty == 1 or not (0 <= row < rows and 0 <= column < columns):
-        return
-    # What fell in price matters only where it may lie on a better way: nearer to the goal than the robot is, and not
-    # farther from both than the way the robot has. Localization moves a wall's marks by a cell or two at any time.
-    here = g.potential[row, column]
-    for r in range(row0, row1):
-        for c in range(col0, col1):
-            if g.travel[r, c] + CLEARED < g.flooded[r, c]:
-                away = math.hypot(r - row, c - column)
-                if g.potential[r, c] + NEUTRAL * away < here or g.potential[r, c] >= UNREACHED:
-                    m.dirty = 1
-                    return

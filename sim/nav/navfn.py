@@ -25,18 +25,21 @@ def potential(
     root_cell: tuple[int, int],
     stop_cell: tuple[int, int] | None = None,
     allow_unknown: bool = True,
+    use_astar: bool = False,
 ) -> NDArray[np.float32]:
     """Potential (H, W) float32 propagated from `root_cell`; unreached cells keep 1e10.
 
     Args:
         costmap_u8: (H, W) costmap bytes, row 0 at the lowest y.
         root_cell, stop_cell: (x, y) cells; propagation ends when `stop_cell` first gets a value.
+        use_astar: Towards `stop_cell`, which must be given.
     """
     travel = travel_costs(costmap_u8, allow_unknown)
     out = new_potential(travel.shape)
     stop = (-1, -1) if stop_cell is None else stop_cell
     travel[root_cell[1], root_cell[0]] = NEUTRAL
-    propagate(travel, root_cell[0], root_cell[1], stop[0], stop[1], out, new_scratch(travel.shape))
+    flood = propagate_astar if use_astar else propagate
+    flood(travel, root_cell[0], root_cell[1], stop[0], stop[1], out, new_scratch(travel.shape))
     return out
 
 
@@ -45,10 +48,11 @@ def path(
     start_cell: tuple[int, int],
     goal_cell: tuple[int, int],
     allow_unknown: bool = True,
+    use_astar: bool = False,
 ) -> NDArray[np.float64]:
     """Path (N, 2) of (x, y) in cell units from start to goal, down the potential; empty when there is none."""
     travel = travel_costs(costmap_u8, allow_unknown)
-    values = potential(costmap_u8, start_cell, goal_cell, allow_unknown)
+    values = potential(costmap_u8, start_cell, goal_cell, allow_unknown, use_astar)
     out = np.empty((4 * max(travel.shape), 2))
     n = descend(values, travel, float(goal_cell[0]), float(goal_cell[1]), start_cell[0], start_cell[1], out)
     return out[:n][::-1].copy()
@@ -95,15 +99,52 @@ def propagate(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, o
 
     Args:
         travel: (H, W) uint8 travel costs; the outermost cells are obstacles, so that none has a neighbour missing.
-        out: From `new_potential`, and written by this function alone.
+        out: From `new_potential`, and written by this function and its two variants alone.
         scratch: From `new_scratch`, always the same for one `out`.
     """
+    # Nothing is above infinity, so any array will do for the lower bounds.
+    return bool(_propagate(travel, root_x, root_y, stop_x, stop_y, False, out, math.inf, out, scratch))
+
+
+@njit
+def propagate_astar(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, out: Any, scratch: Any) -> bool:
+    """`propagate` as NavFn does it with `use_astar`: cells nearer to the stop cell first."""
+    return bool(_propagate(travel, root_x, root_y, stop_x, stop_y, True, out, math.inf, out, scratch))
+
+
+@njit
+def propagate_within(
+    travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, lower: Any, bound: float, out: Any, scratch: Any
+) -> bool:
+    """`propagate`, but only into cells that a way from the root of at most `bound` can lead through.
+
+    Where no such way comes near what is left out, the potential is that of the whole flood.
+
+    Args:
+        lower: (H, W) float32, no greater than what any way on from a cell costs, the cell's own cost included.
+    """
+    return bool(_propagate(travel, root_x, root_y, stop_x, stop_y, False, lower, bound, out, scratch))
+
+
+@inner
+def _propagate(
+    travel: Any,
+    root_x: int,
+    root_y: int,
+    stop_x: int,
+    stop_y: int,
+    astar: bool,
+    lower: Any,
+    bound: float,
+    out: Any,
+    scratch: Any,
+) -> bool:
     rows, columns = travel.shape
     buffers, pending_flags, extent = scratch
     for row in range(extent[0], extent[1]):
         for column in range(extent[2], extent[3]):
             out[row, column] = UNREACHED
-    cost_of, potential_of, pending = travel.ravel(), out.ravel(), pending_flags.ravel()
+    cost_of, potential_of, pending, lower_of = travel.ravel(), out.ravel(), pending_flags.ravel(), lower.ravel()
     beside = np.array([-1, 1, -columns, columns])
     root, stop = root_y * columns + root_x, stop_y * columns + stop_x
     low, high = root, root
@@ -118,6 +159,8 @@ def propagate(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, o
             buffers[current, n_current] = cell
             n_current += 1
     threshold = np.float32(OBSTACLE)
+    if astar:
+        threshold += np.float32(NEUTRAL * math.hypot(root_x - stop_x, root_y - stop_y))
     reached = False
     for _ in range(max(rows * columns // 20, rows + columns)):
         if n_current == 0:
@@ -141,14 +184,20 @@ def propagate(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, o
             low, high = min(low, cell), max(high, cell)
             x = cell % columns
             low_x, high_x = min(low_x, x), max(high_x, x)
+            # NavFn's A* takes what is left for a part of the value, even where it asks whether a neighbour gains.
+            rank = value
+            if astar:
+                rank += np.float32(NEUTRAL * math.hypot(x - stop_x, cell // columns - stop_y))
             for side in range(4):
                 there = cell + beside[side]
                 price = cost_of[there]
                 if price >= OBSTACLE or pending[there] != 0:
                     continue
-                if not potential_of[there] > value + np.float32(0.707106781) * np.float32(price):
+                if not potential_of[there] > rank + np.float32(0.707106781) * np.float32(price):
                     continue
-                if value < threshold:
+                if value + lower_of[there] > bound:
+                    continue
+                if rank < threshold:
                     if n_following < BUFFER_CELLS:
                         buffers[following, n_following] = there
                         n_following += 1

@@ -1,16 +1,17 @@
-"""The global plan: NavFn legs through the goals that remain, replanned at 1 Hz.
+"""The global plan: NavFn legs through the goals that remain, every one flooded afresh at every replanning.
 
-The potential is rooted at the next goal and kept from one replanning to the next: then only the path is drawn anew,
-from where the robot is. The flood is repeated when the costs along the path rose, when the robot left what
-was flooded, when the goal changed, and after 5 s if an obstacle between robot and goal went. Costs that rose elsewhere
-can't make another path better than this one.
+As in Nav2, a leg is flooded from its start until its goal has a value, and walked back from there. The flood keeps within
+bounds: where a way through a cell would cost `MARGIN` more than is to be expected, going by the least that is left to the
+goal from there, it does not enter. No better way is lost by that, and along the best one the potential is the whole flood's
+but for the order of NavFn's updates.
 """
 
 import math
 from typing import Any, Final
 
-from vastflow.sim.nav.navfn import NEUTRAL, OBSTACLE, UNREACHED, descend, propagate
-from vastflow.sim.nav.state import NAVIGATE_THROUGH_POSES, TICK_S, Grids, Route
+from vastflow.sim.nav.lower_bound import Bounds, bound_below, covers
+from vastflow.sim.nav.navfn import NEUTRAL, OBSTACLE, UNREACHED, descend, propagate, propagate_astar, propagate_within
+from vastflow.sim.nav.state import NAVIGATE_THROUGH_POSES, Grids, Route
 from vastflow.sim.numeric import inner
 
 START_OUTSIDE, GOAL_OUTSIDE, NO_VALID_PATH = 203, 204, 208
@@ -19,15 +20,23 @@ START_OUTSIDE, GOAL_OUTSIDE, NO_VALID_PATH = 203, 204, 208
 PASSED_M: Final = 0.7
 """RemovePassedGoals' radius in the through-poses tree."""
 
-REFRESH_TICKS: Final = round(5.0 / TICK_S)
+MARGIN: Final = 0.05
+MARGIN_COST: Final = 30 * NEUTRAL
+"""Ways this much dearer than expected are flooded, too: the walk down the potential reads cells beside the best way."""
 
-CHANGE_TOLERANCE: Final = 0.05
-"""Share by which the summed cost along the path may rise before the flood is repeated."""
+WIDER: Final = 1.5
+"""By this much more a way may cost where none was found within the first bounds; after that there are none."""
+
+FARTHER: Final = 1.25
+"""So much more than is needed at once new lower bounds reach."""
 
 
 @inner
 def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
-    """Plan from the estimate through the remaining goals into `path`: 0, or ComputePathToPose's error code."""
+    """Plan from the estimate through the remaining goals into `path`: 0, or ComputePathToPose's error code.
+
+    A path that there was stays where planning fails.
+    """
     last = m.goal
     if p.mission == NAVIGATE_THROUGH_POSES:
         last = route.goals.shape[0] - 1
@@ -40,53 +49,22 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
         goal_column, goal_row = cell(p, route.goals[k, 0], route.goals[k, 1])
         if not on_map(g.travel, goal_column, goal_row):
             return GOAL_OUTSIDE
-    if not inside(g.travel, column, row):
-        return NO_VALID_PATH
-    n = 0
-    if m.planned_goal == m.goal and not _stale(p, m, g, route.path, column, row):
-        n = descend(g.potential, g.travel, float(column), float(row), m.root_column, m.root_row, route.leg)
-    if n == 0:
-        m.planned_goal = -1
-        # Legs beyond the next goal do not depend on the robot; they are flooded first, so that the
-        # potential which stays is the next goal's.
-        if not _plan_tail(p, m, g, route, last):
+    planned = 0
+    for k in range(m.goal, last + 1):
+        if k > m.goal:
+            column, row = cell(p, route.goals[k - 1, 0], route.goals[k - 1, 1])
+        # Only a path through several goals has several legs.
+        leg = k if p.mission == NAVIGATE_THROUGH_POSES else 0
+        n = _plan_leg(p, m, g, route, leg, column, row, route.goals[k, 0], route.goals[k, 1])
+        if n == 0 or planned + n + 1 > route.draft.shape[0]:
             return NO_VALID_PATH
-        n = _flood_leg(p, m, g, route.leg, column, row, route.goals[m.goal, 0], route.goals[m.goal, 1])
-        if n == 0:
-            return NO_VALID_PATH
-        m.planned_goal = m.goal
-        m.flooded_tick = m.tick
-        m.dirty = 0
-        for r in range(g.travel.shape[0]):
-            for c in range(g.travel.shape[1]):
-                g.flooded[r, c] = g.travel[r, c]
-    m.path_n = _to_map(p, route.leg, n, m.end_x, m.end_y, route.path, 0)
-    if m.tail_n == 0:
-        m.goal_x, m.goal_y = m.end_x, m.end_y
-    for i in range(m.tail_n):
-        route.path[m.path_n, 0], route.path[m.path_n, 1] = route.tail[i, 0], route.tail[i, 1]
-        m.path_n += 1
-    m.goal_yaw = route.goals[last, 2]
-    m.path_i = 0
+        planned = _to_map(p, route.leg, n, m.end_x, m.end_y, route.draft, planned)
+    for i in range(planned):
+        route.path[i, 0], route.path[i, 1] = route.draft[i, 0], route.draft[i, 1]
+    m.path_n, m.path_i = planned, 0
+    m.goal_x, m.goal_y, m.goal_yaw = m.end_x, m.end_y, route.goals[last, 2]
     m.latched = 0
     return 0
-
-
-@inner
-def _plan_tail(p: Any, m: Any, g: Grids, route: Route, last: int) -> bool:
-    m.tail_n = 0
-    for k in range(m.goal + 1, last + 1):
-        column, row = cell(p, route.goals[k - 1, 0], route.goals[k - 1, 1])
-        n = (
-            _flood_leg(p, m, g, route.leg, column, row, route.goals[k, 0], route.goals[k, 1])
-            if inside(g.travel, column, row)
-            else 0
-        )
-        if n == 0 or m.tail_n + n + 1 + route.leg.shape[0] > route.path.shape[0]:
-            return False
-        m.tail_n = _to_map(p, route.leg, n, m.end_x, m.end_y, route.tail, m.tail_n)
-        m.goal_x, m.goal_y = m.end_x, m.end_y
-    return True
 
 
 @inner
@@ -112,70 +90,112 @@ def inside(travel: Any, column: int, row: int) -> bool:
 
 
 @inner
-def _flood_leg(p: Any, m: Any, g: Grids, leg: Any, column: int, row: int, goal_x_m: float, goal_y_m: float) -> int:
-    """Path from a cell to a goal into `leg`, in cell units; 0 points when there is none.
+def _plan_leg(
+    p: Any, m: Any, g: Grids, route: Route, leg: int, column: int, row: int, goal_x_m: float, goal_y_m: float
+) -> int:
+    """Path from a cell to a goal into `route.leg`, in cell units, its last point first; 0 points when there is none.
 
     A goal in an obstacle is replaced by the reachable cell nearest to it within NavFn's `tolerance`.
     """
+    if not inside(g.travel, column, row):
+        return 0
     goal_column, goal_row = cell(p, goal_x_m, goal_y_m)
     m.end_x, m.end_y = goal_x_m, goal_y_m
     before = g.travel[row, column]
     g.travel[row, column] = NEUTRAL
-    found = inside(g.travel, goal_column, goal_row) and g.travel[goal_row, goal_column] < OBSTACLE
-    if not found:
-        propagate(g.travel, column, row, -1, -1, g.potential, g.scratch)
-        reach = int(p.planner.tolerance / p.resolution)
-        nearest = math.inf
-        best_column, best_row = goal_column, goal_row
-        for r in range(goal_row - reach, goal_row + reach + 1):
-            for c in range(goal_column - reach, goal_column + reach + 1):
-                away = math.hypot(c - goal_column, r - goal_row)
-                if inside(g.travel, c, r) and g.potential[r, c] < UNREACHED and away < nearest:
-                    nearest, best_column, best_row, found = away, c, r, True
-        goal_column, goal_row = best_column, best_row
-        m.end_x = p.origin_x + goal_column * p.resolution
-        m.end_y = p.origin_y + goal_row * p.resolution
     n = 0
-    if found and propagate(g.travel, goal_column, goal_row, column, row, g.potential, g.scratch):
-        m.root_column, m.root_row = goal_column, goal_row
-        n = descend(g.potential, g.travel, float(column), float(row), goal_column, goal_row, leg)
+    # The nearest free cell is the nearest that can be reached, unless the flood says otherwise.
+    end_column, end_row = _nearest(p, g, goal_column, goal_row, False)
+    if end_column >= 0 and not _flood(p, m, g, route.bounds, leg, column, row, end_column, end_row):
+        end_column, end_row = _nearest(p, g, goal_column, goal_row, True)
+    if end_column >= 0:
+        if end_column != goal_column or end_row != goal_row:
+            m.end_x = p.origin_x + end_column * p.resolution
+            m.end_y = p.origin_y + end_row * p.resolution
+        n = descend(g.potential, g.travel, float(end_column), float(end_row), column, row, route.leg)
     g.travel[row, column] = before
     return n
 
 
 @inner
+def _nearest(p: Any, g: Grids, column: int, row: int, reached: bool) -> Any:
+    """The free, or the flooded, cell nearest to one within NavFn's `tolerance`, itself if it is one; (-1, -1) if there is none."""
+    reach = int(p.planner.tolerance / p.resolution)
+    nearest, best_column, best_row = math.inf, -1, -1
+    if inside(g.travel, column, row) and _open(g, column, row, reached):
+        return column, row
+    for r in range(row - reach, row + reach + 1):
+        for c in range(column - reach, column + reach + 1):
+            away = math.hypot(c - column, r - row)
+            if away < nearest and inside(g.travel, c, r) and _open(g, c, r, reached):
+                nearest, best_column, best_row = away, c, r
+    return best_column, best_row
+
+
+@inner
+def _open(g: Grids, column: int, row: int, reached: bool) -> bool:
+    return bool(g.potential[row, column] < UNREACHED if reached else g.travel[row, column] < OBSTACLE)
+
+
+@inner
+def _flood(
+    p: Any, m: Any, g: Grids, bounds: Bounds, leg: int, column: int, row: int, end_column: int, end_row: int
+) -> bool:
+    """NavFn's potential from a cell until another has a value; whether it has one. If not, all that can be reached is flooded."""
+    # A* does not find the best way, and which one it finds hangs on every cell it has been to.
+    if p.planner.use_astar != 0:
+        m.floods += 1
+        return bool(propagate_astar(g.travel, column, row, end_column, end_row, g.potential, g.scratch))
+    if _flood_within_bounds(m, g, bounds, leg, column, row, end_column, end_row):
+        return True
+    m.floods += 1
+    return bool(propagate(g.travel, column, row, end_column, end_row, g.potential, g.scratch))
+
+
+@inner
+def _flood_within_bounds(
+    m: Any, g: Grids, bounds: Bounds, leg: int, column: int, row: int, end_column: int, end_row: int
+) -> bool:
+    """The same among ways little dearer than the one to be expected; whether it was among them."""
+    b, least, to_goal = bounds.legs[leg], bounds.least, bounds.to_goal[leg]
+    if least[row, column] >= OBSTACLE:
+        return False
+    if b.goal_column != end_column or b.goal_row != end_row or to_goal[row, column] == 0.0:
+        m.floods += bound_below(b, least, to_goal, column, row, end_column, end_row, 0.0, g.potential, g.scratch)
+        b.detour = 1.0
+    if to_goal[row, column] == 0.0:
+        return False
+    expected = b.detour * to_goal[row, column]
+    for _ in range(2):
+        margin = max(MARGIN * expected, MARGIN_COST)
+        bound = expected + margin
+        if not covers(b, column, row, bound):
+            m.floods += bound_below(
+                b, least, to_goal, column, row, end_column, end_row, FARTHER * bound, g.potential, g.scratch
+            )
+        m.floods += 1
+        if propagate_within(g.travel, column, row, end_column, end_row, to_goal, bound, g.potential, g.scratch):
+            expected = g.potential[end_row, end_column]
+            # A way that only just fits has been cut at its sides.
+            if expected + 0.5 * margin <= bound:
+                b.detour = max(expected / to_goal[row, column], 1.0)
+                return True
+        else:
+            expected *= WIDER
+    return False
+
+
+@inner
 def _to_map(p: Any, leg: Any, n: int, end_x_m: float, end_y_m: float, out: Any, at: int) -> int:
-    """Put `leg` behind `out[:at]` in metres, ending at the exact goal; the number of points then there."""
+    """Put `leg`, turned round, behind `out[:at]` in metres, ending at the exact goal; the number of points then there."""
     resolution = p.resolution
     for i in range(n):
-        out[at + i, 0] = p.origin_x + leg[i, 0] * resolution
-        out[at + i, 1] = p.origin_y + leg[i, 1] * resolution
+        out[at + i, 0] = p.origin_x + leg[n - 1 - i, 0] * resolution
+        out[at + i, 1] = p.origin_y + leg[n - 1 - i, 1] * resolution
     end = at + n
     if n > 1:
         last, before = out[end - 1], out[end - 2]
         if math.hypot(last[0] - before[0], last[1] - before[1]) > math.hypot(end_x_m - before[0], end_y_m - before[1]):
             end -= 1
-    if end < out.shape[0]:
-        out[end, 0], out[end, 1] = end_x_m, end_y_m
-        end += 1
-    return end
-
-
-@inner
-def _stale(p: Any, m: Any, g: Grids, path: Any, column: int, row: int) -> bool:
-    """Whether the kept potential no longer gives the path a fresh flood would."""
-    if g.potential[row, column] >= UNREACHED:
-        return True
-    if m.dirty == 1 and m.tick - m.flooded_tick >= REFRESH_TICKS:
-        return True
-    rise, total = 0.0, 1.0
-    for i in range(m.path_i, m.path_n):
-        c, r = cell(p, path[i, 0], path[i, 1])
-        if not inside(g.travel, c, r):
-            continue
-        now, then = int(g.travel[r, c]), int(g.flooded[r, c])
-        if now >= OBSTACLE and then < OBSTACLE:
-            return True
-        total += then
-        rise += max(now - then, 0)
-    return rise > CHANGE_TOLERANCE * total
+    out[end, 0], out[end, 1] = end_x_m, end_y_m
+    return end + 1

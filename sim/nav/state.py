@@ -10,6 +10,7 @@ from vastflow.sim.lidar import BEAMS, Lidar
 from vastflow.sim.mission import Mission
 from vastflow.sim.nav.controllers.control import Controller, controller_of
 from vastflow.sim.nav.footprint import circumscribed_radius_m, inscribed_radius_m, padded_outline
+from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.navfn import new_potential, new_scratch
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.mppi import MppiParameters
@@ -80,7 +81,7 @@ _WHOLE: Final = (
     *("localized", "first_scan", "particles", "bins", "filter_updates"),
     *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
     *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
-    *("planned_goal", "root_column", "root_row", "path_n", "path_i", "tail_n", "dirty", "flooded_tick"),
+    *("path_n", "path_i", "floods"),
     *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick", "command_tick"),
     *("attempts", "round_robin", "tried", "follow_retries", "plan_retries"),
     *("planner_code", "controller_code", "error_code", "recoveries", "missed", "profiling"),
@@ -119,8 +120,8 @@ class Grids(NamedTuple):
 
     Attributes:
         static, static_costs: Static layer, and the inflation of its lethal cells.
-        layer: Global obstacle layer; `costs` the master costmap, `travel` NavFn's costs of it, `flooded` those at the
-            time of the last flood, `potential` what that gave.
+        layer: Global obstacle layer; `costs` the master costmap, `travel` NavFn's costs of it, `potential` what the last
+            flood gave.
     """
 
     leap: Any
@@ -131,7 +132,6 @@ class Grids(NamedTuple):
     layer: Any
     costs: Any
     travel: Any
-    flooded: Any
     potential: Any
     scratch: Any
 
@@ -153,17 +153,19 @@ class Local(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Goals (G, 3) x, y, yaw, and points (M, 2): the path and the legs behind the next goal in metres, a leg in cells.
+    """Goals (G, 3) x, y, yaw, and points (M, 2): the path and the one being planned in metres, a leg of it in cells.
 
     Attributes:
+        bounds: Of the legs of a path.
         ahead: (A, 2) the part of the path that the controller follows, in the odom frame.
     """
 
     goals: Any
     path: Any
     leg: Any
-    tail: Any
+    draft: Any
     ahead: Any
+    bounds: Bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,13 +203,14 @@ def new_stack(
     """A stack at rest at the mission's start, its estimate there, nothing planned."""
     shape = prepared.static.shape
     leg_points = 4 * max(shape)
-    path_points = leg_points * (len(mission.goals) if mission.kind == "navigate_through_poses" else 1)
+    legs = len(mission.goals) if mission.kind == "navigate_through_poses" else 1
+    path_points = (leg_points + 1) * legs
     memory = np.zeros(1, dtype=MEMORY)
     m, start = memory[0], mission.start
     m["true_x"], m["true_y"], m["true_yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["map_odom_x"], m["map_odom_y"], m["map_odom_yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["x"], m["y"], m["yaw"] = start.x_m, start.y_m, start.yaw_rad
-    m["first_scan"], m["planned_goal"], m["local_current"], m["global_current"] = 1, -1, 1, 1
+    m["first_scan"], m["local_current"], m["global_current"] = 1, 1, 1
     m["streams"], m["directions"], m["ranges"] = streams, lidar.directions(), np.inf
     m["outline"] = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
     local = _local(parameters, prepared.local_stamp)
@@ -223,7 +226,6 @@ def new_stack(
             layer=np.zeros(shape, dtype=np.uint8),
             costs=prepared.costs.copy(),
             travel=prepared.travel.copy(),
-            flooded=prepared.travel.copy(),
             potential=new_potential(shape),
             scratch=new_scratch(shape),
         ),
@@ -233,8 +235,9 @@ def new_stack(
             goals=np.array([[g.x_m, g.y_m, g.yaw_rad] for g in mission.goals]),
             path=np.zeros((path_points, 2)),
             leg=np.zeros((leg_points, 2)),
-            tail=np.zeros((path_points, 2)),
+            draft=np.zeros((path_points, 2)),
             ahead=np.zeros((AHEAD_POINTS, 2)),
+            bounds=new_bounds(legs, prepared.least),
         ),
         controller=controller_of(parameters, local.window, streams[CONTROLLER].copy()),
         obstacles=obstacles,

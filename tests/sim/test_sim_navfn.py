@@ -11,14 +11,22 @@ from hypothesis.extra.numpy import arrays
 from vastflow.sim.maps import OccupancyMap
 from vastflow.sim.nav.footprint import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.inflation import inflate
-from vastflow.sim.nav.navfn import new_potential, new_scratch, path, potential, propagate, travel_costs
+from vastflow.sim.nav.navfn import (
+    new_potential,
+    new_scratch,
+    path,
+    potential,
+    propagate,
+    propagate_within,
+    travel_costs,
+)
 
 F = np.float32
 UNREACHED = F(1e10)
 INSCRIBED_M = inscribed_radius_m(padded_outline(0.22, 0.01))
 
 
-def by_the_book(travel, root, stop):
+def by_the_book(travel, root, stop, astar=False):
     """NavFn's three buffers in plain Python, as its description reads; `root` and `stop` are (x, y)."""
     rows, columns = travel.shape
     values = np.full(travel.shape, UNREACHED, dtype=F)
@@ -26,6 +34,8 @@ def by_the_book(travel, root, stop):
     values[y, x] = 0
     current = [(x + dx, y + dy) for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)) if travel[y + dy, x + dx] < 254]
     pending, later, threshold = set(current), [], F(254)
+    if astar:
+        threshold += F(50 * math.dist(root, stop))
     for _ in range(max(rows * columns // 20, rows + columns)):
         if not current:
             break
@@ -42,6 +52,8 @@ def by_the_book(travel, root, stop):
             if not value < values[y, x]:
                 continue
             values[y, x] = value
+            if astar:
+                value += F(50 * math.dist((x, y), stop))
             for there in ((x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)):
                 price = travel[there[1], there[0]]
                 if (
@@ -92,6 +104,69 @@ def test_a_flood_in_used_memory_is_a_flood_in_new_memory(costmap, data):
         assert propagate(travel, *root, *stop, out, scratch) == reached
         np.testing.assert_array_equal(out, fresh)
         assert not scratch[1].any()
+
+
+@given(COSTMAPS, st.data())
+@settings(max_examples=120, deadline=None)
+def test_a_star_s_potential_is_that_of_navfn_s_buffers(costmap, data):
+    rows, columns = costmap.shape
+    root, stop = ((data.draw(st.integers(1, columns - 2)), data.draw(st.integers(1, rows - 2))) for _ in range(2))
+    travel = travel_costs(costmap)
+    travel[root[1], root[0]] = 50
+    expected = by_the_book(travel, root, stop, astar=True)
+    np.testing.assert_allclose(potential(costmap, root, stop, use_astar=True), expected, rtol=1e-6)
+
+
+@given(COSTMAPS, st.floats(50.0, 3000.0), st.data())
+@settings(max_examples=120, deadline=None)
+def test_within_bounds_nothing_is_flooded_that_no_way_of_that_cost_leads_through(costmap, bound, data):
+    rows, columns = costmap.shape
+    root = data.draw(st.integers(1, columns - 2)), data.draw(st.integers(1, rows - 2))
+    travel = travel_costs(costmap)
+    travel[root[1], root[0]] = 50
+    lower = (40.0 * np.hypot(*np.indices(costmap.shape))).astype(F)
+    out, scratch = new_potential(costmap.shape), new_scratch(costmap.shape)
+    propagate_within(travel, *root, -1, -1, lower, bound, out, scratch)
+    near = np.zeros(costmap.shape, dtype=bool)
+    near[root[1] - 1 : root[1] + 2, root[0]], near[root[1], root[0] - 1 : root[0] + 2] = True, True
+    before = np.full(costmap.shape, UNREACHED)
+    before[1:-1, 1:-1] = np.min([out[:-2, 1:-1], out[2:, 1:-1], out[1:-1, :-2], out[1:-1, 2:]], axis=0)
+    assert (before + lower <= bound)[(out < UNREACHED) & ~near].all()
+    assert (out <= UNREACHED).all()
+    assert not scratch[1].any()
+
+
+def test_a_way_well_within_bounds_has_the_whole_flood_s_potential():
+    travel = travel_costs(a_wall_with_a_gap())
+    to_goal = potential(a_wall_with_a_gap(), (70, 12))
+    whole = potential(a_wall_with_a_gap(), (8, 8), (70, 12))
+    out = new_potential(travel.shape)
+    bound = float(to_goal[8, 8]) + 1500.0
+    assert propagate_within(travel, 8, 8, 70, 12, to_goal, bound, out, new_scratch(travel.shape))
+    assert out[12, 70] == whole[12, 70]
+    assert (out < UNREACHED).sum() < 0.9 * (whole < UNREACHED).sum()
+
+
+def test_there_is_no_way_within_bounds_that_are_too_narrow():
+    travel = travel_costs(a_wall_with_a_gap())
+    to_goal = potential(a_wall_with_a_gap(), (70, 12))
+    bound = 0.9 * float(to_goal[8, 8])
+    assert not propagate_within(
+        travel, 8, 8, 70, 12, to_goal, bound, new_potential(travel.shape), new_scratch(travel.shape)
+    )
+
+
+def test_a_star_floods_less_and_its_way_is_no_shorter():
+    costmap = np.zeros((120, 120), dtype=np.uint8)
+    costmap[30:90, 60] = 254
+    inflated = inflate(costmap, 0.05, INSCRIBED_M, 0.70, 3.0)
+    floods = [potential(inflated, (20, 60), (100, 60), use_astar=use) for use in (False, True)]
+    reached = [(flood < UNREACHED).sum() for flood in floods]
+    assert reached[1] < 0.9 * reached[0]
+    lengths = [
+        np.hypot(*np.diff(path(inflated, (20, 60), (100, 60), use_astar=use), axis=0).T).sum() for use in (False, True)
+    ]
+    assert lengths[1] >= 0.99 * lengths[0]
 
 
 def a_wall_with_a_gap():

@@ -16,7 +16,7 @@ from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, OF_THE_MAP, 
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import RANGE
 from vastflow.sim.nav.parameters.rpp import RppParameters
-from vastflow.sim.nav.parameters.servers import CollisionMonitor, VelocitySmoother
+from vastflow.sim.nav.parameters.servers import CollisionMonitor, NavFn, VelocitySmoother
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.parameters.written import document_of
 
@@ -237,10 +237,10 @@ planner_server:
   ros__parameters:
     planner_plugins: [Mine, GridBased]
     Mine: {plugin: "mine::Planner"}
-    GridBased: {plugin: "nav2_navfn_planner/NavfnPlanner", tolerance: 0.75}
+    GridBased: {plugin: "nav2_navfn_planner/NavfnPlanner", tolerance: 0.75, use_astar: true}
 """
     found = read(text).parameters
-    assert (type(found.controller), found.planner.tolerance) == (RppParameters, 0.75)
+    assert (type(found.controller), found.planner) == (RppParameters, NavFn(tolerance=0.75, use_astar=True))
     assert statuses(text)["Other.gain"] == "no effect"
 
 

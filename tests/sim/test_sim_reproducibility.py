@@ -25,8 +25,8 @@ LATE = {
     "entity_name": "late",
     "model": "box",
     "xacro_arguments": "width:=0.4, mass:=1.0",
-    "spawn_pose": {"x": 5.2, "y": 2.9},
-    "spawn_trigger": {"point": {"x": 5.2, "y": 2.9}, "threshold": 0.5},
+    "spawn_pose": {"x": 5.2, "y": 2.7},
+    "spawn_trigger": {"point": {"x": 5.2, "y": 2.7}, "threshold": 0.5},
 }
 
 IN_A_NEW_PROCESS = """

@@ -222,7 +222,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("expected_planner_frequency", "service_introspection_mode"),
         "costmap_update_timeout": only(1.0),
     },
-    "NavFn": {"use_astar": only(False), "use_final_approach_orientation": only(False)},
+    "NavFn": {"use_final_approach_orientation": only(False)},
     "MPPI": {
         **_any("visualize", "TrajectoryVisualizer.*", "publish_critics_stats", "publish_optimal_trajectory"),
         # The robot is a differential drive: it has no sideways motion.

@@ -11,6 +11,7 @@ class NavFn:
 
     tolerance: float = parameter(0.5, 0.0, 100.0)
     allow_unknown: bool = parameter(True)
+    use_astar: bool = parameter(False)
 
 
 @dataclass(frozen=True, slots=True)

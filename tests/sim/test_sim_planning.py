@@ -1,0 +1,253 @@
+"""The global plan beside what NavFn finds afresh: the short form of tests/proofs/path_cost.py, and the planner at its desk."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vastflow.sim.lidar import Lidar
+from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.mission import Mission
+from vastflow.sim.nav.navfn import UNREACHED, path, potential, travel_costs
+from vastflow.sim.nav.parameters.servers import NavFn
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.planning import GOAL_OUTSIDE, NO_VALID_PATH, plan
+from vastflow.sim.nav.state import new_stack
+from vastflow.sim.numeric import njit
+from vastflow.sim.pose import Pose
+from vastflow.sim.prepared import prepare
+from vastflow.sim.robot import Robot
+from vastflow.sim.streams import streams_of
+
+PROOF = Path(__file__).parents[1] / "proofs" / "path_cost.py"
+OFFICE = Path(__file__).parents[2] / "campaigns" / "quickstart" / "maps" / "office.yaml"
+RESOLUTION_M = 0.05
+
+
+@pytest.fixture(scope="module")
+def proof():
+    """The proof as a module."""
+    spec = importlib.util.spec_from_file_location("path_cost", PROOF)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("condition", ["nothing else", "boxes", "noise 0.1 m"])
+def test_in_closed_loop_a_path_costs_what_a_fresh_one_does(proof, condition):
+    configurations = proof.instantiated(OFFICE, condition, 7.0, 3).configurations
+    excess = np.concatenate([proof.excesses(configuration.scenario, 0) for configuration in configurations])
+    assert len(excess) > 30
+    assert np.median(excess) == pytest.approx(0.0, abs=1e-4)
+    assert np.percentile(excess, 95) <= 0.01
+    assert excess.max() <= 0.05
+
+
+@njit
+def planned(parameters, memory, grids, route):
+    return plan(parameters[0], memory[0], grids, route)
+
+
+class Desk:
+    """A planner whose costs and place are set by hand; points are (x, y) in metres."""
+
+    def __init__(self, cells, *goals, kind="navigate_to_pose", start=(1.0, 3.0), use_astar=False):
+        parameters = NavParameters(planner=NavFn(use_astar=use_astar))
+        prepared = prepare(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), Lidar(), parameters)
+        mission = Mission(kind, Pose(*start, 0.0), tuple(Pose(x, y, 0.0) for x, y in goals))
+        obstacles = np.zeros((0, 6))
+        self.stack = new_stack(prepared, parameters, Lidar(), Robot(), mission, obstacles, streams_of([1]), 60.0)
+        self.m, self.grids, self.route = self.stack.m[0], self.stack.grids, self.stack.route
+
+    def cost(self, rows, columns, value):
+        """Set a part of the costmap."""
+        self.grids.costs[rows, columns] = value
+        self.grids.travel[:] = travel_costs(self.grids.costs)
+
+    def plan(self, x, y):
+        self.m["x"], self.m["y"] = x, y
+        return planned(self.stack.p, self.stack.m, self.grids, self.route)
+
+    @property
+    def path(self):
+        """The path in use, in cells."""
+        return self.route.path[: self.m["path_n"]] / RESOLUTION_M
+
+    def fresh(self, start, goal, use_astar=False):
+        """NavFn's path between two points on the present costs, in cells."""
+        return path(self.grids.costs, tuple(cells_of(start)), tuple(cells_of(goal)), use_astar=use_astar)
+
+
+def cells_of(point):
+    return np.floor(np.array(point) / RESOLUTION_M + 0.5).astype(int).tolist()
+
+
+def two_doors():
+    """Rooms of 4 m × 6 m side by side; of the doors between them one is at y 1..2 m and one at y 4..5 m."""
+    cells = np.zeros((120, 162), dtype=np.int8)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = 100, 100, 100, 100
+    cells[:, 80:82] = 100
+    cells[20:40, 80:82], cells[80:100, 80:82] = 0, 0
+    return cells
+
+
+LOWER, UPPER = (slice(20, 40), slice(80, 82)), (slice(80, 100), slice(80, 82))
+
+
+def at_the_wall(way):
+    """y in metres where a path passes the wall between the rooms."""
+    return float(way[np.argmax(way[:, 0] > 80.0), 1] * RESOLUTION_M)
+
+
+def test_every_plan_on_the_way_is_navfn_s_own():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    for start in [(1.0, 3.0), (2.0, 2.3), (3.2, 1.7), (4.5, 1.5), (6.0, 1.5)]:
+        assert desk.plan(*start) == 0
+        fresh = desk.fresh(start, (7.0, 1.5))
+        assert desk.path[:-1] == pytest.approx(fresh[: len(desk.path) - 1], abs=0.3)
+
+
+def test_with_a_star_a_plan_is_that_of_navfn_s_a_star():
+    desk = Desk(two_doors(), (7.0, 1.5), use_astar=True)
+    desk.cost(slice(40, 75), slice(30, 60), 254)
+    assert desk.plan(1.0, 3.0) == 0
+    fresh = desk.fresh((1.0, 3.0), (7.0, 1.5), use_astar=True)
+    np.testing.assert_allclose(desk.path[: len(fresh) - 1], fresh[:-1], atol=1e-6)
+    assert len(fresh) != len(desk.fresh((1.0, 3.0), (7.0, 1.5)))
+
+
+def test_a_path_begins_where_the_robot_is_and_ends_at_the_goal_itself():
+    desk = Desk(two_doors(), (7.013, 1.489))
+    desk.plan(1.0, 3.0)
+    assert desk.path[0].tolist() == [20.0, 60.0]
+    assert desk.path[-1] * RESOLUTION_M == pytest.approx((7.013, 1.489))
+
+
+def test_a_way_that_closes_is_left_and_taken_again_as_soon_as_it_opens():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    ways = []
+    for closed in (False, True, False):
+        desk.cost(*LOWER, 254 if closed else 0)
+        assert desk.plan(1.0, 3.0) == 0
+        ways.append(at_the_wall(desk.path))
+        fresh = desk.fresh((1.0, 3.0), (7.0, 1.5))
+        assert desk.path[:-1] == pytest.approx(fresh[: len(desk.path) - 1], abs=0.3)
+    assert [1.0 < ways[0] < 2.0, 4.0 < ways[1] < 5.0, 1.0 < ways[2] < 2.0] == [True] * 3
+
+
+def test_a_way_much_longer_than_the_map_s_own_is_found():
+    cells = two_doors()
+    desk = Desk(cells, (7.0, 1.5))
+    desk.cost(slice(2, 112), slice(40, 42), 254)
+    desk.cost(slice(8, 118), slice(60, 62), 254)
+    assert desk.plan(1.0, 1.5) == 0
+    assert len(desk.path) > 2 * len(Desk(cells, (7.0, 1.5)).fresh((1.0, 1.5), (7.0, 1.5)))
+
+
+def test_unknown_ground_that_is_seen_to_be_free_is_driven_at_once():
+    cells = two_doors()
+    cells[20:40, 70:92] = -1
+    desk = Desk(cells, (7.0, 1.5))
+    desk.plan(1.0, 3.0)
+    assert 4.0 < at_the_wall(desk.path) < 5.0
+    desk.cost(slice(25, 35), slice(70, 92), 0)
+    desk.plan(1.0, 3.0)
+    assert 1.0 < at_the_wall(desk.path) < 2.0
+
+
+def test_a_goal_in_an_obstacle_is_replaced_by_the_nearest_cell_that_can_be_reached():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    desk.cost(slice(25, 36), slice(136, 145), 254)
+    assert desk.plan(1.0, 3.0) == 0
+    assert (desk.m["goal_x"], desk.m["goal_y"]) == pytest.approx((6.75, 1.5))
+    assert desk.path[-1] == pytest.approx((135, 30))
+
+
+def test_a_free_cell_that_is_walled_in_is_no_goal():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    desk.cost(slice(26, 35), slice(136, 145), 254)
+    desk.cost(slice(29, 32), slice(139, 142), 0)
+    assert desk.plan(1.0, 3.0) == 0
+    row, column = np.rint(desk.path[-1][::-1]).astype(int)
+    assert desk.grids.travel[row, column] < 254
+    assert 4 < np.hypot(column - 140, row - 30) <= 6
+
+
+def test_where_nothing_near_the_goal_can_be_reached_the_path_stays_as_it_was():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    desk.plan(1.0, 3.0)
+    before = desk.path.copy()
+    desk.cost(*LOWER, 254)
+    desk.cost(*UPPER, 254)
+    assert desk.plan(2.0, 2.0) == NO_VALID_PATH
+    np.testing.assert_array_equal(desk.path, before)
+
+
+def test_a_path_through_goals_is_navfn_s_leg_by_leg():
+    goals = (7.0, 1.5), (7.0, 5.0), (1.0, 5.0)
+    desk = Desk(two_doors(), *goals, kind="navigate_through_poses")
+    for _ in range(2):  # the second time with lower bounds at hand
+        assert desk.plan(1.0, 3.0) == 0
+        legs = [desk.fresh(a, b) for a, b in zip([(1.0, 3.0), *goals], goals, strict=False)]
+        # Where NavFn leaves the goal's own cell out, it puts the goal behind its last point.
+        assert len(desk.path) == pytest.approx(sum(map(len, legs)), abs=4)
+        for leg in legs:
+            assert np.hypot(*(desk.path[:, None] - leg[None, ::10]).T).min(axis=1).max() < 1.0
+
+
+def test_a_goal_passed_on_the_way_is_planned_for_no_more():
+    goals = (1.5, 3.0), (7.0, 1.5)
+    desk = Desk(two_doors(), *goals, kind="navigate_through_poses")
+    assert desk.plan(1.0, 3.0) == 0
+    assert desk.m["goal"] == 1
+    assert len(desk.path) == pytest.approx(len(desk.fresh((1.0, 3.0), goals[1])), abs=2)
+
+
+def test_a_goal_off_the_map_is_told_apart_from_one_without_a_way():
+    assert Desk(two_doors(), (9.0, 1.5)).plan(1.0, 3.0) == GOAL_OUTSIDE
+
+
+def test_lower_bounds_are_the_potential_of_the_empty_map_on_all_ways_within_reach():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    desk.plan(1.0, 3.0)
+    bounds = desk.route.bounds
+    leg, to_goal = bounds.legs[0], bounds.to_goal[0]
+    whole = potential(desk.grids.costs, (140, 30))
+    known = to_goal > 0.0
+    # NavFn's own order of updates is worth so much: a flood that is cut elsewhere has another.
+    np.testing.assert_allclose(to_goal[known], whole[known], rtol=0.01)
+    rows, columns = np.indices(whole.shape)
+    away = 49.5 * np.hypot(columns - leg["column"], rows - leg["row"])
+    on_a_way = (whole < UNREACHED) & (whole > 0.0) & (whole + away <= leg["reach"] - 254)
+    assert on_a_way.sum() > 1000
+    assert known[on_a_way].all()
+
+
+def test_lower_bounds_hold_whatever_is_marked():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    desk.plan(1.0, 3.0)
+    desk.cost(slice(50, 70), slice(20, 60), 200)
+    desk.cost(slice(20, 30), slice(80, 82), 254)
+    marked = potential(desk.grids.costs, (140, 30))
+    assert (desk.route.bounds.to_goal[0] <= 1.01 * marked).all()
+
+
+def test_a_robot_where_the_map_has_no_room_for_it_is_planned_for_all_the_same():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    place = 1.0, 0.2  # inscribed by the wall, beside a cell that is not
+    assert desk.grids.travel[4, 20] == 254
+    desk.cost(slice(4, 8), slice(18, 23), 200)
+    assert desk.plan(*place) == 0
+    assert desk.path[:-1] == pytest.approx(desk.fresh(place, (7.0, 1.5))[: len(desk.path) - 1])
+
+
+def test_a_plan_where_bounds_are_at_hand_is_one_flood():
+    desk = Desk(two_doors(), (7.0, 1.5))
+    desk.plan(1.0, 3.0)
+    floods = int(desk.m["floods"])
+    desk.plan(1.5, 2.5)
+    assert desk.m["floods"] == floods + 1
+    assert (desk.grids.potential < UNREACHED).sum() < 0.7 * (potential(desk.grids.costs, (30, 50)) < UNREACHED).sum()
