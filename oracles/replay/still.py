@@ -1,11 +1,12 @@
 """Stills: one moment of a replayed run on a page of its own."""
 
-import io
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -69,10 +70,9 @@ def still_images(story: Story, snapshots: Sequence[Snapshot]) -> Iterator[Image.
 
 
 def _image(figure: Figure) -> Image.Image:
-    out = io.BytesIO()
-    figure.savefig(out, format="rgba")
-    width, height = (int(side) for side in figure.bbox.size)
-    return Image.frombytes("RGBA", (width, height), out.getvalue())
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba()))  # which knows its size in pixels
 
 
 def _layout(story: Story, snapshot: Snapshot) -> _Layout:

@@ -5,13 +5,14 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from PIL import Image
 
 from vastflow.oracles.figures import COLOURS, GOAL_COLOUR, INK
 from vastflow.oracles.replay.close_up import BELIEF_COLOUR, draw_close_up, ground
 from vastflow.oracles.replay.film import FRAME_MS, LAST_MS, write_film
 from vastflow.oracles.replay.page import ranges_text
-from vastflow.oracles.replay.still import still_images
+from vastflow.oracles.replay.still import _image, still_images
 from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
 from vastflow.oracles.replay.strip import strip_figure
 from vastflow.oracles.replay.timeline import bands
@@ -196,6 +197,14 @@ def film(occupancy, tmp_path_factory):
     file = tmp_path_factory.mktemp("film") / "film.gif"
     write_film(file, a_story(occupancy), [a_snapshot(tick) for tick in (0, 20, 40, 59)])
     return file
+
+
+@pytest.mark.parametrize("width_in", [11.3, 11.99, 11.996, 12.004, 12.01])
+def test_a_page_of_any_width_has_its_rows_where_they_belong(width_in):
+    figure = Figure(figsize=(width_in, 1.0), dpi=100)
+    figure.add_artist(Rectangle((0.5, 0.0), 0.01, 1.0, color="black"))
+    rows = np.asarray(_image(figure).convert("L"))[5:-5]
+    assert (rows == rows[0]).all() and rows[0].min() == 0
 
 
 def test_a_film_shows_all_pictures_and_the_last_one_longest(film):
