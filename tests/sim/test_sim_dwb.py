@@ -272,8 +272,10 @@ def test_the_command_is_the_first_legal_sample_with_the_lowest_score(seed, yaw, 
     plain, _, command = both(parameters, walls(*boxes), pose, (v, turn), plan, (9.0, 2.0, 0.0))
     legal = [sample for sample in plain if sample[2] < math.inf]
     if legal:
-        lowest = min(legal, key=lambda sample: round(sample[2], 9))
-        assert command == (True, lowest[0], lowest[1])
+        lowest = min(score for *_, score in legal)
+        # Which of several is first can hang on a last bit of the plain reading's sums.
+        best = [(True, v_mps, w_radps) for v_mps, w_radps, score in legal if score <= lowest + 1e-8]
+        assert command == best[0] or (len(best) > 1 and command in best)
     else:
         assert command == (False, 0.0, 0.0)
 
