@@ -9,6 +9,7 @@ import typer
 from vastflow.flows.bench_command import bench
 from vastflow.flows.coverage_command import coverage
 from vastflow.flows.execution_command import execution
+from vastflow.flows.export_command import export
 from vastflow.flows.file_commands import schema, validate
 from vastflow.flows.floorplan_command import floorplan
 from vastflow.flows.params_command import params
@@ -25,7 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # a fifth of a second for a frame round the help
 )
-for command in (run, validate, preview, coverage, schema, params, show, replay):
+for command in (run, validate, preview, coverage, schema, params, show, replay, export):
     app.command()(command)
 app.add_typer(bench, name="bench")
 app.add_typer(execution, name="execution")

@@ -95,7 +95,7 @@ def run_campaign(
 
                 tally.begin("reporting")
                 if log.exists():
-                    (directory / "logs").mkdir()
+                    (directory / "logs").mkdir(exist_ok=True)
                     (directory / "logs" / "campaign.log").write_bytes(log.read_bytes())
                 write_report(directory)
 

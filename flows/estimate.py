@@ -9,7 +9,7 @@ from typing import Final
 
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.path import PATH_LENGTH_KEY
-from vastflow.sim.mission import MissionError, mission_of
+from vastflow.sim.script import script_of
 
 MEAN_SPEED_MPS: Final = 0.3
 """Along the path, with stops and recoveries: 120 runs of some 6 m in `campaigns/quickstart` are about 40 minutes."""
@@ -61,11 +61,14 @@ def cores_here() -> int:
 def way_m(configuration: Configuration) -> float:
     """Length of a configuration's way: of its path, else straight from stop to stop; infinite where it has no mission."""
     try:
-        mission = mission_of(configuration.scenario)
-    except MissionError:
+        script = script_of(configuration.scenario)
+    except ValueError:
+        return math.inf
+    if script.start is None or not script.goals:
         return math.inf
     length_m = configuration.provenance.get(PATH_LENGTH_KEY)
     if not isinstance(length_m, int | float):
-        stops = (mission.start, *mission.goals)
+        stops = (script.start, *script.goals)
         length_m = sum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise(stops))
-    return (1 + mission.loops) * length_m
+        return length_m
+    return script.rounds * length_m

@@ -10,9 +10,10 @@ import yaml
 
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
-from vastflow.sim.digest import digest
+from vastflow.sim.digest import FileContent, digest
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+from vastflow.sim.osc.reading import files_of
 from vastflow.tasks.evaluation import files_in
 
 
@@ -22,7 +23,8 @@ class Inputs:
 
     Attributes:
         campaign: The campaign file.
-        files: Place below `inputs/` to content: maps with their pictures, Nav2 parameter files, plug-ins.
+        files: Place below `inputs/` to content: maps with their pictures, Nav2 parameter files, the scenario file and
+            what it imports, run files, plug-ins.
         maps: Digest to map.
     """
 
@@ -51,6 +53,11 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
         _keep(files, base, parameter_file)
     for map_file in map(Path, map_files.values()):
         _keep(files, base, map_file, _picture(map_file))
+    if isinstance(campaign.abstract, FileContent):
+        for scenario_file in files_of(Path(campaign.abstract.path)):
+            _keep(files, base, scenario_file)
+    for _, run_file in campaign.programs.files if campaign.programs else ():
+        _keep(files, base, Path(run_file.path))
     for plug_in in (*producers, *oracles):
         if type(plug_in).__module__.startswith(("vastflow_plugin_", "vastflow_oracle_")):
             _keep(files, base, Path(inspect.getfile(type(plug_in))))

@@ -78,6 +78,9 @@ def replay(
     folder = out or results / "replays" / f"{configuration}-{run}"
     try:
         recorded = recorded_run(results, configuration, run)
+        if not recorded.recording.columns:
+            where = f"what its programs wrote is in outputs/{recorded.configuration}.zip"
+            raise NotRecorded(f"{results}: {configuration} has no robot, so there is nothing to draw; {where}")
         asked = _asked(recorded, at or [], every, since, until, video)
         (folder / FRAMES).mkdir(parents=True, exist_ok=True)
     except (NotRecorded, TimeError) as error:
@@ -156,9 +159,9 @@ def _executed(recorded: "RecordedRun", asked: Asked) -> "tuple[Replay, list[int]
     """
     from vastflow.oracles.replay.highlights import highlights
     from vastflow.oracles.replay.story import view_of
-    from vastflow.sim.mission import mission_of
     from vastflow.sim.numeric import kernel_cache_dir
     from vastflow.sim.replay import replay as execute
+    from vastflow.sim.script import script_of
 
     if not kernel_cache_dir().exists():
         print("compiling the simulator's kernels, once for each version", file=sys.stderr)
@@ -169,7 +172,7 @@ def _executed(recorded: "RecordedRun", asked: Asked) -> "tuple[Replay, list[int]
     if not strip:
         end = last if asked.last is None else min(asked.last, last)
         strip = highlights(seen.recording.run, min(asked.first, end), end)
-    view = view_of(seen.moments, mission_of(recorded.scenario).goals)
+    view = view_of(seen.moments, script_of(recorded.scenario).goals)
     ticks = sorted({*strip, *(min(tick, last) for tick in asked.film)})
     return execute(*run, {tick: view.box(seen.moments[tick]) for tick in ticks}), strip
 
@@ -178,7 +181,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
     from vastflow.oracles.replay.story import Story, view_of
     from vastflow.sim.digest import FileContent
     from vastflow.sim.maps import load_map
-    from vastflow.sim.mission import mission_of
+    from vastflow.sim.script import script_of
 
     metadata = recorded.metadata
     equal = "" if difference else ", equal to the recording bit for bit"
@@ -192,7 +195,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
         warning="" if difference is None else str(difference),
         occupancy=load_map(map_file.path),
         moments=replayed.moments,
-        view=view_of(replayed.moments, mission_of(recorded.scenario).goals),
+        view=view_of(replayed.moments, script_of(recorded.scenario).goals),
     )
 
 

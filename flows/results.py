@@ -6,7 +6,7 @@ import json
 import logging
 import os
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -36,11 +36,13 @@ from vastflow.flows.tables import (
     write_table,
 )
 from vastflow.oracles.rates import counts_of
+from vastflow.oracles.trace import levelled
 from vastflow.oracles.verdict import Judgement, Verdict, run_judgement
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.ground import MAP_KEY
 from vastflow.producers.instantiate import Instantiation
+from vastflow.sim.archive import one_archive, one_table
 from vastflow.sim.blocks import ROWS_KEY, read_block, write_block
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import OccupancyMap
@@ -74,12 +76,17 @@ class ConfigurationResult:
         recordings, traces: Blocks of runs in any blocking; runs that were not asked for are left out.
         verdicts: Of any runs and oracles, in any order.
         faults: Why runs are missing.
+        behaviors, outputs: Blocks of the scenarios' behaviours and of what programs wrote, as `vastflow.sim.archive` has them.
+        logs: Run logs, as `vastflow.tasks.work` writes them.
     """
 
     recordings: Sequence[bytes] = ()
     traces: Sequence[bytes] = ()
     verdicts: Sequence[Verdict] = ()
     faults: Sequence[RunFault] = ()
+    behaviors: Sequence[bytes] = ()
+    outputs: Sequence[bytes] = ()
+    logs: Sequence[bytes] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,14 +151,15 @@ def write_results(
         run_rows: list[Row] = []
         verdict_rows: list[Row] = []
         all_faults = list(faults)
-        for folder in ("recordings", "traces"):
+        for folder in ("recordings", "traces", "behaviors", "logs"):
             (place / folder).mkdir()
         for configuration in instantiation.configurations:
             if configuration.duplicate_of is None:
                 result = found(configuration)
-                for folder, blocks in (("recordings", result.recordings), ("traces", result.traces)):
-                    if content := one_block(blocks, runs):
-                        (place / folder / f"{configuration.name}.parquet").write_bytes(content)
+                for file, content in _contents(configuration.name, result, runs):
+                    if content:
+                        (place / file).parent.mkdir(exist_ok=True)
+                        (place / file).write_bytes(content)
                 run_rows += _run_rows(configuration, result.recordings, runs)
                 verdict_rows += [verdict_row(configuration, v) for v in complete(result, runs, oracles)]
                 all_faults += result.faults
@@ -171,13 +179,32 @@ def write_results(
     return Results(directory.final, summary, tuple(all_faults), tuple(terminal_lines(campaign.notes)))
 
 
+def _contents(name: str, result: ConfigurationResult, runs: int) -> Iterator[tuple[str, bytes]]:
+    """Place below the campaign directory, and content of each of a configuration's files."""
+    yield f"recordings/{name}.parquet", one_block(result.recordings, runs)
+    yield f"traces/{name}.parquet", one_block(result.traces, runs)
+    yield f"behaviors/{name}.parquet", one_table(result.behaviors, runs)
+    yield f"outputs/{name}.zip", one_archive(result.outputs, runs)
+    yield f"logs/{name}.json", one_log(result.logs, runs)
+
+
+def one_log(logs: Sequence[bytes], runs: int) -> bytes:
+    """The run logs of all blocks as a JSON list, a block's host and versions with each of its runs; empty without any."""
+    rows = []
+    for content in map(json.loads, logs):
+        where = {key: value for key, value in content.items() if key != "runs"}
+        rows += [{**row, **where} for row in content["runs"] if row["run_index"] < runs]
+    rows.sort(key=lambda row: row["run_index"])
+    return json.dumps(rows, indent=1, ensure_ascii=False).encode() if rows else b""
+
+
 def one_block(blocks: Sequence[bytes], runs: int) -> bytes:
     """All runs below `runs` as one block in order: the same bytes however they were blocked; empty without any."""
     if len(blocks) == 1 and all(row["run_index"] < runs for row in block_rows(blocks[0])):
         return blocks[0]
     found = {row["run_index"]: (row, columns) for block in blocks for row, columns in read_block(block)}
     wanted = [found[index] for index in sorted(found) if index < runs]
-    return write_block([row for row, _ in wanted], [columns for _, columns in wanted]) if wanted else b""
+    return write_block([row for row, _ in wanted], levelled([columns for _, columns in wanted])) if wanted else b""
 
 
 def block_rows(block: bytes) -> list[dict[str, Any]]:

@@ -10,7 +10,10 @@ import typer
 from vastflow.flows.run_command import BAD_INPUT
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from vastflow.sim.osc.definition import EnumValue, Parameter, ScenarioDefinition
+    from vastflow.sim.osc.faults import OscFault
 
 scenario = typer.Typer(
     help="Look at scenario files (.osc, OpenSCENARIO DSL).", no_args_is_help=True, rich_markup_mode=None
@@ -23,9 +26,14 @@ ScenarioArgument = Annotated[Path, typer.Argument(metavar="FILE.osc", help="Scen
 def check(file: ScenarioArgument) -> None:
     """Check a scenario file.
 
-    Every fault is said at once, with its place and what would be right.
+    Every fault is said at once, with its place and what would be right; in a file without any, every action that nothing
+    here can do, with the reason.
     """
-    names = [definition.name for definition in _read(file)]
+    definitions = _read(file)
+    if lacking := _lacking(definitions):
+        print(*lacking, sep="\n", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    names = [definition.name for definition in definitions]
     print(f"OK: {'scenario' if len(names) == 1 else 'scenarios'} {', '.join(names)}")
 
 
@@ -52,6 +60,19 @@ def _read(file: Path) -> "tuple[ScenarioDefinition, ...]":
     except OscError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(BAD_INPUT) from None
+
+
+def _lacking(definitions: "Sequence[ScenarioDefinition]") -> "list[OscFault]":
+    """What the scenarios do that can't be done here."""
+    from vastflow.sim.behaviour.support import unsupported
+    from vastflow.sim.osc.faults import OscFault
+    from vastflow.sim.run import ACTIONS
+
+    return [
+        OscFault(found.place, f"{found.name} can't be run here", found.reason)
+        for definition in definitions
+        for found in unsupported(definition, ACTIONS)
+    ]
 
 
 def _described(definition: "ScenarioDefinition", parameter: "Parameter") -> dict[str, Any]:

@@ -21,7 +21,7 @@ from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import ApiServer, configured_url, embedded, end_services
 from vastflow.tasks.shelf import Member, Shelf, Shelved, missing
 from vastflow.tasks.store import Lost
-from vastflow.tasks.work import RECORDINGS, TRACES, VERDICTS
+from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
 from vastflow.tasks.workshop import MemberFault, Workshop, block_size, judgements
 
 WAVES: Final = 3
@@ -128,7 +128,10 @@ class Session:
             if self._flow_fault is None:
                 raise Lost(f"results of {member.name}")
             faults = [RunFault(member.name, None, self._flow_fault.stage, self._flow_fault.error)]
-        return ConfigurationResult(recordings, traces, verdicts, faults)
+        behaviors = [load(each.recordings, BEHAVIORS) for each in shelved]
+        outputs = [load(each.recordings, OUTPUTS) for each in shelved if OUTPUTS in each.recordings.files]
+        logs = [log for each in shelved if (log := self._shelf.store.beside(each.recordings.key, RUN_LOG))]
+        return ConfigurationResult(recordings, traces, verdicts, faults, behaviors, outputs, logs)
 
     def _instantiate(self, instantiated: Instantiated) -> None:
         instantiation = instantiated.instantiation

@@ -68,14 +68,20 @@ VERDICTS: Final = pa.schema(
 def configuration_row(configuration: Configuration) -> Row:
     """A row of `configurations.parquet`."""
     scenario = configuration.scenario
-    content = {"environment": scenario.environment, "task": scenario.task, "system": scenario.system}
+    content: dict[str, Value] = {
+        "environment": scenario.environment,
+        "task": scenario.task,
+        "system": scenario.system,
+    }
+    if scenario.programs is not None:
+        content["programs"] = scenario.programs.content
     return {
         "name": configuration.name,
         "family": configuration.family,
         "scenario_digest": scenario.digest,
         "duplicate_of": configuration.duplicate_of,
         "environment": environment_digest(configuration),
-        "abstract": scenario.abstract,
+        "abstract": scenario.abstract if isinstance(scenario.abstract, str) else json_text(scenario.abstract),
         "timeout_s": scenario.timeout_s,
         "scenario": json_text(content),
         "factors": json_text(configuration.factors),

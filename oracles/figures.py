@@ -89,7 +89,8 @@ def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
     width = (0.99 - left) / len(panels)
     for i, oracle in enumerate(panels):
         axes = figure.add_axes((left + i * width, 0.3 / height_in, width - 0.025, 1 - 0.6 / height_in))
-        axes.set_title(oracle or "all oracles", fontsize=10, color=INK, loc="left", fontweight="bold")
+        title = (oracle or "all oracles").rpartition(":")[2]  # of an oracle in a file the class: panels are narrow
+        axes.set_title(title, fontsize=10, color=INK, loc="left", fontweight="bold")
         _draw_rates(axes, [bars for _, bars in _rate_rows(evidence[oracle])])
         axes.set_ylim(len(labels) - 0.4, -0.6)
         axes.set_yticks(range(len(labels)) if i == 0 else [], labels if i == 0 else [], fontsize=8)

@@ -1,24 +1,32 @@
 """Oracle: traces to verdicts."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from vastflow.oracles.oracle import Oracle
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.trace import trace_of
 from vastflow.oracles.verdict import Verdict
+from vastflow.sim.archive import read_outputs
 from vastflow.sim.blocks import read_block, read_recordings
+from vastflow.sim.process.outputs import Outputs
 from vastflow.sim.scenario import Scenario
 
 
 def judge_block(
-    scenario: Scenario, recording_block: bytes, trace_block: bytes, oracles: Sequence[Oracle[Any]]
+    scenario: Scenario,
+    recording_block: bytes,
+    trace_block: bytes,
+    oracles: Sequence[Oracle[Any]],
+    outputs: bytes | None = None,
 ) -> list[Verdict]:
     """Every oracle's verdict on every run of a block: run by run, oracles in their order.
 
     Args:
         recording_block: Runs of `scenario`, by `vastflow.sim.blocks.write_recordings`.
         trace_block: The same runs, by `vastflow.oracles.observe.observe_block`.
+        outputs: What the runs' programs wrote, by `vastflow.sim.archive.write_outputs`; None where there is nothing.
 
     Raises:
         ValueError: the blocks are not of the same runs.
@@ -28,8 +36,10 @@ def judge_block(
     recorded = [recording.run.run_index for recording in recordings]
     if recorded != (traced := [row["run_index"] for row, _ in observed]):
         raise ValueError(f"recordings of runs {recorded} and traces of runs {traced} do not belong together")
-    return [
-        oracle.judge(trace_of(recording, row, columns), situation)
-        for recording, (row, columns) in zip(recordings, observed, strict=True)
-        for oracle in oracles
-    ]
+    written = read_outputs(outputs) if outputs else {}
+    verdicts = []
+    for recording, (row, columns) in zip(recordings, observed, strict=True):
+        whole = replace(recording, outputs=written.get(recording.run.run_index, Outputs()))
+        trace = trace_of(whole, row, columns)
+        verdicts += [oracle.judge(trace, situation) for oracle in oracles]
+    return verdicts

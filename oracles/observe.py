@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from vastflow.oracles.reference import reference_path
 from vastflow.oracles.situation import Situation, situation_of
-from vastflow.oracles.trace import NOWHERE_MM, MaybeReference, Reference, reference_row
+from vastflow.oracles.trace import NOWHERE_MM, MaybeReference, NoReference, Reference, levelled, reference_row
 from vastflow.oracles.whereabouts import Whereabouts, whereabouts_of
 from vastflow.sim.blocks import read_recordings, write_block
 from vastflow.sim.digest import FileContent
@@ -65,6 +65,8 @@ class Observer:
         Raises:
             ValueError: an event of an obstacle that the scenario does not have.
         """
+        if not recording.columns:
+            return NoReference("the scenario has no robot"), {}
         obstacles = whereabouts_of(self.situation, recording.run)
         reference = self.references(tuple(whereabouts.obstacle for whereabouts in obstacles if whereabouts.was_there))
         x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
@@ -116,7 +118,7 @@ def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
         {"run_index": recording.run.run_index, **reference_row(reference)}
         for recording, (reference, _) in zip(recordings, observed, strict=True)
     ]
-    return write_block(rows, [columns for _, columns in observed])
+    return write_block(rows, levelled([columns for _, columns in observed]))
 
 
 def _wall_cells(occupancy: OccupancyMap) -> cKDTree | None:

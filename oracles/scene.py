@@ -1,5 +1,6 @@
 """Scenes: what happened in one environment, ready to be drawn."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -8,15 +9,17 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from vastflow.oracles.executed import KeptFiles, executed_scenario
 from vastflow.oracles.oracle import SUCCESS
 from vastflow.oracles.rates import Counts, counts_of
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.tables import RunKey, Tables
 from vastflow.oracles.verdict import Judgement
+from vastflow.oracles.whereabouts import spawned_by
+from vastflow.sim.blocks import ROWS_KEY
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.obstacle import Obstacle
-from vastflow.sim.recording import si
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.recording import run_of, si
 
 MAX_TRAJECTORIES: Final = 500
 """Trajectories drawn per judgement and environment; more hide each other (the paper draws 1,000)."""
@@ -49,7 +52,7 @@ class Scene:
         runs: All runs here, drawn or not.
         trajectories: At most `MAX_TRAJECTORIES` of each judgement, evenly chosen.
         starts_xy_m, goals_xy_m: (n, 2), without repetitions.
-        obstacles: Those of all configurations, without repetitions.
+        obstacles: Those of all configurations and those that their scenarios spawned, without repetitions.
         failed: Of every failed run that has a recording.
     """
 
@@ -69,14 +72,15 @@ def scenes_of(tables: Tables) -> list[Scene]:
     for row in tables.configurations:
         if row["environment"] is not None and row["duplicate_of"] is None:
             members.setdefault(row["environment"], []).append(row)
-    return [_scene(tables, environment, rows) for environment, rows in members.items()]
+    files = KeptFiles(tables.directory)
+    return [_scene(tables, environment, rows, files) for environment, rows in members.items()]
 
 
-def _scene(tables: Tables, environment: str, rows: Sequence[Mapping[str, Any]]) -> Scene:
+def _scene(tables: Tables, environment: str, rows: Sequence[Mapping[str, Any]], files: KeptFiles) -> Scene:
     names = {row["name"] for row in rows}
     runs = {key: judgement for key, judgement in tables.judgements.items() if key[0] in names}
     chosen, missed = _chosen(runs), _missed(tables)
-    situations = [_situation(row) for row in rows]
+    situations = [_situation(row, files) for row in rows]
     trajectories: list[Trajectory] = []
     failed: list[FinalPosition] = []
     for key, xy_m in _recorded(tables, {*chosen, *(key for key, judgement in runs.items() if judgement == "fail")}):
@@ -91,23 +95,30 @@ def _scene(tables: Tables, environment: str, rows: Sequence[Mapping[str, Any]]) 
         trajectories,
         _distinct([(s.start.x_m, s.start.y_m) for s in situations if s.start is not None]),
         _distinct([(goal.x_m, goal.y_m) for s in situations for goal in s.goals]),
-        _distinct_obstacles(situations),
+        _distinct_obstacles([*(o for s in situations for o in s.obstacles), *_spawned_in(tables, sorted(names))]),
         failed,
     )
 
 
-def _situation(row: Mapping[str, Any]) -> Situation:
-    scenario = row["scenario"]
-    return situation_of(Scenario(row["abstract"], 0.0, scenario["environment"], scenario["task"], scenario["system"]))
+def _situation(row: Mapping[str, Any], files: KeptFiles) -> Situation:
+    return situation_of(executed_scenario(row["abstract"], 0.0, row["scenario"], files))
 
 
 def _distinct(points: list[tuple[float, float]]) -> NDArray[np.float64]:
     return np.array(list(dict.fromkeys(points)), dtype=np.float64).reshape(-1, 2)
 
 
-def _distinct_obstacles(situations: Sequence[Situation]) -> list[Obstacle]:
-    found = {(o.pose, o.length_m, o.width_m, o.shape): o for s in situations for o in s.obstacles}
-    return list(found.values())
+def _distinct_obstacles(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+    return list({(o.pose, o.length_m, o.width_m, o.shape): o for o in obstacles}.values())
+
+
+def _spawned_in(tables: Tables, configurations: Sequence[str]) -> Iterator[Obstacle]:
+    """What the scenarios themselves put into the world in any run, where they put it."""
+    for configuration in configurations:
+        file = tables.directory / "recordings" / f"{configuration}.parquet"
+        if file.is_file():
+            for row in json.loads(pq.read_schema(file).metadata[ROWS_KEY]):
+                yield from spawned_by(run_of(row))
 
 
 def _chosen(runs: Mapping[RunKey, Judgement]) -> set[RunKey]:

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from vastflow.sim.mission import BUILTIN, mission_of
-from vastflow.sim.obstacle import Obstacle, obstacles_of
+from vastflow.sim.obstacle import Obstacle
 from vastflow.sim.pose import Pose
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.script import script_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,10 +13,10 @@ class Situation:
     """Where a mission begins, where it is to go, and what stands in the way.
 
     Attributes:
-        start: None where the scenario is no navigation mission.
-        goals: In the order they are to be reached, repeated by the mission's loops; empty without a goal.
+        start: None where the scenario has no robot.
+        goals: Of the scenario's navigation actions in the order they are written, repeated by their loops; empty without one.
         obstacles: What is not on the robot's map, as the scenario has it: those with a trigger may never appear, and may be pushed
-            (`vastflow.oracles.whereabouts`).
+            (`vastflow.oracles.whereabouts`). What a scenario file spawns itself is in a run's `entities`.
     """
 
     start: Pose | None
@@ -30,8 +30,5 @@ def situation_of(scenario: Scenario) -> Situation:
     Raises:
         ValueError: a mission or an obstacle that can't be read.
     """
-    obstacles = obstacles_of(scenario.environment)
-    if scenario.abstract not in BUILTIN:
-        return Situation(None, (), obstacles)
-    mission = mission_of(scenario)
-    return Situation(mission.start, mission.goals * (1 + mission.loops), obstacles)
+    script = script_of(scenario)
+    return Situation(script.start, script.goals, script.obstacles)

@@ -88,4 +88,6 @@ def _rows(file: Path, *json_columns: str) -> list[dict[str, Any]]:
     for row in rows:
         for column in json_columns:
             row[column] = json.loads(row[column])
+        if str(row.get("abstract", "")).startswith("{"):  # of a scenario file, and not a name
+            row["abstract"] = json.loads(row["abstract"])
     return rows

@@ -1,12 +1,13 @@
 """Traces: a recording's observation, what oracles read."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.process.tables import Columns
 from vastflow.sim.recording import Recording, Run, si
 
 SI_SUFFIX: Mapping[str, str] = {
@@ -62,19 +63,27 @@ class Trace:
             time; infinite while none is there).
         reference: The path the mission should take at best, past the obstacles that this run had, see
             `vastflow.oracles.reference`.
+        tables: What the run's programs wrote as CSV or parquet: path below the run's folder, without its suffix, to column to
+            (M,) float64, int64, bool or str. Rows are those of the file.
     """
 
     run: Run
     columns: Mapping[str, NDArray[np.float64]] = field(repr=False)
     reference: MaybeReference
+    tables: Mapping[str, Columns] = field(default_factory=dict, repr=False)
 
-    def __getitem__(self, column: str) -> NDArray[np.float64]:
-        """The signal called `column`."""
-        return self.columns[column]
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """The signal called `column`; `<table>/<column>` is a column of a table."""
+        if column in self.columns:
+            return self.columns[column]
+        table, _, name = column.rpartition("/")
+        if table in self.tables:
+            return self.tables[table][name]
+        raise KeyError(column)
 
     def __len__(self) -> int:
-        """Number of rows N."""
-        return len(self.columns["t_s"])
+        """Number of rows N; 0 without a robot."""
+        return len(self.columns.get("t_s", ()))
 
     @property
     def xy_m(self) -> NDArray[np.float64]:
@@ -89,7 +98,17 @@ def trace_of(recording: Recording, row: Mapping[str, Any], derived: Mapping[str,
     reference = reference_of_row(row)
     if isinstance(reference, NoReference):
         columns.pop("deviation_m", None)
-    return Trace(recording.run, columns, reference)
+    return Trace(recording.run, columns, reference, recording.outputs.tables)
+
+
+def levelled(runs: Sequence[Mapping[str, NDArray[np.int32]]]) -> list[Mapping[str, NDArray[np.int32]]]:
+    """Stored columns of several runs with the same names in each: a class of obstacles that a run had none of was nowhere in it."""
+    names = sorted({name for columns in runs for name in columns}, key=lambda name: ("/" in name, name))
+    if all(len(columns) == len(names) for columns in runs):
+        return list(runs)
+    lengths = [len(next(iter(columns.values()), ())) for columns in runs]
+    nowhere = [np.full(n, NOWHERE_MM, dtype=np.int32) for n in lengths]
+    return [{name: columns.get(name, nowhere[k]) for name in names} for k, columns in enumerate(runs)]
 
 
 def signal_name(stored: str) -> str:

@@ -1,7 +1,7 @@
 """Whereabouts: which obstacles a run has, and where each of them is when."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.situation import Situation
 from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.pose import Pose
 from vastflow.sim.recording import Event, Run
 
 _SPAWNED, _MOVED, _DELETED = "spawned", "obstacle_moved", "deleted"
@@ -43,7 +44,7 @@ class Whereabouts:
 
 
 def whereabouts_of(situation: Situation, run: Run) -> tuple[Whereabouts, ...]:
-    """Every obstacle that the run can have, in the order of the situation's.
+    """Every obstacle that the run can have, in the order of the situation's, then those that the scenario spawned.
 
     One without a trigger is there from the start, one with a trigger from its event `spawned` on, where that puts it. Both are
     where `obstacle_moved` puts them then, and nowhere after `deleted`. Events name their obstacle; of several of one name it is
@@ -53,6 +54,7 @@ def whereabouts_of(situation: Situation, run: Run) -> tuple[Whereabouts, ...]:
         ValueError: an event of an obstacle that the scenario does not have.
     """
     tracks = [_Track(obstacle, there=obstacle.trigger is None) for obstacle in situation.obstacles]
+    tracks += [_Track(obstacle, there=False) for obstacle in spawned_by(run)]
     named: dict[str, list[_Track]] = {}
     for track in tracks:
         named.setdefault(track.obstacle.name, []).append(track)
@@ -60,6 +62,17 @@ def whereabouts_of(situation: Situation, run: Run) -> tuple[Whereabouts, ...]:
         if event.kind in (_SPAWNED, _MOVED, _DELETED):
             _meant(event, named).note(event)
     return tuple(track.whereabouts() for track in tracks)
+
+
+def spawned_by(run: Run) -> Iterator[Obstacle]:
+    """What the scenario itself put into the world, at its pose then."""
+    known = {entity.name for entity in run.entities}
+    events = [event for event in run.events if event.kind == _SPAWNED and event.what in known]
+    for entity in run.entities:
+        event = next(event for event in events if event.what == entity.name)
+        events.remove(event)
+        pose = Pose(event.x_m, event.y_m, event.value)
+        yield Obstacle(entity.name, entity.shape, pose, entity.length_m, entity.width_m)
 
 
 class _Track:

@@ -8,20 +8,22 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
+from vastflow.producers.abstract_scenario import FROM_GOAL, abstract_scenario_of
 from vastflow.producers.document import Document, read_document
 from vastflow.producers.family import Family, FamilyReader
-from vastflow.producers.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, did_you_mean, path_text
+from vastflow.producers.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, path_text
 from vastflow.producers.model_faults import faults_of
 from vastflow.producers.nav2_params import nav2_params_of
+from vastflow.producers.programs import programs_of
 from vastflow.producers.spec import (
-    BUILTIN,
     DEFAULT_TIMEOUT_S,
     TOLERATED_IN_FAMILY,
     CampaignSpec,
     FamilySpec,
     unexecuted,
 )
-from vastflow.sim.mission import BUILTIN as MISSIONS
+from vastflow.sim.digest import FileContent
+from vastflow.sim.process.setup import ProcessSetup
 
 __all__ = ["Campaign", "Family", "OracleRequest", "load_campaign"]
 
@@ -45,7 +47,8 @@ class Campaign:
 
     Attributes:
         path: The file as the user named it.
-        abstract: `builtin:…`, or empty where each family's mission follows from its goal.
+        abstract: `builtin:…`, a scenario file, or empty where each family's mission follows from its goal.
+        programs: What the programs of a run are given; None where the scenario starts none.
         runs: Repetitions of each configuration.
         seed: Of the runs' noise.
         timeout_s: Simulated time after which a run ends as timed out.
@@ -57,7 +60,8 @@ class Campaign:
     path: Path
     spec: CampaignSpec
     families: tuple[Family, ...]
-    abstract: str
+    abstract: str | FileContent
+    programs: ProcessSetup | None
     runs: int
     seed: int
     timeout_s: float
@@ -88,9 +92,11 @@ def load_campaign(path: str | Path) -> Campaign:
         spec = CampaignSpec.model_validate(data)
     except ValidationError as error:
         faults += faults_of(document, (), CampaignSpec, error)
-    abstract, mission = _mission(document, faults)
+    abstract, abstract_faults = abstract_scenario_of(document, path.parent)
+    programs, program_notes, program_faults = programs_of(document, path.parent, spec.execution, abstract or FROM_GOAL)
+    faults += [*abstract_faults, *program_faults]
     nav2 = nav2_params_of(document, path.parent)
-    reader = FamilyReader(document, path.parent, mission, nav2.system)
+    reader = FamilyReader(document, path.parent, abstract, nav2.system)
     families = _families(document, data, reader)
     faults += [*reader.faults, *_family_set_faults(document), *_oracle_faults(document)]
     if faults or document.faults or nav2.faults:
@@ -99,13 +105,8 @@ def load_campaign(path: str | Path) -> Campaign:
         own = [fault for fault in faults if (fault.line, fault.column) not in places]
         raise CampaignError([*document.faults, *own, *nav2.faults])
     notes += [document.note("not executed", where, NOT_EXECUTED, why) for where, why in unexecuted(spec)]
-    notes += reader.notes
-    unexecutable = list(reader.unexecutable)
-    if mission is None:
-        consequence = "the mission follows from the goal, goal_pose or goal_poses"
-        if not (path.parent / (spec.execution.scenario_file or "")).is_file():
-            consequence += ", and there is no such file"
-        notes.append(document.note("not executed", ("execution", "scenario_file"), NOT_EXECUTED, consequence))
+    notes += [*program_notes, *reader.notes]
+    unexecutable: list[Fault] = []
     if spec.search:
         right = "scenario families under configuration"
         unexecutable.append(document.fault(("search",), f"search is {NOT_EXECUTED}", right, "key"))
@@ -113,7 +114,8 @@ def load_campaign(path: str | Path) -> Campaign:
         path=path,
         spec=spec,
         families=tuple(families),
-        abstract=abstract,
+        abstract=(abstract or FROM_GOAL).content,
+        programs=programs,
         runs=spec.execution.runs,
         seed=spec.execution.seed,
         timeout_s=spec.execution.timeout or DEFAULT_TIMEOUT_S,
@@ -141,21 +143,6 @@ def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Note]]:
             notes.append(document.note("warning", ("configuration", i, key), "has no effect in a family", right))
         kept.append({key: value for key, value in family.items() if key not in tolerated})
     return {**document.data, "configuration": kept}, notes
-
-
-def _mission(document: Document, faults: list[Fault]) -> tuple[str, str | None]:
-    """The abstract scenario's builtin name, and the mission whose keys are needed: None for a scenario file."""
-    execution = document.data.get("execution")
-    name = execution.get("scenario_file") if isinstance(execution, dict) else None
-    if not isinstance(name, str):
-        return "", ""
-    if not name.startswith(BUILTIN):
-        return "", None
-    if name not in MISSIONS:
-        right = did_you_mean(name, MISSIONS)
-        faults.append(document.fault(("execution", "scenario_file"), f"found {name!r}", right))
-        return "", None
-    return name, name
 
 
 def _families(document: Document, data: dict[str, Any], reader: FamilyReader) -> list[Family]:

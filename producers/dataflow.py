@@ -4,21 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from vastflow.producers.abstract_scenario import AbstractScenario
 from vastflow.producers.document import Document
 from vastflow.producers.faults import Fault, Location, did_you_mean, shown
 from vastflow.producers.ground import MAP_KEY
 from vastflow.producers.producer import Producer
 from vastflow.producers.scenario_values import LOOPS_KEY
 from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY
-
-NEEDED_BY: Final[Mapping[str, tuple[tuple[str, ...], ...]]] = {
-    "": ((MAP_KEY,), (START_KEY,), (GOAL_KEY, GOALS_KEY)),
-    "builtin:navigate_to_pose": ((MAP_KEY,), (START_KEY,), (GOAL_KEY,)),
-    "builtin:navigate_through_poses": ((MAP_KEY,), (START_KEY,), (GOALS_KEY, GOAL_KEY)),
-    "builtin:follow_waypoints": ((MAP_KEY,), (START_KEY,), (GOALS_KEY, GOAL_KEY)),
-}
-"""Mission to the keys it needs, one of each group; the empty name is the mission that follows from the goal."""
-
 
 MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
 
@@ -61,16 +53,16 @@ class DataFlow:
             available |= set(link.producer.writes)
             yield from self._references(link.location, available | set(link.producer.needs))
 
-    def mission_faults(self, mission: str) -> Iterator[Fault]:
-        """Keys that the mission needs and nothing writes."""
+    def mission_faults(self, abstract: AbstractScenario) -> Iterator[Fault]:
+        """Keys that the abstract scenario needs and nothing writes."""
         written = self.written
-        missing = [" or ".join(group) for group in NEEDED_BY[mission] if written.isdisjoint(group)]
+        missing = [" or ".join(group) for group in abstract.needed if written.isdisjoint(group)]
         if not missing:
             return
-        name = mission or "a navigation mission"
+        name = abstract.name or "a navigation mission"
         misnamed = [
             (link, key) for link in self.links for key, tag in link.producer.writes.items()
-            if tag == "task" and key not in MISSION_KEYS
+            if tag == "task" and key not in MISSION_KEYS and key not in abstract.parameters
         ]  # fmt: skip
         if len(missing) == 1 and missing[0] != MAP_KEY and misnamed:
             link, key = misnamed[-1]

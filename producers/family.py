@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter, ValidationError
 
+from vastflow.producers.abstract_scenario import AbstractScenario
 from vastflow.producers.configuration import Fragment
 from vastflow.producers.constraint import NOWHERE, Constraint, Place
 from vastflow.producers.constraint_foresight import foreseeable_faults
@@ -19,7 +20,7 @@ from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, did_y
 from vastflow.producers.ground import MAP_KEY
 from vastflow.producers.model_faults import faults_of
 from vastflow.producers.producer import Producer, UnknownProducer, draws_of, find_producer
-from vastflow.producers.scenario_values import combined_complaint, complaint_of, dimension_of, unread_keys
+from vastflow.producers.scenario_values import Complaint, combined_complaint, complaint_of, dimension_of, unread_keys
 from vastflow.producers.spec import TOLERATED_IN_FAMILY, FamilySpec
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.maps import map_content
@@ -58,25 +59,26 @@ class FamilyReader:
 
     Attributes:
         faults: Everything wrong.
-        unexecutable: Why a family that is right can't be executed by this version.
     """
 
     def __init__(
-        self, document: Document, base: Path, mission: str | None, system: Mapping[str, Value] | None = None
+        self,
+        document: Document,
+        base: Path,
+        abstract: AbstractScenario | None,
+        system: Mapping[str, Value] | None = None,
     ) -> None:
         """Read families of `document`, whose file names are relative to `base`.
 
         Args:
-            mission: `builtin:…`, empty where it follows from the goal, None where it is not known which keys
-                it needs.
+            abstract: The abstract scenario of every family; None where it could not be read.
             system: Values of the system dimension that every family has.
         """
         self.faults: list[Fault] = []
         self.notes: list[Note] = []
-        self.unexecutable: list[Fault] = []
         self._document = document
         self._base = base
-        self._mission = mission
+        self._abstract = abstract
         self._system = system or {}
         self._maps: dict[str, FileContent] = {}
 
@@ -96,7 +98,7 @@ class FamilyReader:
         slips = self._document.value(location).keys() - FamilySpec.model_fields.keys() - TOLERATED_IN_FAMILY
         if whole and not slips:  # what could not be read may write anything
             self.faults += flow.faults()
-            self._check_mission(flow, location)
+            self._check_mission(flow)
             self._check_names(constraints, {*self._system, *flow.written})
         given = {key: tag for key, tag in tags.items() if tag != DIMENSION_OF_KEY.get(key, "system")}
         producers = tuple(link.producer for link in links)
@@ -158,7 +160,7 @@ class FamilyReader:
         tags: Mapping[str, Dimension],
         system: Mapping[str, Value],
     ) -> None:
-        complaints = {key: complaint_of(key, value, tags[key], system) for key, value in values.items()}
+        complaints = {key: self._complaint(key, value, tags[key], system) for key, value in values.items()}
         for key, complaint in complaints.items():
             if complaint:
                 what, right = complaint
@@ -171,6 +173,11 @@ class FamilyReader:
         good = {key: value for key, value in system.items() if not complaints.get(key)}
         if complaint := combined_complaint(good):
             self._fault((*flow.location, "parameters"), *complaint, at="key")
+
+    def _complaint(self, key: str, value: Value, dimension: Dimension, system: Mapping[str, Value]) -> Complaint | None:
+        """What the simulator has to say of a value, and then the scenario of which it is a parameter."""
+        said = complaint_of(key, value, dimension, system)
+        return said or (self._abstract.complaint(key, value) if self._abstract else None)
 
     def _chain(self, location: Location, system: Mapping[str, Value]) -> tuple[list[Link], bool]:
         """The producers that could be made, and whether these are all."""
@@ -219,7 +226,7 @@ class FamilyReader:
         reported: set[tuple[Location, str]] = set()
         for k, fragment in enumerate(fragments):
             for key, value in fragment.values.items() if isinstance(fragment, Fragment) else ():
-                complaint = complaint_of(key, value, tags.get(key, "system"), system)
+                complaint = self._complaint(key, value, tags.get(key, "system"), system)
                 where = self._document.known((*location, "values", k))
                 if complaint and (where, complaint[1]) not in reported:
                     reported.add((where, complaint[1]))
@@ -254,11 +261,9 @@ class FamilyReader:
         except ValidationError:
             return CARTESIAN
 
-    def _check_mission(self, flow: DataFlow, location: Location) -> None:
-        if self._mission is not None:
-            self.faults += flow.mission_faults(self._mission)
-        else:
-            self.unexecutable += flow.mission_faults("")
+    def _check_mission(self, flow: DataFlow) -> None:
+        if self._abstract is not None:
+            self.faults += flow.mission_faults(self._abstract)
 
     def _note_unread(
         self,
@@ -268,6 +273,7 @@ class FamilyReader:
         system: Mapping[str, Value],
     ) -> None:
         read = {key for link in links for key in link.producer.reads}
+        read |= self._abstract.parameters if self._abstract else frozenset()
         varied: dict[str, Location] = {}
         for link in links:
             for key, tag in link.producer.writes.items():

@@ -26,7 +26,8 @@ from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.growth import Family, Grown, Growth
 from vastflow.producers.producer import Producer, evaluate
 from vastflow.producers.stops import GOAL_KEY, GOALS_KEY
-from vastflow.sim.digest import Texts, Value
+from vastflow.sim.digest import FileContent, Texts, Value
+from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.scenario import Dimension, scenario_of
 
 
@@ -38,8 +39,12 @@ class Campaign(Protocol):
         """The scenario families."""
 
     @property
-    def abstract(self) -> str:
-        """`builtin:…`, or empty where it follows from the goal."""
+    def abstract(self) -> str | FileContent:
+        """`builtin:…`, a scenario file, or empty where it follows from the goal."""
+
+    @property
+    def programs(self) -> ProcessSetup | None:
+        """What the programs of a run are given."""
 
     @property
     def timeout_s(self) -> float:
@@ -90,7 +95,7 @@ def instantiation_of(campaign: Campaign, grown: Sequence[Grown]) -> Instantiatio
     configurations = mark_duplicates(
         configuration
         for family, each in zip(campaign.families, grown, strict=True)
-        for configuration in finish(family, each.partials, campaign.abstract, campaign.timeout_s)
+        for configuration in finish(family, each.partials, campaign.abstract, campaign.timeout_s, campaign.programs)
     )
     excluded = tuple(instance for each in grown for instance in each.excluded)
     if not configurations and excluded:
@@ -245,12 +250,17 @@ class _Digests:
         return self._known[key]
 
 
-def finish(family: Family, partials: Iterable[Partial], abstract: str, timeout_s: float) -> list[Configuration]:
+def finish(
+    family: Family,
+    partials: Iterable[Partial],
+    abstract: str | FileContent,
+    timeout_s: float,
+    programs: ProcessSetup | None = None,
+) -> list[Configuration]:
     """The configurations of a family's complete partial configurations.
 
     Args:
-        abstract: Name of the abstract scenario; empty: navigate_to_pose with a `goal_pose`, else
-            navigate_through_poses.
+        abstract: The abstract scenario; empty: navigate_to_pose with a `goal_pose`, else navigate_through_poses.
         timeout_s: Simulated time after which a run ends.
     """
     return [
@@ -262,6 +272,7 @@ def finish(family: Family, partials: Iterable[Partial], abstract: str, timeout_s
                 partial.dimensions,
                 abstract=abstract or _abstract_of(partial),
                 timeout_s=timeout_s,
+                programs=programs,
             ),
             factors={key: value for key, value in partial.values.items() if not key.startswith("_")},
             provenance={key: value for key, value in partial.values.items() if key.startswith("_")},

@@ -120,7 +120,7 @@ class ExecutionSpec(Section):
     """Seed of the runs' noise. Not part of version 1 elsewhere."""
     scenario_file: Annotated[str, AfterValidator(_inside)] | None = None
     """The abstract scenario: `builtin:navigate_to_pose`, `builtin:navigate_through_poses`,
-    `builtin:follow_waypoints`, or an OpenSCENARIO DSL file below the campaign file's folder. Without it the
+    `builtin:follow_waypoints`, `builtin:obstacle_appears`, or an OpenSCENARIO DSL file below the campaign file's folder. Without it the
     mission follows from the goal: goal_pose or goal_poses."""
     timeout: Positive | None = None
     """Simulated seconds after which a run ends as timed out; 360 where nothing is given."""
@@ -137,21 +137,16 @@ class ExecutionSpec(Section):
         Annotated[list[SecondaryContainer], EmptyIsList], Unexecuted("no containers are started")
     ] = Field(default_factory=list)
     """Containers beside the main one, of the same image."""
-    env: Annotated[
-        Annotated[list[Annotated[dict[str, Any], AfterValidator(_one_env)]], EmptyIsList],
-        Unexecuted("no process is started that could read it"),
-    ] = Field(default_factory=list)
-    """Environment variables of the containers, `- NAME: value`."""
-    run_files: Annotated[Annotated[list[str], EmptyIsList], Unexecuted("no container is given them")] = Field(
-        default_factory=list
-    )
-    """Files each run needs, as glob patterns."""
+    env: Annotated[list[Annotated[dict[str, Any], AfterValidator(_one_env)]], EmptyIsList] = Field(default_factory=list)
+    """Environment variables of the containers, and of the programs a scenario starts, `- NAME: value`."""
+    run_files: Annotated[list[str], EmptyIsList] = Field(default_factory=list)
+    """Files each run needs, as glob patterns; programs a scenario starts find them in their folder."""
     runs_per_job: Annotated[Count, Unexecuted("runs are shared out over this machine's cores")] = 1
     """Runs that share one job of a cluster."""
-    pre_command: Annotated[str | None, Unexecuted()] = None
-    """Path, in the container, of a script that is sourced before a run."""
-    post_command: Annotated[str | None, Unexecuted()] = None
-    """Path, in the container, of a script that runs after a run."""
+    pre_command: str | None = None
+    """Script that is sourced before a run's programs start: a run file, or its path in the container."""
+    post_command: str | None = None
+    """Program that runs after a run, with the run's folder as its last argument: a run file, or its path in the container."""
     run_as_user: Annotated[Amount, Unexecuted()] = 1000
     """User id in the container."""
     local: Annotated[Local | None, Unexecuted("parameters are those of the families")] = None

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.closed_loop import ClosedLoop
+from vastflow.sim.drive import drive
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import FREE, OCCUPIED, OccupancyMap
 from vastflow.sim.mission import Mission
@@ -19,12 +20,11 @@ from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.profile import CLOCK, STAGES
-from vastflow.sim.nav.state import SUBSTEPS, TICK_S
+from vastflow.sim.nav.state import RUNNING, SUBSTEPS, TICK_S
 from vastflow.sim.octile import descend, distance_field, passable, path_xy_m
 from vastflow.sim.pose import Pose
 from vastflow.sim.prepared import PreparedMap, prepare
 from vastflow.sim.robot import Robot
-from vastflow.sim.run import execute
 from vastflow.sim.streams import run_entropy
 
 CONTROLLERS: Final = {"mppi": MppiParameters, "dwb": DwbParameters, "rpp": RppParameters}
@@ -42,6 +42,14 @@ class Floor:
     width_m: float
     height_m: float
     route_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A mission and where it begins."""
+
+    start: Pose
+    mission: Mission
 
 
 LARGE: Final = Floor(100.0, 70.0, 20.0)
@@ -95,24 +103,37 @@ class _Course:
         began = time.process_time()
         self.prepared: PreparedMap = prepare(benchmark_map(floor), Lidar(), parameters)
         self.preparation_s = time.process_time() - began
-        self.missions = benchmark_missions(occupancy, floor.route_m)
-        self.loop(0, self.missions[0]).advance()
+        self.routes = benchmark_routes(occupancy, floor.route_m)
+        self.loop(0, self.routes[0]).advance()
 
-    def loop(self, index: int, mission: Mission) -> ClosedLoop:
-        return ClosedLoop(self.prepared, self.parameters, Lidar(), Robot(), mission, (), _entropy(index), TIMEOUT_S)
+    def loop(self, index: int, route: Route) -> ClosedLoop:
+        loop = ClosedLoop(self.prepared, self.parameters, Lidar(), Robot(), route.start, (), _entropy(index), TIMEOUT_S)
+        loop.localize(route.start)
+        loop.navigate(route.mission)
+        return loop
 
     def measured(self) -> dict[str, Any]:
         began = time.process_time()
         runs = [
-            execute(self.prepared, self.parameters, Lidar(), Robot(), mission, (), _entropy(index), TIMEOUT_S).run
-            for index, mission in enumerate(self.missions)
+            drive(
+                self.prepared,
+                self.parameters,
+                Lidar(),
+                Robot(),
+                route.start,
+                route.mission,
+                (),
+                _entropy(index),
+                TIMEOUT_S,
+            ).run
+            for index, route in enumerate(self.routes)
         ]
         cpu_s = time.process_time() - began
         simulated_s = sum(run.simulated_s for run in runs)
         began = time.process_time()
-        for index, mission in enumerate(self.missions):
-            self.loop(index, mission)
-        start_s = (time.process_time() - began) / len(self.missions)
+        for index, route in enumerate(self.routes):
+            self.loop(index, route)
+        start_s = (time.process_time() - began) / len(self.routes)
         return {
             "x_real_time": round(simulated_s / cpu_s, 1),
             "simulated_s": round(simulated_s, 2),
@@ -133,11 +154,11 @@ class _Course:
         """What the same runs did, tick by tick, untimed."""
         particles: list[int] = []
         floods = 0
-        for index, mission in enumerate(self.missions):
-            loop = self.loop(index, mission)
+        for index, route in enumerate(self.routes):
+            loop = self.loop(index, route)
             m = loop.stack.m[0]
             updates = 0
-            while loop.running:
+            while loop.status == RUNNING and loop.tick < loop.last_tick:
                 loop.advance(loop.tick + 1)
                 if m["filter_updates"] > updates:
                     updates = int(m["filter_updates"])
@@ -153,8 +174,8 @@ class _Course:
         """CPU time of each stage of a tick, less what the clock takes."""
         laps = np.zeros((len(STAGES), 2))
         simulated_s = 0.0
-        for index, mission in enumerate(self.missions):
-            loop = self.loop(index, mission)
+        for index, route in enumerate(self.routes):
+            loop = self.loop(index, route)
             m = loop.stack.m[0]
             m["profiling"], m["lapped"] = 1, time.process_time() * 1e6
             loop.advance()
@@ -215,13 +236,13 @@ def benchmark_map(floor: Floor = LARGE) -> OccupancyMap:
     return OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0))
 
 
-def benchmark_missions(occupancy: OccupancyMap, route_m: float = LARGE.route_m) -> list[Mission]:
+def benchmark_routes(occupancy: OccupancyMap, route_m: float = LARGE.route_m) -> list[Route]:
     """Routes of one length (octile) between free poses, drawn with the map's seed."""
     rng = np.random.default_rng(MAP_SEED)
     free = passable(occupancy, 0.4)
     cells = np.argwhere(free)
-    missions: list[Mission] = []
-    while len(missions) < ROUTES:
+    routes: list[Route] = []
+    while len(routes) < ROUTES:
         row, column = cells[rng.integers(len(cells))]
         field = distance_field(free, int(row), int(column), (route_m + 1.0) / RESOLUTION_M)
         goals = np.argwhere(np.abs(field * RESOLUTION_M - route_m) < RESOLUTION_M)
@@ -232,8 +253,8 @@ def benchmark_missions(occupancy: OccupancyMap, route_m: float = LARGE.route_m) 
         heading = way[10] - way[0]
         yaw_rad = float(np.arctan2(heading[1], heading[0]))
         start, end = (Pose(float(x), float(y), yaw_rad) for x, y in (way[0], way[-1]))
-        missions.append(Mission("navigate_to_pose", start, (end,)))
-    return missions
+        routes.append(Route(start, Mission("navigate_to_pose", (end,))))
+    return routes
 
 
 def _wall_positions(cells: int, rng: np.random.Generator) -> list[int]:

@@ -2,17 +2,19 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.mission import Mission
-from vastflow.sim.motion import FREE, MOVING, NOT_THERE, new_body
+from vastflow.sim.motion import FREE, MOVING, NOT_THERE, Body, new_body
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.state import ROW_TICKS, RUNNING, SUBSTEPS, TICK_S, new_stack
-from vastflow.sim.nav.tick import APPEARS, PHYSICS, advance, start
+from vastflow.sim.nav.state import ROW_TICKS, SUBSTEPS, TICK_S, give, new_stack, set_pose
+from vastflow.sim.nav.tick import APPEARS, PHYSICS, advance, conclude, halt, start
 from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.pose import Pose
 from vastflow.sim.prepared import PreparedMap
 from vastflow.sim.recording import Event
 from vastflow.sim.robot import Robot
@@ -21,18 +23,22 @@ from vastflow.sim.world import World
 
 
 class ClosedLoop:
-    """A mission of one robot, from its start on.
+    """A robot in its world, from the start of a run on; it stands until it knows where it is and has a mission.
 
     Kernels run tick after tick by themselves while the robot moves freely; only where bodies may touch, and where an obstacle
     appears, do they come back for the engine. A run without either never builds one.
 
     Args:
+        start_pose: Where the robot stands at first.
+        obstacles: What stands there from the start, or appears when the robot comes near.
         entropy: (seed, situation, run index), see `vastflow.sim.streams.run_entropy`.
         timeout_s: Simulated time at which the run ends whatever happens.
 
     Attributes:
         stack: What the stack has at the end of the last tick.
         body: The robot and the obstacles as they stand.
+        last_tick: Ticks there is time for.
+        obstacles: All that there ever were, in the order of `body.obstacles`.
     """
 
     def __init__(
@@ -41,16 +47,17 @@ class ClosedLoop:
         parameters: NavParameters,
         lidar: Lidar,
         robot: Robot,
-        mission: Mission,
+        start_pose: Pose,
         obstacles: Sequence[Obstacle],
         entropy: Sequence[int],
         timeout_s: float,
     ) -> None:
+        self.obstacles = list(obstacles)
         rows = obstacle_rows(obstacles)
-        self.body = new_body(mission.start, robot.radius_m, rows, _triggers(obstacles))
-        self.stack = new_stack(prepared, parameters, lidar, robot, mission, rows, streams_of(entropy), timeout_s)
+        self.body = new_body(start_pose, robot.radius_m, rows, trigger_rows(obstacles))
+        self.stack = new_stack(prepared, parameters, lidar, robot, start_pose, rows, streams_of(entropy), timeout_s)
         self.last_tick = round(timeout_s / TICK_S)
-        self._make_world: Callable[[], World] = lambda: World(robot, prepared.walls, obstacles)
+        self._make_world: Callable[[], World] = lambda: World(robot, prepared.walls, self.obstacles)
         self._world: World | None = None
         start(self.stack.p, self.stack.m)
 
@@ -60,25 +67,83 @@ class ClosedLoop:
         return int(self.stack.m[0]["tick"])
 
     @property
-    def running(self) -> bool:
-        """Whether there is time left, and the mission has not ended."""
-        return self.status == RUNNING and self.tick < self.last_tick
+    def now_s(self) -> float:
+        """Simulated time that is over."""
+        return self.tick * TICK_S
 
     @property
     def status(self) -> int:
-        """RUNNING, SUCCEEDED or ABORTED."""
+        """RUNNING, SUCCEEDED, ABORTED or RESTING: what became of the mission."""
         return int(self.stack.m[0]["status"])
+
+    @property
+    def error_code(self) -> int:
+        """Nav2's code of a mission that was given up, else 0."""
+        return int(self.stack.m[0]["error_code"])
+
+    @property
+    def placed(self) -> bool:
+        """Whether AMCL was ever given an initial pose."""
+        return bool(self.stack.m[0]["initialised"])
+
+    @property
+    def recoveries(self) -> int:
+        """Of all missions so far."""
+        return int(self.stack.m[0]["recoveries"])
+
+    @property
+    def localized(self) -> bool:
+        """Whether AMCL has given a pose since the last `localize`."""
+        return bool(self.stack.m[0]["initialised"]) and not self.stack.m[0]["first_scan"]
 
     @property
     def events(self) -> Sequence[Event]:
         """What happened in the world so far, in order."""
         return self._world.events if self._world else ()
 
+    def localize(self, pose: Pose) -> None:
+        """Give AMCL an initial pose; from the next tick on the stack is awake."""
+        set_pose(self.stack, pose)
+
+    def navigate(self, mission: Mission) -> None:
+        """Give the robot a mission, in place of any it had."""
+        self.cancel()
+        self.stack = give(self.stack, mission)
+
+    def cancel(self) -> None:
+        """Take the robot's mission away."""
+        halt(self.stack.m, self.stack.controller)
+
+    def standing(self, name: str) -> int | None:
+        """Number of the obstacle of this name that stands in the world now."""
+        there = [
+            index
+            for index, obstacle in enumerate(self.obstacles)
+            if obstacle.name == name and math.isfinite(self.body.obstacles[index, 0])
+        ]
+        return there[0] if there else None
+
+    def spawn(self, obstacle: Obstacle, pushable: bool) -> None:
+        """Put an obstacle into the world now, at its pose; one that can be pushed has its mass and friction."""
+        self._world = world = self._world or self._make_world()
+        self.obstacles.append(obstacle)
+        world.add(len(self.obstacles) - 1, self.now_s, pushable)
+        rows = np.concatenate([self.body.obstacles, obstacle_rows([obstacle])])
+        triggers = np.concatenate([self.body.triggers, trigger_rows([obstacle])])
+        self.body = Body(self.body.pose, self.body.radius_m, rows, triggers)
+        self.stack = replace(self.stack, obstacles=rows)
+
+    def delete(self, index: int) -> None:
+        """Take an obstacle that stands in the world out of it."""
+        self._world = world = self._world or self._make_world()
+        world.remove(index, self.now_s)
+        self.body.obstacles[index, :2] = NOT_THERE
+
     def advance(self, until_tick: int | None = None) -> None:
         """Go on until so many ticks of the run are done, by default all there is time for, or the mission has ended."""
         until = self.last_tick if until_tick is None else min(until_tick, self.last_tick)
-        stack = self.stack
-        while True:
+        stack, status = self.stack, self.status
+        while self.status == status:
             hold = self._world.hold if self._world else FREE
             why = advance(
                 stack.p,
@@ -99,6 +164,10 @@ class ClosedLoop:
                 self._appear(why - APPEARS)
             else:
                 return
+
+    def conclude(self) -> None:
+        """Write the recording's last row: where the robot is now."""
+        conclude(self.stack.m, self.body, self.stack.rows)
 
     def _drive(self) -> None:
         """The engine's part of the tick whose commands the stack has just given."""
@@ -136,7 +205,7 @@ def obstacle_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
     return np.array(rows, dtype=np.float64).reshape(-1, 6)
 
 
-def _triggers(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
+def trigger_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
     """(K, 3) as `vastflow.sim.motion.Body` has them."""
     rows = [(0.0, 0.0, -1.0) if (t := o.trigger) is None else (t.x_m, t.y_m, t.distance_m) for o in obstacles]
     return np.array(rows, dtype=np.float64).reshape(-1, 3)

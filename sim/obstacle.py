@@ -153,6 +153,11 @@ def obstacle_of(
     )
 
 
+def has_mass(entry: Mapping[str, Value]) -> bool:
+    """Whether an entry's arguments give a mass."""
+    return "mass:=" in str(entry.get("xacro_arguments") or "").replace(" ", "")
+
+
 def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, Value]) -> Trigger | None:
     if "spawn_trigger" not in entry:
         return None

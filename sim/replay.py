@@ -1,5 +1,6 @@
 """Replays: a recorded run executed once more, with looks at what the robot sees, knows and does."""
 
+import itertools
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -85,8 +86,16 @@ def first_difference(recorded: Recording, executed: Recording) -> Difference | N
     if found:
         return min(found, key=lambda d: d.row or 0)
     ours, theirs = run_row(executed.run), run_row(recorded.run)
-    key = next(key for key in ours if digest(ours[key]) != digest(theirs[key]))
-    return Difference(key, None, None, theirs[key], ours[key])
+    for key in ours:
+        if digest(ours[key]) != digest(theirs[key]):
+            return Difference(key, None, None, theirs[key], ours[key])
+    changes = [
+        list(zip(*(column.tolist() for column in r.behaviors.values()), strict=True)) for r in (recorded, executed)
+    ]
+    for pair in itertools.zip_longest(*changes):
+        if pair[0] != pair[1]:
+            return Difference("behaviors", None, None, *pair)
+    return Difference("behaviors", None, None, tuple(recorded.behaviors), tuple(executed.behaviors))
 
 
 def _column_difference(name: str, recorded: Recording, executed: Recording) -> Difference | None:

@@ -1,97 +1,193 @@
 """One scenario, one seed → one run's recording."""
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+import resource
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.abstract import file_of
+from vastflow.sim.archive import table
+from vastflow.sim.behaviour.entities import ENTITIES
+from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
+from vastflow.sim.behaviour.navigation import NAVIGATION
+from vastflow.sim.behaviour.stand_ins import stand_ins
+from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behaviour.world import in_world
 from vastflow.sim.closed_loop import ClosedLoop
 from vastflow.sim.digest import FileContent
+from vastflow.sim.drive import Ending, recording_of, recording_without_world
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import OccupancyMap, load_map
-from vastflow.sim.mission import Mission, mission_of
 from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.state import COLUMNS, EVENT_KINDS, EVENT_RECOVERY, RECOVERIES, RUNNING, SUCCEEDED, TICK_S, Stack
-from vastflow.sim.obstacle import Obstacle, obstacles_of
-from vastflow.sim.prepared import KEPT_MAPS, PreparedMap, prepare
-from vastflow.sim.recording import Event, Outcome, Recording, Run
+from vastflow.sim.play import Watch, play
+from vastflow.sim.prepared import KEPT_MAPS, prepare
+from vastflow.sim.process.actions import PROCESSES, process_actions
+from vastflow.sim.process.run import ProcessRecord, ProcessRun, process_run
+from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.recording import Recording
 from vastflow.sim.robot import Robot
+from vastflow.sim.runlog import RunLog
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.script import Script, calls_of, script_of
+from vastflow.sim.simulation import Simulation, recorded
 from vastflow.sim.streams import run_entropy
 
-REASONS: Mapping[int, str] = {
-    103: "the plan led out of the local costmap (INVALID_PATH)",
-    104: "the controller found no valid command (PATIENCE_EXCEEDED)",
-    105: "no progress (FAILED_TO_MAKE_PROGRESS)",
-    203: "the robot is outside the map (START_OUTSIDE_MAP)",
-    204: "the goal is outside the map (GOAL_OUTSIDE_MAP)",
-    208: "no path to the goal (NO_VALID_PATH)",
-    303: "the robot is outside the map (START_OUTSIDE_MAP)",
-    304: "a goal is outside the map (GOAL_OUTSIDE_MAP)",
-    308: "no path through the goals (NO_VALID_PATH)",
+BEHAVIORS: Final[Mapping[str, type]] = {
+    "t_s": float,
+    "behavior": int,
+    "parent": int,
+    "child_index": int,
+    "name": str,
+    "class_name": str,
+    "status": str,
+    "message": str,
+    "line": int,
+    "column": int,
 }
-"""Nav2's error codes, in words."""
+"""Columns of the `behaviors` table: a row for each node at t = 0 and for each change of its status; the root's parent is -1."""
+
+ACTIONS: Final = frozenset({*HELPERS, *ENTITIES, *NAVIGATION, *PROCESSES, *stand_ins({})})
+"""Names of the actions that a scenario may use."""
+
+WORLDLY: Final = frozenset({*ENTITIES, *NAVIGATION}) - stand_ins({}).keys()
+"""Those that need a robot in a world."""
+
+_SCENARIO_STREAM: Final = 0x5CE
+"""Sets the numbers that a scenario draws apart from those of the robot's subsystems."""
 
 
 class ScenarioError(ValueError):
     """A scenario that can't be executed; says which key, what was found and what would be right."""
 
 
+@dataclass(frozen=True)
+class Execution:
+    """A run that was executed: what happened in it, and what its host saw."""
+
+    recording: Recording
+    log: RunLog
+
+
 def run(
     scenario: Scenario,
     run_index: int,
     seed: int = 0,
-    watch: Callable[[Stack, int], None] | None = None,
+    watch: Watch | None = None,
     watch_ticks: Sequence[int] = (),
 ) -> Recording:
-    """Execute one run. Equal (scenario, run index, seed, code) give equal recordings, whatever ran before.
+    """Execute one run. Equal (scenario, run index, seed, code) give equal recordings, whatever ran before; but what a
+    run's programs do is their own.
 
     Args:
         seed: The campaign's `execution.seed`.
-        watch, watch_ticks: See `execute`.
+        watch: Is shown the stack as it is after a tick, and the tick; it may look and copy, and the run is the same.
+        watch_ticks: The ticks it is called after, in increasing order; those after the run's end are left out.
 
     Raises:
         ScenarioError: no map, or a map that changed since the scenario was made.
-        MissionError, ParameterError, MapError: a key of the scenario that can't be used.
+        ValueError: a scenario file or a value that can't be used, see `vastflow.sim.script.script_of`.
+        CommandFailed: the campaign's `pre_command` did.
     """
-    mission = mission_of(scenario)
-    parameters = parameters_of(scenario.system)
-    obstacles = obstacles_of(scenario.environment)
-    prepared = prepare(_loaded(_map_of(scenario.environment)), Lidar(), parameters)
-    entropy = run_entropy(seed, scenario.situation_digest, run_index)
-    robot, timeout_s = Robot(), scenario.timeout_s
-    return execute(prepared, parameters, Lidar(), robot, mission, obstacles, entropy, timeout_s, watch, watch_ticks)
+    return execute(scenario, run_index, seed, watch, watch_ticks).recording
 
 
 def execute(
-    prepared: PreparedMap,
-    parameters: NavParameters,
-    lidar: Lidar,
-    robot: Robot,
-    mission: Mission,
-    obstacles: tuple[Obstacle, ...],
-    entropy: Sequence[int],
-    timeout_s: float,
-    watch: Callable[[Stack, int], None] | None = None,
+    scenario: Scenario,
+    run_index: int,
+    seed: int = 0,
+    watch: Watch | None = None,
     watch_ticks: Sequence[int] = (),
-) -> Recording:
-    """The whole of one run.
+) -> Execution:
+    """As `run`, with the run's log."""
+    started_s, wall_s, cpu_s = time.time(), time.perf_counter(), time.process_time()
+    script = script_of(scenario)
+    entropy = run_entropy(seed, scenario.situation_digest, run_index)
+    used = {call.action for call in calls_of(script.definition.root)}
+    # A map alone makes no world: a scenario of programs may hand it on to them.
+    needs_world = used & WORLDLY or ("map_file" in scenario.environment and script.start is not None)
+    loop = _loop(scenario, script, entropy) if needs_world else None
+    simulation = Simulation(loop) if loop else None
+    lines: list[str] = []
+    with ExitStack() as stack:
+        setup = scenario.programs or ProcessSetup(file_of(scenario.abstract).parent)
+        programs = stack.enter_context(process_run(setup)) if used & PROCESSES.keys() or scenario.programs else None
+        tree = _tree(scenario, script, simulation, programs, entropy, lines)
+        try:
+            play(tree, scenario.timeout_s, loop, programs, watch, watch_ticks)
+        finally:
+            tree.shutdown()
+        record = programs.close() if programs else None
+    ending, behaviors = _ending(tree), behaviors_of(tree)
+    if loop and simulation:
+        recording = recording_of(loop, entropy, ending, behaviors, tuple(simulation.spawned))
+        recording = replace(recording, columns=recorded(recording.columns, script.topics))
+    else:
+        recording = recording_without_world(tree.now_s, entropy, ending, behaviors)
+    if record:
+        recording = replace(recording, outputs=record.outputs)
+    cpu_s, rss_bytes = _used(cpu_s, record)
+    notes = _notes(record)
+    log = RunLog(
+        *(started_s, time.perf_counter() - wall_s, cpu_s, rss_bytes, tuple(lines)),
+        texts=record.logs if record else (),
+        resources=record.resources if record else (),
+        notes=notes,
+    )
+    return Execution(recording, log)
 
-    Args:
-        entropy: (seed, situation, run index), see `vastflow.sim.streams.run_entropy`.
-        watch: Is shown the stack as it is after a tick, and the tick; it may look and copy, and the run is the same.
-        watch_ticks: The ticks it is called after, in increasing order; those after the run's end are left out.
-    """
-    loop = ClosedLoop(prepared, parameters, lidar, robot, mission, obstacles, entropy, timeout_s)
-    if watch is not None:
-        for tick in watch_ticks:
-            loop.advance(tick + 1)
-            if loop.tick > tick:
-                watch(loop.stack, tick)
-    loop.advance()
-    return _recording(loop, entropy)
+
+def _loop(scenario: Scenario, script: Script, entropy: Sequence[int]) -> ClosedLoop:
+    if script.start is None:
+        raise ScenarioError("start_pose: nothing says where the robot stands at first; a start_pose, or init_nav2")
+    parameters = parameters_of(scenario.system)
+    prepared = prepare(_loaded(_map_of(scenario.environment)), Lidar(), parameters)
+    return ClosedLoop(
+        prepared, parameters, Lidar(), Robot(), script.start, script.obstacles, entropy, scenario.timeout_s
+    )
+
+
+def _tree(
+    scenario: Scenario,
+    script: Script,
+    simulation: Simulation | None,
+    programs: ProcessRun | None,
+    entropy: Sequence[int],
+    lines: list[str],
+) -> ScenarioTree:
+    own = {**HELPERS, **(process_actions(programs) if programs else {})}
+    worldly = in_world(simulation, {**ENTITIES, **NAVIGATION}) if simulation else {}
+    actions = {**own, **stand_ins(own), **worldly}
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([*entropy, _SCENARIO_STREAM])))
+    output = programs.folder if programs else Path()
+    functions = helper_functions(rng, file_of(scenario.abstract).parent, output)
+    tree: ScenarioTree
+
+    def log(line: str) -> None:
+        lines.append(f"{tree.now_s:.1f} s: {line}")
+
+    tree = ScenarioTree(script.definition, script.values, actions, functions, log=log)
+    return tree
+
+
+def _used(began_cpu_s: float, record: ProcessRecord | None) -> tuple[float, int]:
+    """CPU time and most memory of the run's processes, or of this one where it had none."""
+    if record is not None:
+        return record.usage.cpu_s, record.usage.max_rss_bytes
+    return time.process_time() - began_cpu_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def _notes(record: ProcessRecord | None) -> tuple[str, ...]:
+    if record is None:
+        return ()
+    left_out = [f"{left.path} ({left.size_bytes} bytes) is not kept: {left.why}" for left in record.outputs.left_out]
+    return (*record.outputs.notes, *left_out, *filter(None, [record.post_command]))
 
 
 def _map_of(environment: Mapping[str, object]) -> FileContent:
@@ -109,44 +205,33 @@ def _loaded(content: FileContent) -> OccupancyMap:
     return occupancy
 
 
-def _recording(loop: ClosedLoop, entropy: Sequence[int]) -> Recording:
-    stack, status = loop.stack, loop.status
-    m = stack.m[0]
-    outcome: Outcome = "succeeded" if status == SUCCEEDED else "timed_out" if status == RUNNING else "aborted"
-    error_code = int(m["error_code"])
-    reason = ""
-    if outcome == "aborted":
-        reason = f"{REASONS[error_code]}, after {int(m['recoveries'])} recoveries"
-    elif outcome == "timed_out":
-        reason = "the mission did not end within its time"
-    contacts = [event for event in loop.events if event.kind == "contact"]
-    if contacts:
-        reason = f"{reason}; {_told(contacts)}" if reason else _told(contacts)
-    events = [*(_event(row) for row in m["event_rows"][: int(m["events"])]), *loop.events]
-    columns = {name: stack.rows[: int(m["rows"]), k].copy() for k, name in enumerate(COLUMNS)}
-    return Recording(
-        Run(
-            run_index=entropy[-1],
-            seed=":".join(f"{part:x}" for part in entropy),
-            outcome=outcome,
-            error_code=error_code,
-            reason=reason,
-            simulated_s=round(float(m["tick"]) * TICK_S, 3),
-            distance_m=round(float(m["distance"]), 3),
-            recoveries=int(m["recoveries"]),
-            missed_goals=int(m["missed"]),
-            events=tuple(sorted(events, key=lambda event: event.t_s)),
-        ),
-        columns,
-    )
+def _ending(tree: ScenarioTree) -> Ending:
+    """How a scenario ended."""
+    if tree.passed:
+        return Ending("succeeded")
+    if not tree.ended:
+        waited = f", waiting for {', '.join(tree.awaited)}" if tree.awaited else ""
+        return Ending("timed_out", f"the scenario did not end within its time{waited}")
+    if tree.cause == "timeout":
+        return Ending("timed_out", tree.message)
+    return Ending("aborted" if tree.error_code else "failed", tree.message, tree.error_code)
 
 
-def _told(contacts: Sequence[Event]) -> str:
-    first = f"with {contacts[0].what} at {contacts[0].t_s:.1f} s"
-    return f"a contact {first}" if len(contacts) == 1 else f"{len(contacts)} contacts, the first {first}"
-
-
-def _event(row: NDArray[np.float64]) -> Event:
-    t_s, kind, x_m, y_m, what, value = row.tolist()
-    detail = RECOVERIES[int(what)] if int(kind) == EVENT_RECOVERY else str(int(what))
-    return Event(round(t_s, 3), EVENT_KINDS[int(kind)], round(x_m, 3), round(y_m, 3), detail, value)
+def behaviors_of(tree: ScenarioTree) -> dict[str, NDArray[Any]]:
+    """The `behaviors` table of a scenario that has ended."""
+    rows = [
+        (
+            round(change.t_s, 6),
+            change.node,
+            -1 if change.parent is None else change.parent,
+            change.child_index,
+            change.name,
+            change.class_name,
+            change.status,
+            change.message,
+            change.place.line,
+            change.place.column,
+        )
+        for change in tree.changes
+    ]
+    return table(BEHAVIORS, rows)

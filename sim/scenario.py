@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, TypeAlias
 
-from vastflow.sim.digest import Texts, Value, canonical, digest, text_digest
+from vastflow.sim.digest import FileContent, Texts, Value, canonical, digest, text_digest
+from vastflow.sim.process.setup import ProcessSetup
 
 Dimension: TypeAlias = Literal["environment", "task", "system"]
 
@@ -27,32 +28,37 @@ class Scenario:
     """A concrete scenario c: one point of the test space, in its three dimensions.
 
     Attributes:
-        abstract: Name of the abstract scenario a, `builtin:navigate_to_pose` or another of
-            `vastflow.sim.mission.BUILTIN`.
+        abstract: The abstract scenario a: `builtin:` and a name of `vastflow.sim.abstract.SHIPPED`, or an OpenSCENARIO file.
         timeout_s: Simulated time after which a run ends as timed out.
         environment: d_E: the map (`map_file`, a `FileContent`) and lists of obstacles, whatever their key.
         task: d_T: start, goals, loops.
         system: d_S: robot and navigation parameters, scan noise and dropout, everything else.
+        programs: What programs of a run are given; None where the scenario starts none.
     """
 
-    abstract: str
+    abstract: str | FileContent
     timeout_s: float
     environment: Mapping[str, Value]
     task: Mapping[str, Value]
     system: Mapping[str, Value]
+    programs: ProcessSetup | None = None
 
     @cached_property
     def digest(self) -> str:
         """Digest of the whole content. Names and provenance of a configuration are not part of it."""
-        return digest(self.abstract, self.timeout_s, self.environment, self.task, self.system)
+        return digest(self.abstract, self.timeout_s, self.environment, self.task, self.system, *self._programs())
 
     def digested(self, texts: Texts) -> str:
         """`digest`, from texts that are shared with other scenarios of the same values."""
         if "digest" not in self.__dict__:
             parts = ",".join(texts.of_map(part) for part in (self.environment, self.task, self.system))
-            text = f"[{canonical(self.abstract)},{canonical(self.timeout_s)},{parts}]"
+            programs = "".join(f",{canonical(value)}" for value in self._programs())
+            text = f"[{canonical(self.abstract)},{canonical(self.timeout_s)},{parts}{programs}]"
             self.__dict__["digest"] = text_digest(text)  # where the cached property looks first
         return self.digest
+
+    def _programs(self) -> list[Value]:
+        return [] if self.programs is None else [self.programs.content]
 
     @cached_property
     def situation_digest(self) -> str:
@@ -64,8 +70,9 @@ def scenario_of(
     values: Mapping[str, Value],
     dimensions: Mapping[str, Dimension],
     *,
-    abstract: str,
+    abstract: str | FileContent,
     timeout_s: float,
+    programs: ProcessSetup | None = None,
 ) -> Scenario:
     """Sort flat configuration values into the three dimensions.
 
@@ -77,4 +84,4 @@ def scenario_of(
     for key, value in values.items():
         if not key.startswith("_"):
             parts[dimensions.get(key) or DIMENSION_OF_KEY.get(key, "system")][key] = value
-    return Scenario(abstract, timeout_s, parts["environment"], parts["task"], parts["system"])
+    return Scenario(abstract, timeout_s, parts["environment"], parts["task"], parts["system"], programs)

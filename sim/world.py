@@ -38,12 +38,12 @@ class World:
     Walls join the space tile by tile as a body comes near them; where they are is all that decides which.
 
     Args:
-        obstacles: Those that stand from the start and those that appear (`appear`); the numbers of obstacles below are
-            places in this sequence.
+        obstacles: Those that stand from the start, those that appear (`appear`), and behind them those that are added; the
+            numbers of obstacles below are places in this sequence.
 
     Attributes:
-        events: `contact` of the robot with a wall or an obstacle (value: closing speed, m/s), `spawned` and
-            `obstacle_moved` at an obstacle's centre (value: its yaw, rad), in the order they happened.
+        events: `contact` of the robot with a wall or an obstacle (value: closing speed, m/s), `spawned`, `obstacle_moved` and
+            `deleted` at an obstacle's centre (value: its yaw, rad), in the order they happened.
     """
 
     def __init__(self, robot: Robot, walls: WallIndex, obstacles: Sequence[Obstacle]) -> None:
@@ -58,6 +58,7 @@ class World:
         self._time_s = 0.0
         self._names: dict[pymunk.Shape, str] = {}
         self._obstacles = obstacles
+        self._fixed: dict[int, pymunk.Body] = {}
         self._appeared: dict[int, pymunk.Body] = {}
         self._moving: set[int] = set()
         self._noted: dict[int, tuple[float, float, float]] = {}
@@ -68,11 +69,9 @@ class World:
         body = pymunk.Circle(self._robot, robot.radius_m)
         body.collision_type = ROBOT
         self._space.add(self._robot, body)
-        for obstacle in obstacles:
+        for index, obstacle in enumerate(obstacles):
             if obstacle.trigger is None:
-                placed = pymunk.Body(body_type=pymunk.Body.STATIC)
-                placed.position, placed.angle = (obstacle.pose.x_m, obstacle.pose.y_m), obstacle.pose.yaw_rad
-                self._space.add(placed, self._shape(obstacle, placed))
+                self._fix(index)
         for partner in (WALL, OBSTACLE):
             self._space.on_collision(ROBOT, partner, begin=self._touch, separate=self._part)
 
@@ -133,9 +132,27 @@ class World:
         self._approach(body.position)
         self._note("spawned", index, t_s)
 
+    def add(self, index: int, t_s: float, pushable: bool) -> None:
+        """Let obstacle `index`, which is new among the obstacles, stand at its pose: fixed, or one that can be pushed."""
+        if pushable:
+            self.appear(index, t_s)
+            return
+        self._fix(index)
+        self._displaced = True
+        self._note("spawned", index, t_s)
+
+    def remove(self, index: int, t_s: float) -> None:
+        """Take obstacle `index` out of the world."""
+        self._note("deleted", index, t_s)
+        body = self._appeared.pop(index, None) or self._fixed.pop(index)
+        self._moving.discard(index)
+        for shape in body.shapes:
+            self._names.pop(shape, None)
+        self._space.remove(*body.constraints, *body.shapes, body)
+
     def pose_of(self, index: int) -> tuple[float, float, float]:
-        """x, y and yaw of an obstacle that has appeared."""
-        body = self._appeared[index]
+        """x, y and yaw of an obstacle that stands in the world."""
+        body = self._appeared.get(index) or self._fixed[index]
         return body.position.x, body.position.y, body.angle
 
     @property
@@ -174,6 +191,13 @@ class World:
                 wall = pymunk.Poly(self._space.static_body, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
                 wall.collision_type = WALL
                 self._space.add(wall)
+
+    def _fix(self, index: int) -> None:
+        obstacle = self._obstacles[index]
+        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+        body.position, body.angle = (obstacle.pose.x_m, obstacle.pose.y_m), obstacle.pose.yaw_rad
+        self._space.add(body, self._shape(obstacle, body))
+        self._fixed[index] = body
 
     def _shape(self, obstacle: Obstacle, body: pymunk.Body) -> pymunk.Shape:
         shape: pymunk.Shape

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim.digest import digest
+from vastflow.sim.digest import digest, file_digest
 
-PACKAGES: Final = tuple(f"vastflow.{name}" for name in ("sim", "producers", "oracles", "tasks"))
+PACKAGES: Final = tuple(f"vastflow.{name}" for name in ("sim", "producers", "oracles", "tasks", "campaigns.scenarios"))
 
 NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
     "PIL": ("pillow",),
@@ -23,6 +23,7 @@ NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
     "manifold3d": ("manifold3d", "numpy"),
     "numba": ("llvmlite", "numba", "numpy"),
     "numpy": ("numpy",),
+    "py_trees": ("py_trees",),
     "pyarrow": ("pyarrow",),
     "pymunk": ("pymunk",),
     "scipy": ("numpy", "scipy"),
@@ -35,16 +36,23 @@ NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
 PLUG_IN: Final = "plug-in"
 """Module name under which a plug-in's single file enters a digest: where it lies doesn't matter."""
 
+_CODE: Final = (".py", ".pyc", ".typed")
+
 _SILENT: Final = frozenset({tokenize.COMMENT, tokenize.NL, tokenize.ENCODING, tokenize.ENDMARKER})
 _LAYOUT: Final = frozenset({tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT})
 
 
 @dataclass(frozen=True, slots=True)
 class _Module:
-    """What is read of one file: the digest of its code, the modules it imports, the parts of each import's name."""
+    """What is read of one file: the digest of its code, the modules it imports, the parts of each import's name.
+
+    Attributes:
+        data: Packages whose data it reads, by `importlib.resources.files("name")` or `importlib.util.find_spec("name")`.
+    """
 
     code: str
     imports: frozenset[str]
+    data: frozenset[str] = frozenset()
 
 
 class SourceTree:
@@ -61,7 +69,7 @@ class SourceTree:
         self._read: dict[Path, _Module] = {}
 
     def digest(self, *entries: str) -> str:
-        """Digest of the code of `entries` and all they import, and the versions of the numeric libraries in use.
+        """Digest of the code of `entries` and all they import, of the data they read, and the versions of the libraries in use.
 
         Comments, docstrings, blank lines and the folder's place are in no digest.
 
@@ -69,10 +77,12 @@ class SourceTree:
             ModuleNotFoundError: an entry is not in the tree.
         """
         modules = self._closure(entries)
+        data = {package for module in modules.values() for package in module.data}
         imported = {name.partition(".")[0] for module in modules.values() for name in module.imports}
         libraries = sorted({library for name in imported for library in NUMERIC_LIBRARIES.get(name, ())})
         return digest(
             [[name, module.code] for name, module in sorted(modules.items())],
+            *([{package: self._data_digest(package) for package in sorted(data)}] if data else []),
             {library: _version(library) for library in libraries},
         )
 
@@ -125,18 +135,32 @@ class SourceTree:
         if file not in self._read or name == PLUG_IN:  # a user may be editing a plug-in
             text = _text(file)
             package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-            self._read[file] = _Module(code_digest(text), frozenset(_imports(text, package)))
+            self._read[file] = _Module(
+                code_digest(text), frozenset(_imports(text, package)), frozenset(_data_packages(text))
+            )
         return self._read[file]
+
+    def _data_digest(self, package: str) -> str:
+        """Digest of what is no code in a package of the tree and in its folders, by name and content."""
+        folder = self._folder(package)
+        if folder is None:
+            return ""
+        files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix not in _CODE]
+        return digest([[file.relative_to(folder).as_posix(), file_digest(file)] for file in files])
+
+    def _folder(self, name: str) -> Path | None:
+        for package, folder in self._packages.items():
+            if name == package or name.startswith(package + "."):
+                return folder.joinpath(*name[len(package) :].split(".")[1:])
+        return None
 
     def _file(self, name: str) -> Path | None:
         if name in self._files:
             return self._files[name]
-        for package, folder in self._packages.items():
-            if name == package or name.startswith(package + "."):
-                place = folder.joinpath(*name[len(package) :].split(".")[1:])
-                for file in (place / "__init__.py", place.with_suffix(".py")):
-                    if file.is_file():
-                        return file
+        place = self._folder(name)
+        for file in (place / "__init__.py", place.with_suffix(".py")) if place else ():
+            if file.is_file():
+                return file
         return None
 
 
@@ -147,7 +171,7 @@ def installed_tree() -> SourceTree:
         spec = importlib.util.find_spec(package)
         if spec is None or not spec.submodule_search_locations:
             raise ModuleNotFoundError(f"{package} is not installed as a package")
-        folders[package] = Path(spec.submodule_search_locations[0])
+        folders[package] = next(place for place in map(Path, spec.submodule_search_locations) if place.is_dir())
     return SourceTree(folders)
 
 
@@ -221,6 +245,15 @@ def _imports(text: str, package: str) -> Iterator[str]:
                 base = ".".join([*above, *filter(None, [base])])
             yield base
             yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _data_packages(text: str) -> Iterator[str]:
+    """Packages named in calls of `importlib.resources.files` and `importlib.util.find_spec`."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+            called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            if called in ("files", "find_spec") and isinstance(node.args[0].value, str):
+                yield node.args[0].value
 
 
 def _with_parents(name: str) -> list[str]:

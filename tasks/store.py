@@ -86,6 +86,9 @@ class Store(Protocol):
             Lost: as `load`, or there is none of this key.
         """
 
+    def beside(self, key: str, name: str) -> bytes | None:
+        """A sidecar of an artifact, if it is there; nothing vouches for it."""
+
     def put(
         self,
         key: str,
@@ -149,6 +152,13 @@ class LocalStore:
         if artifact is None or name not in artifact.files:
             raise Lost(f"{key}: {name} is not in the store")
         return self.load(artifact, name)
+
+    def beside(self, key: str, name: str) -> bytes | None:
+        """See `Store.beside`."""
+        try:
+            return (self.root / key / name).read_bytes()
+        except OSError:
+            return None
 
     def put(
         self,

@@ -11,21 +11,25 @@ import os
 import pickle
 import platform
 import tempfile
-import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
 
 from vastflow.sim.digest import Value
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.evaluation import FRAGMENTS, PackedProducer, write_evaluation
 from vastflow.tasks.store import Lost, Store
 
+if TYPE_CHECKING:
+    from vastflow.sim.recording import Recording
+
 Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
 
 RECORDINGS: Final = "recordings.parquet"
+BEHAVIORS: Final = "behaviors.parquet"
+OUTPUTS: Final = "outputs.zip"
 TRACES: Final = "traces.parquet"
 VERDICTS: Final = "verdicts.json"
 RUN_LOG: Final = "runlog.json"
@@ -98,44 +102,34 @@ def compile_kernels() -> None:
 def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed | Broken:
     """Execute runs `start` to `stop` - 1 of a scenario and store those that end, in blocks without a gap."""
     _log_plainly()
-    from vastflow.sim.blocks import write_recordings
-    from vastflow.sim.recording import Recording
-    from vastflow.sim.run import run
+    from vastflow.sim import run
+    from vastflow.sim.run import Execution
+    from vastflow.sim.runlog import run_log_row
 
-    whole: list[Recording] = []
-    costs: list[dict[str, float]] = []
+    whole: list[Execution] = []
     simulated_s: dict[int, float] = {}
     errors: dict[int, Broken] = {}
 
     def keep() -> None:
         if whole:
-            first, last = whole[0].run.run_index, whole[-1].run.run_index
-            info = {"runs": [[recording.run.run_index, recording.run.simulated_s] for recording in whole]}
+            recordings = [execution.recording for execution in whole]
+            times = {recording.run.run_index: recording.run.simulated_s for recording in recordings}
             store.put(
-                f"{key}/{first}-{last + 1}",
-                {RECORDINGS: write_recordings(whole)},
-                info,
-                {RUN_LOG: _run_log(costs)},
+                f"{key}/{min(times)}-{max(times) + 1}",
+                _files(recordings),
+                {"runs": [list(run) for run in times.items()]},
+                {RUN_LOG: _run_log({e.recording.run.run_index: run_log_row(e.log) for e in whole})},
             )
-            simulated_s.update({recording.run.run_index: recording.run.simulated_s for recording in whole})
+            simulated_s.update(times)
         whole.clear()
-        costs.clear()
 
     for run_index in range(start, stop):
-        wall_s, cpu_s = time.perf_counter(), time.process_time()
-        recording = answered(run, scenario, run_index, seed)
-        if isinstance(recording, Broken | Gone):
-            errors[run_index] = recording if isinstance(recording, Broken) else Broken(recording.what)
+        executed = answered(run.execute, scenario, run_index, seed)
+        if isinstance(executed, Broken | Gone):
+            errors[run_index] = executed if isinstance(executed, Broken) else Broken(executed.what)
             keep()
             continue
-        whole.append(recording)
-        costs.append(
-            {
-                "run_index": run_index,
-                "wall_s": round(time.perf_counter() - wall_s, 6),
-                "cpu_s": round(time.process_time() - cpu_s, 6),
-            }
-        )
+        whole.append(executed)
     keep()
     return Executed(simulated_s, errors)
 
@@ -159,7 +153,9 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
     from vastflow.oracles.verdict import run_judgement, write_verdicts
 
     recordings, traces = store.read(recording_key, RECORDINGS), store.read(trace_key, TRACES)
-    verdicts = judge_block(scenario, recordings, traces, pickle.loads(oracles))
+    recorded = store.find(recording_key)
+    outputs = store.load(recorded, OUTPUTS) if recorded is not None and OUTPUTS in recorded.files else None
+    verdicts = judge_block(scenario, recordings, traces, pickle.loads(oracles), outputs)
     said: dict[int, list[Any]] = {}
     for verdict in verdicts:
         said.setdefault(verdict.run_index, []).append(verdict.judgement)
@@ -178,11 +174,27 @@ def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[s
     store.put(key, {FRAGMENTS: write_evaluation(found)})
 
 
-def _run_log(costs: Sequence[Mapping[str, float]]) -> bytes:
-    """What a block cost, where and with what: in no digest."""
+def _files(recordings: "Sequence[Recording]") -> dict[str, bytes]:
+    """A block's recordings, the behaviours of their scenarios, and what their programs wrote, if anything."""
+    from vastflow.sim.archive import stacked, write_outputs, write_table
+    from vastflow.sim.blocks import write_recordings
+
+    behaviors = stacked({recording.run.run_index: recording.behaviors for recording in recordings})
+    files = {RECORDINGS: write_recordings(recordings), BEHAVIORS: write_table(behaviors)}
+    outputs = {r.run.run_index: r.outputs for r in recordings if r.outputs.tables or r.outputs.files}
+    return {**files, OUTPUTS: write_outputs(outputs)} if outputs else files
+
+
+def _run_log(runs: Mapping[int, Mapping[str, Any]]) -> bytes:
+    """What is known of a block's runs beside what happened in them, where they ran and with what: in no digest."""
     versions = {name: importlib.metadata.version(name) for name in ("vastflow", "numpy", "numba", "pymunk")}
     host = {"name": platform.node(), "machine": platform.machine(), "python": platform.python_version()}
-    content = {"runs": list(costs), "host": host, "versions": versions, "pid": os.getpid()}
+    content = {
+        "runs": [{"run_index": run_index, **row} for run_index, row in runs.items()],
+        "host": host,
+        "versions": versions,
+        "pid": os.getpid(),
+    }
     return json.dumps(content, indent=1).encode()
 
 

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+from vastflow.sim.abstract import SHIPPED
+
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 README = (ROOT / "README.md").read_text()
@@ -20,6 +22,10 @@ LAYERS = ("deployments", "flows", "oracles", "producers", "sim", "tasks")
 LAYOUT = {*LAYERS, "campaigns", "docs", "tests", "pyproject.toml", "README.md"}
 MADE_HERE = {"build", "dist", "results"}
 """What building and running leave behind; git ignores it."""
+
+
+SHIPPED_SCENARIOS = "vastflow.campaigns.scenarios"
+"""Data that is installed: what the names `builtin:…` stand for."""
 
 
 def package_folders() -> list[Path]:
@@ -61,7 +67,7 @@ def run(*command, **options):
 def test_every_folder_with_an_init_file_is_a_package_of_the_distribution():
     # A sub-package that is missing from the list still imports here, but is absent from the wheel.
     folders = ["vastflow." + ".".join(folder.relative_to(ROOT).parts) for folder in package_folders()]
-    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == folders
+    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted([*folders, SHIPPED_SCENARIOS])
 
 
 def test_every_package_says_that_it_is_typed():
@@ -73,8 +79,10 @@ def test_the_top_level_holds_nothing_beyond_the_fixed_layout():
     assert {name for name in found - MADE_HERE if not name.endswith(".egg-info")} == LAYOUT
 
 
-def test_campaigns_hold_data_and_no_code():
-    assert [*(ROOT / "campaigns").rglob("*.py")] == []
+def test_campaigns_hold_no_code_but_what_their_files_name():
+    for file in (ROOT / "campaigns").rglob("*.py"):
+        named = [vast for vast in file.parent.glob("*.vast") if file.name in vast.read_text()]
+        assert named, f"{file} belongs to no campaign"
 
 
 @pytest.mark.parametrize("group", ["console_scripts", "vastflow.producers", "vastflow.oracles"])
@@ -137,7 +145,7 @@ def test_the_version_that_is_installed_is_the_one_in_pyproject():
 def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(tmp_path):
     source = tmp_path / "source"  # a `build` folder in the repository could put yesterday's modules into the wheel
     source.mkdir()
-    for name in LAYERS:
+    for name in (*LAYERS, "campaigns"):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "docs/LICENSE"):
         (source / name).parent.mkdir(exist_ok=True)
@@ -151,6 +159,9 @@ def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(tmp_path):
     shipped = {f for folder in package_folders() for f in folder.iterdir() if f.suffix in (".py", ".j2", ".typed")}
     assert {f"vastflow/{file.relative_to(ROOT).as_posix()}" for file in shipped} <= set(names)
     assert "vastflow/oracles/report.html.j2" in names
+    assert {"vastflow/sim/osc/grammar.lark", "vastflow/sim/osc/library/nav2.osc"} <= set(names)
+    scenarios = {f"vastflow/campaigns/scenarios/{name}.osc" for name in SHIPPED}
+    assert {name for name in names if name.startswith("vastflow/campaigns/")} == scenarios
     assert f"{stem}/licenses/docs/LICENSE" in names
 
 

@@ -35,9 +35,10 @@ def main() -> None:
     with open("growth.csv", "w", newline="") as file:
         table = csv.writer(file)
         table.writerow(["t_s", "population"])
-        for step in range(arguments.steps + 1):
-            table.writerow([step * arguments.step_s, population])
+        table.writerow([0.0, population])
+        for step in range(1, arguments.steps + 1):
             population = grown(population, arguments.growth_rate, arguments.step_s, capacity)
+            table.writerow([step * arguments.step_s, population])
     print(f"{population:.1f} after {arguments.steps} steps of {arguments.step_s:g} s")
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from vastflow.sim.recording import Event, Run
-from vastflow.sim.run import REASONS
+from vastflow.sim.simulation import REASONS
 from vastflow.sim.snapshot import Activity, Moment
 
 SLOW_S: Final = 3.0

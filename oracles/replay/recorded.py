@@ -2,28 +2,23 @@
 
 import difflib
 import json
-import re
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from vastflow.oracles.executed import KeptFiles, executed_scenario
 from vastflow.oracles.verdict import Judgement, run_judgement
+from vastflow.sim.archive import read_table
 from vastflow.sim.blocks import read_recordings
-from vastflow.sim.digest import FileContent, file_digest
-from vastflow.sim.maps import map_content
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.recording import Recording
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.streams import run_entropy
 
 _DAMAGED: Final = "damaged campaign directory"
-_DIGEST: Final = re.compile("[0-9a-f]{64}")
 
 
 class NotRecorded(ValueError):
@@ -93,13 +88,18 @@ def _recording(directory: Path, name: str, run_index: int) -> Recording:
     recordings = {r.run.run_index: r for r in read_recordings(file.read_bytes())}
     if run_index not in recordings:
         raise NotRecorded(f"no run {run_index} of {name}; it has {_some([str(index) for index in sorted(recordings)])}")
-    return recordings[run_index]
+    behaviors = directory / "behaviors" / f"{name}.parquet"
+    if not behaviors.is_file():
+        return recordings[run_index]
+    of_all = read_table(behaviors.read_bytes())
+    own = of_all.pop("run_index") == run_index
+    return replace(recordings[run_index], behaviors={name: column[own] for name, column in of_all.items()})
 
 
 def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
     """The scenario of a row, rebuilt; its digest tells whether it is the one that was executed."""
-    content = _value(json.loads(row["scenario"]), _Files(directory))
-    scenario = Scenario(row["abstract"], row["timeout_s"], content["environment"], content["task"], content["system"])
+    abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
+    scenario = executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
     if scenario.digest != row["scenario_digest"]:
         found = f"{scenario.digest[:12]}…, recorded was {row['scenario_digest'][:12]}…"
         raise NotRecorded(f"{_DAMAGED}: the scenario of {row['name']} has digest {found}")
@@ -133,46 +133,6 @@ def _rows(file: Path, **wanted: str | int) -> list[dict[str, Any]]:
         table = table.filter(pc.equal(table.column(column), value))
     rows: list[dict[str, Any]] = table.to_pylist()
     return rows
-
-
-class _Files:
-    """The campaign directory's files by the digests that scenarios have of them."""
-
-    def __init__(self, directory: Path) -> None:
-        self._directory = directory
-
-    def path(self, digest: str) -> Path:
-        """Where the file with a digest lies."""
-        environment = self._directory / "environments" / digest / "map.yaml"
-        if environment.is_file() and digest in _digests(environment):
-            return environment
-        if digest not in self._found:
-            raise NotRecorded(f"{_DAMAGED}: no file has the digest {digest[:12]}… that the scenario names")
-        return self._found[digest]
-
-    @cached_property
-    def _found(self) -> Mapping[str, Path]:
-        folders = (self._directory / "inputs", self._directory / "environments")
-        files = [file for folder in folders for file in sorted(folder.rglob("*")) if file.is_file()]
-        return {digest: file for file in files for digest in _digests(file)}
-
-
-def _digests(file: Path) -> Iterator[str]:
-    """Those that a file can have in a scenario: as any file, as a map, as parameters of Nav2."""
-    yield file_digest(file)
-    if file.suffix in (".yaml", ".yml"):
-        for content in (map_content, nav2_file):
-            with suppress(ValueError):
-                yield content(file).digest
-
-
-def _value(value: Any, files: _Files) -> Any:
-    """What `vastflow.flows.tables.json_text` wrote, as a value."""
-    if isinstance(value, dict):
-        if set(value) == {"file"} and _DIGEST.fullmatch(str(value["file"])):
-            return FileContent(str(files.path(value["file"])), value["file"])
-        return {key: _value(item, files) for key, item in value.items()}
-    return [_value(item, files) for item in value] if isinstance(value, list) else value
 
 
 def _some(names: list[str]) -> str:

@@ -11,7 +11,7 @@ from py_trees.common import Status
 from vastflow.sim.behaviour.action import ActionFactory
 from vastflow.sim.behaviour.building import build
 from vastflow.sim.behaviour.clock import TickClock
-from vastflow.sim.behaviour.leaf import Emission
+from vastflow.sim.behaviour.leaf import Emission, Leaf, awaited_names
 from vastflow.sim.behaviour.node import Cause, Node, Reason
 from vastflow.sim.behaviour.state import RunState
 from vastflow.sim.osc.definition import Place, ScenarioDefinition
@@ -125,6 +125,12 @@ class ScenarioTree:
     def error_code(self) -> int:
         """Nav2's code of the action that was the cause, else 0."""
         return self._reason.error_code
+
+    @property
+    def awaited(self) -> tuple[str, ...]:
+        """Names of what it waits for since the last tick: actions, or else other leaves that run."""
+        running = [node for node in self._nodes if isinstance(node, Leaf) and node.status is Status.RUNNING]
+        return tuple(awaited_names(running))
 
     @property
     def changes(self) -> Sequence[StatusChange]:

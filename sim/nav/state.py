@@ -1,6 +1,8 @@
 """The navigation stack's whole state: preallocated arrays and two records, owned by one run."""
 
-from dataclasses import dataclass, fields
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -19,6 +21,7 @@ from vastflow.sim.nav.particles import Cloud, new_cloud
 from vastflow.sim.nav.profile import STAGES
 from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.window import Window
+from vastflow.sim.pose import Pose
 from vastflow.sim.prepared import PreparedMap
 from vastflow.sim.robot import Robot
 from vastflow.sim.streams import CONTROLLER, SUBSYSTEMS
@@ -43,7 +46,8 @@ MISSION_KINDS: Final = {
 }
 
 STARTING, FOLLOWING, SPINNING, WAITING, BACKING_UP, PAUSING, ENDED = 0, 1, 2, 3, 4, 5, 6
-RUNNING, SUCCEEDED, ABORTED = 0, 1, 2
+RUNNING, SUCCEEDED, ABORTED, RESTING = 0, 1, 2, 3
+"""What became of the mission; RESTING where none was given, or where it was cancelled."""
 
 EVENT_KINDS: Final = ("recovery", "goal_reached", "goal_missed", "plan_failed", "control_failed", "stopped_by_monitor")
 EVENT_RECOVERY, EVENT_GOAL_REACHED, EVENT_GOAL_MISSED, EVENT_PLAN_FAILED, EVENT_CONTROL_FAILED, EVENT_STOPPED = range(6)
@@ -78,7 +82,7 @@ _REAL: Final = (
 )
 _WHOLE: Final = (
     *("tick", "status", "events", "rows"),
-    *("localized", "first_scan", "particles", "bins", "filter_updates"),
+    *("initialised", "localized", "first_scan", "particles", "bins", "filter_updates"),
     *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
     *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
     *("path_n", "path_i", "floods"),
@@ -195,27 +199,24 @@ def new_stack(
     parameters: NavParameters,
     lidar: Lidar,
     robot: Robot,
-    mission: Mission,
+    start: Pose,
     obstacles: NDArray[np.float64],
     streams: NDArray[np.uint64],
     timeout_s: float,
 ) -> Stack:
-    """A stack at rest at the mission's start, its estimate there, nothing planned."""
+    """A stack of a robot at rest, with no idea of where it is and no mission: see `set_pose` and `give`."""
     shape = prepared.static.shape
-    leg_points = 4 * max(shape)
-    legs = len(mission.goals) if mission.kind == "navigate_through_poses" else 1
-    path_points = (leg_points + 1) * legs
     memory = np.zeros(1, dtype=MEMORY)
-    m, start = memory[0], mission.start
+    m = memory[0]
     m["true_x"], m["true_y"], m["true_yaw"] = start.x_m, start.y_m, start.yaw_rad
-    m["map_odom_x"], m["map_odom_y"], m["map_odom_yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["x"], m["y"], m["yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["first_scan"], m["local_current"], m["global_current"] = 1, 1, 1
+    m["state"], m["status"] = ENDED, RESTING
     m["streams"], m["directions"], m["ranges"] = streams, lidar.directions(), np.inf
     m["outline"] = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
     local = _local(parameters, prepared.local_stamp)
     return Stack(
-        p=_parameter_record(parameters, lidar, robot, prepared, mission),
+        p=_parameter_record(parameters, lidar, robot, prepared),
         m=memory,
         grids=Grids(
             leap=prepared.leap,
@@ -231,17 +232,49 @@ def new_stack(
         ),
         local=local,
         cloud=new_cloud(parameters.amcl.max_particles),
-        route=Route(
-            goals=np.array([[g.x_m, g.y_m, g.yaw_rad] for g in mission.goals]),
-            path=np.zeros((path_points, 2)),
-            leg=np.zeros((leg_points, 2)),
-            draft=np.zeros((path_points, 2)),
-            ahead=np.zeros((AHEAD_POINTS, 2)),
-            bounds=new_bounds(legs, prepared.least),
-        ),
+        route=_route(prepared.least, (), 0),
         controller=controller_of(parameters, local.window, streams[CONTROLLER].copy()),
         obstacles=obstacles,
         rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(COLUMNS)), dtype=np.int32),
+    )
+
+
+def set_pose(stack: Stack, pose: Pose) -> None:
+    """Tell the stack where the robot is: at the next scan AMCL begins there, and the rest of the stack with it."""
+    m = stack.m[0]
+    m["x"], m["y"], m["yaw"] = pose.x_m, pose.y_m, pose.yaw_rad
+    m["map_odom_yaw"] = pose.yaw_rad - m["odom_yaw"]
+    c, s = math.cos(m["map_odom_yaw"]), math.sin(m["map_odom_yaw"])
+    m["map_odom_x"] = pose.x_m - (c * m["odom_x"] - s * m["odom_y"])
+    m["map_odom_y"] = pose.y_m - (s * m["odom_x"] + c * m["odom_y"])
+    m["initialised"], m["first_scan"] = 1, 1
+
+
+def give(stack: Stack, mission: Mission) -> Stack:
+    """The stack with a mission in place of the one it had; it begins as soon as AMCL has given a first pose."""
+    p, m = stack.p[0], stack.m[0]
+    p["mission"], p["loops"] = MISSION_KINDS[mission.kind], mission.loops
+    m["state"], m["status"], m["error_code"] = STARTING, RUNNING, 0
+    m["goal"], m["loop"], m["path_n"] = 0, 0, 0
+    legs = len(mission.goals) if mission.kind == "navigate_through_poses" else 1
+    return replace(stack, route=_route(stack.route.bounds.least, mission.goals, legs))
+
+
+def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int) -> Route:
+    """Room for the goals and for a path of so many legs.
+
+    Args:
+        least: See `vastflow.sim.prepared.PreparedMap`.
+    """
+    leg_points = 4 * max(least.shape)
+    path_points = (leg_points + 1) * legs
+    return Route(
+        goals=np.array([[goal.x_m, goal.y_m, goal.yaw_rad] for goal in goals]).reshape(-1, 3),
+        path=np.zeros((path_points, 2)),
+        leg=np.zeros((leg_points, 2)),
+        draft=np.zeros((path_points, 2)),
+        ahead=np.zeros((AHEAD_POINTS, 2)),
+        bounds=new_bounds(legs, least),
     )
 
 
@@ -253,9 +286,7 @@ def _local(parameters: NavParameters, stamp: NDArray[np.uint8]) -> Local:
     return Local(layer, stamp, scratch, lethal, Window(costs, place), Window(published, place.copy()))
 
 
-def _parameter_record(
-    parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, mission: Mission
-) -> NDArray[np.void]:
+def _parameter_record(parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap) -> NDArray[np.void]:
     """Every group of the parameters but the controller's under its name, what `_EXTRA` names, and `initial_covariance`."""
     groups = {f.name: getattr(parameters, f.name) for f in fields(parameters) if f.name != "controller"}
     outline = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
@@ -277,8 +308,8 @@ def _parameter_record(
         "max_acceleration": robot.max_acceleration_mps2,
         "max_yaw_rate": robot.max_yaw_rate_radps,
         "max_yaw_acceleration": robot.max_yaw_acceleration_radps2,
-        "mission": MISSION_KINDS[mission.kind],
-        "loops": mission.loops,
+        "mission": NAVIGATE_TO_POSE,
+        "loops": 0,
     }
     perturbation = parameters.perturbation
     covariance = (

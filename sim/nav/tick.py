@@ -8,15 +8,16 @@ from vastflow.sim.motion import Body, due, move_freely
 from vastflow.sim.nav import profile
 from vastflow.sim.nav.behaviour import behave, note
 from vastflow.sim.nav.collision_monitor import approach, gather_near_points
-from vastflow.sim.nav.controllers.control import Controller
+from vastflow.sim.nav.controllers.control import Controller, reset
 from vastflow.sim.nav.localization import estimate, localize
 from vastflow.sim.nav.mapping import clear_global, clear_local, publish_local, update_global, update_local
 from vastflow.sim.nav.particles import Cloud
 from vastflow.sim.nav.profile import lap
 from vastflow.sim.nav.state import (
+    ENDED,
     EVENT_STOPPED,
+    RESTING,
     ROW_TICKS,
-    RUNNING,
     SUBSTEPS,
     TICK_S,
     Grids,
@@ -63,12 +64,14 @@ def advance(
         until_tick: Ticks of the run after which to come back at the latest.
 
     Returns:
-        Why it came back: DONE when the ticks are done or the mission has ended; PHYSICS when the engine has to move
-        the body by the tick's `velocities`; `APPEARS + k` when obstacle k of the body's has to appear before the next tick.
+        Why it came back: DONE when the ticks are done or with the tick in which the mission ended; PHYSICS when the engine has
+        to move the body by the tick's `velocities`; `APPEARS + k` when obstacle k of the body's has to appear before the
+        next tick.
     """
     p, m = parameters[0], memory[0]
+    status = m.status
     lap(m, profile.OUTSIDE)
-    while m.tick < until_tick and m.status == RUNNING:
+    while m.tick < until_tick and m.status == status:
         index = due(body)
         if index >= 0:
             return APPEARS + index
@@ -80,37 +83,60 @@ def advance(
             lap(m, profile.LIDAR)
             gather_near_points(p, m)
             lap(m, profile.COMMAND_PATH)
-            localize(p, m, g.cubed, cloud)
+            if m.initialised == 1:
+                localize(p, m, g.cubed, cloud)
             lap(m, profile.AMCL)
-        estimate(m)
-        if m.clear_global == 1:
-            clear_global(p, m, g)
-        if m.clear_local == 1:
-            clear_local(m, local)
-        if m.tick % p.local_ticks == m.phase_local or m.has_local == 0:
-            update_local(p, m, g, local)
-            lap(m, profile.LOCAL_COSTMAP)
-        if m.tick % p.publish_ticks == m.phase_publish:
-            publish_local(local)
-        if m.tick % p.global_ticks == m.phase_global:
-            update_global(p, m, g)
-            lap(m, profile.GLOBAL_COSTMAP)
-        behave(p, m, g, local, route, controller)
-        lap(m, profile.BEHAVIOUR)
+        if m.initialised == 1:
+            _navigate(p, m, g, local, route, controller)
         _send(p, m)
         lap(m, profile.COMMAND_PATH)
         _actuate(p, m)
         lap(m, profile.ACTUATORS)
-        if m.tick % ROW_TICKS == 0 or m.status != RUNNING:
+        if m.tick % ROW_TICKS == 0:
             _record(m, rows)
         m.tick += 1
         lap(m, profile.RECORDING)
-        if m.status == RUNNING and not move_freely(
-            g.leap, p.resolution, p.origin_x, p.origin_y, body, m.velocities, TICK_S / SUBSTEPS, hold
-        ):
+        if not move_freely(g.leap, p.resolution, p.origin_x, p.origin_y, body, m.velocities, TICK_S / SUBSTEPS, hold):
             return PHYSICS
         lap(m, profile.MOTION)
     return DONE
+
+
+@njit
+def conclude(memory: Any, body: Body, rows: Any) -> None:
+    """The recording's last row: where the robot is when the run ends."""
+    m = memory[0]
+    _see_truth(m, body.pose[0], body.pose[1], body.pose[2])
+    _record(m, rows)
+
+
+@njit
+def halt(memory: Any, controller: Controller) -> None:
+    """Take the mission away: the robot brakes and stands."""
+    m = memory[0]
+    reset(controller)
+    m.state, m.status, m.path_n = ENDED, RESTING, 0
+    m.command_v, m.command_w, m.command_tick = 0.0, 0.0, m.tick
+
+
+@inner
+def _navigate(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Controller) -> None:
+    """A tick of the stack behind its sensors, from the estimate to the command."""
+    estimate(m)
+    if m.clear_global == 1:
+        clear_global(p, m, g)
+    if m.clear_local == 1:
+        clear_local(m, local)
+    if m.tick % p.local_ticks == m.phase_local or m.has_local == 0:
+        update_local(p, m, g, local)
+        lap(m, profile.LOCAL_COSTMAP)
+    if m.tick % p.publish_ticks == m.phase_publish:
+        publish_local(local)
+    if m.tick % p.global_ticks == m.phase_global:
+        update_global(p, m, g)
+        lap(m, profile.GLOBAL_COSTMAP)
+    behave(p, m, g, local, route, controller)
+    lap(m, profile.BEHAVIOUR)
 
 
 @inner

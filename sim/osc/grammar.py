@@ -1,12 +1,16 @@
 """From the text of a scenario file to its syntax, and the words for what does not follow the grammar."""
 
+import hashlib
 import re
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 from typing import Final
 
+import platformdirs
 from lark import Lark, Token, UnexpectedCharacters, UnexpectedToken
+from lark import __version__ as lark_version
 from lark.exceptions import VisitError
 
 from vastflow.sim.osc.building import Builder
@@ -101,7 +105,19 @@ def parsed(text: str, file: str) -> FileText:
 @cache
 def _parser() -> Lark:
     grammar = (files("vastflow.sim.osc") / "grammar.lark").read_text("utf-8")
-    return Lark(grammar, start="file_", parser="lalr", postlex=Indentation(), maybe_placeholders=True)
+    return Lark(
+        grammar, start="file_", parser="lalr", postlex=Indentation(), maybe_placeholders=True, cache=_tables(grammar)
+    )
+
+
+def _tables(grammar: str) -> str | bool:
+    """File for the tables that Lark makes of a grammar in 0.1 s, which every worker would spend; False where none can be kept."""
+    folder = Path(platformdirs.user_cache_dir("vastflow")) / "grammars"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return str(folder / f"{hashlib.sha256(f'{lark_version} {grammar}'.encode()).hexdigest()[:16]}.lark")
 
 
 def _is_about_blocks(error: UnexpectedToken) -> bool:

@@ -18,7 +18,7 @@ import psutil
 from vastflow.sim.process.guard import VARIABLE, kill_marked
 from vastflow.sim.process.log import MAX_LOG_BYTES, ProcessLog
 
-_RSS_UNIT_BYTES: Final = 1 if sys.platform == "darwin" else 1024
+RSS_UNIT_BYTES: Final = 1 if sys.platform == "darwin" else 1024
 _KILL_S: Final = 5.0
 """How long a process may take to be gone after SIGKILL."""
 
@@ -159,7 +159,7 @@ class ProcessGroup:
             self.stop(timeout_s=0.0)
             _, status, used = os.wait4(self.pid, 0)
             self._popen.returncode = os.waitstatus_to_exitcode(status)  # so that Popen does not wait for it either
-            self._usage = Usage(used.ru_utime + used.ru_stime, used.ru_maxrss * _RSS_UNIT_BYTES)
+            self._usage = Usage(used.ru_utime + used.ru_stime, used.ru_maxrss * RSS_UNIT_BYTES)
         return self._usage
 
     def _family(self) -> list[psutil.Process]:

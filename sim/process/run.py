@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
 from typing import Final
 
 import psutil
@@ -20,7 +21,7 @@ from vastflow.sim.process.environment import COMMAND_TIMEOUT_S, finished, source
 from vastflow.sim.process.folder import copy_in
 from vastflow.sim.process.guard import VARIABLE, kill_marked, marked, remove_folder
 from vastflow.sim.process.outputs import Outputs, Stamp, read_outputs, stamps
-from vastflow.sim.process.process import NotStarted, ProcessGroup, Usage, kill_all
+from vastflow.sim.process.process import RSS_UNIT_BYTES, NotStarted, ProcessGroup, Usage, kill_all
 from vastflow.sim.process.resources import ResourceSampler, Use
 from vastflow.sim.process.setup import ProcessSetup
 
@@ -152,7 +153,7 @@ class ProcessRun:
         resources = self._sampler.stop() if self._sampler else ()
         self.end()
         waited_s, sampled_s = sum(usage.cpu_s for usage in self._usages), resources[-1].cpu_s if resources else 0.0
-        usage = Usage(max(waited_s, sampled_s), max((usage.max_rss_bytes for usage in self._usages), default=0))
+        usage = Usage(max(waited_s, sampled_s), _peak_bytes(self._usages, resources))
         return ProcessRecord(read_outputs(self.folder, self._before), self._logs(), resources, usage, post_command)
 
     def end(self) -> None:
@@ -236,6 +237,17 @@ def process_run(setup: ProcessSetup, where: Path | None = None) -> Iterator[Proc
             run.end()
         finally:
             remove_folder(root)
+
+
+def _peak_bytes(usages: Sequence[Usage], rows: Sequence[Use]) -> int:
+    """Most memory of the run's processes.
+
+    A process begins with its parent's peak for its own, so the system's figure counts only where it is greater than this
+    process' peak; else the samples are what there is.
+    """
+    own = getrusage(RUSAGE_SELF).ru_maxrss * RSS_UNIT_BYTES
+    peaks = [usage.max_rss_bytes for usage in usages if usage.max_rss_bytes > own]
+    return max([*peaks, *(row.rss_bytes for row in rows)], default=0)
 
 
 def _guarding(mark: str, folder: Path) -> "subprocess.Popen[bytes]":

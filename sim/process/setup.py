@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
-from vastflow.sim.digest import FileContent
+from vastflow.sim.digest import FileContent, Value
 
 RunFiles: TypeAlias = tuple[tuple[str, FileContent], ...]
 """Path below the run's folder, with `/`, and what lies there; in the order of the paths."""
@@ -29,3 +29,19 @@ class ProcessSetup:
     environment: Mapping[str, str] = field(default_factory=dict)
     pre_command: str = ""
     post_command: str = ""
+
+    @property
+    def content(self) -> Value:
+        """What counts of it: all but where it lies."""
+        return {
+            "files": [list(file) for file in self.files],
+            "environment": self.environment,
+            "pre_command": self.pre_command,
+            "post_command": self.post_command,
+        }
+
+
+def setup_of(content: Mapping[str, Any], base: Path) -> ProcessSetup:
+    """The setup that has this `content`."""
+    files = tuple((path, file) for path, file in content["files"])
+    return ProcessSetup(base, files, content["environment"], content["pre_command"], content["post_command"])

@@ -7,6 +7,7 @@ import sys
 import textwrap
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
@@ -24,8 +25,15 @@ from vastflow.producers.obstacle import ObstacleConfig
 from vastflow.producers.producer import find_producer, known_producers
 from vastflow.producers.section import Unexecuted
 from vastflow.producers.spec import CampaignSpec, EvaluationSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
+from vastflow.sim.abstract import BUILTIN, SHIPPED
+from vastflow.sim.behaviour.modifier import MODIFIERS
+from vastflow.sim.behaviour.stand_ins import stand_ins
+from vastflow.sim.behaviour.support import unsupported
 from vastflow.sim.blocks import read_block, read_recordings, write_recordings
-from vastflow.sim.run import run
+from vastflow.sim.osc.libraries import library, library_names
+from vastflow.sim.osc.reading import read_scenarios
+from vastflow.sim.recording import Outcome
+from vastflow.sim.run import ACTIONS, run
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "campaigns" / "quickstart" / "maps"
@@ -59,6 +67,7 @@ CAMPAIGNS = [b for b in BLOCKS if b.language == "yaml" and b.text.startswith("ve
 VARIATIONS = [b for b in BLOCKS if (b.language, b.about) == ("yaml", "variations")]
 ORACLES = [b for b in BLOCKS if (b.language, b.about) == ("yaml", "oracles")]
 FILES = [b for b in BLOCKS if b.language == "python" and b.about]
+SCENARIOS = [b for b in BLOCKS if b.language == "osc"]
 
 
 def family_of(variations: str, oracles: str = "") -> str:
@@ -76,10 +85,12 @@ def family_of(variations: str, oracles: str = "") -> str:
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with the office's map where the examples look for it, and with the pages' Python files."""
+    """A folder with the office's map where the examples look for it, with the pages' files and those of the program."""
     for place in ("maps", "campaigns/quickstart/maps"):
         shutil.copytree(OFFICE, tmp_path / place)
-    for block in FILES:
+    for program in (ROOT / "campaigns" / "growth").glob("*.py"):
+        shutil.copy(program, tmp_path)
+    for block in (*FILES, *SCENARIOS):
         (tmp_path / block.about).write_text(block.text)
     return tmp_path
 
@@ -103,7 +114,7 @@ def first_column(text: str) -> list[str]:
 
 
 def test_the_pages_have_examples_of_every_kind():
-    assert all((CAMPAIGNS, VARIATIONS, ORACLES, FILES))
+    assert all((CAMPAIGNS, VARIATIONS, ORACLES, FILES, SCENARIOS))
 
 
 @pytest.mark.parametrize("block", CAMPAIGNS, ids=str)
@@ -112,6 +123,36 @@ def test_a_campaign_of_the_pages_is_valid_and_every_configuration_can_be_built(f
     found = instantiate(campaign)
     assert (campaign.notes, campaign.unexecutable, found.rejections) == ((), (), ())
     assert found.configurations
+
+
+@pytest.mark.parametrize("block", SCENARIOS, ids=str)
+def test_a_scenario_of_the_pages_is_valid_and_everything_in_it_can_be_done(folder, block):
+    (definition,) = read_scenarios(folder / block.about)
+    assert definition.name == Path(block.about).stem
+    assert unsupported(definition, ACTIONS) == []
+
+
+def test_the_tables_of_actions_have_every_action_of_the_libraries_where_it_belongs():
+    page = section("write-a-scenario", "Actions")
+    implemented, rest = page.split("Standing in:")
+    standing_in, refused = rest.split("Refused,")
+    declared = {name for each in library_names() for name in library(each).actions}
+    stand_in = stand_ins({}).keys() - {"bag_record"}
+    assert sorted(first_column(implemented)) == sorted(ACTIONS - stand_in)
+    assert sorted(first_column(standing_in)) == sorted(stand_in)
+    assert sorted(first_column(refused)) == sorted(declared - ACTIONS)
+
+
+def test_every_modifier_and_every_shipped_scenario_is_described():
+    text = (ROOT / "docs" / "write-a-scenario.md").read_text()
+    assert [name for name in MODIFIERS if f"`{name}(" not in text] == []
+    (table, _) = text.split("## Send the robot")
+    assert first_column(table)[1:] == [BUILTIN + name for name in SHIPPED]
+
+
+def test_every_outcome_of_a_run_is_described():
+    described = first_column(section("write-a-scenario", "How a run ends, and what is kept"))
+    assert sorted(described) == sorted(get_args(Outcome))
 
 
 @pytest.mark.parametrize("block", VARIATIONS, ids=str)

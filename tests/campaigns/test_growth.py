@@ -5,10 +5,22 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from vastflow.flows import run_campaign
+from vastflow.flows.__main__ import app
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.oracles.judge import judge_block
+from vastflow.oracles.observe import observe_block
 from vastflow.oracles.oracle import oracle_of
+from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.situation import Situation
+from vastflow.oracles.tables import read_tables
+from vastflow.oracles.trace import trace_of
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.archive import read_outputs, write_outputs
 from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.blocks import read_block, write_recordings
 from vastflow.sim.osc.parameters import bound
 from vastflow.sim.osc.reading import read_scenarios
 from vastflow.sim.process.actions import process_actions
@@ -16,6 +28,7 @@ from vastflow.sim.process.folder import files_matching
 from vastflow.sim.process.run import process_run
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.recording import Run
+from vastflow.sim.run import execute
 
 GROWTH = Path(__file__).parents[2] / "campaigns/growth"
 RUN = Run(0, "", "succeeded", 0, "", 1.0, 0.0, 0, 0)
@@ -107,3 +120,68 @@ def test_a_program_that_refuses_its_arguments_fails_the_scenario(tmp_path):
         tree = driven(scenario, run, {"initial_population": "few"})
     assert not tree.passed
     assert "invalid float value: 'few'" in tree.message
+
+
+@pytest.fixture(scope="module")
+def fastest():
+    """The configuration of the fastest growth from a hundred, and the campaign's oracles."""
+    campaign, oracles = read_campaign(GROWTH / "growth.vast")
+    found = instantiate(campaign)
+    assert (campaign.notes, campaign.unexecutable, found.rejections, len(found.configurations)) == ((), (), (), 20)
+    (configuration,) = [c for c in found.configurations if c.factors == {"growth_rate": 4.0, "initial_population": 100}]
+    return configuration, oracles
+
+
+def test_a_run_of_the_campaign_is_a_recording_without_rows_and_a_table(fastest):
+    execution = execute(fastest[0].scenario, 0)
+    recording = execution.recording
+    assert (recording.run.outcome, recording.columns) == ("succeeded", {})
+    assert [text.text for text in execution.log.texts] == ["974.9 after 200 steps of 0.5 s\n"]
+    trace = trace_of(recording, {"no_reference": "there is no robot"}, {})
+    assert trace["growth/population"].max() == pytest.approx(1116.08, abs=0.01)
+    assert len(trace) == 0
+
+
+def test_the_oracles_of_the_campaign_judge_its_recordings_and_what_was_kept_of_the_programs(fastest):
+    configuration, oracles = fastest
+    recording = execute(configuration.scenario, 0).recording
+    recorded, kept = write_recordings([recording]), write_outputs({0: recording.outputs})
+    traces = observe_block(configuration.scenario, recorded)
+    success, below = judge_block(configuration.scenario, recorded, traces, oracles, kept)
+    assert success.judgement == "pass"
+    assert (success.metrics["distance"].value, success.metrics["recoveries"].value) == (None, None)
+    assert (below.judgement, below.reason) == ("fail", "1116, 12 % above the capacity of 1000")
+    assert [sorted(columns) for _, columns in read_block(traces)] == [[]]
+
+
+def test_another_program_text_is_another_scenario(fastest, tmp_path):
+    for file in GROWTH.iterdir():
+        if file.is_file():
+            (tmp_path / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "growth.py").write_text((GROWTH / "growth.py").read_text().replace("default=200", "default=100"))
+    campaign, _ = read_campaign(tmp_path / "growth.vast")
+    digests = {configuration.scenario.digest for configuration in instantiate(campaign).configurations}
+    assert len(digests) == 20 and fastest[0].scenario.digest not in digests
+
+
+@pytest.mark.timeout(240)
+def test_the_campaign_runs_through_the_flow_and_is_reported_without_maps(tmp_path):
+    names = ["growth-1-1", "growth-5-3"]
+    results = run_campaign(
+        GROWTH / "growth.vast", only=names, results=tmp_path / "results", store=tmp_path / "store", workers=1
+    )
+    assert (results.faults, results.summary.passed, results.summary.failed) == ((), 1, 1)
+    tables = read_tables(results.directory)
+    reasons = {row["configuration"]: row["reason"] for row in tables.verdicts if row["judgement"] == "fail"}
+    assert reasons == {"growth-5-3": "1116, 12 % above the capacity of 1000"}
+    report = (results.directory / "report.html").read_text()
+    assert [words for words in ("Where it happened", "m driven", "missed goals") if words in report] == []
+    assert [file.name for file in (results.directory / "figures").iterdir()] == ["rates.png"]
+    kept = read_outputs((results.directory / "outputs/growth-5-3.zip").read_bytes())
+    assert len(kept[0].tables["growth"]["population"]) == 201
+    assert (results.directory / "inputs/growth.py").read_bytes() == (GROWTH / "growth.py").read_bytes()
+    recorded = recorded_run(results.directory, "growth-5-3", 0)
+    assert Path(recorded.scenario.programs.files[0][1].path) == results.directory / "inputs/growth.py"
+    replayed = CliRunner().invoke(app, ["replay", str(results.directory), "growth-5-3", "0"])
+    assert (replayed.exit_code, replayed.stdout) == (2, "")
+    assert "growth-5-3 has no robot, so there is nothing to draw" in replayed.stderr

@@ -15,9 +15,10 @@ from vastflow.flows.results import ConfigurationResult, RunFault, block_rows, co
 from vastflow.flows.summary import Work
 from vastflow.oracles.rates import Counts
 from vastflow.oracles.tables import read_tables
+from vastflow.oracles.trace import NOWHERE_MM
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.blocks import read_recordings, write_recordings
+from vastflow.sim.blocks import read_block, read_recordings, write_block, write_recordings
 from vastflow.sim.maps import load_map
 from vastflow.sim.recording import Event, Recording, Run
 from vastflow.tasks.keys import Keys
@@ -78,6 +79,15 @@ def test_the_file_has_the_same_bytes_however_the_runs_were_blocked(blocking):
 def test_a_block_without_a_run_that_was_asked_for_gives_no_file():
     assert one_block(blocks_of(range(5, 8)), 5) == b""
     assert one_block([], 5) == b""
+
+
+def test_traces_of_runs_that_met_other_classes_of_obstacles_become_one_block():
+    near, far = (np.full(3, 7, dtype=np.int32), np.full(3, NOWHERE_MM, dtype=np.int32))
+    without = write_block([{"run_index": 0}], [{"localization_error_mm": near}])
+    having = write_block([{"run_index": 1}], [{"localization_error_mm": near, "separation_mm/box": near}])
+    (_, first), (_, second) = read_block(one_block([without, having], 2))
+    assert first["separation_mm/box"].tolist() == far.tolist()
+    assert second["separation_mm/box"].tolist() == near.tolist()
 
 
 def test_the_rows_of_a_block_are_read_without_its_columns():

@@ -178,13 +178,13 @@ def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, fold
 
 def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
     campaign = load(
-        FIXED + "execution: {image: i, scenario_file: s.osc}\n"
+        FIXED + "execution: {image: i, runs_per_job: 2}\n"
         "results_processing: {postprocessing: [own]}\nevaluation: {visualization: [{Tab: {run: r.ipynb}}]}\n"
     )
     assert {note.kind for note in campaign.notes} == {"not executed"}
     assert {note.where for note in campaign.notes} == {
         "execution.image",
-        "execution.scenario_file",
+        "execution.runs_per_job",
         "results_processing.postprocessing",
         "evaluation.visualization",
     }
@@ -205,11 +205,56 @@ def test_a_campaign_of_a_search_is_valid_and_not_executed(load: Load) -> None:
     assert [fault.what for fault in campaign.unexecutable] == ["search is not executed by this version"]
 
 
-def test_a_scenario_file_without_a_robot_is_valid_and_not_executed(load: Load) -> None:
-    campaign = load(
-        "configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n"
+GROWTH = """\
+import osc.helpers
+
+scenario growth:
+    rate: int
+    label: string = "a"
+    do serial:
+        run_process("true")
+"""
+
+
+def test_a_scenario_file_without_a_robot_needs_what_its_parameters_need(load: Load, folder: Path) -> None:
+    (folder / "growth.osc").write_text(GROWTH)
+    growth = "configuration:\n- name: growth\n  parameters:\n  - {}\nexecution: {{scenario_file: growth.osc}}\n"
+    campaign = load(growth.format("rate: 2"))
+    assert (campaign.notes, campaign.unexecutable) == ((), ())
+    assert isinstance(campaign.abstract, FileContent) and campaign.programs is not None
+    with pytest.raises(CampaignError, match=r"configuration\[0\].name: growth.osc needs rate, which nothing writes"):
+        load(growth.format("label: b"))
+    with pytest.raises(
+        CampaignError, match=r"rate: found .*2.5.*; a whole number, for it is a parameter of growth.osc"
+    ):
+        load(growth.format("rate: 2.5"))
+
+
+def test_a_scenario_s_slip_is_a_fault_of_its_own_file(load: Load, folder: Path) -> None:
+    (folder / "growth.osc").write_text(GROWTH.replace("run_process", "run_proces"))
+    with pytest.raises(CampaignError, match=r"growth.osc:7:9: scenario: .*run_proces.*run_process"):
+        load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
+
+
+def test_a_default_that_only_a_run_can_draw_is_a_fault(load: Load, folder: Path) -> None:
+    (folder / "growth.osc").write_text(GROWTH.replace('string = "a"', "float = random.get_float(0.0, 1.0)"))
+    with pytest.raises(CampaignError, match=r"growth.osc:5:5: scenario: the default of parameter label is not known"):
+        load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
+
+
+def test_a_robot_that_nothing_puts_anywhere_needs_a_start(load: Load, folder: Path) -> None:
+    (folder / "wait.osc").write_text(
+        "import osc.gazebo\n\nscenario wait_for_it:\n    do serial:\n        actor_exists('box')\n"
     )
-    assert [fault.line for fault in campaign.unexecutable] == [2]
+    with pytest.raises(CampaignError, match=r"wait.osc needs start_pose, which nothing writes"):
+        load(FIXED.replace("start_pose", "other_pose") + "execution: {scenario_file: wait.osc}\n")
+
+
+def test_an_action_that_nothing_here_can_do_is_a_fault_before_anything_runs(load: Load, folder: Path) -> None:
+    text = GROWTH.replace("osc.helpers", "osc.ros").replace('run_process("true")', 'wait_for_topics(["/scan"])')
+    (folder / "growth.osc").write_text(text)
+    with pytest.raises(CampaignError, match=r"growth.osc:7:9: scenario: wait_for_topics can't be run here; .*nodes"):
+        load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ class Campaign:
     families: tuple[Family, ...]
     abstract: str = ""
     timeout_s: float = 60.0
+    programs: None = None
 
 
 def coverage(*producers, **constraints):

@@ -39,6 +39,7 @@ class Campaign:
     families: tuple[Family, ...]
     abstract: str = ""
     timeout_s: float = 60.0
+    programs: None = None
 
 
 def grown(*producers, **others):

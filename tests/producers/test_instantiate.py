@@ -43,6 +43,7 @@ class Campaign:
     families: tuple[Family, ...]
     abstract: str = ""
     timeout_s: float = 60.0
+    programs: None = None
 
 
 def configurations(*families, **others):

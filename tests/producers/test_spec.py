@@ -179,7 +179,17 @@ def test_a_slip_is_one_fault_with_its_place_and_what_would_be_right(tmp_path: Pa
 
 def test_everything_without_an_effect_is_found_and_nothing_else() -> None:
     found = {".".join(map(str, location)) for location, _ in unexecuted(spec_of(EVERY_KEY + SEARCH))}
-    executed = {"runs", "seed", "timeout", "scenario_file", "nav2_params"}
+    executed = {
+        "runs",
+        "seed",
+        "timeout",
+        "scenario_file",
+        "nav2_params",
+        "env",
+        "run_files",
+        "pre_command",
+        "post_command",
+    }
     execution = set(yaml.safe_load(EVERY_KEY)["execution"]) - executed
     assert found == {
         *(f"execution.{key}" for key in execution),

@@ -1,5 +1,7 @@
 """Maps and scenarios for tests of the simulator."""
 
+import itertools
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from vastflow.sim.abstract import content_of
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import OccupancyMap, map_content
 from vastflow.sim.scenario import Scenario, scenario_of
@@ -73,6 +76,46 @@ def scenario(two_rooms: FileContent) -> Callable[..., Scenario]:
         if "goal_pose" not in given and "goal_poses" not in given:
             given["goal_pose"] = {"x": 7.0, "y": 4.0, "yaw": 0.0}
         return scenario_of(given, {"obstacles": "environment"}, abstract=f"builtin:{mission}", timeout_s=timeout_s)
+
+    return make
+
+
+TRIAL = """\
+import osc.gazebo
+import osc.helpers
+import osc.nav2
+import osc.os
+import osc.ros
+import osc.sim
+
+scenario trial:
+    start: pose_3d = pose_3d(position_3d(1.0m, 1.0m))
+    near: pose_3d = pose_3d(position_3d(3.0m, 1.0m))
+    above: pose_3d = pose_3d(position_3d(3.0m, 4.0m))
+    beyond: pose_3d = pose_3d(position_3d(7.0m, 4.0m))
+    robot: differential_drive_robot
+"""
+
+
+@pytest.fixture
+def staged(tmp_path: Path, two_rooms: FileContent) -> Callable[..., Scenario]:
+    """A scenario of the two rooms that does what a text says, with a robot and four poses at hand.
+
+    A text without a `do` is what is done one after the other once the robot knows that it is at `start`.
+    """
+
+    numbers = itertools.count()
+
+    def make(text: str, *, timeout_s: float = 60.0, **values: Any) -> Scenario:
+        body = textwrap.dedent(text).strip("\n")
+        if "\ndo " not in f"\n{body}":
+            body = "do serial:\n    robot.init_nav2(start)\n" + textwrap.indent(body, "    ")
+        file = tmp_path / str(next(numbers)) / "trial.osc"
+        file.parent.mkdir()
+        file.write_text(TRIAL + textwrap.indent(body, "    ") + "\n")
+        given = {"map_file": two_rooms, "controller": "rpp", **values}
+        tags = {"obstacles": "environment", "crates": "environment", "static_objects": "environment"}
+        return scenario_of(given, tags, abstract=content_of(file), timeout_s=timeout_s)
 
     return make
 

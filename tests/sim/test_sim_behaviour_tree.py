@@ -326,7 +326,9 @@ def test_retry_begins_again_at_the_next_tick_and_fails_with_the_last_failure(out
     assert outcome(modified("retry", do(0.2, fails=True), count=3)) == (False, 0.9)
     assert [t_s for t_s, *_ in journal] == [0.1, 0.4, 0.7]
     assert outcome(modified("retry", do(0.2), count=3)) == (True, 0.3)
-    assert ended(tree(modified("retry", do(fails=True, line=4), count=2))).message == "goal rejected; do at visit.osc:4:9"
+    assert (
+        ended(tree(modified("retry", do(fails=True, line=4), count=2))).message == "goal rejected; do at visit.osc:4:9"
+    )
 
 
 @pytest.mark.parametrize(

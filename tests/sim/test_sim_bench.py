@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from vastflow.sim.bench import LARGE, ROUTES, SMALL, bench, benchmark_map, benchmark_missions
+from vastflow.sim.bench import LARGE, ROUTES, SMALL, bench, benchmark_map, benchmark_routes
 from vastflow.sim.octile import passable, shortest_path
 
 
@@ -26,10 +26,10 @@ def test_the_map_is_pinned(floor, shape, digest):
 def test_every_route_has_the_length_of_its_floor(floor):
     occupancy = benchmark_map(floor)
     free = passable(occupancy, 0.4)
-    missions = benchmark_missions(occupancy, floor.route_m)
-    assert len(missions) == ROUTES
-    for mission in missions:
-        stops = [(pose.x_m, pose.y_m) for pose in (mission.start, *mission.goals)]
+    routes = benchmark_routes(occupancy, floor.route_m)
+    assert len(routes) == ROUTES
+    for route in routes:
+        stops = [(pose.x_m, pose.y_m) for pose in (route.start, *route.mission.goals)]
         way = shortest_path(occupancy, free, stops)
         assert way is not None
         assert math.isclose(way[1], floor.route_m, abs_tol=0.06)

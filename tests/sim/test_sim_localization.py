@@ -5,7 +5,8 @@ import functools
 import numpy as np
 import pytest
 
-from vastflow.sim.bench import benchmark_missions
+from vastflow.sim.bench import benchmark_routes
+from vastflow.sim.drive import drive
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import load_map
 from vastflow.sim.nav.parameters.servers import Perturbation
@@ -13,7 +14,6 @@ from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.prepared import prepare
 from vastflow.sim.recording import si
 from vastflow.sim.robot import Robot
-from vastflow.sim.run import execute
 
 ROUTES = 3
 ROUTE_M = 15.0
@@ -25,10 +25,10 @@ def recordings(map_file, **perturbation):
     occupancy = load_map(map_file)
     parameters = NavParameters(perturbation=Perturbation(**perturbation))
     prepared = prepare(occupancy, Lidar(), parameters)
-    missions = benchmark_missions(occupancy, ROUTE_M)[:ROUTES]
+    routes = benchmark_routes(occupancy, ROUTE_M)[:ROUTES]
     return [
-        execute(prepared, parameters, Lidar(), Robot(), mission, (), [0, 7, index], 180.0)
-        for index, mission in enumerate(missions)
+        drive(prepared, parameters, Lidar(), Robot(), route.start, route.mission, (), [0, 7, index], 180.0)
+        for index, route in enumerate(routes)
     ]
 
 

@@ -8,14 +8,15 @@ import pytest
 from vastflow.sim.closed_loop import obstacle_rows
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import load_map
-from vastflow.sim.mission import mission_of
+from vastflow.sim.mission import Mission
 from vastflow.sim.motion import FREE, new_body
 from vastflow.sim.nav.costmap import MARKED, SEEN_FREE, UNSEEN
 from vastflow.sim.nav.parameters.costmap import Costmap, StaticLayer, global_costmap
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.state import COLUMNS, new_stack
+from vastflow.sim.nav.state import COLUMNS, give, new_stack, set_pose
 from vastflow.sim.nav.tick import advance
 from vastflow.sim.obstacle import obstacle_of
+from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.prepared import prepare
 from vastflow.sim.robot import Robot
 from vastflow.sim.streams import streams_of
@@ -35,12 +36,14 @@ def after_a_tick(prepared, scenario):
     """The stack after its first tick, its layers filled with `before`; the robot stands before the door, facing it."""
 
     def tick(before=UNSEEN, obstacles=(CRATE,), parameters=NavParameters(), **start):  # noqa: B008
-        mission = mission_of(scenario(start_pose={**START, **start}))
+        here = pose_of({**START, **start})
         rows = obstacle_rows(tuple(obstacle_of(entry) for entry in obstacles))
-        stack = new_stack(prepared, parameters, Lidar(), Robot(), mission, rows, streams_of([1]), 60.0)
+        stack = new_stack(prepared, parameters, Lidar(), Robot(), here, rows, streams_of([1]), 60.0)
+        set_pose(stack, here)
+        stack = give(stack, Mission("navigate_to_pose", (Pose(7.0, 4.0),)))
         stack.local.layer[:] = before
         stack.grids.layer[:] = before
-        body = new_body(mission.start, Robot().radius_m, rows, np.full((len(rows), 3), -1.0))
+        body = new_body(here, Robot().radius_m, rows, np.full((len(rows), 3), -1.0))
         advance(
             stack.p,
             stack.m,

@@ -14,7 +14,7 @@ from vastflow.sim.nav.navfn import UNREACHED, path, potential, travel_costs
 from vastflow.sim.nav.parameters.servers import NavFn
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.planning import GOAL_OUTSIDE, NO_VALID_PATH, plan
-from vastflow.sim.nav.state import new_stack
+from vastflow.sim.nav.state import give, new_stack, set_pose
 from vastflow.sim.numeric import njit
 from vastflow.sim.pose import Pose
 from vastflow.sim.prepared import prepare
@@ -57,9 +57,11 @@ class Desk:
     def __init__(self, cells, *goals, kind="navigate_to_pose", start=(1.0, 3.0), use_astar=False):
         parameters = NavParameters(planner=NavFn(use_astar=use_astar))
         prepared = prepare(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), Lidar(), parameters)
-        mission = Mission(kind, Pose(*start, 0.0), tuple(Pose(x, y, 0.0) for x, y in goals))
+        here, mission = Pose(*start, 0.0), Mission(kind, tuple(Pose(x, y, 0.0) for x, y in goals))
         obstacles = np.zeros((0, 6))
-        self.stack = new_stack(prepared, parameters, Lidar(), Robot(), mission, obstacles, streams_of([1]), 60.0)
+        stack = new_stack(prepared, parameters, Lidar(), Robot(), here, obstacles, streams_of([1]), 60.0)
+        set_pose(stack, here)
+        self.stack = give(stack, mission)
         self.m, self.grids, self.route = self.stack.m[0], self.stack.grids, self.stack.route
 
     def cost(self, rows, columns, value):

@@ -32,8 +32,8 @@ def short(two_rooms):
 
 @pytest.fixture(scope="module")
 def replayed(short):
-    """Looked at after its first tick, in its third second, at its end, and after it."""
-    return replay(short, 3, 7, {0: ROOM, 50: ROOM, 99: ROOM, 100: ROOM})
+    """Looked at as it wakes, as it sets out, in its third second, at its end, and after it."""
+    return replay(short, 3, 7, {2: ROOM, 5: ROOM, 50: ROOM, 99: ROOM, 100: ROOM})
 
 
 def test_looking_at_a_run_changes_none_of_its_bytes(short, replayed):
@@ -47,17 +47,17 @@ def test_looking_everywhere_changes_nothing_either(short, replayed):
 def test_there_is_a_moment_for_every_tick_and_it_is_what_was_recorded(replayed):
     assert [moment.tick for moment in replayed.moments] == list(range(round(TIMEOUT_S / TICK_S)))
     columns = replayed.recording.columns
-    assert [round(m.t_s * 1e3) for m in replayed.moments[::2]] == columns["t_ms"].tolist()
-    assert [round(m.true.x_m * 1e3) for m in replayed.moments[::2]] == columns["x_mm"].tolist()
-    assert [round(m.estimate.y_m * 1e3) for m in replayed.moments[::2]] == columns["estimated_y_mm"].tolist()
+    assert [round(m.t_s * 1e3) for m in replayed.moments[::2]] == columns["t_ms"].tolist()[:-1]
+    assert [round(m.true.x_m * 1e3) for m in replayed.moments[::2]] == columns["x_mm"].tolist()[:-1]
+    assert [round(m.estimate.y_m * 1e3) for m in replayed.moments[::2]] == columns["estimated_y_mm"].tolist()[:-1]
 
 
 def test_snapshots_are_of_the_ticks_asked_for_as_far_as_the_run_has_them(replayed):
-    assert [snapshot.moment.tick for snapshot in replayed.snapshots] == [0, 50, 99]
+    assert [snapshot.moment.tick for snapshot in replayed.snapshots] == [2, 5, 50, 99]
 
 
 def test_of_the_global_costs_the_part_asked_for_is_kept(replayed):
-    patch = replayed.snapshots[1].global_costs
+    patch = replayed.snapshots[2].global_costs
     assert (patch.corner.x_m, patch.corner.y_m) == pytest.approx((ROOM.x0, ROOM.y0))
     assert patch.costs.shape == (30, 60)
 
@@ -89,7 +89,7 @@ def test_marks_of_the_local_costmap_lie_where_the_scan_does(replayed):
 
 
 def test_the_plan_leads_to_the_goal_and_the_controller_has_its_beginning(replayed):
-    snapshot = replayed.snapshots[0]
+    snapshot = replayed.snapshots[1]
     assert np.hypot(*(snapshot.plan_xy_m[-1] - (7.0, 4.0))) < 0.1
     ahead = snapshot.ahead_xy_m
     assert 0 < len(ahead) < len(snapshot.plan_xy_m)
@@ -98,7 +98,7 @@ def test_the_plan_leads_to_the_goal_and_the_controller_has_its_beginning(replaye
 
 
 def test_what_mppi_intends_begins_at_the_estimate_and_goes_on_for_its_horizon(replayed):
-    snapshot = replayed.snapshots[1]
+    snapshot = replayed.snapshots[2]
     estimate = snapshot.moment.estimate
     assert snapshot.moment.activity == "following" and snapshot.moment.no_command_s == 0.0
     intended = snapshot.intended_xy_m
@@ -114,14 +114,23 @@ def test_the_particles_are_round_the_robot(replayed):
 
 
 def test_goals_and_obstacles_are_those_of_the_scenario(replayed):
-    snapshot = replayed.snapshots[0]
+    snapshot = replayed.snapshots[1]
     assert [(goal.x_m, goal.y_m, goal.yaw_rad) for goal in snapshot.goals] == [(7.0, 4.0, 0.5)]
     np.testing.assert_allclose(snapshot.obstacles[:, :2], [[3.0, 3.6]])
 
 
+def test_behaviours_alone_may_differ(replayed):
+    recording = replayed.recording
+    told = recording.behaviors["message"].copy()
+    told[-1] = "else"
+    changed = replace(recording, behaviors={**recording.behaviors, "message": told})
+    difference = first_difference(changed, recording)
+    assert difference.what == "behaviors" and "else" in str(difference.recorded)
+
+
 def test_a_snapshot_stays_as_it_is_while_the_run_goes_on(replayed):
-    first, later = replayed.snapshots[0], replayed.snapshots[1]
-    assert first.moment.tick == 0 and first.moment.recoveries == 0
+    first, later = replayed.snapshots[0], replayed.snapshots[2]
+    assert first.moment.tick == 2 and first.moment.recoveries == 0
     assert not np.array_equal(first.scan_xy_m, later.scan_xy_m)
     assert first.moment.error_m < 0.01
 

@@ -12,8 +12,8 @@ from vastflow.sim.blocks import write_recordings
 from vastflow.sim.closed_loop import ClosedLoop
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import OccupancyMap, load_map
-from vastflow.sim.mission import mission_of
 from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.pose import pose_of
 from vastflow.sim.prepared import prepare
 from vastflow.sim.robot import Robot
 from vastflow.sim.run import run
@@ -122,10 +122,11 @@ def test_the_seed_of_a_run_is_in_its_recording(noisy):
 
 def first_scan(scenario):
     """What the robot sees in the first tick, and the state of the lidar's stream after it."""
-    mission, parameters = mission_of(scenario), parameters_of(scenario.system)
+    start, parameters = pose_of(scenario.task["start_pose"]), parameters_of(scenario.system)
     prepared = prepare(load_map(scenario.environment["map_file"].path), Lidar(), parameters)
     entropy = run_entropy(0, scenario.situation_digest, 1)
-    loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), mission, (), entropy, 60.0)
+    loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), start, (), entropy, 60.0)
+    loop.localize(start)
     loop.advance(1)
     return loop.stack.m[0]["ranges"].copy(), loop.stack.m[0]["streams"].copy()
 

@@ -10,6 +10,8 @@ from vastflow.producers.parameter import ParameterVariationList
 from vastflow.sim import run as simulator
 from vastflow.sim.blocks import read_recordings
 from vastflow.sim.recording import Recording, Run
+from vastflow.sim.run import Execution
+from vastflow.sim.runlog import RunLog
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import packed, read_evaluation
@@ -49,12 +51,12 @@ def simulate(monkeypatch):
     """Replace the simulator; runs in the set break."""
 
     def replace(breaking=()):
-        def run(scenario, run_index, seed=0):
+        def execute(scenario, run_index, seed=0):
             if run_index in breaking:
                 raise ValueError(f"run {run_index}\nbroke")
-            return recording(run_index)
+            return Execution(recording(run_index), RunLog(0.0, 0.5, 0.25, 1000, ("1.0 s: begun",)))
 
-        monkeypatch.setattr(simulator, "run", run)
+        monkeypatch.setattr(simulator, "execute", execute)
 
     return replace
 
@@ -88,7 +90,10 @@ def test_a_run_log_says_what_each_run_cost_and_is_in_no_digest(store, simulate):
     simulate()
     work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
     log = json.loads((store.root / "execute/ab/key/0-2" / work.RUN_LOG).read_text())
-    assert [run["run_index"] for run in log["runs"]] == [0, 1]
+    assert [(run["run_index"], run["cpu_s"], run["lines"]) for run in log["runs"]] == [
+        (0, 0.25, ["1.0 s: begun"]),
+        (1, 0.25, ["1.0 s: begun"]),
+    ]
     assert work.RUN_LOG not in store.find("execute/ab/key/0-2").files
 
 

@@ -1,0 +1,119 @@
+"""The abstract scenario a campaign names: its file read, and what it asks of the campaign's families."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from vastflow.producers.document import Document
+from vastflow.producers.faults import Fault, Location, did_you_mean
+from vastflow.producers.ground import MAP_KEY
+from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.sim.abstract import BUILTIN, SHIPPED, AbstractError, content_of, definition_of
+from vastflow.sim.behaviour.support import unsupported
+from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.osc.definition import ScenarioDefinition
+from vastflow.sim.osc.faults import OscError
+from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
+from vastflow.sim.run import ACTIONS, WORLDLY
+from vastflow.sim.script import calls_of, overrides_of
+
+WHERE: Final[Location] = ("execution", "scenario_file")
+
+Group = tuple[str, ...]
+"""Keys of which one is needed."""
+
+
+@dataclass(frozen=True)
+class AbstractScenario:
+    """An abstract scenario, and what it needs.
+
+    Attributes:
+        name: As the campaign file has it; empty where the mission follows from the goal.
+        content: What a `Scenario` gets; empty as the name.
+        definition: None where there are several, one for each kind of goal.
+    """
+
+    name: str
+    content: str | FileContent
+    definition: ScenarioDefinition | None
+
+    @property
+    def needed(self) -> Sequence[Group]:
+        """Keys that every configuration needs, one of each group."""
+        if self.definition is None:
+            return ((MAP_KEY,), (START_KEY,), (GOAL_KEY, GOALS_KEY))
+        groups: list[Group] = [(MAP_KEY,)] if self.in_world else []
+        calls = {call.action.rpartition(".")[2] for call in calls_of(self.definition.root)}
+        if self.in_world and "init_nav2" not in calls and START_KEY not in self.parameters:
+            groups.append((START_KEY,))
+        for parameter in self.definition.parameters:
+            if parameter.default is None:
+                groups.append((GOALS_KEY, GOAL_KEY) if parameter.name == GOALS_KEY else (parameter.name,))
+        return groups
+
+    @property
+    def in_world(self) -> bool:
+        """Whether it does anything in the simulated world."""
+        return self.definition is None or any(call.action in WORLDLY for call in calls_of(self.definition.root))
+
+    @property
+    def parameters(self) -> frozenset[str]:
+        """Names of its parameters."""
+        return frozenset(each.name for each in self.definition.parameters) if self.definition else frozenset()
+
+    def complaint(self, key: str, value: Value) -> tuple[str, str] | None:
+        """What is wrong with a value for one of its parameters, and what would be right."""
+        if self.definition is None or key not in self.parameters:
+            return None
+        alone = replace(self.definition, parameters=tuple(p for p in self.definition.parameters if p.name == key))
+        try:
+            bound(alone, overrides_of(alone, {key: value}))
+        except ParameterMismatch as error:
+            return f"found {error.given}", f"{error.expected}, for it is a parameter of {self.name}"
+        return None
+
+
+FROM_GOAL: Final = AbstractScenario("", "", None)
+"""Where the mission follows from the goal."""
+
+
+def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenario | None, list[Fault]]:
+    """Read what `execution.scenario_file` names, or say everything that is wrong with it."""
+    execution = document.data.get("execution")
+    name = execution.get("scenario_file") if isinstance(execution, Mapping) else None
+    if not isinstance(name, str):
+        return FROM_GOAL, []
+    if name.startswith(BUILTIN):
+        if name.removeprefix(BUILTIN) not in SHIPPED:
+            right = did_you_mean(name, [BUILTIN + each for each in SHIPPED])
+            return None, [document.fault(WHERE, f"found {name!r}", right)]
+        return AbstractScenario(name, name, definition_of(name)), []
+    file = base / name
+    if not file.is_file():
+        return None, [document.fault(WHERE, f"found {name!r}, and there is no such file", "an OpenSCENARIO DSL file")]
+    try:
+        content = content_of(file)
+        definition = definition_of(content)
+    except OscError as error:
+        return None, [
+            Fault(f.place.file, f.place.line, f.place.column, "scenario", f.what, f.right) for f in error.faults
+        ]
+    except (AbstractError, UnicodeDecodeError) as error:
+        what, _, right = str(error).partition("; ")
+        return None, [document.fault(WHERE, what, right or "an OpenSCENARIO DSL file")]
+    lacking = [
+        Fault(str(file), u.place.line, u.place.column, "scenario", f"{u.name} can't be run here", u.reason)
+        for u in unsupported(definition, ACTIONS)
+    ]
+    drawn = [
+        Fault(
+            *(str(file), p.place.line, p.place.column, "scenario"),
+            f"the default of parameter {p.name} is not known before a run",
+            "a value, or a var in place of a parameter",
+        )
+        for p in definition.parameters
+        if p.default is not None and default_of(definition, p.name) is None
+    ]
+    faults = [*lacking, *drawn]
+    return (None, faults) if faults else (AbstractScenario(name, content, definition), [])

@@ -1,0 +1,109 @@
+"""Abstract scenarios: the OpenSCENARIO file that says what happens in a run, from its name or its content."""
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.osc.definition import Place, ScenarioDefinition
+from vastflow.sim.osc.reading import read_scenarios
+
+BUILTIN: Final = "builtin:"
+SHIPPED: Final = ("navigate_to_pose", "navigate_through_poses", "follow_waypoints", "obstacle_appears")
+"""Names that follow `builtin:`; each is a file of `campaigns/scenarios`."""
+
+KEPT: Final = 32
+
+Abstract: TypeAlias = str | FileContent
+"""`builtin:` and a name, or a scenario file whose digest is that of what it defines, see `content_of`."""
+
+
+class AbstractError(ValueError):
+    """An abstract scenario that there is not, or that changed; says what was found and what would be right."""
+
+
+def shipped_file(name: str) -> Path:
+    """The file behind `builtin:` and a name."""
+    spec = find_spec("vastflow.campaigns.scenarios")  # a folder of data: of an editable install `files` finds none
+    places = [Path(place) / f"{name}.osc" for place in (spec.submodule_search_locations or () if spec else ())]
+    return next(place for place in places if place.is_file())
+
+
+def content_of(file: Path) -> FileContent:
+    """A scenario file as a value: what it defines and in which lines, for recordings name them; wherever the file lies.
+
+    Raises:
+        OscError: what is wrong in the file, or in one that it imports.
+        AbstractError: not one scenario.
+    """
+    return FileContent(str(file), definition_digest(_by_name(_only_one(file, read_scenarios(file)))))
+
+
+def definition_of(abstract: Abstract) -> ScenarioDefinition:
+    """What an abstract scenario defines, read once for many scenarios.
+
+    Raises:
+        AbstractError: no such name, or a file that changed since its content was taken.
+        OscError: a file that is wrong.
+    """
+    return _defined(abstract, abstract.path if isinstance(abstract, FileContent) else "")
+
+
+def file_of(abstract: Abstract) -> Path:
+    """Where an abstract scenario lies."""
+    return Path(abstract.path) if isinstance(abstract, FileContent) else shipped_file(abstract.removeprefix(BUILTIN))
+
+
+@functools.lru_cache(maxsize=KEPT)
+def _defined(abstract: Abstract, path: str) -> ScenarioDefinition:
+    if isinstance(abstract, FileContent):
+        definition = _read(Path(path))
+        if definition_digest(definition) != abstract.digest:
+            raise AbstractError(f"{path} changed since the campaign was read; run the campaign again")
+        return definition
+    name = abstract.removeprefix(BUILTIN)
+    if not abstract.startswith(BUILTIN) or name not in SHIPPED:
+        raise AbstractError(f"found {abstract!r}; one of {', '.join(BUILTIN + each for each in SHIPPED)}")
+    return _read(shipped_file(name))
+
+
+def _read(file: Path) -> ScenarioDefinition:
+    definition: ScenarioDefinition = _by_name(_only_one(file, read_scenarios(file)))
+    return definition
+
+
+def _only_one(file: Path, scenarios: Sequence[ScenarioDefinition]) -> ScenarioDefinition:
+    if len(scenarios) != 1:
+        names = ", ".join(scenario.name for scenario in scenarios) or "none"
+        raise AbstractError(f"{file}: found the scenarios {names}; one, for a run is one scenario")
+    return scenarios[0]
+
+
+def definition_digest(definition: ScenarioDefinition) -> str:
+    """Digest of all that a definition says, and where."""
+    return digest(_value_of(definition))
+
+
+def _by_name(part: Any) -> Any:
+    """A definition whose places are in files by their names alone: what is said of them is the same wherever they lie."""
+    if isinstance(part, Place):
+        return replace(part, file=Path(part.file).name)
+    if is_dataclass(part) and not isinstance(part, type):
+        return replace(part, **{f.name: _by_name(getattr(part, f.name)) for f in fields(part)})
+    if isinstance(part, Mapping):
+        return {key: _by_name(value) for key, value in part.items()}
+    return tuple(_by_name(item) for item in part) if isinstance(part, tuple) else part
+
+
+def _value_of(part: Any) -> Value:
+    if is_dataclass(part) and not isinstance(part, type):
+        return {"": type(part).__name__, **{f.name: _value_of(getattr(part, f.name)) for f in fields(part)}}
+    if isinstance(part, Mapping):
+        return {key: _value_of(value) for key, value in part.items()}
+    if isinstance(part, tuple | list):
+        return [_value_of(item) for item in part]
+    value: Value = part
+    return value

@@ -1,0 +1,129 @@
+"""The shipped scenarios, each with the campaign beside it."""
+
+import math
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.inputs import inputs_of
+from vastflow.flows.results import ConfigurationResult, write_results
+from vastflow.flows.summary import Work
+from vastflow.oracles.judge import judge_block
+from vastflow.oracles.observe import observe_block
+from vastflow.oracles.replay.recorded import recorded_run
+from vastflow.oracles.report import write_report
+from vastflow.oracles.scene import scenes_of
+from vastflow.oracles.tables import read_tables
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.abstract import BUILTIN, SHIPPED, content_of, definition_digest, definition_of
+from vastflow.sim.behaviour.support import unsupported
+from vastflow.sim.blocks import write_recordings
+from vastflow.sim.pose import pose_of
+from vastflow.sim.run import ACTIONS, run
+from vastflow.tasks.keys import Keys
+
+SCENARIOS = Path(__file__).parents[2] / "campaigns" / "scenarios"
+WORK = Work(executed=1, reused=0, simulated_s=30.0, cpu_s=1.0, wall_s=1.0)
+
+
+def campaign_of(name):
+    return read_campaign(SCENARIOS / f"{name}.vast")
+
+
+def configurations_of(name):
+    return instantiate(campaign_of(name)[0]).configurations
+
+
+def test_every_shipped_name_has_a_file_and_a_campaign():
+    assert {file.stem for file in SCENARIOS.glob("*.osc")} == set(SHIPPED)
+    assert {file.stem for file in SCENARIOS.glob("*.vast")} == set(SHIPPED)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_name_stands_for_its_file_and_everything_in_it_can_be_done(name):
+    definition = definition_of(BUILTIN + name)
+    assert content_of(SCENARIOS / f"{name}.osc").digest == definition_digest(definition)
+    assert unsupported(definition, ACTIONS) == []
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_its_campaign_has_nothing_to_complain_of_and_can_be_built_in_full(name):
+    campaign, _ = campaign_of(name)
+    found = instantiate(campaign)
+    assert (campaign.notes, campaign.unexecutable, found.rejections) == ((), (), ())
+    assert 2 <= len(found.configurations) <= 4
+    assert [c.name for c in found.configurations if c.duplicate_of] == []
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_first_run_of_its_campaign_passes(name):
+    _, oracles = campaign_of(name)
+    scenario = configurations_of(name)[0].scenario
+    recorded = write_recordings([run(scenario, 0)])
+    verdicts = judge_block(scenario, recorded, observe_block(scenario, recorded), oracles)
+    assert [(verdict.oracle, verdict.reason) for verdict in verdicts if verdict.judgement != "pass"] == []
+
+
+def test_rounds_after_the_first_take_longer():
+    once, twice = (run(configuration.scenario, 0).run for configuration in configurations_of("follow_waypoints"))
+    assert twice.distance_m > 1.5 * once.distance_m
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_the_box_appears_as_soon_as_the_robot_is_within_the_configuration_s_distance(number):
+    scenario = configurations_of("obstacle_appears")[number].scenario
+    recording = run(scenario, 0)
+    (spawned,) = [event for event in recording.run.events if event.kind == "spawned"]
+    place, threshold_m = (scenario.environment[f"spawn_trigger_{key}"] for key in ("point", "threshold"))
+    assert (spawned.x_m, spawned.y_m) == pytest.approx((place["x"], place["y"]), abs=1e-3)
+    row = int(recording.columns["t_ms"].searchsorted(round(spawned.t_s * 1000)))
+    x_m, y_m = (recording.columns[f"estimated_{axis}_mm"][row] * 1e-3 for axis in "xy")
+    away_m = math.hypot(x_m - place["x"], y_m - place["y"])
+    assert away_m == pytest.approx(threshold_m, abs=0.15)  # a tick of 0.1 s at 0.5 m/s, and AMCL's next estimate
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """The campaign directory of one run in which a box appears, and the configuration."""
+    campaign, oracles = campaign_of("obstacle_appears")
+    found = instantiate(campaign)
+    configuration = found.configurations[0]
+    scenario = configuration.scenario
+    recorded = write_recordings([run(scenario, 0)])
+    traces = observe_block(scenario, recorded)
+    verdicts = judge_block(scenario, recorded, traces, oracles)
+    written = write_results(
+        tmp_path_factory.mktemp("results"),
+        campaign,
+        inputs_of(campaign, oracles),
+        replace(found, configurations=(configuration,)),
+        lambda _: ConfigurationResult([recorded], [traces], verdicts),
+        runs=1,
+        oracles=[oracle.name for oracle in oracles],
+        keys=Keys("x86_64", "e" * 64, "o" * 64, "j" * 64, 0, []),
+        created=datetime(2026, 11, 21),
+        work=lambda: WORK,
+        report=write_report,
+    )
+    assert written.faults == ()
+    return written.directory, configuration
+
+
+def test_the_report_shows_starts_goals_and_what_the_scenario_of_a_file_spawned(results):
+    directory, configuration = results
+    (scene,) = scenes_of(read_tables(directory))
+    (box,) = scene.obstacles
+    assert (box.length_m, box.width_m) == (0.4, 0.4)
+    goal = pose_of(configuration.scenario.task["goal_pose"])
+    assert scene.goals_xy_m.tolist() == [[goal.x_m, goal.y_m]]
+    assert (directory / "report.html").is_file()
+
+
+def test_a_run_of_a_scenario_file_can_be_rebuilt_from_the_campaign_directory_alone(results):
+    directory, configuration = results
+    scenario = recorded_run(directory, configuration.name, 0).scenario
+    assert scenario.digest == configuration.scenario.digest
+    assert Path(scenario.abstract.path).is_relative_to(directory)

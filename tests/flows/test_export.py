@@ -1,0 +1,419 @@
+"""The export of a campaign directory: a folder for each run, and what each verdict becomes in it."""
+
+import csv
+import io
+import json
+import re
+from datetime import datetime
+from xml.etree import ElementTree
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.export import export
+from vastflow.flows.export_run import OUR_FAULT, recording_csv
+from vastflow.flows.export_source import ExportFault
+from vastflow.flows.inputs import inputs_of
+from vastflow.flows.results import ConfigurationResult, RunFault, complete, write_results
+from vastflow.flows.summary import Work
+from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.archive import stacked, table, write_outputs, write_table
+from vastflow.sim.blocks import write_recordings
+from vastflow.sim.maps import load_map
+from vastflow.sim.process.outputs import Outputs
+from vastflow.sim.process.resources import Use
+from vastflow.sim.process.run import LogText
+from vastflow.sim.recording import Recording, Run
+from vastflow.sim.run import BEHAVIORS
+from vastflow.sim.runlog import RunLog, run_log_row
+from vastflow.tasks.keys import Keys
+
+KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
+OUTPUTS = Outputs(
+    {"positions": {"t": np.array([0.5, np.nan]), "n": np.array([1, 2]), "who": np.array(["a", 'b "c"'])}},
+    {"notes/read.me": b"\x00\xff", "scan.pcd": b"1"},
+)
+PROGRAM = RunLog(
+    1_700_000_000.5,
+    2.25,
+    1.5,
+    4096,
+    ("0.1 s: begun",),
+    (LogText("", ("/usr/bin/python3", "go.py"), "hello\n", False), LogText("the map/server", ("m",), "x", True)),
+    (Use(0.0, 0.0, 1024, 1), Use(1.0001, 0.75, 2048, 3)),
+    ("big.bin (99 bytes) is not kept: larger than 16 MiB",),
+)
+SIMULATED = RunLog(1_700_000_001.0, 0.125, 0.1, 8192)
+
+
+def behaviors(status="SUCCESS", message=""):
+    rows = [
+        (0.0, 0, -1, 0, "patrol", "Sequence", "INVALID", "", 3, 10),
+        (0.0, 1, 0, 0, "nav_to_pose", "Navigate", "INVALID", "", 5, 9),
+        (7.5, 0, -1, 0, "patrol", "Sequence", status, "", 3, 10),
+        (7.5, 1, 0, 0, "nav_to_pose", "Navigate", status, message, 5, 9),
+    ]
+    return table(BEHAVIORS, rows)
+
+
+def recording(run_index):
+    columns = {
+        "t_ms": np.array([0, 100, 300]),
+        "x_mm": np.array([1, -2500, 7]),
+        "covariance_xx_mm2": np.array([0, 5, 1]),
+    }
+    row = Run(run_index, "7", "succeeded", 0, "", 7.5, 5.0, 0, 0)
+    return Recording(row, {name: column.astype(np.int32) for name, column in columns.items()})
+
+
+def log_block(logs):
+    rows = [{"run_index": run_index, **run_log_row(log)} for run_index, log in logs.items()]
+    host = {"name": "bench", "machine": "x86_64", "python": "3.11"}
+    return json.dumps({"runs": rows, "host": host, "versions": {"numpy": "2"}, "pid": 7}).encode()
+
+
+def whole():
+    """Two runs: one of programs that passed, one of the robot that failed by two of three oracles."""
+    verdicts = [
+        Verdict(
+            "success", 0, "pass", "", {"time": Metric(7.5, "s"), "goals": Metric(2, "1"), "gap": Metric(None, "m")}
+        ),
+        Verdict("safety", 0, "pass"),
+        Verdict("performance", 0, "pass"),
+        Verdict("success", 1, "fail", "mission aborted"),
+        Verdict("safety", 1, "fail", "0.1 m from a box"),
+        Verdict("performance", 1, "not judged", "no path"),
+    ]
+    ran = {0: behaviors(), 1: behaviors("FAILURE", "no valid trajectory")}
+    return ConfigurationResult(
+        recordings=[write_recordings([recording(0), recording(1)])],
+        verdicts=verdicts,
+        behaviors=[write_table(stacked(ran))],
+        outputs=[write_outputs({0: OUTPUTS})],
+        logs=[log_block({0: PROGRAM, 1: SIMULATED})],
+    )
+
+
+def campaign_directory(file, root, found, oracles=("success", "safety", "performance")):
+    campaign, own = read_campaign(file)
+    return write_results(
+        root,
+        campaign,
+        inputs_of(campaign, own),
+        instantiate(campaign),
+        found,
+        runs=2,
+        oracles=oracles,
+        keys=KEYS,
+        created=datetime(2026, 11, 21),
+        work=lambda: Work(4, 0, 30.0, 2.0, 1.5),
+        report=lambda directory: None,
+    ).directory
+
+
+@pytest.fixture
+def results(small_room, tmp_path):
+    return campaign_directory(small_room, tmp_path / "results", lambda configuration: whole())
+
+
+@pytest.fixture
+def exported(results, tmp_path):
+    export(results, tmp_path / "out")
+    return tmp_path / "out"
+
+
+def judged(small_room, tmp_path, *verdicts, faults=()):
+    """The case of a run that these verdicts were given on."""
+    found = ConfigurationResult(verdicts=verdicts, faults=faults)
+    directory = campaign_directory(small_room, tmp_path / "results", lambda configuration: found, ("success", "safety"))
+    export(directory, tmp_path / "out")
+    return ElementTree.parse(tmp_path / "out/room-1/0/test.xml").getroot()
+
+
+def test_each_run_has_a_folder_with_what_there_is_of_it(exported):
+    folder = exported / "room-1"
+    assert sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()) == [
+        "0/behaviors.csv",
+        "0/behaviors.jsonl",
+        "0/logs/0-python3.log",
+        "0/logs/1-the-map-server.log",
+        "0/logs/host.json",
+        "0/logs/notes.log",
+        "0/logs/scenario.log",
+        "0/outputs/notes/read.me",
+        "0/outputs/positions.csv",
+        "0/outputs/scan.pcd",
+        "0/recording.csv",
+        "0/resources.csv",
+        "0/test.xml",
+        "1/behaviors.csv",
+        "1/behaviors.jsonl",
+        "1/logs/host.json",
+        "1/recording.csv",
+        "1/resources.csv",
+        "1/test.xml",
+        "scenario.config",
+    ]
+    assert sorted(path.name for path in exported.iterdir()) == ["_config", "room-1", "room-2", "test.xml"]
+
+
+def test_a_recording_is_in_si_units_with_the_decimals_that_were_recorded(exported):
+    assert (exported / "room-1/0/recording.csv").read_text() == (
+        "t_s,x_m,covariance_xx_m2\n0,0.001,0\n0.1,-2.5,0.000005\n0.3,0.007,0.000001\n"
+    )
+
+
+def test_whatever_was_recorded_comes_back_from_the_csv():
+    recorded = np.arange(-70_000, 70_000, 7, dtype=np.int32)
+    rows = [*csv.reader(io.StringIO(recording_csv({"x_mm": recorded}).decode()))][1:]
+    assert [round(float(x_m) * 1000) for (x_m,) in rows] == recorded.tolist()
+    assert max(len(x_m) for (x_m,) in rows) <= len("-70.000")
+
+
+def test_behaviors_have_the_numbers_and_names_of_their_status(exported):
+    rows = [*csv.DictReader((exported / "room-1/1/behaviors.csv").open())]
+    assert [(row["timestamp"], row["behavior_name"], row["status"], row["status_name"]) for row in rows] == [
+        ("0.0", "patrol", "1", "INVALID"),
+        ("0.0", "nav_to_pose", "1", "INVALID"),
+        ("7.5", "patrol", "4", "FAILURE"),
+        ("7.5", "nav_to_pose", "4", "FAILURE"),
+    ]
+
+
+def test_behaviors_as_lines_begin_with_a_header_and_have_no_parent_above_the_root(exported):
+    header, root, child, *_ = map(json.loads, (exported / "room-1/1/behaviors.jsonl").read_text().splitlines())
+    assert header["scenario"] == "navigate_to_pose"
+    assert (header["tick_period"], header["clock"]) == (0.1, "simulated")
+    assert (root["parent_id"], child["parent_id"]) == (None, 0)
+    assert (child["osc_file"], child["osc_line"], child["osc_column"]) == ("navigate_to_pose.osc", 5, 9)
+
+
+def test_resources_are_the_series_of_the_programs_or_one_row_of_the_worker(exported):
+    header = "t_s,cpu_s,rss_bytes,processes\n"
+    assert (exported / "room-1/0/resources.csv").read_text() == header + "0.0,0.0,1024,1\n1.0,0.75,2048,3\n"
+    assert (exported / "room-1/1/resources.csv").read_text() == header + "0.125,0.1,8192,1\n"
+
+
+def test_logs_are_the_scenarios_lines_and_what_each_program_printed_under_its_command(exported):
+    logs = exported / "room-1/0/logs"
+    assert (logs / "scenario.log").read_text() == "0.1 s: begun\n"
+    assert (logs / "0-python3.log").read_text() == "$ /usr/bin/python3 go.py\nhello\n"
+    assert (logs / "1-the-map-server.log").read_text() == "$ m\nx\n[cut here]\n"
+    assert (logs / "notes.log").read_text().startswith("big.bin (99 bytes)")
+    assert json.loads((logs / "host.json").read_text())["host"]["name"] == "bench"
+
+
+def test_outputs_are_as_they_were_written_and_tables_are_csv_with_nothing_for_what_is_no_number(exported):
+    outputs = exported / "room-1/0/outputs"
+    assert (outputs / "notes/read.me").read_bytes() == b"\x00\xff"
+    assert [*csv.reader((outputs / "positions.csv").open())] == [
+        ["t", "n", "who"],
+        ["0.5", "1", "a"],
+        ["", "2", 'b "c"'],
+    ]
+
+
+def test_a_table_beside_a_file_of_its_name_is_parquet(small_room, tmp_path):
+    outputs = Outputs(
+        {"a": {"n": np.array([1])}, "b.parquet": {"n": np.array([2])}, "b": {"n": np.array([3])}}, {"a.csv": b"?"}
+    )
+    found = ConfigurationResult(outputs=[write_outputs({1: outputs})])
+    directory = campaign_directory(small_room, tmp_path / "results", lambda configuration: found)
+    export(directory, tmp_path / "out")
+    folder = tmp_path / "out/room-1/1/outputs"
+    assert sorted(path.name for path in folder.iterdir()) == ["a.csv", "a.parquet", "b.csv", "b.parquet"]
+    assert (folder / "a.csv").read_bytes() == b"?"
+    assert pq.read_table(folder / "b.parquet").to_pydict() == {"n": [2]}
+
+
+def test_a_configuration_has_its_values_under_the_scenarios_name_and_files_that_are_there(exported, small_room):
+    values = yaml.safe_load((exported / "room-2/scenario.config").read_text())
+    assert list(values) == ["navigate_to_pose"]
+    given = values["navigate_to_pose"]
+    assert given["goal_pose"]["position"] == {"x": 3.0, "y": 1.0}
+    assert given["laserscan_gaussian_noise_std_deviation"] == 0.02
+    found = load_map(exported / "room-2" / given["map_file"])
+    assert found.digest == load_map(small_room.with_name("room.yaml")).digest
+
+
+def test_the_campaign_file_lies_beside_what_it_names(exported, small_room):
+    shared = exported / "_config"
+    assert (shared / "campaign.vast").read_bytes() == small_room.read_bytes()
+    assert (shared / "room.yaml").read_bytes() == small_room.with_name("room.yaml").read_bytes()
+
+
+def test_a_run_that_passed_says_when_it_began_and_how_long_it_took_simulated_and_not(exported):
+    suite = ElementTree.parse(exported / "room-1/0/test.xml").getroot()
+    (case,) = suite
+    stated = {p.get("name"): p.get("value") for p in case.iter("property")}
+    assert (suite.get("failures"), suite.get("errors"), suite.get("skipped")) == ("0", "0", "0")
+    assert (case.get("classname"), case.get("name"), case.get("time")) == ("small_room.room-1", "room-1/0", "2.250000")
+    assert stated["start_time"] == "1700000000.500000"
+    assert (stated["simulated_time_s"], stated["wall_time_s"], stated["cpu_time_s"]) == ("7.5", "2.25", "1.5")
+    assert (stated["host"], stated["outcome"], stated["success"]) == ("bench", "succeeded", "pass")
+    assert (stated["success: time (s)"], stated["success: goals"]) == ("7.5", "2")
+    assert "success: gap (m)" not in stated
+
+
+def test_a_run_that_failed_names_the_oracles_and_shows_how_its_scenario_ended(exported):
+    (case,) = ElementTree.parse(exported / "room-1/1/test.xml").getroot()
+    failure = case.find("failure")
+    assert failure.get("message") == "success: mission aborted; safety: 0.1 m from a box"
+    assert failure.text.splitlines() == [
+        "success: fail: mission aborted",
+        "safety: fail: 0.1 m from a box",
+        "performance: not judged: no path",
+        "",
+        "FAILURE patrol (navigate_to_pose.osc:3:10)",
+        "FAILURE   nav_to_pose (navigate_to_pose.osc:5:9): no valid trajectory",
+    ]
+
+
+def test_the_campaigns_report_has_a_suite_for_each_configuration_and_few_properties(exported):
+    root = ElementTree.parse(exported / "test.xml").getroot()
+    assert (root.get("name"), root.get("tests"), root.get("failures")) == ("small_room", "4", "2")
+    assert [(suite.get("name"), len(suite)) for suite in root] == [("room-1", 2), ("room-2", 2)]
+    names = {p.get("name") for p in root.iter("property")}
+    assert names == {"start_time", "simulated_time_s", "wall_time_s", "outcome"}
+
+
+def test_a_run_that_our_own_fault_left_without_a_verdict_is_an_error(small_room, tmp_path):
+    fault = RunFault("room-1", 0, "execute", "MemoryError: 3 GB")
+    suite = judged(small_room, tmp_path, faults=[fault])
+    assert (suite.get("errors"), suite.get("failures"), suite.get("skipped")) == ("1", "0", "0")
+    error = suite.find("testcase/error")
+    assert error.get("message") == "; ".join(
+        f"{oracle}: our own fault in execute: MemoryError: 3 GB" for oracle in ("success", "safety")
+    )
+    assert sorted(path.name for path in (tmp_path / "out/room-1/0").iterdir()) == ["test.xml"]
+
+
+def test_the_reason_of_a_missing_verdict_begins_as_the_export_expects():
+    faults = [RunFault("room", 0, "judge", "KeyError: 'x'")]
+    reasons = [verdict.reason for verdict in complete(ConfigurationResult(faults=faults), 2, ["success"])]
+    assert len(reasons) == 2 and all(reason.startswith(OUR_FAULT) for reason in reasons)
+
+
+def test_a_run_that_an_oracle_could_not_judge_is_skipped(small_room, tmp_path):
+    suite = judged(
+        small_room, tmp_path, Verdict("success", 0, "pass"), Verdict("safety", 0, "not judged", "there is no box")
+    )
+    assert (suite.get("errors"), suite.get("failures"), suite.get("skipped")) == ("0", "0", "1")
+    assert suite.find("testcase/skipped").get("message") == "not judged by safety: there is no box"
+
+
+def test_one_oracle_that_failed_a_run_makes_it_a_failure_whatever_the_others_lack(small_room, tmp_path):
+    suite = judged(small_room, tmp_path, Verdict("success", 0, "fail", "late"))
+    assert (suite.get("errors"), suite.get("failures")) == ("0", "1")
+    assert suite.find("testcase/failure").get("message") == "success: late"
+
+
+def test_a_duplicate_names_its_original_and_has_no_runs(small_room, tmp_path):
+    small_room.write_text(small_room.read_text().replace("[0.0, 0.02]", "[0.0, 0.0]"))
+    done = export(campaign_directory(small_room, tmp_path / "results", lambda configuration: whole()), tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out/room-2").iterdir()) == ["duplicate_of", "scenario.config"]
+    assert (tmp_path / "out/room-2/duplicate_of").read_text() == "room-1\n"
+    assert (done.duplicates, [suite.name for suite in done.suites]) == (1, ["room-1"])
+
+
+@pytest.mark.parametrize(
+    ("patterns", "names"),
+    [
+        (["room"], ["room-1", "room-2"]),
+        (["*-2"], ["room-2"]),
+        (["room-1"], ["room-1"]),
+        (["*1", "*2"], ["room-1", "room-2"]),
+    ],
+)
+def test_only_is_a_pattern_of_families_and_configurations(results, tmp_path, patterns, names):
+    assert [suite.name for suite in export(results, tmp_path / "out", patterns).suites] == names
+    assert sorted(path.name for path in (tmp_path / "out").glob("room*")) == names
+
+
+@pytest.mark.parametrize(
+    ("pattern", "hint"), [("rom-1", "did you mean 'room-1'"), ("kitchen*", "it has room, room-1, room-2")]
+)
+def test_a_pattern_that_fits_nothing_is_refused_with_the_nearest_name(results, tmp_path, pattern, hint):
+    with pytest.raises(ExportFault, match=re.escape(f"no family or configuration fits {pattern!r}; {hint}")):
+        export(results, tmp_path / "out", ["room-1", pattern])
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_scenario_of_a_file_is_named_as_in_the_file(small_room, tmp_path):
+    text = "import osc.helpers\n\nscenario patrol:\n    do serial:\n        wait elapsed(1s)\n"
+    small_room.with_name("rounds.osc").write_text(text)
+    edited = small_room.read_text().replace("execution:\n", "execution:\n  scenario_file: rounds.osc\n")
+    for line in (
+        "map_file: room.yaml",
+        "start_pose: {x: 1.0, y: 1.0, yaw: 0.0}",
+        "goal_pose: {x: 3.0, y: 1.0, yaw: 0.0}",
+    ):
+        edited = edited.replace(f"      - {line}\n", "")
+    small_room.write_text(edited.replace("    parameters:\n", ""))
+    export(campaign_directory(small_room, tmp_path / "results", lambda configuration: whole()), tmp_path / "out")
+    assert list(yaml.safe_load((tmp_path / "out/room-1/scenario.config").read_text())) == ["patrol"]
+    header, root, *_ = map(json.loads, (tmp_path / "out/room-1/0/behaviors.jsonl").read_text().splitlines())
+    assert (header["scenario"], root["osc_file"]) == ("patrol", "rounds.osc")
+    assert (tmp_path / "out/_config/rounds.osc").read_text() == text
+
+
+def test_an_empty_folder_is_filled_and_stays_the_same(results, tmp_path):
+    (tmp_path / "there/out").mkdir(parents=True)
+    before = (tmp_path / "there/out").stat().st_ino
+    export(results, tmp_path / "there/out")
+    assert (tmp_path / "there/out").stat().st_ino == before
+    assert sorted(path.name for path in (tmp_path / "there/out").iterdir()) == [
+        "_config",
+        "room-1",
+        "room-2",
+        "test.xml",
+    ]
+    assert [path.name for path in (tmp_path / "there").iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("existing", [True, False])
+def test_an_export_that_ends_early_leaves_nothing(results, tmp_path, existing):
+    def interrupt(done, of):
+        raise KeyboardInterrupt
+
+    folder = tmp_path / "there/out"
+    (folder if existing else folder.parent).mkdir(parents=True)
+    with pytest.raises(KeyboardInterrupt):
+        export(results, folder, progress=interrupt)
+    assert [path.name for path in (tmp_path / "there").rglob("*")] == ["out"][:existing]
+
+
+@pytest.mark.parametrize("existing", [True, False])
+def test_what_appears_in_the_folder_meanwhile_is_not_overwritten(results, tmp_path, existing):
+    if existing:
+        (tmp_path / "out").mkdir()
+
+    def write(done, of):
+        (tmp_path / "out").mkdir(exist_ok=True)
+        (tmp_path / "out/test.xml").write_text("mine")
+
+    with pytest.raises(ExportFault, match="the folder is not empty"):
+        export(results, tmp_path / "out", progress=write)
+    assert [(path.name, path.read_text()) for path in (tmp_path / "out").iterdir()] == [("test.xml", "mine")]
+
+
+def test_an_output_that_would_leave_the_folder_is_refused(small_room, tmp_path):
+    found = ConfigurationResult(outputs=[write_outputs({0: Outputs(files={"../../../away": b"x"})})])
+    directory = campaign_directory(small_room, tmp_path / "results", lambda configuration: found)
+    with pytest.raises(ExportFault, match=r"damaged campaign directory: .*away' leads out of the folder"):
+        export(directory, tmp_path / "out")
+    assert not (tmp_path / "away").exists() and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "file", ["recordings/room-1.parquet", "behaviors/room-1.parquet", "logs/room-1.json", "outputs/room-1.zip"]
+)
+def test_a_damaged_file_is_said_so_and_nothing_is_exported(results, tmp_path, file):
+    (results / file).write_bytes(b"[{}]" if file.endswith("json") else b"damaged")
+    with pytest.raises(ExportFault, match="damaged campaign directory: "):
+        export(results, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,55 @@
+"""What a scenario file costs beside the simulation: reading it once, a tree a run, and ticks."""
+
+import time
+from pathlib import Path
+
+from vastflow.sim.abstract import content_of, definition_of
+from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.run import run
+from vastflow.sim.script import script_of
+
+TEXT = """
+    do serial:
+        robot.init_nav2(start)
+        parallel:
+            robot.nav_to_pose(beyond)
+            serial:
+                robot.tf_close_to(0.5m, reference_point: position_3d(3.0m, 2.0m))
+                wait elapsed(1s)
+                log('there')
+"""
+
+
+def cpu_s(work, times):
+    """Of one piece of work, the least of some."""
+    took = []
+    for _ in range(times):
+        began_s = time.process_time()
+        work()
+        took.append(time.process_time() - began_s)
+    return min(took)
+
+
+def test_a_file_is_read_once_for_all_its_scenarios(staged):
+    scenario = staged(TEXT)
+    first = definition_of(scenario.abstract)
+    for _ in range(3):
+        assert script_of(scenario).definition is first
+
+
+def test_reading_a_file_and_making_its_script_are_small_beside_a_run(staged):
+    scenario = staged(TEXT)
+    assert cpu_s(lambda: content_of(Path(scenario.abstract.path)), 5) < 0.2
+    assert cpu_s(lambda: script_of(scenario), 20) < 0.01
+
+
+def test_only_the_ticks_in_which_something_is_looked_at_are_made(staged, monkeypatch):
+    made = []
+    tick = ScenarioTree.tick
+    monkeypatch.setattr(ScenarioTree, "tick", lambda self, number=None: (made.append(number), tick(self, number))[1])
+    recording = run(staged(TEXT), 0)
+    b = recording.behaviors
+    close_s = float(b["t_s"][(b["name"] == "tf_close_to") & (b["status"] == "SUCCESS")][0])
+    looked_at = round(close_s / 0.1)
+    assert recording.run.simulated_s / 0.1 > looked_at + 30
+    assert looked_at <= len(made) <= looked_at + 8

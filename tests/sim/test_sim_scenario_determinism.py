@@ -1,0 +1,284 @@
+"""Equal scenarios give equal recordings, behaviours included, wherever, whenever and beside whatever they are run."""
+
+import subprocess
+import sys
+import textwrap
+from concurrent.futures import ThreadPoolExecutor
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.nav.state import TICK_S
+from vastflow.sim.replay import replay
+from vastflow.sim.run import run
+
+CRATE = "spawn_entity('crate', pose_3d(position_3d(2.0m, 1.6m)), 'box', 'width:=0.3, mass:=2.0')"
+
+MIXED = f"""
+    var turns: int = 0
+    do serial:
+        robot.init_nav2(start)
+        parallel:
+            serial:
+                failure_is_success()
+                timeout(3s)
+                robot.nav_to_pose(near)
+            serial:
+                wait elapsed(0.7s)
+                spawn_multiple([{CRATE}])
+            serial:
+                wait random.get_int(0, 9) == 3
+                log(random.get_float(0.0, 1.0))
+            serial:
+                repeat(2)
+                wait elapsed(0.25s)
+                increment(turns)
+        one_of:
+            robot.nav_to_pose(above)
+            robot.odometry_distance_traveled(1.5m)
+        delete_entity('crate')
+        robot.nav_to_pose(above)
+"""
+"""Timers, draws, variables, a cancelled mission, one that gives way to a way driven, something spawned and deleted."""
+
+TEXTS = {
+    "mixed": MIXED,
+    "goals in turn": "robot.nav_to_pose(near)\nrobot.nav_to_pose(above)",
+    "goals in each other's way": """
+        do serial:
+            robot.init_nav2(start)
+            parallel:
+                serial:
+                    failure_is_running()
+                    robot.nav_to_pose(near)
+                serial:
+                    timeout(1.2s)
+                    repeat(3)
+                    serial:
+                        wait elapsed(0.33s)
+                        robot.nav_to_pose(above, success_on_acceptance: true)
+    """,
+    "events": """
+        event half
+        do serial:
+            robot.init_nav2(start)
+            parallel:
+                serial:
+                    robot.nav_to_pose(near)
+                    emit half
+                serial:
+                    wait @half
+                    wait elapsed(0.45s)
+                    robot.nav_to_pose(start)
+                robot.tf_close_to(0.1m, reference_point: position_3d(7.0m, 4.0m)) with:
+                    until elapsed(5s)
+    """,
+    "in the world": """
+        crate: osc_actor
+        do serial:
+            robot.init_nav2(start)
+            parallel:
+                actor_exists('crate')
+                serial:
+                    wait elapsed(1.05s)
+                    crate.relative_spawn(distance: 0.5m, model: 'box', xacro_arguments: 'width:=0.3, mass:=1.0')
+                serial:
+                    timeout(6s)
+                    robot.follow_waypoints([near, start])
+    """,
+}
+
+
+def same(a, b):
+    """Whether two recordings are the same but for places in the file."""
+    rows = {name: column.tolist() for name, column in a.behaviors.items() if name not in ("line", "column")}
+    others = {name: column.tolist() for name, column in b.behaviors.items() if name not in ("line", "column")}
+    columns = all((a.columns[name] == b.columns[name]).all() for name in {**a.columns, **b.columns})
+    return a.run == b.run and rows == others and columns
+
+
+@pytest.fixture
+def mixed(staged):
+    return staged(MIXED)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_ticks_passed_over_change_nothing(staged, monkeypatch, name):
+    scenario = staged(TEXTS[name], timeout_s=30.0)
+    made = []
+    tick = ScenarioTree.tick
+    monkeypatch.setattr(ScenarioTree, "tick", lambda self, number=None: (made.append(number), tick(self, number))[1])
+    passed_over = [run(scenario, k) for k in range(3)]
+    few = len(made)
+    monkeypatch.setattr(ScenarioTree, "next_tick", lambda self: self.number + 1)
+    every = [run(scenario, k) for k in range(3)]
+    assert [recording.digest for recording in passed_over] == [recording.digest for recording in every]
+    assert few <= len(made) - few
+
+
+LEAVES = st.one_of(
+    st.builds(
+        "robot.nav_to_pose({}{})".format,
+        st.sampled_from(["near", "above", "start"]),
+        st.sampled_from(["", ", success_on_acceptance: true"]),
+    ),
+    st.builds("wait elapsed({:.2f}s)".format, st.floats(0.0, 3.0)),
+    st.builds("robot.odometry_distance_traveled({:.2f}m)".format, st.floats(0.0, 1.0)),
+    st.builds("wait turns >= {}".format, st.integers(0, 3)),
+    st.sampled_from(
+        [
+            *("increment(turns)", "wait @half", "emit half", "robot.init_nav2(start)", "emit end", "emit fail"),
+            *("robot.follow_waypoints([near, above])", "wait random.get_int(0, 20) == 7", "log(turns)"),
+            *(
+                f"spawn_multiple([{CRATE}])",
+                "delete_entity('crate')",
+                "actor_exists('crate')",
+                "compare(turns, '<', 2)",
+            ),
+        ]
+    ),
+)
+MODIFIERS = st.one_of(
+    st.builds("timeout({:.2f}s)".format, st.floats(0.1, 4.0)),
+    st.sampled_from(["repeat(2)", "retry(2)", "inverter()", "failure_is_success()", "running_is_failure()"]),
+    st.sampled_from(["success_is_running()", "failure_is_running()", "running_is_success()"]),
+)
+
+
+def composed(kind, modifiers, children):
+    return f"{kind}:\n" + textwrap.indent("\n".join([*modifiers, *children]), "    ")
+
+
+BEHAVIOURS = st.recursive(
+    LEAVES,
+    lambda below: st.builds(
+        composed,
+        st.sampled_from(["serial", "parallel", "one_of"]),
+        st.lists(MODIFIERS, max_size=2),
+        st.lists(below, min_size=1, max_size=3),
+    ),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(behaviour=BEHAVIOURS, run_index=st.integers(0, 3))
+def test_whatever_a_scenario_does_ticks_passed_over_change_nothing(staged, behaviour, run_index):
+    head = "event half\nvar turns: int = 0\ndo serial:\n    robot.init_nav2(start)\n"
+    scenario = staged(head + textwrap.indent(behaviour, "    "), timeout_s=12.0)
+    passed_over = run(scenario, run_index)
+    with patch.object(ScenarioTree, "next_tick", lambda self: self.number + 1):
+        assert run(scenario, run_index).digest == passed_over.digest
+    assert run(scenario, run_index).digest == passed_over.digest
+
+
+def test_most_ticks_of_a_drive_are_passed_over(staged, monkeypatch):
+    made = []
+    tick = ScenarioTree.tick
+    monkeypatch.setattr(ScenarioTree, "tick", lambda self, number=None: (made.append(number), tick(self, number))[1])
+    recording = run(staged("robot.nav_to_pose(beyond)"), 0)
+    assert recording.run.simulated_s > 10.0
+    assert len(made) < 8
+
+
+def test_a_run_repeated_is_the_same(mixed):
+    first = run(mixed, 2)
+    for other in (0, 1):
+        run(mixed, other)
+    assert run(mixed, 2).digest == first.digest
+    assert first.run.outcome == "succeeded"
+
+
+def test_runs_differ_from_one_another(mixed):
+    assert len({run(mixed, k).digest for k in range(4)}) == 4
+    assert run(mixed, 0, 1).digest != run(mixed, 0, 0).digest
+
+
+def test_a_run_of_a_file_that_lies_elsewhere_is_the_same(staged, mixed):
+    moved = staged(MIXED)
+    assert moved.abstract.path != mixed.abstract.path
+    assert moved.digest == mixed.digest
+    assert run(moved, 0).digest == run(mixed, 0).digest
+
+
+def test_comments_that_move_no_line_change_no_digest_of_a_scenario_and_no_run(staged, mixed):
+    plain = run(mixed, 0)
+    commented = staged(MIXED.replace("do serial:", "do serial:  # in turn"))
+    assert commented.digest == mixed.digest
+    assert run(commented, 0).digest == plain.digest
+
+
+def test_lines_that_move_are_another_scenario_whose_runs_differ_in_the_places_they_name(staged, mixed):
+    moved = staged(MIXED.replace("    var", "    # What is counted.\n    var"))
+    assert moved.digest != mixed.digest
+    assert same(run(moved, 0), run(mixed, 0))
+
+
+def test_another_word_in_the_file_is_another_scenario_with_the_same_noise(staged, mixed):
+    changed = staged(MIXED.replace("wait elapsed(0.7s)", "wait elapsed(0.8s)"))
+    assert changed.digest != mixed.digest
+    assert run(changed, 0).run.seed == run(mixed, 0).run.seed
+
+
+def test_a_run_in_another_process_is_the_same(mixed):
+    code = f"""
+from pathlib import Path
+from vastflow.sim.abstract import content_of
+from vastflow.sim.maps import map_content
+from vastflow.sim.run import run
+from vastflow.sim.scenario import Scenario
+content = content_of(Path({mixed.abstract.path!r}))
+environment = {{"map_file": map_content({mixed.environment["map_file"].path!r})}}
+print(run(Scenario(content, 60.0, environment, {{}}, {{"controller": "rpp"}}), 0).digest)
+"""
+    there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    assert there == run(mixed, 0).digest
+
+
+def test_runs_in_threads_do_not_disturb_each_other(staged, mixed):
+    asked = [(scenario, k) for k in range(3) for scenario in (mixed, staged(TEXTS["events"]))]
+    alone = [run(scenario, k).digest for scenario, k in asked]
+    with ThreadPoolExecutor(4) as pool:
+        beside = [pool.submit(run, scenario, k) for scenario, k in asked]
+        assert [each.result().digest for each in beside] == alone
+
+
+def test_a_run_within_a_run_disturbs_neither(staged, mixed):
+    inner = staged(TEXTS["in the world"])
+    alone, inner_alone = run(mixed, 0).digest, run(inner, 1).digest
+    within = []
+    nested = run(mixed, 0, watch=lambda *_: within.append(run(inner, 1).digest), watch_ticks=[7, 60, 101])
+    assert (nested.digest, within) == (alone, [inner_alone] * 3)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_replay_is_the_run_and_looks_at_every_tick(staged, name):
+    scenario = staged(TEXTS[name], timeout_s=30.0)
+    replayed, executed = replay(scenario, 1, 0, {}), run(scenario, 1)
+    assert replayed.recording.digest == executed.digest
+    ticks = round(executed.run.simulated_s / TICK_S)
+    assert [moment.tick for moment in replayed.moments] == list(range(ticks))
+
+
+def test_a_watched_run_is_looked_at_after_just_the_ticks_asked_for(mixed):
+    seen = []
+    watched = run(
+        mixed,
+        0,
+        watch=lambda stack, tick: seen.append((tick, int(stack.m[0]["tick"]))),
+        watch_ticks=[0, 5, 6, 77, 9999],
+    )
+    assert seen == [(0, 1), (5, 6), (6, 7), (77, 78)]
+    assert watched.digest == run(mixed, 0).digest
+
+
+def test_the_table_of_behaviours_is_in_the_digest(staged):
+    """Two files that do the same under other labels."""
+    one, other = run(staged("one: wait elapsed(1s)"), 0), run(staged("two: wait elapsed(1s)"), 0)
+    assert one.run == other.run
+    assert all(np.array_equal(one.columns[name], other.columns[name]) for name in one.columns)
+    assert one.digest != other.digest

@@ -1,0 +1,239 @@
+"""Scenario files that send the robot about: goals, their ends, and what comes between."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.recording import si
+from vastflow.sim.run import run
+
+
+@pytest.fixture(scope="module")
+def walled_off(saved, two_rooms):
+    """The two rooms with their door walled up."""
+    cells = load_map(two_rooms.path).cells.copy()
+    cells[:, 82:86] = 100
+    return saved(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+
+
+def kinds(recording, kind):
+    return [event.what for event in recording.run.events if event.kind == kind]
+
+
+def ends(recording, name):
+    """(time, status, message) of every end of the behaviours of a name, in order."""
+    b = recording.behaviors
+    rows = zip(b["name"], b["t_s"], b["status"], b["message"], strict=True)
+    return [(float(t), s, m) for n, t, s, m in rows if n == name and (s in ("SUCCESS", "FAILURE") or m == "cancelled")]
+
+
+def final(recording):
+    return si(recording.columns["x_mm"])[-1], si(recording.columns["y_mm"])[-1]
+
+
+def at(recording, t_s, name):
+    return si(recording.columns[name])[np.searchsorted(recording.columns["t_ms"], round(t_s * 1000))]
+
+
+def test_a_mission_written_in_a_file_is_the_shipped_one_but_for_its_places(staged, scenario):
+    """The map's and the task's digest seed the noise, so both have to be given alike."""
+    start, goal = {"x": 1.0, "y": 1.0}, {"x": 3.0, "y": 4.0}
+    text = """
+        start_pose: pose_3d
+        goal_pose: pose_3d
+        do serial:
+            robot.init_nav2(start_pose)
+            robot.nav_to_pose(goal_pose)
+    """
+    ours = run(staged(text, start_pose=start, goal_pose=goal), 0)
+    shipped = run(scenario(controller="rpp", start_pose=start, goal_pose=goal), 0)
+    assert ours.run == shipped.run
+    assert all((ours.columns[name] == column).all() for name, column in shipped.columns.items())
+
+
+def test_a_goal_succeeds_at_the_first_tenth_of_a_second_after_the_robot_is_there(staged):
+    recording = run(staged("robot.nav_to_pose(near)"), 0)
+    (reached,) = [event.t_s for event in recording.run.events if event.kind == "goal_reached"]
+    ((ended_s, status, _),) = ends(recording, "nav_to_pose")
+    assert (recording.run.outcome, recording.run.reason, status) == ("succeeded", "", "SUCCESS")
+    assert 0.0 < ended_s - reached <= 0.1 + 1e-9
+    assert recording.run.simulated_s == ended_s
+
+
+def test_three_goals_in_turn_are_reached_in_turn(staged):
+    recording = run(staged("robot.nav_to_pose(near)\nrobot.nav_to_pose(above)\nrobot.nav_to_pose(start)"), 0)
+    assert recording.run.outcome == "succeeded"
+    assert kinds(recording, "goal_reached") == ["0"] * 3
+    times = [t for t, _, _ in ends(recording, "nav_to_pose")]
+    assert times == sorted(times) and len(times) == 3
+    assert math.dist(final(recording), (1.0, 1.0)) < 0.4
+
+
+def test_a_goal_that_is_sent_again_where_the_robot_stands_is_reached_at_once(staged):
+    recording = run(staged("serial:\n    repeat(2)\n    robot.nav_to_pose(near)"), 0)
+    assert recording.run.outcome == "succeeded"
+    first, second = ends(recording, "nav_to_pose")
+    assert kinds(recording, "goal_reached") == ["0", "0"]
+    assert second[0] - first[0] < 2.0
+
+
+def test_a_timeout_takes_the_mission_away_and_the_robot_brakes_and_stands(staged):
+    text = """
+        serial:
+            failure_is_success()
+            timeout(2s)
+            robot.nav_to_pose(near)
+        wait elapsed(3s)
+        robot.nav_to_pose(above)
+    """
+    recording = run(staged(text), 0)
+    cancelled, reached = ends(recording, "nav_to_pose")
+    assert cancelled[2] == "cancelled"
+    assert at(recording, cancelled[0], "speed_mmps") > 0.3
+    assert at(recording, cancelled[0] + 2.0, "speed_mmps") == at(recording, cancelled[0] + 2.5, "speed_mmps") == 0.0
+    assert at(recording, cancelled[0] + 0.1, "command_speed_mmps") == 0.0
+    assert (reached[1], recording.run.outcome) == ("SUCCESS", "succeeded")
+    assert math.dist(final(recording), (3.0, 4.0)) < 0.4
+
+
+def test_a_robot_whose_mission_was_taken_away_brakes_as_its_smoother_lets_it(staged):
+    recording = run(staged("serial:\n    running_is_success()\n    robot.nav_to_pose(near)\nwait elapsed(1s)"), 0)
+    assert recording.run.outcome == "succeeded"
+    assert recording.run.distance_m < 0.01
+
+    braked = run(staged("one_of:\n    robot.nav_to_pose(near)\n    wait elapsed(1.5s)\nwait elapsed(1s)"), 0)
+    sent = si(braked.columns["sent_speed_mmps"])
+    slowing = np.diff(sent)[np.argmax(sent) :]
+    assert slowing.min() >= -0.25 - 1e-9  # 2.5 m/s² at most, a tenth of a second
+    assert (slowing <= 0.0).all() and sent[-1] == 0.0
+
+
+def test_success_on_acceptance_leaves_the_robot_on_its_way(staged):
+    recording = run(staged("robot.nav_to_pose(near, success_on_acceptance: true)\nwait elapsed(5s)"), 0)
+    assert recording.run.outcome == "succeeded"
+    assert ends(recording, "nav_to_pose")[0][:2] == (0.2, "SUCCESS")
+    assert kinds(recording, "goal_reached") == ["0"]
+    assert recording.run.simulated_s == 5.2
+
+
+def test_another_goal_takes_the_place_of_the_one_before(staged):
+    text = """
+        parallel:
+            first: robot.nav_to_pose(near)
+            serial:
+                wait elapsed(1s)
+                second: robot.nav_to_pose(above)
+    """
+    recording = run(staged(text), 0)
+    ((t_s, status, message),) = ends(recording, "first")
+    assert (t_s, status, message) == (1.3, "FAILURE", "another goal took its place")
+    assert recording.run.outcome == "failed"
+    assert recording.run.reason.startswith("another goal took its place; first at trial.osc:")
+
+
+def test_a_branch_that_lost_its_goal_does_not_cancel_the_goal_that_took_its_place(staged):
+    text = """
+        parallel:
+            serial:
+                failure_is_success()
+                first: robot.nav_to_pose(near)
+            serial:
+                wait elapsed(1s)
+                second: robot.nav_to_pose(above)
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    assert [end[1] for end in ends(recording, "second")] == ["SUCCESS"]
+    assert math.dist(final(recording), (3.0, 4.0)) < 0.4
+
+
+def test_waypoints_loop_as_often_as_the_file_says(staged):
+    recording = run(staged("robot.follow_waypoints([near, start], loop_count: 1)"), 0)
+    assert recording.run.outcome == "succeeded"
+    assert kinds(recording, "goal_reached") == ["0", "1", "0", "1"]
+
+
+@pytest.mark.parametrize("action", ["nav_through_poses", "follow_waypoints"])
+def test_no_goals_are_a_failure_that_says_so(staged, action):
+    recording = run(staged(f"robot.{action}([])"), 0)
+    assert (recording.run.outcome, recording.run.error_code) == ("failed", 0)
+    assert recording.run.reason.startswith(f"no goals; one or more; {action} at trial.osc:")
+
+
+def test_a_goal_before_the_initial_pose_is_refused_as_nav2_refuses_it(staged):
+    recording = run(staged("do serial:\n    robot.nav_to_pose(near)\n    robot.init_nav2(start)"), 0)
+    assert (recording.run.outcome, recording.run.simulated_s) == ("failed", 0.1)
+    assert recording.run.reason.startswith("Nav2 takes no goal before the robot was told where it is; init_nav2 first")
+
+
+def test_init_nav2_ends_with_the_first_pose_that_amcl_gives(staged):
+    recording = run(staged("wait elapsed(1s)"), 0)
+    ((t_s, status, _),) = ends(recording, "init_nav2")
+    assert (t_s, status) == (0.2, "SUCCESS")
+    assert recording.columns["localized"][:3].tolist() in ([0, 0, 1], [0, 1, 0])
+
+
+def test_without_a_pose_of_its_own_init_nav2_waits(staged):
+    recording = run(staged("do serial:\n    robot.init_nav2(start, use_initial_pose: false)", timeout_s=3.0), 0)
+    assert (recording.run.outcome, recording.run.simulated_s) == ("timed_out", 3.0)
+    assert recording.columns["localized"].sum() == 0
+
+
+def test_a_kidnapped_robot_takes_itself_to_be_where_it_was_told(staged):
+    """`start_pose` is where it stands, the argument of init_nav2 what it is told."""
+    told_wrong = staged("wait elapsed(1s)", start_pose={"x": 1.0, "y": 4.0})
+    columns = run(told_wrong, 0).columns
+    true = np.array([si(columns["x_mm"])[-1], si(columns["y_mm"])[-1]])
+    estimate = np.array([si(columns["estimated_x_mm"])[-1], si(columns["estimated_y_mm"])[-1]])
+    assert true.tolist() == [1.0, 4.0]
+    assert np.hypot(*(estimate - true)) > 1.0
+
+
+def test_another_init_nav2_puts_a_lost_robot_right(staged):
+    text = """
+        robot.init_nav2(pose_3d(position_3d(1.0m, 4.0m)))
+        robot.nav_to_pose(above)
+    """
+    recording = run(staged(text, start_pose={"x": 1.0, "y": 4.0}), 0)
+    assert recording.run.outcome == "succeeded"
+    assert math.dist(final(recording), (3.0, 4.0)) < 0.4
+
+
+def test_an_initial_pose_on_the_way_leaves_the_mission_alone(staged):
+    text = """
+        parallel:
+            robot.nav_to_pose(near)
+            serial:
+                robot.tf_close_to(0.5m, reference_point: position_3d(2.0m, 1.0m))
+                robot.init_nav2(pose_3d(position_3d(1.5m, 1.0m)))
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    assert [end[1] for end in ends(recording, "nav_to_pose")] == ["SUCCESS"]
+
+
+def test_what_nav2_gives_up_is_aborted_with_its_code_and_its_reason(staged, walled_off):
+    recording = run(staged("robot.nav_to_pose(beyond)", map_file=walled_off), 0)
+    assert (recording.run.outcome, recording.run.error_code) == ("aborted", 208)
+    assert recording.run.reason.startswith("no path to the goal (NO_VALID_PATH), after 15 recoveries; nav_to_pose at ")
+
+
+def test_a_goal_that_was_given_up_can_be_tried_again_and_each_try_counts_its_own_recoveries(staged, walled_off):
+    recording = run(staged("serial:\n    retry(2)\n    robot.nav_to_pose(beyond)", map_file=walled_off), 0)
+    first, second = ends(recording, "nav_to_pose")
+    assert first[1:] == second[1:] == ("FAILURE", "no path to the goal (NO_VALID_PATH), after 15 recoveries")
+    assert (recording.run.outcome, recording.run.error_code, recording.run.recoveries) == ("aborted", 208, 30)
+
+
+def test_after_an_abort_that_does_not_matter_the_robot_goes_elsewhere(staged, walled_off):
+    text = "serial:\n    failure_is_success()\n    robot.nav_to_pose(beyond)\nrobot.nav_to_pose(above)"
+    recording = run(staged(text, map_file=walled_off), 0)
+    assert (recording.run.outcome, recording.run.error_code, recording.run.reason) == ("succeeded", 0, "")
+    assert math.dist(final(recording), (3.0, 4.0)) < 0.4
+
+
+def test_a_missed_waypoint_is_no_failure_of_the_scenario(staged, walled_off):
+    recording = run(staged("robot.follow_waypoints([beyond, above])", map_file=walled_off), 0)
+    assert (recording.run.outcome, recording.run.missed_goals) == ("succeeded", 1)

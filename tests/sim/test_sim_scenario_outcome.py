@@ -1,0 +1,212 @@
+"""How a scenario file's run ends, what it counts and draws meanwhile, and what is kept of it."""
+
+import numpy as np
+import pytest
+
+from vastflow.sim.blocks import read_recordings, write_recordings
+from vastflow.sim.nav.state import COLUMNS
+from vastflow.sim.osc.parameters import ParameterMismatch
+from vastflow.sim.run import BEHAVIORS, ScenarioError, execute, run
+from vastflow.sim.scenario import Scenario
+from vastflow.sim.script import script_of
+
+
+def statuses(recording, name):
+    b = recording.behaviors
+    return [(float(t), s) for n, t, s in zip(b["name"], b["t_s"], b["status"], strict=True) if n == name]
+
+
+@pytest.mark.parametrize(
+    ("text", "outcome", "reason"),
+    [
+        ("emit fail", "failed", "emit fail at trial.osc:"),
+        ("emit end", "succeeded", ""),
+        ("wait elapsed(1s)\nwait 1 == 2", "timed_out", "the scenario did not end within its time"),
+        ("compare(2, '<', 1)", "failed", "2 < 1 does not hold; compare at trial.osc:"),
+        ("compare(2, '~', 1)", "failed", "'~' is no operator of compare; it knows "),
+        (
+            "serial:\n    timeout(1s)\n    robot.nav_to_pose(beyond)",
+            "timed_out",
+            "timeout(1 s) at trial.osc:17:13 ran out while nav_to_pose was running",
+        ),
+        ("serial:\n    inverter()\n    log('done')", "failed", "inverter at trial.osc:"),
+        ("log(1 / 0)", "failed", "log at trial.osc:"),
+    ],
+)
+def test_the_end_of_a_scenario_has_an_outcome_and_a_reason(staged, text, outcome, reason):
+    recording = run(staged(text, timeout_s=5.0), 0)
+    assert (recording.run.outcome, recording.run.error_code) == (outcome, 0)
+    assert recording.run.reason.startswith(reason) and bool(reason) == bool(recording.run.reason)
+
+
+def test_a_timeout_of_the_whole_scenario_is_its_time(staged):
+    text = "timeout(2s)\ndo serial:\n    robot.init_nav2(start)\n    robot.nav_to_pose(beyond)"
+    recording = run(staged(text), 0)
+    assert (recording.run.outcome, recording.run.simulated_s) == ("timed_out", 2.2)
+    assert recording.run.reason.endswith("ran out while nav_to_pose was running")
+
+
+@pytest.mark.parametrize("timeout_s", [0.04, 2.0, 2.05, 2.1])
+def test_the_campaign_s_timeout_ends_a_run_at_its_last_whole_tenth_of_a_second(staged, timeout_s):
+    recording = run(
+        staged("robot.nav_to_pose(beyond)", timeout_s=timeout_s), 0, watch=lambda *_: None, watch_ticks=range(99)
+    )
+    assert recording.run.outcome == "timed_out"
+    assert recording.run.simulated_s == int(timeout_s * 10) / 10
+    assert recording.columns["t_ms"][-1] == round(recording.run.simulated_s * 1000)
+
+
+def test_emit_end_ends_the_run_while_the_robot_drives(staged):
+    recording = run(
+        staged("parallel:\n    robot.nav_to_pose(beyond)\n    serial:\n        wait elapsed(2s)\n        emit end"), 0
+    )
+    assert (recording.run.outcome, recording.run.reason, recording.run.simulated_s) == ("succeeded", "", 2.2)
+    assert recording.columns["speed_mmps"][-1] > 400
+    assert statuses(recording, "nav_to_pose")[-1][1] == "RUNNING"
+
+
+def test_a_scenario_whose_robot_never_moves_is_a_run_too(staged):
+    recording = run(staged("do serial:\n    wait elapsed(2s)", start_pose={"x": 2.0, "y": 2.0}), 0)
+    assert (recording.run.outcome, recording.run.simulated_s, recording.run.distance_m) == ("succeeded", 2.1, 0.0)
+    assert set(recording.columns["x_mm"].tolist()) == {2000}
+
+
+def test_values_of_a_configuration_take_the_place_of_the_file_s(staged):
+    text = "words: string = 'from the file'\ncount: int = 1\ndo serial:\n    log(words)\n    log(count + 1)"
+    own = execute(staged(text, start_pose={"x": 1.0, "y": 1.0}), 0)
+    given = execute(staged(text, start_pose={"x": 1.0, "y": 1.0}, words="from outside", count=4), 0)
+    assert own.log.lines == ("0.1 s: from the file", "0.1 s: 2")
+    assert given.log.lines == ("0.1 s: from outside", "0.1 s: 5")
+
+
+def test_a_value_that_is_none_of_its_parameter_is_refused(staged):
+    scenario = staged("count: int = 1\ndo serial:\n    robot.init_nav2(start)", count="many")
+    with pytest.raises(ParameterMismatch, match="parameter count of scenario trial: found 'many'; a whole number"):
+        run(scenario, 0)
+
+
+def test_a_robot_that_nothing_puts_anywhere_is_said_before_the_run(staged):
+    with pytest.raises(ScenarioError, match="start_pose: nothing says where the robot stands at first"):
+        run(staged("do serial:\n    robot.nav_to_pose(near)"), 0)
+
+
+def test_a_second_robot_is_refused_with_its_place(staged):
+    text = "other: differential_drive_robot\ndo serial:\n    robot.init_nav2(start)\n    other.nav_to_pose(near)\n    robot.nav_to_pose(near)"
+    with pytest.raises(
+        ValueError, match=r"trial.osc:17:9: found a second robot 'other'; 'robot' alone, for a world has"
+    ):
+        run(staged(text), 0)
+
+
+def test_a_map_that_is_only_for_a_program_makes_no_world(staged):
+    recording = run(staged("map_file: string = ''\ndo serial:\n    compare(map_file, '!=', '')"), 0)
+    assert (recording.run.outcome, recording.columns) == ("succeeded", {})
+
+
+def test_log_lines_carry_the_simulated_time(staged):
+    text = "log('begun')\nwait elapsed(1.5s)\nlog('later')\nrobot.nav_to_pose(near)\nlog('there')"
+    execution = execute(staged(text), 0)
+    began, later, there = execution.log.lines
+    assert (began, later) == ("0.2 s: begun", "1.7 s: later")
+    assert there == f"{execution.recording.run.simulated_s:.1f} s: there"
+
+
+def test_variables_are_counted_and_waited_for_while_the_robot_drives(staged):
+    text = """
+        var rounds: int = 0
+        do parallel:
+            serial:
+                robot.init_nav2(start)
+                robot.nav_to_pose(near)
+                compare(rounds, '==', 3)
+            serial:
+                repeat(3)
+                wait elapsed(0.5s)
+                increment(rounds)
+            serial:
+                wait rounds == 2
+                log('twice')
+    """
+    execution = execute(staged(text), 0)
+    assert execution.recording.run.outcome == "succeeded"
+    (twice,) = execution.log.lines
+    assert twice.endswith("twice") and 1.0 <= float(twice.split()[0]) <= 1.5
+
+
+def test_numbers_are_drawn_anew_in_each_run_and_the_same_in_the_same_run(staged):
+    text = "var x: float = random.get_float(0.0, 1.0)\ndo serial:\n    robot.init_nav2(start)\n    log(x)\n    log(random.get_int(0, 1000000))"
+    scenario = staged(text)
+    lines = {
+        seed_and_run: execute(scenario, seed_and_run[1], seed_and_run[0]).log.lines
+        for seed_and_run in [(0, 0), (0, 1), (7, 0)]
+    }
+    assert len(set(lines.values())) == 3
+    assert execute(scenario, 1).log.lines == lines[0, 1]
+
+
+def test_drawing_in_a_scenario_leaves_the_robot_s_noise_alone(staged):
+    drawing = run(staged("wait random.get_int(0, 9) >= 0\nrobot.nav_to_pose(near)"), 0)
+    plain = run(staged("wait 1 == 1\nrobot.nav_to_pose(near)"), 0)
+    assert all((drawing.columns[name] == column).all() for name, column in plain.columns.items())
+
+
+def test_behaviours_are_a_table_of_every_change_of_status(staged):
+    b = run(staged("wait elapsed(1s)\nrobot.nav_to_pose(near)"), 0).behaviors
+    assert list(b) == list(BEHAVIORS)
+    first = b["t_s"] == 0.0
+    assert b["name"][first].tolist() == ["trial", "serial", "init_nav2", "wait elapsed", "nav_to_pose"]
+    assert b["class_name"][first].tolist() == ["Sequence", "Sequence", "InitNav2", "Waiting", "Navigate"]
+    assert b["parent"][first].tolist() == [-1, 0, 1, 1, 1]
+    assert b["child_index"][first].tolist() == [0, 0, 0, 1, 2]
+    assert set(b["status"][first]) == {"INVALID"}
+    assert (np.diff(b["t_s"]) >= 0).all()
+    wait = b["name"] == "wait elapsed"
+    assert list(zip(b["t_s"][wait], b["status"][wait], strict=True)) == [
+        (0, "INVALID"),
+        (0.2, "RUNNING"),
+        (1.2, "SUCCESS"),
+    ]
+    assert b["line"][b["name"] == "nav_to_pose"].tolist() == [17] * len(b["line"][b["name"] == "nav_to_pose"])
+
+
+KEPT_ALWAYS = {"t_ms", "x_mm", "estimated_x_mm", "speed_mmps", "localized"}
+
+
+@pytest.mark.parametrize(
+    ("topics", "kept", "left_out"),
+    [
+        ("'/tf'", KEPT_ALWAYS, ("covariance_", "sent_", "command_")),
+        ("'/cmd_vel', '/scan'", {"sent_speed_mmps"}, ("covariance_", "command_")),
+        ("'/amcl_pose', '/cmd_vel_nav'", {"covariance_xx_mm2", "command_yaw_rate_mradps"}, ("sent_",)),
+    ],
+)
+def test_a_bag_keeps_the_columns_of_its_topics_and_those_that_judge_a_run(staged, topics, kept, left_out):
+    body = f"do parallel:\n    bag_record([{topics}])\n    serial:\n        robot.init_nav2(start)\n        emit end"
+    execution = execute(staged(body), 0)
+    columns = execution.recording.columns
+    assert kept | KEPT_ALWAYS <= set(columns)
+    assert not [name for name in columns if name.startswith(left_out)]
+    assert any("recordings hold no /scan" in line for line in execution.log.lines) == ("/scan" in topics)
+
+
+def test_without_a_bag_everything_is_kept(staged):
+    assert tuple(run(staged("emit end"), 0).columns) == COLUMNS
+
+
+def test_runs_that_come_to_their_bag_and_runs_that_do_not_fit_into_one_block(staged):
+    text = "compare(random.get_int(0, 1), '==', 1)\nbag_record(['/tf'])"
+    recordings = [run(staged(text, timeout_s=2.0), k) for k in range(6)]
+    assert {recording.run.outcome for recording in recordings} == {"failed", "timed_out"}
+    assert [r.run for r in read_recordings(write_recordings(recordings))] == [r.run for r in recordings]
+
+
+def test_a_bag_whose_topics_only_a_run_knows_keeps_everything(staged):
+    scenario = staged("bag_record([random.get_random_string(['/tf', '/cmd_vel'])])", timeout_s=1.0)
+    assert script_of(scenario).topics is None
+    assert tuple(run(scenario, 0).columns) == COLUMNS
+
+
+def test_a_bag_alone_needs_no_robot(staged):
+    scenario = staged("do parallel:\n    bag_record(['/tf'])\n    serial:\n        wait elapsed(1s)\n        emit end")
+    recording = run(Scenario(scenario.abstract, 9.0, {}, {}, {}), 0)
+    assert (recording.run.outcome, recording.run.simulated_s, recording.columns) == ("succeeded", 1.1, {})

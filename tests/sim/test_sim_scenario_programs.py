@@ -1,0 +1,154 @@
+"""Programs that a scenario file starts beside the robot, or without one: their time, their end, what is left of them."""
+
+import shlex
+import sys
+import time
+
+import psutil
+import pytest
+
+from vastflow.sim.play import PERIOD_S
+from vastflow.sim.run import execute
+from vastflow.sim.scenario import Scenario
+
+pytestmark = pytest.mark.timeout(60)
+
+
+def program(code):
+    """A command that runs some Python, as a text for a scenario file."""
+    return '"' + f"{sys.executable} -S -E -c {shlex.quote(code)}".replace('"', '\\"') + '"'
+
+
+def alone(scenario):
+    """The same without a map: no robot."""
+    return Scenario(scenario.abstract, scenario.timeout_s, {}, {}, {})
+
+
+def ended(execution, name):
+    b = execution.recording.behaviors
+    rows = zip(b["name"], b["t_s"], b["status"], b["message"], strict=True)
+    return [(float(t), s, m) for n, t, s, m in rows if n == name and (s in ("SUCCESS", "FAILURE") or m == "cancelled")]
+
+
+def texts(execution):
+    return {log.label: log.text.strip() for log in execution.log.texts}
+
+
+def running(mark):
+    found = []
+    for process in psutil.process_iter():
+        try:
+            if mark in " ".join(process.cmdline()):
+                found.append(process.pid)
+        except (psutil.NoSuchProcess, psutil.AccessDenied):
+            continue
+    return found
+
+
+def test_a_program_runs_in_host_time_while_the_robot_drives(staged):
+    code = program("import time; time.sleep(0.6); print('done')")
+    text = f"parallel:\n    robot.nav_to_pose(near)\n    waited: run_process({code})"
+    began_s = time.monotonic()
+    execution = execute(staged(text), 0)
+    assert time.monotonic() - began_s >= 0.6
+    ((t_s, status, message),) = ended(execution, "waited")
+    assert (status, message.endswith("exited with code 0")) == ("SUCCESS", True)
+    assert 0.3 <= t_s <= 0.2 + time.monotonic() - began_s + PERIOD_S
+    assert texts(execution) == {"waited": "done"}
+    assert execution.recording.run.outcome == "succeeded"
+
+
+def test_a_program_beside_it_changes_nothing_for_the_robot(staged):
+    beside = f"parallel:\n    robot.nav_to_pose(near)\n    run_process({program('pass')})"
+    plain = execute(staged("robot.nav_to_pose(near)"), 0).recording
+    paced = execute(staged(beside), 0).recording
+    for name, column in plain.columns.items():
+        assert (paced.columns[name][: len(column)] == column).all(), name
+
+
+def test_a_program_that_dies_fails_the_scenario_with_its_last_words(staged):
+    code = program("import sys, time; time.sleep(0.4); print('lost the map', file=sys.stderr); sys.exit(3)")
+    execution = execute(staged(f"parallel:\n    robot.nav_to_pose(near)\n    run_process({code})"), 0)
+    run = execution.recording.run
+    assert (run.outcome, run.error_code) == ("failed", 0)
+    assert "exited with code 3: lost the map; run_process at trial.osc:" in run.reason
+    assert ended(execution, "nav_to_pose")[0][2] == "cancelled"
+
+
+def test_a_program_that_there_is_not_fails_at_once(staged):
+    run = execute(staged("run_process('no-such-program-here')"), 0).recording.run
+    assert (run.outcome, run.simulated_s) == ("failed", 0.2)
+    assert "no-such-program-here" in run.reason
+
+
+def test_nothing_is_left_of_a_program_that_nobody_waited_for(staged):
+    code = program("import time; mark = 'left by test 7c1'; time.sleep(600)")
+    execution = execute(staged(f"run_process({code}, wait_for_shutdown: false)\nwait elapsed(0.5s)"), 0)
+    assert execution.recording.run.outcome == "succeeded"
+    assert running("left by test 7c1") == []
+
+
+def test_nothing_is_left_of_a_program_when_the_run_breaks(staged):
+    code = program("import time; mark = 'left by test 7c2'; time.sleep(600)")
+    scenario = staged(f"run_process({code}, wait_for_shutdown: false)\nrobot.nav_to_pose(near)")
+
+    def breaks(stack, tick):
+        assert running("left by test 7c2")
+        raise OSError("no room left")
+
+    with pytest.raises(OSError, match="no room left"):
+        execute(scenario, 0, watch=breaks, watch_ticks=[14])
+    assert running("left by test 7c2") == []
+
+
+def test_a_timeout_round_a_program_ends_it_and_the_robot_goes_on(staged):
+    code = program("import time; mark = 'left by test 7c3'; time.sleep(600)")
+    text = f"""
+        serial:
+            failure_is_success()
+            timeout(0.5s)
+            run_process({code})
+        robot.nav_to_pose(near)
+    """
+    execution = execute(staged(text), 0)
+    ((t_s, _, message),) = ended(execution, "run_process")
+    assert (t_s, message) == (0.8, "cancelled")
+    assert execution.recording.run.outcome == "succeeded"
+    assert running("left by test 7c3") == []
+
+
+def test_a_scenario_of_programs_alone_counts_their_host_time(staged):
+    text = f"do serial:\n    run_process({program('import time; time.sleep(0.45)')})\n    log('over')"
+    began_s = time.monotonic()
+    execution = execute(alone(staged(text)), 0)
+    took_s = time.monotonic() - began_s
+    run = execution.recording.run
+    assert (run.outcome, run.distance_m, execution.recording.columns) == ("succeeded", 0.0, {})
+    assert 0.2 <= run.simulated_s <= took_s + 2 * PERIOD_S
+    assert execution.log.lines[-1] == f"{run.simulated_s:.1f} s: over"
+
+
+def test_host_time_goes_by_only_while_a_program_runs(staged):
+    text = f"do serial:\n    run_process({program('pass')})\n    wait elapsed(1000s)"
+    began_s = time.monotonic()
+    execution = execute(alone(staged(text, timeout_s=2000.0)), 0)
+    assert execution.recording.run.simulated_s > 1000.0
+    assert time.monotonic() - began_s < 30.0
+
+
+def test_a_scenario_of_programs_alone_ends_at_its_timeout_whatever_runs(staged):
+    code = program("import time; mark = 'left by test 7c4'; time.sleep(600)")
+    execution = execute(alone(staged(f"do serial:\n    run_process({code})", timeout_s=1.0)), 0)
+    run = execution.recording.run
+    assert (run.outcome, run.simulated_s) == ("timed_out", 1.0)
+    assert run.reason == "the scenario did not end within its time, waiting for run_process"
+    assert running("left by test 7c4") == []
+
+
+def test_what_a_program_used_is_in_the_log_and_not_in_the_recording(staged):
+    code = program("sum(k * k for k in range(2_000_000))")
+    scenario = alone(staged(f"do serial:\n    run_process({code})"))
+    execution = execute(scenario, 0)
+    assert execution.log.cpu_s > 0.02
+    assert execution.log.max_rss_bytes > 2**20
+    assert execution.log.wall_s > 0.0

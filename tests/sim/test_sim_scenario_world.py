@@ -1,0 +1,319 @@
+"""Scenario files that change the world: what they spawn and delete, and when the robot's way sets something off."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vastflow.oracles.observe import observer_of
+from vastflow.oracles.situation import situation_of
+from vastflow.oracles.whereabouts import whereabouts_of
+from vastflow.sim.closed_loop import ClosedLoop
+from vastflow.sim.lidar import Lidar
+from vastflow.sim.maps import load_map
+from vastflow.sim.mission import Mission
+from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.state import SUCCEEDED
+from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.pose import Pose
+from vastflow.sim.prepared import prepare
+from vastflow.sim.recording import Entity, si
+from vastflow.sim.robot import Robot
+from vastflow.sim.run import run
+
+BOX = "spawn_entity('{name}', pose_3d(position_3d({x}m, {y}m)), 'box', '{arguments}')"
+PLUG = {
+    "entity_name": "plug",
+    "model": "box",
+    "xacro_arguments": "width:=1.4, length:=0.3",
+    "spawn_pose": {"x": 4.2, "y": 2.4},
+}
+
+
+def box(name, x, y, arguments="width:=0.4"):
+    return BOX.format(name=name, x=float(x), y=float(y), arguments=arguments)
+
+
+def happened(recording, *kinds):
+    return [event for event in recording.run.events if event.kind in kinds]
+
+
+def way(recording):
+    return np.column_stack([si(recording.columns["x_mm"]), si(recording.columns["y_mm"])])
+
+
+def place_at(recording, t_s):
+    return way(recording)[np.searchsorted(recording.columns["t_ms"], round(t_s * 1000))]
+
+
+def ended_s(recording, name):
+    b = recording.behaviors
+    return float(b["t_s"][(b["name"] == name) & (b["status"] == "SUCCESS")][0])
+
+
+def test_a_box_without_mass_is_fixed_and_driven_round(staged):
+    recording = run(staged(f"spawn_multiple([{box('crate', 2, 1)}])\nrobot.nav_to_pose(near)"), 0)
+    assert recording.run.outcome == "succeeded"
+    assert recording.run.entities == (Entity("crate", "box", 0.4, 0.4),)
+    assert [(e.t_s, e.x_m, e.y_m, e.what) for e in happened(recording, "spawned")] == [(0.2, 2.0, 1.0, "crate")]
+    assert happened(recording, "contact", "obstacle_moved") == []
+    assert np.abs(way(recording) - [2.0, 1.0]).max(axis=1).min() > 0.3
+
+
+@pytest.mark.parametrize(("arguments", "gives_way"), [("width:=0.3", False), ("width:=0.3, mass:=2.0", True)])
+def test_a_box_in_front_of_a_robot_at_speed_is_struck_and_one_with_a_mass_gives_way(staged, arguments, gives_way):
+    text = f"""
+        parallel:
+            robot.nav_to_pose(near)
+            serial:
+                robot.tf_close_to(0.5m, reference_point: position_3d(2.0m, 1.0m))
+                spawn_multiple([{box("crate", 1.84, 1, arguments)}])
+    """
+    recording = run(staged(text), 0)
+    contacts = happened(recording, "contact")
+    assert contacts and {event.what for event in contacts} == {"crate"}
+    assert f" with crate at {contacts[0].t_s:.1f} s" in recording.run.reason
+    assert bool(happened(recording, "obstacle_moved")) == gives_way
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"spawn_multiple([{box('crate', 2, 3)}])\nspawn_multiple([{box('crate', 3, 3)}])",
+        f"spawn_multiple([{box('crate', 2, 3)}, {box('crate', 3, 3)}])",
+    ],
+)
+def test_a_name_that_stands_in_the_world_is_not_given_again(staged, text):
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "failed"
+    assert recording.run.reason.startswith(
+        "'crate' stands there already; a name that is not in use; spawn_multiple at "
+    )
+    assert [entity.name for entity in recording.run.entities] == ["crate"]
+
+
+def test_a_name_is_free_again_after_its_entity_is_deleted(staged):
+    text = f"""
+        spawn_multiple([{box("crate", 2, 3)}])
+        delete_entity('crate')
+        spawn_multiple([{box("crate", 3, 3, "width:=0.2")}])
+        wait elapsed(1s)
+    """
+    scenario = staged(text)
+    recording = run(scenario, 0)
+    assert recording.run.outcome == "succeeded"
+    first, second = whereabouts_of(situation_of(scenario), recording.run)
+    assert (first.obstacle.width_m, second.obstacle.width_m) == (0.4, 0.2)
+    assert np.isinf(first.at(np.array([1000]))).all()
+    assert second.at(np.array([1000])).tolist() == [[3.0, 3.0]]
+
+
+def test_an_entity_that_can_not_be_read_fails_and_says_which(staged):
+    recording = run(staged(f"spawn_multiple([{box('a', 2, 3)}, {box('b', 3, 3, 'breadth:=1')}])"), 0)
+    assert recording.run.outcome == "failed"
+    assert recording.run.reason.startswith("entity 2: a box has no argument 'breadth'; it has width, ")
+
+
+def test_a_box_spawned_on_the_robot_puts_it_out_of_its_place_and_is_a_contact(staged):
+    recording = run(staged(f"spawn_multiple([{box('crate', 1.1, 1)}])\nwait elapsed(1s)"), 0)
+    assert recording.run.outcome == "succeeded"
+    (contact,) = happened(recording, "contact")
+    assert (contact.what, recording.run.reason) == ("crate", "a contact with crate at 0.2 s")
+    assert np.abs(way(recording)[-1] - [1.1, 1.0]).max() > 0.3
+
+
+def test_what_is_spawned_outside_of_the_map_stands_there_and_disturbs_nobody(staged):
+    outside = f"spawn_multiple([{box('left', -3, 2)}, {box('far', 1e6, 2)}, {box('loose', 30, -2, 'mass:=3.0')}])"
+    recording = run(staged(f"{outside}\nrobot.nav_to_pose(near)"), 0)
+    assert (recording.run.outcome, recording.run.reason) == ("succeeded", "")
+    assert [event.what for event in happened(recording, "spawned")] == ["left", "far", "loose"]
+
+
+def test_where_an_entity_was_deleted_the_robot_drives_through(staged):
+    plug = box("plug", 4.2, 2.4, "width:=1.4, length:=0.3")
+    text = f"spawn_multiple([{plug}])\nwait elapsed(3s)\ndelete_entity('plug')\nrobot.nav_to_pose(beyond)"
+    recording = run(staged(text), 0)
+    assert (recording.run.outcome, recording.run.reason) == ("succeeded", "")
+    (deleted,) = happened(recording, "deleted")
+    assert (deleted.what, deleted.x_m, deleted.y_m) == ("plug", 4.2, 2.4)
+
+
+def test_obstacles_of_the_environment_stand_from_the_start_and_can_be_deleted(staged):
+    scenario = staged("delete_entity('plug')\nrobot.nav_to_pose(beyond)", obstacles=[PLUG])
+    recording = run(scenario, 0)
+    assert (recording.run.outcome, recording.run.entities) == ("succeeded", ())
+    (plug,) = whereabouts_of(situation_of(scenario), recording.run)
+    assert plug.at(np.array([0, 100])).tolist() == [[4.2, 2.4]] * 2
+    assert np.isinf(plug.at(np.array([300]))).all()
+    stays = run(staged("robot.nav_to_pose(beyond)", obstacles=[PLUG]), 0)
+    assert stays.run.outcome != "succeeded"
+
+
+def test_obstacles_that_are_a_parameter_are_there_when_the_file_spawns_them(staged):
+    text = """
+        crates: list of spawn_entity
+        do serial:
+            robot.init_nav2(start)
+            wait elapsed(1s)
+            spawn_multiple(crates)
+            wait elapsed(1s)
+    """
+    scenario = staged(text, crates=[PLUG])
+    recording = run(scenario, 0)
+    assert situation_of(scenario).obstacles == ()
+    assert [event.t_s for event in happened(recording, "spawned")] == [1.2]
+    assert recording.run.entities == (Entity("plug", "box", 0.3, 1.4),)
+
+
+def test_what_does_not_stand_there_can_not_be_deleted(staged):
+    recording = run(staged("delete_entity('ghost')"), 0)
+    assert recording.run.outcome == "failed"
+    assert recording.run.reason.startswith("nothing called 'ghost' stands in the world; delete_entity at trial.osc:")
+
+
+def test_actors_are_spawned_and_deleted_under_their_own_name(staged):
+    text = """
+        crate: osc_actor
+        do serial:
+            robot.init_nav2(start)
+            crate.spawn(pose_3d(position_3d(2.0m, 3.0m)), 'cylinder', xacro_arguments: 'radius:=0.2')
+            crate.delete()
+            crate.relative_spawn(distance: 1.5m, model: 'box')
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    assert [(e.kind, e.what, e.x_m, e.y_m) for e in happened(recording, "spawned", "deleted")] == [
+        ("spawned", "crate", 2.0, 3.0),
+        ("deleted", "crate", 2.0, 3.0),
+        ("spawned", "crate", 2.5, 1.0),
+    ]
+    assert recording.run.entities == (Entity("crate", "cylinder", 0.4, 0.4), Entity("crate", "box", 0.5, 0.5))
+
+
+def test_what_is_spawned_relative_to_the_robot_lies_ahead_of_it_and_is_turned_like_it(staged):
+    text = "crate: osc_actor\ndo serial:\n    crate.relative_spawn(distance: 1m, model: 'box')"
+    recording = run(staged(text, start_pose={"x": 2.0, "y": 2.0, "yaw": 2.0}), 0)
+    (spawned,) = happened(recording, "spawned")
+    assert (spawned.x_m, spawned.y_m) == pytest.approx((2 + math.cos(2.0), 2 + math.sin(2.0)), abs=1e-4)
+    assert spawned.value == 2.0
+
+
+@pytest.mark.parametrize(
+    "spawned", ["robot.spawn(start, 'topic:///robot_description')", "turtlebot4.spawn(start, 'turtlebot4.sdf')"]
+)
+def test_the_robot_itself_stands_there_already_when_a_file_spawns_it(staged, spawned):
+    text = f"turtlebot4: osc_actor\ndo serial:\n    {spawned}\n    robot.init_nav2(start)\n    robot.nav_to_pose(near)"
+    recording = run(staged(text), 0)
+    assert (recording.run.outcome, recording.run.reason, recording.run.entities) == ("succeeded", "", ())
+
+
+def test_actor_exists_waits_for_what_another_branch_spawns(staged):
+    text = f"""
+        actor_exists('robot')
+        parallel:
+            there: actor_exists('crate')
+            serial:
+                wait elapsed(1s)
+                spawn_multiple([{box("crate", 2, 3)}])
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    assert ended_s(recording, "there") - 1.2 == pytest.approx(0.1)
+
+
+def test_the_lidar_sees_what_was_spawned_and_no_longer_what_was_deleted(staged):
+    text = f"spawn_multiple([{box('crate', 2, 1)}])\nwait elapsed(1s)\ndelete_entity('crate')\nwait elapsed(1s)"
+    ahead_m = {}
+
+    def look(stack, tick):
+        m = stack.m[0]
+        forward = int(np.argmax(m["directions"][:, 0]))
+        ahead_m[tick] = float(m["ranges"][forward]) + float(stack.p[0]["mount_x"])
+
+    run(staged(text), 0, watch=look, watch_ticks=[2, 12, 40])
+    assert ahead_m[2] == ahead_m[40] == pytest.approx(3.1, abs=0.15)
+    assert ahead_m[12] == pytest.approx(0.8, abs=0.15)
+
+
+def test_what_a_scenario_spawned_is_measured_where_it_stands_and_where_it_was_pushed_to(staged):
+    text = f"""
+        parallel:
+            robot.nav_to_pose(near)
+            serial:
+                robot.tf_close_to(0.5m, reference_point: position_3d(2.0m, 1.0m))
+                spawn_multiple([{box("crate", 1.84, 1, "width:=0.3, mass:=2.0")}])
+    """
+    scenario = staged(text)
+    recording = run(scenario, 0)
+    (crate,) = whereabouts_of(situation_of(scenario), recording.run)
+    (spawned,), moved = happened(recording, "spawned"), happened(recording, "obstacle_moved")
+    t_ms = recording.columns["t_ms"]
+    places = crate.at(t_ms)
+    assert np.isinf(places[t_ms < spawned.t_s * 1000]).all()
+    assert places[-1].tolist() == [moved[-1].x_m, moved[-1].y_m]
+
+
+def test_the_separation_from_what_was_spawned_is_observed_from_then_on_and_until_it_is_deleted(staged):
+    text = f"wait elapsed(1s)\nspawn_multiple([{box('crate', 2, 2)}])\nwait elapsed(1s)\ndelete_entity('crate')\nwait elapsed(1s)"
+    scenario = staged(text)
+    recording = run(scenario, 0)
+    _, derived = observer_of(scenario).observed(recording)
+    apart_mm, t_ms = derived["separation_mm/box 0.4 x 0.4 m"], recording.columns["t_ms"]
+    there = (t_ms >= 1200) & (t_ms < 2200)
+    assert set(apart_mm[there].tolist()) == {round(1000 * math.hypot(1.0, 1.0))}
+    assert (apart_mm[~there] > 1e6).all()
+
+
+@pytest.mark.parametrize("pushable", [False, True])
+def test_a_robot_that_stands_against_what_is_deleted_is_free_at_once(two_rooms, pushable):
+    parameters = NavParameters(controller=RppParameters())
+    prepared, start = prepare(load_map(two_rooms.path), Lidar(), parameters), Pose(1.0, 1.0)
+    loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), start, (), (0, 1, 2), 60.0)
+    loop.localize(start)
+    loop.navigate(Mission("navigate_to_pose", (Pose(3.0, 1.0),)))
+    loop.advance(30)
+    loop.spawn(Obstacle("crate", "box", Pose(loop.body.pose[0] + 0.34, 1.0), 0.3, 0.3), pushable)
+    loop.advance(36)
+    assert [event.kind for event in loop.events][:2] == ["spawned", "contact"]
+    loop.delete(0)
+    contacts = len(loop.events)
+    loop.advance()
+    assert (loop.status, len(loop.events)) == (SUCCEEDED, contacts)
+
+
+def test_tf_close_to_is_set_off_where_it_says(staged):
+    text = """
+        parallel:
+            robot.nav_to_pose(near)
+            close: robot.tf_close_to(0.7m, reference_point: position_3d(2.5m, 1.0m))
+    """
+    recording = run(staged(text), 0)
+    row = round(ended_s(recording, "close") * 10)
+    estimate = si(recording.columns["estimated_x_mm"])[row], si(recording.columns["estimated_y_mm"])[row]
+    # Ten looks a second at 0.5 m/s are 5 cm apart.
+    assert 0.65 - 0.01 < math.dist(estimate, (2.5, 1.0)) < 0.7 + 0.06
+
+
+def test_the_way_of_the_wheels_is_counted_from_where_the_action_begins(staged):
+    text = """
+        parallel:
+            robot.nav_to_pose(near)
+            serial:
+                wait elapsed(1s)
+                driven: robot.odometry_distance_traveled(1m)
+    """
+    recording = run(staged(text), 0)
+    began, ended = place_at(recording, 1.2), place_at(recording, ended_s(recording, "driven"))
+    assert math.dist(began, ended) == pytest.approx(1.0, abs=0.06)
+
+
+def test_the_shipped_scenario_appears_about_when_the_environment_s_trigger_does(staged, scenario):
+    crate = {**PLUG, "entity_name": "crate", "xacro_arguments": "width:=0.4", "spawn_pose": {"x": 3.0, "y": 2.4}}
+    given = {"controller": "rpp", "spawn_trigger_point": {"x": 3.0, "y": 2.4}, "spawn_trigger_threshold": 1.2}
+    by_file = run(scenario("obstacle_appears", **given, static_objects=[crate]), 0)
+    by_environment = run(scenario(**given, obstacles=[crate]), 0)
+    (one,), (other,) = happened(by_file, "spawned"), happened(by_environment, "spawned")
+    assert one.what == other.what == "crate"
+    assert one.t_s == pytest.approx(other.t_s, abs=0.3)
+    assert by_file.run.outcome == by_environment.run.outcome == "succeeded"

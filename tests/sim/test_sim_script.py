@@ -1,0 +1,111 @@
+"""Scripts: what a scenario's runs are to do, as far as that is known before one."""
+
+import pytest
+
+from vastflow.sim.abstract import AbstractError, content_of, definition_of
+from vastflow.sim.osc.parameters import ParameterMismatch
+from vastflow.sim.pose import Pose
+from vastflow.sim.scenario import Scenario
+from vastflow.sim.script import script_of
+
+HERE, THERE = {"x": 1.0, "y": 2.0}, {"x": 3.0, "y": 4.0, "yaw": 1.0}
+BOX = {"entity_name": "box", "model": "box", "spawn_pose": {"x": 2.0, "y": 2.0}}
+
+
+def a_script(kind, environment=None, **task):
+    return script_of(Scenario(f"builtin:{kind}", 60.0, environment or {}, {"start_pose": HERE, **task}, {}))
+
+
+def test_to_a_pose_there_is_one_goal():
+    script = a_script("navigate_to_pose", goal_pose=THERE)
+    assert (script.start, script.goals, script.rounds) == (Pose(1, 2), (Pose(3, 4, 1),), 1)
+
+
+@pytest.mark.parametrize("kind", ["navigate_through_poses", "follow_waypoints"])
+def test_through_poses_and_waypoints_take_a_list_or_one_goal(kind):
+    assert a_script(kind, goal_poses=[THERE, HERE]).goals == (Pose(3, 4, 1), Pose(1, 2))
+    assert a_script(kind, goal_pose=THERE).goals == (Pose(3, 4, 1),)
+
+
+def test_waypoints_are_repeated_as_often_as_asked():
+    script = a_script("follow_waypoints", goal_poses=[THERE, HERE], number_of_loops=2)
+    assert (len(script.goals), script.rounds) == (6, 3)
+
+
+def test_obstacles_stand_there_unless_the_scenario_spawns_them():
+    appears = {"spawn_trigger_point": HERE, "static_objects": [BOX], "boxes": [BOX]}
+    script = a_script("obstacle_appears", appears, goal_pose=THERE)
+    assert [obstacle.name for obstacle in script.obstacles] == ["box"]
+    assert [entity["entity_name"] for entity in script.values["static_objects"]] == ["box"]
+    assert [obstacle.name for obstacle in a_script("navigate_to_pose", {"boxes": [BOX]}, goal_pose=THERE).obstacles]
+
+
+def test_without_a_start_pose_the_robot_starts_where_init_nav2_puts_it(tmp_path):
+    file = tmp_path / "go.osc"
+    file.write_text(
+        "import osc.nav2\nimport osc.ros\n\nscenario go:\n    robot: differential_drive_robot\n    do serial:\n"
+        "        robot.init_nav2(pose_3d(position_3d(5.0m, 1.0m)))\n"
+    )
+    assert script_of(Scenario(content_of(file), 60.0, {}, {}, {})).start == Pose(5.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "task", "message"),
+    [
+        ("navigate_to_pose", {}, "parameter goal_pose of scenario navigate_to_pose: found nothing; a value"),
+        ("navigate_to_pose", {"goal_pose": THERE, "start_pose": "here"}, "parameter start_pose .*: found 'here'; "),
+        ("follow_waypoints", {}, "parameter goal_poses .*: found nothing; a value"),
+        ("follow_waypoints", {"goal_poses": "@x"}, "parameter goal_poses .*: found '@x'; a list"),
+        ("navigate_through_poses", {"goal_poses": [THERE, 3]}, r"parameter goal_poses.*: found 3; "),
+        (
+            "follow_waypoints",
+            {"goal_poses": [THERE], "number_of_loops": True},
+            "number_of_loops .*: found true; a whole",
+        ),
+        ("follow_waypoints", {"goal_poses": [THERE], "number_of_loops": 1.5}, "number_of_loops .*: found 1.5; a whole"),
+    ],
+)
+def test_a_value_that_a_parameter_can_not_have_is_refused(kind, task, message):
+    with pytest.raises(ParameterMismatch, match=message):
+        a_script(kind, **task)
+
+
+def test_a_name_that_stands_for_no_scenario_is_refused():
+    with pytest.raises(AbstractError, match=r"found 'builtin:fly'; one of builtin:navigate_to_pose, "):
+        a_script("fly")
+
+
+GO = "scenario go:\n    speed: int = 1\n    do serial:\n        wait elapsed(1s)\n"
+
+
+def test_a_scenario_file_counts_by_what_it_defines_and_in_which_lines(tmp_path):
+    texts = {
+        "one": "import osc.types\n" + GO,
+        "elsewhere": "import osc.types\n" + GO,
+        "commented": "import osc.types # no line moves\n" + GO,
+        "moved": "import osc.types\n\n" + GO,
+        "other": "import osc.types\n" + GO.replace("1s", "2s"),
+    }
+    contents = {}
+    for name, text in texts.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "go.osc").write_text(text)
+        contents[name] = content_of(tmp_path / name / "go.osc")
+    assert contents["one"] == contents["elsewhere"] == contents["commented"]
+    assert len({contents[name].digest for name in ("one", "moved", "other")}) == 3
+
+
+def test_a_file_that_changed_since_it_was_read_is_refused(tmp_path):
+    file = tmp_path / "go.osc"
+    file.write_text("import osc.types\n" + GO)
+    content = content_of(file)
+    file.write_text("import osc.types\n" + GO.replace("1s", "3s"))
+    with pytest.raises(AbstractError, match=r"go\.osc changed since the campaign was read; run the campaign again"):
+        definition_of(content)
+
+
+def test_a_file_of_two_scenarios_is_refused(tmp_path):
+    file = tmp_path / "go.osc"
+    file.write_text("import osc.types\n" + GO + GO.replace("go", "come"))
+    with pytest.raises(AbstractError, match="found the scenarios go, come; one, for a run is one scenario"):
+        content_of(file)
