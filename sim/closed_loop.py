@@ -52,12 +52,13 @@ class ClosedLoop:
         entropy: Sequence[int],
         timeout_s: float,
     ) -> None:
-        self.obstacles = list(obstacles)
+        self.obstacles = every = list(obstacles)
         rows = obstacle_rows(obstacles)
         self.body = new_body(start_pose, robot.radius_m, rows, trigger_rows(obstacles))
         self.stack = new_stack(prepared, parameters, lidar, robot, start_pose, rows, streams_of(entropy), timeout_s)
         self.last_tick = round(timeout_s / TICK_S)
-        self._make_world: Callable[[], World] = lambda: World(robot, prepared.walls, self.obstacles)
+        # Without `self` in it: a circle would keep a run's grids, some 20 MB, until the collector comes by.
+        self._make_world: Callable[[], World] = lambda: World(robot, prepared.walls, every)
         self._world: World | None = None
         start(self.stack.p, self.stack.m)
 

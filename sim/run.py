@@ -3,6 +3,7 @@
 import functools
 import resource
 import time
+import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -167,12 +168,14 @@ def _tree(
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([*entropy, _SCENARIO_STREAM])))
     output = programs.folder if programs else Path()
     functions = helper_functions(rng, file_of(scenario.abstract).parent, output)
-    tree: ScenarioTree
+    made: list[weakref.ref[ScenarioTree]] = []  # weak: the tree holds its log
 
     def log(line: str) -> None:
-        lines.append(f"{tree.now_s:.1f} s: {line}")
+        tree = made[0]()
+        lines.append(f"{tree.now_s if tree else 0.0:.1f} s: {line}")
 
     tree = ScenarioTree(script.definition, script.values, actions, functions, log=log)
+    made.append(weakref.ref(tree))
     return tree
 
 

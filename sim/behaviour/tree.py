@@ -1,11 +1,12 @@
 """The tree of one run of a scenario, ticked in simulated time."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
+from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
 from vastflow.sim.behaviour.action import ActionFactory
@@ -179,6 +180,9 @@ class ScenarioTree:
         if self._is_shut_down:
             return
         self._is_shut_down = True
+        for node in self._nodes:
+            # Circles, which would keep all that actions hold until the collector comes by.
+            node.parent, node.iterator = None, _nothing()
         with ExitStack() as stack:
             for action in reversed(self._actions):
                 stack.callback(action.shutdown)
@@ -214,6 +218,10 @@ class ScenarioTree:
                 node.place,
             )
         )
+
+
+def _nothing() -> Iterator[Behaviour]:
+    yield from ()
 
 
 def _preorder(root: Node) -> list[Node]:

@@ -1,6 +1,8 @@
 """Whole runs in two small rooms: missions, failures, obstacles, contacts."""
 
+import gc
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -249,6 +251,33 @@ def test_a_body_that_pushes_a_wall_stays_while_its_wheels_and_odometry_turn_on(w
             rolled_m += math.dist(odometry, (m["odom_x"], m["odom_y"]))
     assert {event.what for event in loop.events} == {"wall"}
     assert rolled_m > truly_m + 0.2
+
+
+def test_a_run_s_memory_is_free_as_soon_as_nobody_looks_at_it(wide):
+    loop = on_its_way(*wide())
+    loop.advance(20)
+    grids = weakref.ref(loop.stack.grids.potential)
+    gc.disable()
+    try:
+        del loop
+        assert grids() is None
+    finally:
+        gc.enable()
+
+
+def test_nothing_of_a_scenario_s_run_stays_in_memory(scenario):
+    seen = []
+    gc.disable()
+    try:
+        run(
+            scenario(timeout_s=2.0),
+            0,
+            watch=lambda stack, _: seen.append(weakref.ref(stack.grids.potential)),
+            watch_ticks=[30],
+        )
+        assert [grids() for grids in seen] == [None]
+    finally:
+        gc.enable()
 
 
 def test_contacts_are_told_with_the_reason_of_the_outcome(wide):
