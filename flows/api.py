@@ -5,24 +5,23 @@ import time
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
+from vastflow.flows.asked import Asked
 from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.campaign_keys import campaign_keys
 from vastflow.flows.directory import directory_name
 from vastflow.flows.inputs import inputs_of
+from vastflow.flows.origin_code import code_row
 from vastflow.flows.results import Results, RunFault, campaign_name, write_results
 from vastflow.flows.session import Session
 from vastflow.flows.summary import Work
-from vastflow.oracles.oracle import Oracle
 from vastflow.producers.faults import CampaignError
-from vastflow.sim.digest import digest
 from vastflow.tasks import chatter, ending
-from vastflow.tasks.evaluation import content_of
 from vastflow.tasks.instantiation import Instantiator
-from vastflow.tasks.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys, numeric_class
 from vastflow.tasks.progress import Observer, Reporter, Tally
 from vastflow.tasks.shelf import Shelf
-from vastflow.tasks.source import SourceTree, installed_tree
+from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost, StoreError, open_store
 
 CampaignResult: TypeAlias = Results
@@ -47,7 +46,8 @@ def run_campaign(
         path: The campaign file.
         runs: Runs of each configuration, instead of the file's.
         results: Folder the campaign directory is made in, `results` if not given.
-        store: Folder of the store, else the variable `VASTFLOW_STORE`, else a user cache folder.
+        store: Folder of the store or address such as `s3://bucket/prefix`, else the variable `VASTFLOW_STORE`, else a
+            user cache folder.
         workers: Worker processes, else one a core.
         only: Names of families or configurations; nothing else is run.
         observer: Is shown the progress, from one thread.
@@ -69,20 +69,23 @@ def run_campaign(
         inputs = inputs_of(campaign, oracles)
         kept = open_store(store)
         name = campaign_name(campaign)
-        log = chatter.new_log(kept.root / "logs", directory_name(name), created)
+        log = chatter.new_log(kept.local / "logs", directory_name(name), created)
         with chatter.own_log(log):
             tree = installed_tree()
-            keys = _keys(tree, campaign.seed, oracles)
+            keys = campaign_keys(tree, campaign.seed, oracles)
+            selection = [only] if isinstance(only, str) else list(only or ())
+            asked = Asked(campaign.path.name, runs or campaign.runs, tuple(selection), inputs.places)
+            record = {"asked": asked.as_json(), **code_row(tree, campaign.families, oracles)}
             session = Session(
                 title=f"{name} {created:%Y-%m-%d %H:%M:%S}",
                 instantiator=Instantiator(campaign, kept, keys, tree),
                 shelf=Shelf(kept, keys),
                 oracles=oracles,
-                runs=runs or campaign.runs,
-                only=[only] if isinstance(only, str) else list(only or ()),
+                runs=asked.runs,
+                only=selection,
                 workers=workers or _cores(),
                 tally=tally,
-                prefect_results=kept.root / "prefect",  # inside the store, so that both are deleted together
+                prefect_results=kept.local / "prefect",
                 log=log,
             )
 
@@ -111,6 +114,7 @@ def run_campaign(
                         runs=session.runs,
                         oracles=[oracle.name for oracle in oracles],
                         keys=keys,
+                        record=record,
                         faults=[RunFault("", None, fault.stage, fault.error) for fault in session.campaign_faults],
                         created=created,
                         work=work,
@@ -118,7 +122,7 @@ def run_campaign(
                     )
                 except Lost:  # found out when it was read: the damaged artifact is gone now, so it gets computed
                     continue
-            raise StoreError(f"store: {str(kept.root)!r} loses what is written to it; is the disk full or broken?")
+            raise StoreError(f"store: {kept.place!r} loses what is written to it; is the disk full or broken?")
 
 
 _TRIES = 3
@@ -136,18 +140,6 @@ class _Clock:
 
     def cpu_s(self) -> float:
         return sum(os.times()[:4]) - self._before_s
-
-
-def _keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -> Keys:
-    judge_source = [tree.digest(*JUDGE_SOURCE), *(tree.plug_in_digest(type(oracle)) for oracle in oracles)]
-    return Keys(
-        numeric=numeric_class(),
-        execute_source=tree.digest(*EXECUTE_SOURCE),
-        observe_source=tree.digest(*OBSERVE_SOURCE),
-        judge_source=digest(judge_source),
-        seed=seed,
-        oracles=[[oracle.name, content_of(oracle.parameters)] for oracle in oracles],
-    )
 
 
 def _cores() -> int:

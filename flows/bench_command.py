@@ -10,11 +10,6 @@ import typer
 bench = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True, rich_markup_mode=None)
 
 
-@bench.callback()
-def _group() -> None:
-    """Keeps `sim` a command of its own name while it is the only one."""
-
-
 @bench.command()
 def sim(
     controller: Annotated[str, typer.Option(help="Controller to drive with: mppi, dwb or rpp.")] = "mppi",
@@ -32,6 +27,25 @@ def sim(
     except ValueError as error:
         print(f"vastflow bench sim: {error}", file=sys.stderr)
         raise typer.Exit(2) from None
+    _show(found, as_json)
+
+
+@bench.command()
+def pipeline(
+    configurations: Annotated[int, typer.Option(min=2, help="Configurations of the campaign.")] = 5480,
+    runs: Annotated[int, typer.Option(min=1, help="Runs of each.")] = 20,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """Measure the pipeline.
+
+    A campaign whose runs do nothing: computed, run again, and run with one configuration edited. It takes minutes.
+    """
+    from vastflow.flows.pipeline_bench import bench_pipeline
+
+    _show(bench_pipeline(configurations, runs), as_json)
+
+
+def _show(found: Mapping[str, Any], as_json: bool) -> None:
     if as_json:
         print(json.dumps(found))
         return

@@ -3,10 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from prefect import flow, unmapped
+from prefect import flow, get_run_logger, unmapped
 from prefect.futures import PrefectFuture, wait
 from prefect.runtime import flow_run
 
+from vastflow.flows.artifacts import ProgressBar, key_of, tag, tolerated
+from vastflow.flows.task_log import quiet_task_runs
 from vastflow.tasks import stages
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.instantiation import Evaluator, Request
@@ -41,6 +43,12 @@ def campaign(title: str, job: Job) -> None:
     Args:
         title: The flow run's name.
     """
+    with quiet_task_runs():
+        _campaign(title, job)
+
+
+def _campaign(title: str, job: Job) -> None:
+    log = get_run_logger()
     futures: list[PrefectFuture[Any]] = []
     try:
         members = job.plan(_mapped(job.bench, futures))
@@ -51,12 +59,29 @@ def campaign(title: str, job: Job) -> None:
         observed = stages.stored_in(job.bench, stages.observe).map(shards, recorded, bench=bench)
         judged = stages.stored_in(job.bench, stages.judge).map(shards, observed, bench=bench)
         futures += [*recorded, *observed, *judged]
+        log.info("%d configurations in %d shards", len(members), len(shards))
+        _show(title, judged)
     finally:
         wait(futures)
+    for name, ended in (("execute", recorded), ("observe", observed), ("judge", judged)):
+        cached = sum(future.state.name == "Cached" for future in ended)
+        log.info("%s: %d shards, %d of them known already", name, len(ended), cached)
     failed = [future.state for future in futures if not future.state.is_completed()]
     drain(str(flow_run.id), sum(future.state.is_final() for future in futures))
     if failed:
         raise TaskFailed(f"{len(failed)} of {len(futures)} task runs failed, the first with: {failed[0].message}")
+
+
+def _show(title: str, judged: Sequence[PrefectFuture[Any]]) -> None:
+    """Show how many shards are through, until all are."""
+    name, run = title.rsplit(" ", 2)[0], str(flow_run.id)
+    bar = ProgressBar(f"{key_of(name)}-shards", run)
+    with tolerated():
+        tag(run, name)
+        for done, future in enumerate(judged):
+            bar.show(done / len(judged), f"{done} of {len(judged)} shards judged")
+            future.wait()
+        bar.show(1.0, f"{len(judged)} shards judged")
 
 
 def _mapped(bench: Bench, futures: "list[PrefectFuture[Any]]") -> Evaluator:

@@ -1,13 +1,27 @@
 """The campaign directory as a place: its name, and that it appears whole or not at all."""
 
 import itertools
+import json
+import os
+import platform
 import re
 import shutil
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Final
+
+import psutil
+
+ABANDONED_S: Final = 24 * 3600.0
+WRITER: Final = ".writer.json"
+"""In a directory that is being written: which process does it."""
+
+_PARTIAL: Final = ".{}.partial"
+_OURS: Final = re.compile(r"\..+-\d{4}-\d\d-\d\d-\d{6}(-\d+)?\.partial")
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +41,15 @@ class NewDirectory:
 def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirectory]:
     """A folder `root/<name>-<YYYY-MM-DD-HHMMSS>` that appears when the body ends, and doesn't when the body raises.
 
-    Two that begin in one second get different names (`-2` appended). A process killed meanwhile leaves
-    a hidden `.<name>.partial`, never half a campaign directory.
+    Two that begin in one second get different names (`-2` appended). A process killed meanwhile leaves a
+    hidden `.<name>.partial`, never half a campaign directory; one that was left a day ago is removed first.
     """
     root.mkdir(parents=True, exist_ok=True)
+    sweep(root)
     directory = _reserved(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
     try:
         yield directory
+        (directory.partial / WRITER).unlink(missing_ok=True)
         directory.partial.rename(directory.final)
     except BaseException:
         shutil.rmtree(directory.partial, ignore_errors=True)
@@ -45,15 +61,61 @@ def directory_name(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9.-]+", "-", name).strip("-.") or "campaign"
 
 
+def sweep(root: Path) -> None:
+    """Remove what processes that are gone left half written in `root` a day ago or longer."""
+    for partial in root.glob(_PARTIAL.format("*")):
+        if not _OURS.fullmatch(partial.name):
+            continue
+        with suppress(OSError):
+            if time.time() - _written_s(partial) > ABANDONED_S and writer_of(partial) is None:
+                shutil.rmtree(partial, ignore_errors=True)
+
+
+def left_behind(directory: Path) -> Path | None:
+    """What was to become a campaign directory, or is named itself, and is half written; None if there is nothing."""
+    if directory.name.startswith(".") and directory.name.endswith(".partial"):
+        return directory if directory.is_dir() else None
+    partial = directory.with_name(_PARTIAL.format(directory.name))
+    return partial if partial.is_dir() else None
+
+
+def writer_of(partial: Path) -> int | None:
+    """The process of this host that is writing a directory; None where it is gone, or none says it is writing.
+
+    On a file system that hosts share, the process of another host counts as gone.
+    """
+    try:
+        writer = json.loads((partial / WRITER).read_text(encoding="utf-8"))
+        alive = writer["host"] == platform.node() and _began_s(writer["pid"]) == writer["began_s"]
+        return int(writer["pid"]) if alive else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _began_s(pid: int) -> float | None:
+    """When a process began, which tells it from a later one of the same number; None where there is none."""
+    try:
+        return psutil.Process(pid).create_time()
+    except psutil.Error:
+        return None
+
+
+def _written_s(partial: Path) -> float:
+    """When something in a directory was written last."""
+    return max(path.stat().st_mtime for path in (partial, *partial.rglob("*")))
+
+
 def _reserved(root: Path, name: str) -> NewDirectory:
     for k in itertools.count(1):
         final = root / (name if k == 1 else f"{name}-{k}")
-        partial = root / f".{final.name}.partial"
+        partial = root / _PARTIAL.format(final.name)
         try:
             partial.mkdir()
         except FileExistsError:
             continue
         if not final.exists():  # looked at after the reservation, so that nobody can finish in between
+            writer = {"host": platform.node(), "pid": os.getpid(), "began_s": _began_s(os.getpid())}
+            (partial / WRITER).write_text(json.dumps(writer), encoding="utf-8")
             return NewDirectory(partial, final)
         partial.rmdir()
     raise AssertionError("unreachable: itertools.count never ends")

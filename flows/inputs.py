@@ -1,6 +1,7 @@
 """The files a campaign was asked for with, kept as they were when it was read."""
 
 import inspect
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,11 +27,13 @@ class Inputs:
         files: Place below `inputs/` to content: maps with their pictures, Nav2 parameter files, the scenario file and
             what it imports, run files, plug-ins.
         maps: Digest to map.
+        places: File from elsewhere, relative to the campaign file's folder, to its place below `inputs/`.
     """
 
     campaign: bytes = field(repr=False)
     files: Mapping[str, bytes] = field(repr=False)
     maps: Mapping[str, OccupancyMap] = field(repr=False)
+    places: Mapping[str, str] = field(default_factory=dict)
 
     def write(self, directory: Path) -> None:
         """Write `campaign.vast` and `inputs/` into the campaign directory."""
@@ -49,26 +52,28 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
     map_files = files_in(*fixed, *(p.parameters for p in producers))
     files: dict[str, bytes] = {}
+    places: dict[str, str] = {}
     for parameter_file in map(Path, parameter_files.values()):
-        _keep(files, base, parameter_file)
+        _keep(files, places, base, parameter_file)
     for map_file in map(Path, map_files.values()):
-        _keep(files, base, map_file, _picture(map_file))
+        _keep(files, places, base, map_file, _picture(map_file))
     if isinstance(campaign.abstract, FileContent):
         for scenario_file in files_of(Path(campaign.abstract.path)):
-            _keep(files, base, scenario_file)
+            _keep(files, places, base, scenario_file)
     for _, run_file in campaign.programs.files if campaign.programs else ():
-        _keep(files, base, Path(run_file.path))
+        _keep(files, places, base, Path(run_file.path))
     for plug_in in (*producers, *oracles):
         if type(plug_in).__module__.startswith(("vastflow_plugin_", "vastflow_oracle_")):
-            _keep(files, base, Path(inspect.getfile(type(plug_in))))
-    return Inputs(campaign.path.read_bytes(), files, {key: load_map(file) for key, file in map_files.items()})
+            _keep(files, places, base, Path(inspect.getfile(type(plug_in))))
+    maps = {key: load_map(file) for key, file in map_files.items()}
+    return Inputs(campaign.path.read_bytes(), files, maps, places)
 
 
 def _picture(map_file: Path) -> Path:
     return map_file.parent / str(yaml.load(map_file.read_bytes(), Loader=yaml.CSafeLoader)["image"])
 
 
-def _keep(files: dict[str, bytes], base: Path, *together: Path) -> None:
+def _keep(files: dict[str, bytes], places: dict[str, str], base: Path, *together: Path) -> None:
     """Keep files at their places below `base`; those from elsewhere, in a folder named by their content."""
     contents = [path.read_bytes() for path in together]
     elsewhere = digest([content.hex() for content in contents])[:12]
@@ -76,3 +81,5 @@ def _keep(files: dict[str, bytes], base: Path, *together: Path) -> None:
         inside = path.resolve().is_relative_to(base.resolve())
         name = path.resolve().relative_to(base.resolve()) if inside else Path(elsewhere, path.name)
         files[name.as_posix()] = content
+        if not inside:
+            places[Path(os.path.relpath(path, base)).as_posix()] = name.as_posix()  # by links as they are named

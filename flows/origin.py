@@ -12,9 +12,9 @@ _CLASS_PARTS: Final = ("architecture", "C library", "processor features", "varia
 
 
 def origin_row(keys: Keys) -> dict[str, Any]:
-    """What `metadata.json` says of it: the numeric class, and a source digest for each stage."""
+    """What `metadata.json` says of it: the numeric class, `execution.seed`, and a source digest for each stage."""
     source = {"execute": keys.execute_source, "observe": keys.observe_source, "judge": keys.judge_source}
-    return {"numeric_class": keys.numeric, "source": source}
+    return {"numeric_class": keys.numeric, "seed": keys.seed, "source": source}
 
 
 def differences(metadata: Mapping[str, Any], numeric: str, execute_source: str) -> list[str]:
@@ -36,7 +36,7 @@ def differences(metadata: Mapping[str, Any], numeric: str, execute_source: str) 
         )
     recorded_class = metadata.get("numeric_class", numeric)
     if recorded_class != numeric:
-        found.append(f"recorded on another numeric class: {'; '.join(_other_parts(recorded_class, numeric))}")
+        found.append(f"recorded on another numeric class: {'; '.join(other_parts(recorded_class, numeric))}")
     return found
 
 
@@ -68,7 +68,8 @@ def _other_versions(metadata: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name} {then}, here {now}"
 
 
-def _other_parts(recorded: str, here: str) -> Iterator[str]:
+def other_parts(recorded: str, here: str) -> Iterator[str]:
+    """Of two numeric classes, each part that differs."""
     then, now = recorded.split("; "), here.split("; ")
     if len(then) != len(_CLASS_PARTS) or len(now) != len(_CLASS_PARTS):  # as another version writes it
         yield f"{recorded!r}, here {here!r}"

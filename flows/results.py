@@ -115,6 +115,7 @@ def write_results(
     runs: int,
     oracles: Sequence[str],
     keys: Keys,
+    record: Mapping[str, Any] | None = None,
     faults: Iterable[RunFault] = (),
     created: datetime,
     work: Callable[[], Work],
@@ -131,6 +132,7 @@ def write_results(
         oracles: Names of the requested oracles, `success` first. A run without a verdict of one of them
             gets `not judged` with the fault as the reason.
         keys: Of the artifacts that `found` reads; name the code and the numeric class they follow from.
+        record: What more `metadata.json` says, from the beginning on: what was asked, and the code in detail.
         faults: Those of no single configuration.
         created: Time in the directory's name.
         work: What the call has done so far.
@@ -140,6 +142,8 @@ def write_results(
     with new_directory(root, campaign_name(campaign), created) as directory:
         place = directory.partial
         inputs.write(place)
+        metadata = {**_metadata(campaign, keys, created), **(record or {})}
+        _write_json(place / "metadata.json", metadata)  # for `resume`, should this process be killed
         _write_environments(place / "environments", inputs.maps, instantiation.configurations)
         _write_json(place / "coverage.json", instantiation.coverage)
         write_table(
@@ -167,7 +171,7 @@ def write_results(
         write_table(place / "verdicts.parquet", VERDICTS, verdict_rows)
 
         summary = summary_of(instantiation, verdict_rows, runs, oracles, work(), directory.final)
-        _write_metadata(place, campaign, keys, created, summary, all_faults)
+        _write_outcome(place, metadata, summary, all_faults)
         try:
             report(place)
         except Exception as error:
@@ -175,7 +179,7 @@ def write_results(
             all_faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))
         done = work()
         summary = replace(summary, cpu_s=done.cpu_s, wall_s=done.wall_s)
-        _write_metadata(place, campaign, keys, created, summary, all_faults)
+        _write_outcome(place, metadata, summary, all_faults)
     return Results(directory.final, summary, tuple(all_faults), tuple(terminal_lines(campaign.notes)))
 
 
@@ -288,10 +292,8 @@ def _write_environments(
             write_environment(directory / map_file.digest, map_file, maps)
 
 
-def _write_metadata(
-    place: Path, campaign: Campaign, keys: Keys, created: datetime, summary: Summary, faults: Sequence[RunFault]
-) -> None:
-    content = {
+def _metadata(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, Any]:
+    return {
         "name": campaign_name(campaign),
         "created": created.isoformat(timespec="seconds"),
         "vastflow": importlib.metadata.version("vastflow"),
@@ -304,11 +306,15 @@ def _write_metadata(
             "cpus": os.cpu_count(),
             "memory_bytes": psutil.virtual_memory().total,
         },
-        "counts": summary.as_json(),
         "notes": [str(note) for note in campaign.notes],
-        "faults": [asdict(fault) for fault in faults],
     }
-    _write_json(place / "metadata.json", content)
+
+
+def _write_outcome(place: Path, metadata: Mapping[str, Any], summary: Summary, faults: Sequence[RunFault]) -> None:
+    outcome = {"counts": summary.as_json(), "faults": [asdict(fault) for fault in faults]}
+    code = {key: value for key, value in metadata.items() if key == "code"}  # long, and for no reader: at the end
+    rest = {key: value for key, value in metadata.items() if key != "code"}
+    _write_json(place / "metadata.json", {**rest, **outcome, **code})
 
 
 def _versions() -> dict[str, str]:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from vastflow.flows.dry_run_command import print_dry_run
 from vastflow.flows.interruptible import Interruptible
+from vastflow.flows.show_command import wrong_directory
 
 if TYPE_CHECKING:
     from vastflow.flows.results import Results
@@ -22,11 +24,18 @@ def run(
     runs: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration, instead of the file's.")] = None,
     results: Annotated[Path, typer.Option(help="Folder the campaign directory is made in.")] = Path("results"),
     store: Annotated[
-        str | None, typer.Option(help="Folder of the store; else $VASTFLOW_STORE, else a user cache folder.")
+        str | None, typer.Option(help="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder.")
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a core.")] = None,
     only: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Only this family or configuration; may be repeated.")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say what would be computed and why, and write nothing.")
+    ] = False,
+    since: Annotated[
+        Path | None,
+        typer.Option(metavar="RESULTS", help="With --dry-run: compare with this campaign, else with the newest."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
 ) -> None:
@@ -34,6 +43,31 @@ def run(
 
     What is in the store already is not computed again.
     """
+    if since is not None and (wrong := _wrong_since(since, dry_run)):
+        print(f"--since {wrong}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    if dry_run:
+        print_dry_run(file, runs=runs, results=results, store=store, only=only or (), since=since, as_json=as_json)
+        return
+    run_and_show(file, runs, results, store, workers, only, as_json)
+
+
+def _wrong_since(since: Path, dry_run: bool) -> str | None:
+    if not dry_run:
+        return f"{since}: only with --dry-run, which compares with it"
+    return wrong_directory(since)
+
+
+def run_and_show(
+    file: Path,
+    runs: int | None,
+    results: Path,
+    store: str | None,
+    workers: int | None,
+    only: list[str] | None,
+    as_json: bool,
+) -> None:
+    """Run a campaign as the command line does: with a display, the outcome in words, and an exit code."""
     if wrong := unwritable(results):
         print(f"--results {wrong}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)

@@ -1,5 +1,7 @@
 """A session: one call's way from a campaign that was read to artifacts that are all in the store."""
 
+import contextvars
+import functools
 import pickle
 import threading
 from collections.abc import Callable, Sequence
@@ -8,19 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from vastflow.flows.members import members_of, narrowed
 from vastflow.flows.results import ConfigurationResult, RunFault
 from vastflow.oracles.oracle import Oracle
 from vastflow.oracles.verdict import read_verdicts
 from vastflow.producers.configuration import Configuration
-from vastflow.producers.faults import CampaignError, Fault, did_you_mean
 from vastflow.producers.instantiate import Instantiation
 from vastflow.tasks import chatter, ending
-from vastflow.tasks.instantiation import Evaluator, Instantiated, Instantiator, UnknownName, selected
+from vastflow.tasks.instantiation import Evaluator, Instantiated, Instantiator
 from vastflow.tasks.pool import Pool, PoolClosed
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import ApiServer, configured_url, embedded, end_services
 from vastflow.tasks.shelf import Member, Shelf, Shelved, missing
-from vastflow.tasks.store import Lost
+from vastflow.tasks.store import Lost, StoreError
 from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
 from vastflow.tasks.workshop import MemberFault, Workshop, block_size, judgements
 
@@ -94,8 +96,10 @@ class Session:
 
         Raises:
             CampaignError: a name in `only` is unknown.
+            StoreError: the store can't be used, or no longer.
         """
         for _ in range(WAVES):
+            self._shelf.store.survey()
             if self._instantiated is None and (stored := self._instantiator.stored()) is not None:
                 self._instantiate(stored)
             broken = {fault.member for fault in self._faults}
@@ -104,6 +108,7 @@ class Session:
             self._compute()
         if self._instantiated is None:
             raise Lost("what the producers made is lost again and again")
+        self._shelf.store.survey()
         self._scan()
         return self._instantiated.instantiation
 
@@ -134,24 +139,9 @@ class Session:
         return ConfigurationResult(recordings, traces, verdicts, faults, behaviors, outputs, logs)
 
     def _instantiate(self, instantiated: Instantiated) -> None:
-        instantiation = instantiated.instantiation
-        if self._only:
-            try:
-                instantiation = selected(instantiation, self._only)
-            except UnknownName as error:
-                file = str(self._instantiator.campaign.path)
-                raise CampaignError(
-                    [Fault(file, 1, 1, "only", str(error), did_you_mean(error.name, error.known))]
-                ) from None
+        instantiation = narrowed(instantiated.instantiation, self._only, self._instantiator.campaign.path)
         self._instantiated = Instantiated(instantiation, instantiated.faults)
-        places: dict[str, int] = {}
-        for configuration in instantiation.configurations:
-            family = configuration.family
-            places[family] = places.get(family, 0) + 1
-            if configuration.duplicate_of is None:
-                self._members[configuration.name] = Member(
-                    configuration.name, family, places[family], configuration.scenario, self.runs
-                )
+        self._members = {member.name: member for member in members_of(instantiation, self.runs)}
         self._tally.expect(dict.fromkeys(self._members, self.runs))
 
     def _scan(self) -> set[str]:
@@ -183,7 +173,11 @@ class Session:
         try:
             self._begin_early(workshop)
             flow.start()
-            flow.outcome()
+            try:
+                flow.outcome()
+            finally:
+                if workshop.store_error is not None:  # what else broke follows from it
+                    raise workshop.store_error
             self._faults = workshop.faults
         except KeyboardInterrupt:
             bound = ending.bound(lambda: server.stop(0)) if ending.owns_process() else None
@@ -241,10 +235,13 @@ class Session:
 
 
 class _Thread:
-    """A call in a thread of its own: Prefect's flow must not find a notebook's event loop, nor Ctrl-C."""
+    """A call in a thread of its own: Prefect's flow must not find a notebook's event loop, nor Ctrl-C.
+
+    What the caller's context holds goes along, so that inside a flow run of Prefect's this one is its child.
+    """
 
     def __init__(self, function: Callable[[], None]) -> None:
-        self._function = function
+        self._function = functools.partial(contextvars.copy_context().run, function)
         self._error: BaseException | None = None
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._call, name="vastflow flow", daemon=True)
@@ -273,6 +270,6 @@ class _Thread:
 
 
 def _start_all(workshop: Workshop, members: Sequence[Member]) -> None:
-    with suppress(PoolClosed):
+    with suppress(PoolClosed, StoreError):  # the flow meets the same
         for member in members:
             workshop.start_executing(member)

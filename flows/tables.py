@@ -160,16 +160,17 @@ def write_table(path: Path, schema: pa.Schema, rows: Sequence[Row]) -> None:
 
 def json_text(value: Value) -> str:
     """`value` as JSON, keys in order as they are; a file is `{"file": digest}`, a number that is none is null."""
-    return json.dumps(_plain(value), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return json.dumps(plain(value), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
-def _plain(value: Value) -> object:
+def plain(value: Value) -> Any:
+    """`value` as `json.dumps` takes it, see `json_text`."""
     if isinstance(value, FileContent):
         return {"file": value.digest}
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -232,7 +232,8 @@ class _Owner:
 
 def _begin(parent: int, log: Path | None) -> None:
     """Start a worker: deaf to Ctrl-C, silent on the terminal, ended with its parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # A handler and not SIG_IGN, which the programs of a run would inherit: then no SIGINT could end them.
+    signal.signal(signal.SIGINT, lambda *_: None)
     if log is not None:
         with open(log, "ab") as file:
             os.dup2(file.fileno(), sys.stdout.fileno())

@@ -55,6 +55,27 @@ class _Module:
     data: frozenset[str] = frozenset()
 
 
+@dataclass(frozen=True, slots=True)
+class Code:
+    """What a result follows from.
+
+    Attributes:
+        modules: Name of each module to the digest of its code.
+        data: Package to the digest of the data in it, of those whose data is read.
+        libraries: Distribution to its version, of those that can change a number or a stored byte.
+    """
+
+    modules: Mapping[str, str]
+    data: Mapping[str, str]
+    libraries: Mapping[str, str]
+
+    @property
+    def digest(self) -> str:
+        """Of all three."""
+        data = [dict(self.data)] if self.data else []
+        return digest([list(module) for module in self.modules.items()], *data, dict(self.libraries))
+
+
 class SourceTree:
     """Python packages as text, with the files read so far.
 
@@ -76,13 +97,21 @@ class SourceTree:
         Raises:
             ModuleNotFoundError: an entry is not in the tree.
         """
+        return self.code(*entries).digest
+
+    def code(self, *entries: str) -> Code:
+        """All that `digest` is a digest of.
+
+        Raises:
+            ModuleNotFoundError: an entry is not in the tree.
+        """
         modules = self._closure(entries)
         data = {package for module in modules.values() for package in module.data}
         imported = {name.partition(".")[0] for module in modules.values() for name in module.imports}
         libraries = sorted({library for name in imported for library in NUMERIC_LIBRARIES.get(name, ())})
-        return digest(
-            [[name, module.code] for name, module in sorted(modules.items())],
-            *([{package: self._data_digest(package) for package in sorted(data)}] if data else []),
+        return Code(
+            {name: module.code for name, module in sorted(modules.items())},
+            {package: self._data_digest(package) for package in sorted(data)},
             {library: _version(library) for library in libraries},
         )
 
@@ -96,18 +125,27 @@ class SourceTree:
         A class of the tree has its module's digest. One from a package elsewhere is followed inside that
         package and into the tree, one from a single file is that file and what it uses of the tree.
         """
+        top = plug_in.__module__.partition(".")[0]
+        code = self.plug_in_code(plug_in)
+        return digest(code.digest, _version(top)) if self._is_elsewhere(plug_in) else code.digest
+
+    def plug_in_code(self, plug_in: type) -> Code:
+        """The code behind a class; the file of a plug-in that is a single one is called `PLUG_IN`."""
         name = plug_in.__module__
         if self._file(name) is not None:
-            return self.digest(name)
+            return self.code(name)
         top = name.partition(".")[0]
-        places = getattr(sys.modules[top], "__path__", None)
-        if places is not None:
-            wider = self._with({top: Path(next(iter(places)))}, {})
-            return digest(wider.digest(name), _version(top))
+        if self._is_elsewhere(plug_in):
+            return self._with({top: Path(next(iter(sys.modules[top].__path__)))}, {}).code(name)
         single = sys.modules[name].__file__
         if single is None:
             raise ModuleNotFoundError(f"{plug_in!r} has no source file; a plug-in is a Python file or package")
-        return self._with({}, {PLUG_IN: Path(single)}).digest(PLUG_IN)
+        return self._with({}, {PLUG_IN: Path(single)}).code(PLUG_IN)
+
+    def _is_elsewhere(self, plug_in: type) -> bool:
+        """Whether a class is from a package that is not in the tree."""
+        name = plug_in.__module__
+        return self._file(name) is None and getattr(sys.modules[name.partition(".")[0]], "__path__", None) is not None
 
     def _with(self, packages: Mapping[str, Path], files: Mapping[str, Path]) -> "SourceTree":
         """A wider tree that has read what this one has."""

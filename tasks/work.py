@@ -1,7 +1,7 @@
 """What worker processes do: one stage of one block of runs, from the store and into it.
 
-Simulator, oracles and producers are imported when they are needed, so that a worker starts fast. Nothing raises: an
-error of one run or block comes back as a value, its traceback is in the log, and nothing is stored.
+Simulator, oracles and producers are imported when they are needed, so that a worker starts fast. Nothing raises but
+`StoreError`: an error of one run or block comes back as a value, its traceback is in the log, and nothing is stored.
 """
 
 import importlib.metadata
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec, TypeAlias, Typ
 from vastflow.sim.digest import Value
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.evaluation import FRAGMENTS, PackedProducer, write_evaluation
-from vastflow.tasks.store import Lost, Store
+from vastflow.tasks.store import Lost, Store, StoreError
 
 if TYPE_CHECKING:
     from vastflow.sim.recording import Recording
@@ -72,11 +72,17 @@ def broken(error: BaseException) -> Broken:
 
 
 def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T | Broken | Gone:
-    """Call `function`; an error is an answer too. Its class may be one the caller's process can't import."""
+    """Call `function`; an error is an answer too. Its class may be one the caller's process can't import.
+
+    Raises:
+        StoreError: without its store no job can be done, whatever it is.
+    """
     try:
         return function(*arguments, **named)
     except Lost as error:
         return Gone(str(error))
+    except StoreError:
+        raise
     except Exception as error:  # noqa: BLE001 - a plug-in may raise anything, and the campaign goes on
         return broken(error)
 
@@ -167,9 +173,9 @@ def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[s
     """Evaluate a producer on one restricted input and store what it yields."""
     _log_plainly()
     from vastflow.producers import producer as producers
-    from vastflow.producers.floorplan.environment import environments_in
+    from vastflow.producers.floorplan.environment import FOLDER, environments_in
 
-    with environments_in(store.root / "environments"):
+    with environments_in(store.local / FOLDER):
         found = producers.evaluate(producer.unpacked(), inputs)
     store.put(key, {FRAGMENTS: write_evaluation(found)})
 

@@ -15,7 +15,7 @@ from vastflow.tasks.instantiation import Evaluation
 from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.shelf import Block, Member, Shelf, missing, stretches
-from vastflow.tasks.store import Artifact
+from vastflow.tasks.store import Artifact, StoreError
 from vastflow.tasks.work import Broken, Executed, Stage
 
 MOST_RUNS_A_BLOCK: Final = 20
@@ -62,11 +62,13 @@ class Workshop:
 
     Attributes:
         block_runs: Most runs of a new block, see `block_size`.
+        store_error: Why the store can't be used any more; everything has ended then.
     """
 
     def __init__(self, shelf: Shelf, pool: Pool, tally: Tally, oracles: bytes) -> None:
         self.shelf = shelf
         self.block_runs = MOST_RUNS_A_BLOCK
+        self.store_error: StoreError | None = None
         self._pool = pool
         self._tally = tally
         self._oracles = oracles
@@ -93,7 +95,9 @@ class Workshop:
             for each in evaluations
             if store.find(each.key) is None
         }
-        answers = {key: _answer(job) for key, job in jobs.items()}
+        answers = {key: self._answer(job) for key, job in jobs.items()}
+        for key in jobs:
+            store.changed(key)
         return {key: answer.error for key, answer in answers.items() if isinstance(answer, Broken)}
 
     def warm_up(self) -> None:
@@ -103,7 +107,7 @@ class Workshop:
     def start_executing(self, member: Member) -> list["_Job"]:
         """Hand the missing runs of a member to the pool, once."""
         if self._warm is not None:
-            _answer(self._warm)
+            self._answer(self._warm)
         with self._lock:
             if member.name not in self._executing:
                 wanted = missing(self.shelf.blocks(member), member.runs)
@@ -133,7 +137,7 @@ class Workshop:
         """
         for member, jobs in [(member, list(self.start_executing(member))) for member in members]:
             for job in jobs:
-                answer = _answer(job.future)
+                answer = self._answer(job.future)
                 if isinstance(answer, Died) and job.stop - job.start > 1:
                     # One run may have killed the workers of all: each gets a block of its own.
                     jobs += [self._start(member, run, run + 1) for run in range(job.start, job.stop)]
@@ -142,6 +146,8 @@ class Workshop:
                 elif isinstance(answer, Executed):
                     for run_index, error in answer.broken.items():
                         self._fault(member, [run_index], "execute", error)
+            if jobs:
+                self.shelf.store.changed(self.shelf.keys.recordings(member.scenario.digest))
         found = [self.shelf.blocks(member) for member in members]
         rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
         return rows, not any(missing(blocks, member.runs) for blocks, member in zip(found, members, strict=True))
@@ -214,8 +220,11 @@ class Workshop:
             for (member, block), key in zip(blocks, keys, strict=True)
         ]
         for (member, block), job in zip(blocks, jobs, strict=True):
-            if job is not None and isinstance(answer := _answer(job), Broken):
+            if job is not None and isinstance(answer := self._answer(job), Broken):
                 self._fault(member, range(block.start, block.stop), stage, answer)
+        for key, job in zip(keys, jobs, strict=True):
+            if job is not None:
+                store.changed(key)
         return [store.find(key) for key in keys]
 
     def _blocks(self, members: Sequence[Member], rows: Rows) -> list[tuple[Member, Block]]:
@@ -233,6 +242,21 @@ class Workshop:
     def _submit(self, priority: Priority, function: Callable[..., Any], *arguments: Any) -> "Future[Any]":
         return self._pool.submit(priority, work.answered, function, *arguments)
 
+    def _answer(self, job: "Future[Any]") -> Any:
+        """What a job came to; a worker's death is an error like others."""
+        try:
+            return job.result()
+        except PoolClosed:
+            raise
+        except StoreError as error:
+            self.store_error = error
+            self._pool.close()  # the other jobs would find out one by one
+            raise
+        except WorkerDied as error:
+            return Died(str(error))
+        except Exception as error:  # noqa: BLE001 - what can't be pickled, say: one member's fault
+            return work.broken(error)
+
 
 def block_size(runs: int, workers: int) -> int:
     """Most runs of a block, so that every worker gets several; how runs are cut is in no key."""
@@ -242,15 +266,3 @@ def block_size(runs: int, workers: int) -> int:
 def judgements(verdicts: Artifact) -> dict[int, str]:
     """Run index to what all oracles together say, as `vastflow.tasks.work.judge` left it with the verdicts."""
     return {int(run_index): str(judgement) for run_index, judgement in verdicts.info["runs"]}
-
-
-def _answer(job: "Future[Any]") -> Any:
-    """What a job came to; a worker's death is an error like others."""
-    try:
-        return job.result()
-    except PoolClosed:
-        raise
-    except WorkerDied as error:
-        return Died(str(error))
-    except Exception as error:  # noqa: BLE001 - what can't be pickled, say: one member's fault
-        return work.broken(error)

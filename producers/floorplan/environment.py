@@ -92,7 +92,9 @@ def environments_folder() -> Path:
     """Where environments are kept: see `environments_in`, else beside the store's artifacts, wherever that is."""
     if (chosen := _FOLDER.get()) is not None:
         return chosen
-    root = os.environ.get(STORE)
+    root = os.environ.get(STORE, "")
+    if "://" in root:  # an address; which folder of this machine belongs to it only its workers are told
+        root = ""
     return (Path(root).expanduser() if root else Path(platformdirs.user_cache_dir("vastflow"), "store")) / FOLDER
 
 

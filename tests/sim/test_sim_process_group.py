@@ -97,6 +97,15 @@ def test_a_signal_that_ended_a_program_is_named(started):
     assert (ended.code, ended.signal, ended.reason) == (None, "SIGSEGV", "was ended by SIGSEGV")
 
 
+@pytest.fixture
+def interruptible():
+    """Tests that a shell started in its background ignore SIGINT, and what they start would, too."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_a_program_that_sleeps_for_ever_ends_by_the_signal_it_is_sent(started):
     group = started(SLEEPS)
     assert group.wait(0.05) is None

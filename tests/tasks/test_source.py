@@ -57,6 +57,15 @@ def test_the_closure_holds_what_is_imported_also_inside_functions(tree):
     )
 
 
+def test_the_code_behind_a_digest_tells_which_module_was_edited(tree):
+    before = SourceTree({"pkg.sim": tree / "sim"}).code("pkg.sim.run")
+    edit(tree / "sim/nav/kernel.py", "LIMIT = 3", "LIMIT = 4")
+    after = SourceTree({"pkg.sim": tree / "sim"}).code("pkg.sim.run")
+    assert [name for name in after.modules if after.modules[name] != before.modules[name]] == ["pkg.sim.nav.kernel"]
+    assert after.digest == digest_of(tree) != before.digest
+    assert set(after.libraries) == {"llvmlite", "numba", "numpy"}
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -15,7 +15,7 @@ from vastflow.sim.runlog import RunLog
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import packed, read_evaluation
-from vastflow.tasks.store import open_store
+from vastflow.tasks.store import StoreError, open_store
 from vastflow.tasks.work import Broken, Gone, answered
 
 POSE = {"position": {"x": 0.0, "y": 0.0}, "orientation": {"yaw": 0.0}}
@@ -130,3 +130,11 @@ def test_an_evaluation_is_stored(store):
     work.evaluate(store, "evaluate/ab/key", packed(ParameterVariationList(parameters)), {})
     fragments = read_evaluation(store.read("evaluate/ab/key", "fragments.json"), {})
     assert [dict(fragment.values) for fragment in fragments] == [{"noise": 0.0}, {"noise": 0.1}]
+
+
+def test_a_store_that_cannot_be_used_is_no_answer(store):
+    def put():
+        raise StoreError("store: the disk is full")
+
+    with pytest.raises(StoreError, match="the disk is full"):
+        answered(put)

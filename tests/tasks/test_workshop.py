@@ -10,7 +10,7 @@ from vastflow.tasks.keys import Keys
 from vastflow.tasks.pool import PoolClosed, WorkerDied
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.shelf import Member, Shelf
-from vastflow.tasks.store import open_store
+from vastflow.tasks.store import StoreError, open_store
 from vastflow.tasks.work import Broken, Executed, Gone
 from vastflow.tasks.workshop import MemberFault, Workshop, block_size
 
@@ -153,3 +153,15 @@ def test_a_block_is_short_enough_for_every_worker_to_have_several():
     assert block_size(120, 2) == 15
     assert block_size(109_600, 2) == 20
     assert block_size(1, 8) == 1
+
+
+def test_a_store_that_cannot_be_used_any_more_ends_everything_and_is_no_members_fault(shop, pool):
+    pool.answers["observe", "a"] = StoreError("store: the disk is full")
+    pool.close = lambda: pool.done.append("closed")
+    members = [member("a"), member("b")]
+    recorded, _ = shop.execute(members)
+    with pytest.raises(StoreError, match="the disk is full"):
+        shop.observe(members, recorded)
+    assert str(shop.store_error) == "store: the disk is full"
+    assert pool.done[-1] == "closed"
+    assert shop.faults == ()

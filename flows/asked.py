@@ -1,0 +1,39 @@
+"""What was asked of a campaign beside its file, as `metadata.json` has it: enough to ask it again."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What was asked.
+
+    Attributes:
+        file: Name of the campaign file.
+        runs: Of each configuration.
+        only: Names of families or configurations; empty for all.
+        places: File from outside of the campaign file's folder, relative to that, to its place below `inputs/`.
+    """
+
+    file: str
+    runs: int
+    only: tuple[str, ...] = ()
+    places: Mapping[str, str] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {**asdict(self), "only": list(self.only)}
+
+
+def asked_of(metadata: Mapping[str, Any]) -> Asked:
+    """What the campaign of a directory was asked; of one that an earlier version wrote, what can be told of it.
+
+    Raises:
+        KeyError, ZeroDivisionError: `metadata.json` is not what any version wrote.
+    """
+    if "asked" not in metadata:
+        counts = metadata["counts"]
+        return Asked(f"{metadata['name']}.vast".replace("/", "-"), counts["runs"] // counts["configurations"])
+    said = metadata["asked"]
+    return Asked(said["file"], said["runs"], tuple(said["only"]), said["places"])

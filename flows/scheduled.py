@@ -1,0 +1,67 @@
+"""The flow that deployments run: a whole campaign, asked for by parameters that a form of Prefect's pages can show."""
+
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+from prefect import flow, get_run_logger
+from prefect.client.schemas.objects import State
+from prefect.runtime import flow_run
+from prefect.states import Completed
+from pydantic import Field
+
+from vastflow.flows.api import run_campaign
+from vastflow.flows.artifacts import Page, publish
+from vastflow.flows.results import campaign_name
+from vastflow.producers.campaign import load_campaign
+from vastflow.tasks.execution.deployment import FLOW
+
+Text: TypeAlias = Annotated[str, Field(min_length=1)]
+Positive: TypeAlias = Annotated[int, Field(ge=1)]
+
+
+class CampaignFault(RuntimeError):
+    """Something of ours broke in the campaign, so that runs are not judged."""
+
+
+def _name() -> str:
+    """The campaign file's, until the campaign is known."""
+    return Path(str(flow_run.parameters.get("campaign", "campaign"))).stem
+
+
+@flow(name=FLOW, flow_run_name=_name, persist_result=False)
+def run_scheduled(
+    campaign: Text,
+    runs: Positive | None = None,
+    only: list[Text] = [],  # noqa: B006 - as Prefect's form shows it
+    results: Text = "results",
+    store: Text | None = None,
+    workers: Positive | None = None,
+    reports: Text | None = None,
+) -> State[Any]:
+    """Run a campaign and write its report.
+
+    Args:
+        campaign: Campaign file, as the worker finds it.
+        runs: Runs of each configuration; the campaign file's if left out.
+        only: Families or configurations to run, by name; all if left out.
+        results: Folder the campaign directory is made in.
+        store: Where results are kept for the next time; the worker's VASTFLOW_STORE if left out.
+        workers: Worker processes; one a core if left out.
+        reports: Web address at which the results folder is served, for the link to the report.
+
+    Raises:
+        CampaignError: faults of the campaign file.
+        CampaignFault: runs could not be judged because of faults of ours; the report has the rest.
+    """
+    log = get_run_logger()
+    name = campaign_name(load_campaign(Path(campaign)))
+    page = Page(name, str(flow_run.id), log.info)
+    found = run_campaign(
+        campaign, runs=runs, results=results, store=store, workers=workers, only=only or None, observer=page
+    )
+    outcome = publish(found, name, reports)
+    log.info("%s; report: %s", outcome, found.directory.resolve() / "report.html")
+    if found.faults:
+        first = found.faults[0]
+        raise CampaignFault(f"{len(found.faults)} faults of ours, the first in {first.stage}: {first.error}")
+    return Completed(message=outcome)

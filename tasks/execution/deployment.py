@@ -1,0 +1,78 @@
+"""A deployment of the flow that runs a campaign, in the form of Prefect's `prefect.yaml`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from vastflow.tasks.execution.description import label_of
+
+FLOW: Final = "run campaign"
+ENTRYPOINT: Final = "vastflow.flows.scheduled.run_scheduled"
+"""A module's function, found wherever vastflow is installed."""
+TAG: Final = "vastflow"
+STEP: Final = "prefect.deployments.steps.set_working_directory"
+
+
+@dataclass(frozen=True, slots=True)
+class Deployment:
+    """A campaign that Prefect runs on request or by a schedule.
+
+    Attributes:
+        name: Of the deployment.
+        campaign: The campaign's own name.
+        parameters: Of the flow; what is left out has the flow's defaults.
+        pool: Name of the work pool.
+        folder: Working directory on the worker's machine or in the image; relative parameters are below it.
+        description: Markdown.
+        job_variables: What it sets of the pool's template.
+        cron: Five fields; None runs on request only.
+        timezone: IANA name in which `cron` counts.
+    """
+
+    name: str
+    campaign: str
+    parameters: Mapping[str, Any]
+    pool: str
+    folder: str
+    description: str = ""
+    job_variables: Mapping[str, Any] = field(default_factory=dict)
+    cron: str | None = None
+    timezone: str = "UTC"
+
+    def as_yaml(self) -> dict[str, Any]:
+        """An entry of `deployments` in a `prefect.yaml`, as plain data.
+
+        Of one deployment one flow run runs at a time and the others wait: two at once would compute the same.
+        """
+        schedules = [] if self.cron is None else [{"cron": self.cron, "timezone": self.timezone}]
+        return {
+            "name": self.name,
+            "description": self.description,
+            "tags": [TAG, label_of(self.campaign) or "campaign"],
+            "entrypoint": ENTRYPOINT,
+            "parameters": dict(self.parameters),
+            "enforce_parameter_schema": True,
+            "concurrency_limit": {"limit": 1, "collision_strategy": "ENQUEUE"},
+            "schedules": schedules,
+            "pull": [{STEP: {"directory": self.folder}}],
+            "work_pool": {"name": self.pool, "job_variables": dict(self.job_variables)},
+        }
+
+
+def description_of(campaign: str, file: str, runs: int, about: str = "") -> str:
+    """What a deployment's page says, in Markdown.
+
+    Args:
+        file: The campaign file, as the worker finds it.
+        runs: Of each configuration.
+        about: The campaign file's own description.
+    """
+    does = (
+        f"Runs the campaign **{campaign}** (`{file}`), {runs} runs of each configuration, and writes its report. What the "
+        "store has already is not computed again."
+    )
+    where = (
+        "The whole campaign runs on the machine of the worker that takes it. A flow run that Prefect shows as *Failed* is a "
+        "fault of the campaign file or of ours; runs that the robot failed are in the report."
+    )
+    return "\n\n".join(filter(None, (about.strip(), does, where))) + "\n"

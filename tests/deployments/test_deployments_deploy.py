@@ -1,0 +1,142 @@
+"""`vastflow deploy` without Prefect's API: what a dry run prints, and what it says of a wrong option."""
+
+import pytest
+import yaml
+from prefect.cli.deploy._models import DeploymentConfig
+from typer.testing import CliRunner
+
+from vastflow.flows import deploy_command
+from vastflow.flows.__main__ import app
+from vastflow.flows.deploy_command import NO_API
+from vastflow.flows.scheduled import run_scheduled
+from vastflow.tasks.execution.job import PoolType, base_job_template
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, ["deploy", *map(str, arguments)])
+
+
+@pytest.fixture
+def file(campaign_file):
+    """A campaign file with resources and nothing of containers."""
+    return campaign_file("  runs: 7\n  resources: {cpu: 3, memory: 6Gi}\n")
+
+
+def printed(result):
+    assert result.exit_code == 0, result.output
+    written, pool = yaml.safe_load_all(result.stdout)
+    return DeploymentConfig.model_validate(written["deployments"][0]), pool
+
+
+def test_a_dry_run_prints_the_deployment_and_its_pool(file):
+    deployment, pool = printed(
+        called(file, "--pool", "lab", "--schedule", "0 2 * * *", "--timezone", "Asia/Tokyo", "--dry-run")
+    )
+    assert (deployment.name, deployment.work_pool.name, pool["type"]) == ("Two_rooms", "lab", "process")
+    assert deployment.tags == ["vastflow", "two-rooms"]
+    assert (deployment.schedules[0].cron, deployment.schedules[0].timezone) == ("0 2 * * *", "Asia/Tokyo")
+    assert "7 runs of each configuration" in deployment.description
+
+
+def test_the_parameters_are_those_of_the_flow_and_the_paths_are_absolute(file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options = (
+        "--runs",
+        2,
+        "--only",
+        "rooms",
+        "--workers",
+        1,
+        "--store",
+        "s3://bucket",
+        "--reports",
+        "https://lab.example",
+    )
+    deployment, _ = printed(called("rooms.vast", "--pool", "lab", *options, "--dry-run"))
+    assert deployment.parameters == {
+        "campaign": str(tmp_path / "rooms.vast"),
+        "runs": 2,
+        "only": ["rooms"],
+        "results": str(tmp_path / "results"),
+        "store": "s3://bucket",
+        "workers": 1,
+        "reports": "https://lab.example",
+    }
+    run_scheduled.validate_parameters(deployment.parameters)
+
+
+def test_without_a_schedule_it_runs_on_request_only(file):
+    deployment, _ = printed(called(file, "--pool", "lab", "--dry-run"))
+    assert deployment.schedules == []
+
+
+def test_a_cluster_gets_the_resources_of_the_file_and_paths_of_the_image(file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options = ("--type", "kubernetes", "--image", "ghcr.io/me/vastflow:7", "--queue", "nightly")
+    deployment, pool = printed(called("rooms.vast", "--pool", "cluster", *options, "--dry-run"))
+    assert deployment.work_pool.job_variables == {
+        "image": "ghcr.io/me/vastflow:7",
+        "queue": "nightly",
+        "cpu": "3",
+        "memory": "6Gi",
+    }
+    assert deployment.parameters == {"campaign": "rooms.vast", "results": "/data/results", "workers": 3}
+    assert pool["base_job_template"] == base_job_template(PoolType.kubernetes)
+
+
+def test_a_file_that_is_in_no_image_is_a_users_mistake(file, tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    result = called(file, "--pool", "cluster", "--type", "kubernetes", "--dry-run")
+    assert result.exit_code == 2
+    assert "call this from the folder that the image is built from" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--schedule", "0 2 * *"), "--schedule: found '0 2 * *'; five fields"),
+        (("--schedule", "0 2 * * * *"), "--schedule: found '0 2 * * * *'; five fields"),
+        (("--schedule", "every night"), "--schedule: found 'every night'; five fields"),
+        (
+            ("--schedule", "0 2 * * *", "--timezone", "Asia/Tokio"),
+            "--timezone: found 'Asia/Tokio'; did you mean 'Asia/Tokyo'?",
+        ),
+    ],
+)
+def test_a_schedule_that_prefect_can_not_read_is_a_users_mistake(file, options, said):
+    result = called(file, "--pool", "lab", *options, "--dry-run")
+    assert result.exit_code == 2
+    assert said in result.stderr
+
+
+def test_a_fault_of_the_campaign_file_is_found_before_it_is_deployed(campaign_file):
+    file = campaign_file("  runs: none\n")
+    result = called(file, "--pool", "lab", "--dry-run")
+    assert result.exit_code == 2
+    assert f"{file}:10:9" in result.stderr
+
+
+def test_sidecars_without_an_image_are_a_fault_of_the_file(campaign_file):
+    result = called(campaign_file("  secondary_containers: [nav]\n"), "--pool", "lab", "--dry-run")
+    assert result.exit_code == 2
+    assert "no 'image'" in result.stderr
+
+
+def test_without_an_api_nothing_is_deployed_and_what_to_do_is_said(file, monkeypatch):
+    monkeypatch.setattr("vastflow.tasks.server.configured_url", lambda: None)
+    result = called(file, "--pool", "lab")
+    assert (result.exit_code, result.stderr) == (2, NO_API + "\n")
+
+
+def test_an_api_that_does_not_answer_is_said(file, monkeypatch):
+    from prefect.settings import temporary_settings
+
+    with temporary_settings({"api.url": "http://127.0.0.1:9/api", "client.max_retries": 0}):
+        result = called(file, "--pool", "lab")
+    assert (result.exit_code, result.stdout) == (3, "")
+    assert result.stderr.startswith("Prefect's API at http://127.0.0.1:9/api does not answer: ")
+
+
+def test_the_command_is_cheap_to_import():
+    assert not any(name.startswith("prefect") for name in vars(deploy_command))

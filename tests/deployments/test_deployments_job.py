@@ -1,0 +1,178 @@
+"""Base job templates of work pools: what Prefect makes of them, valid by Kubernetes' schemas, and nothing of the worker in it."""
+
+import asyncio
+import json
+import re
+import uuid
+from typing import Any
+
+import kubernetes_validate
+import prefect
+import pytest
+from prefect.client.schemas.objects import FlowRun
+from prefect.settings import Settings
+from prefect.workers.base import BaseJobConfiguration
+from pydantic import Field
+
+from vastflow.tasks.execution.job import DATA, FLOW_RUN, USER, PoolType, base_job_template, job_variables
+from vastflow.tasks.execution.kueue import QUEUE_LABEL
+from vastflow.tasks.execution.leak import OF_THE_WORKER
+
+NEITHER_IN_A_POD_SPEC = ("parallelism", "completions")
+PLACES = re.compile(
+    r".*_(PATH|URL|HOME|KEY|STRING|HOST|FILE|PASSWORD|USER|DIRECTORY|BLOCK|HEADERS|PORT|NAME|NAMESPACE)"
+)
+FOREIGN = "http://of-the-worker.example"
+
+
+class Configuration(BaseJobConfiguration):
+    """What every kind of worker does with a template, without the worker's own package."""
+
+    job_manifest: dict[str, Any] = Field(default_factory=dict)
+    volumes: list[str] = Field(default_factory=list)
+    mem_limit: str | None = None
+    image: str = ""
+
+
+def configured(kind, values, worker_environment=None, configuration=Configuration, monkeypatch=None):
+    if monkeypatch is not None:
+        monkeypatch.setattr(BaseJobConfiguration, "_base_environment", staticmethod(lambda: dict(worker_environment)))
+    made = asyncio.run(configuration.from_template_and_values(base_job_template(kind), values, client=object()))
+    made.prepare_for_flow_run(FlowRun(id=uuid.uuid4(), name="quick-fox", flow_id=uuid.uuid4()))
+    return made
+
+
+def valid_job(manifest):
+    """The Job as Kubernetes keeps it; what it does not know, it leaves out."""
+    job = json.loads(json.dumps(manifest))
+    for key in NEITHER_IN_A_POD_SPEC:
+        assert job["spec"]["template"]["spec"].pop(key) == 1
+    kubernetes_validate.validate(job, kubernetes_validate.latest_version(), strict=True)
+    return job
+
+
+def pod(configuration):
+    return configuration.job_manifest["spec"]["template"]["spec"]
+
+
+def test_a_job_of_the_template_alone_is_valid():
+    valid_job(configured(PoolType.kubernetes, {}).job_manifest)
+
+
+def test_a_job_of_every_key_of_a_campaign_file_is_valid_and_has_them(described):
+    made = configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described()))
+    valid_job(made.job_manifest)
+    spec = pod(made)
+    assert spec["containers"][0]["resources"] == {
+        "requests": {"cpu": "4", "memory": "8Gi"},
+        "limits": {"memory": "8Gi", "nvidia.com/gpu": "1"},
+    }
+    assert spec["nodeSelector"] == {"disk": "ssd", "example.org/fast": "true"}
+    assert [(each["name"], each["restartPolicy"]) for each in spec["initContainers"]] == [
+        ("nav-stack", "Always"),
+        ("simulation", "Always"),
+    ]
+    (config,) = (volume["configMap"] for volume in spec["volumes"] if volume["name"] == "config")
+    assert (config["name"], len(config["items"])) == ("two-rooms-files", 3)
+
+
+def test_a_sidecar_has_the_users_of_the_file_and_the_campaign_that_of_its_image(described):
+    spec = pod(configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described())))
+    assert spec["securityContext"]["runAsUser"] == USER
+    assert {each["securityContext"]["runAsUser"] for each in spec["initContainers"]} == {1001}
+
+
+def test_every_mount_has_its_volume(described):
+    spec = pod(configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described())))
+    volumes = {volume["name"] for volume in spec["volumes"]}
+    for container in (*spec["initContainers"], *spec["containers"]):
+        assert {mount["name"] for mount in container["volumeMounts"]} <= volumes
+    assert {"name": "data", "mountPath": DATA} in spec["containers"][0]["volumeMounts"]
+
+
+def test_a_job_waits_in_the_queue_that_the_deployment_names():
+    assert configured(PoolType.kubernetes, {}).labels[QUEUE_LABEL] == "vastflow"
+    assert configured(PoolType.kubernetes, {"queue": "nightly"}).labels[QUEUE_LABEL] == "nightly"
+
+
+def test_credentials_come_from_a_secret_and_are_in_no_template():
+    spec = pod(configured(PoolType.kubernetes, {"secret": "s3"}))
+    assert spec["containers"][0]["envFrom"] == [{"secretRef": {"name": "s3", "optional": True}}]
+    assert "AWS" not in json.dumps(base_job_template(PoolType.kubernetes))
+
+
+def test_a_finished_job_is_cleaned_up_and_an_evicted_one_is_prefects():
+    spec = configured(PoolType.kubernetes, {"finished_job_ttl": 60}).job_manifest["spec"]
+    assert (spec["ttlSecondsAfterFinished"], spec["backoffLimit"]) == (60, 0)
+    assert base_job_template(PoolType.kubernetes)["variables"]["properties"]["finished_job_ttl"]["default"] > 0
+
+
+@pytest.mark.parametrize("kind", [PoolType.docker, PoolType.kubernetes])
+def test_nothing_of_the_workers_own_settings_reaches_a_job(kind, monkeypatch):
+    foreign = dict.fromkeys((*OF_THE_WORKER, "PREFECT_API_URL", "PREFECT_HOME"), FOREIGN)
+    made = configured(kind, {}, {**foreign, "PREFECT_LOGGING_LEVEL": "DEBUG"}, monkeypatch=monkeypatch)
+    assert FOREIGN not in json.dumps(made.env)
+    assert made.env["PREFECT_LOGGING_LEVEL"] == "DEBUG"
+    assert made.env["VASTFLOW_STORE"].startswith(DATA)
+
+
+@pytest.mark.parametrize("kind", [PoolType.docker, PoolType.kubernetes])
+def test_a_deployment_can_set_what_is_taken_from_the_worker(kind, monkeypatch):
+    env = {"PREFECT_API_SSL_CERT_FILE": "/etc/ca.pem", "VASTFLOW_STORE": "s3://bucket"}
+    made = configured(kind, {"env": env}, {"PREFECT_API_SSL_CERT_FILE": FOREIGN}, monkeypatch=monkeypatch)
+    assert {name: made.env[name] for name in env} == env
+
+
+def environment_names(settings):
+    for name in type(settings).model_fields:
+        value = getattr(settings, name)
+        if hasattr(type(value), "model_fields"):
+            yield from environment_names(value)
+        else:
+            yield (settings.model_config.get("env_prefix", "") + name).upper()
+
+
+@pytest.mark.skipif(not prefect.__version__.startswith("3.8."), reason="the list was made for Prefect 3.8")
+def test_every_setting_of_prefect_that_names_a_place_or_a_secret_is_taken_away():
+    known = {*OF_THE_WORKER, "PREFECT_API_URL", "PREFECT_HOME"}
+    names = set(environment_names(Settings()))
+    assert {name for name in names if PLACES.fullmatch(name)} - known <= {"PREFECT_SERVER_API_CORS_ALLOWED_HEADERS"}
+    assert known <= names
+
+
+def test_what_a_worker_runs_is_the_container_that_prefect_looks_for():
+    assert [container["name"] for container in pod(configured(PoolType.kubernetes, {}))["containers"]] == [FLOW_RUN]
+
+
+def test_a_container_of_docker_has_the_volume_and_the_memory(described):
+    made = configured(PoolType.docker, job_variables(PoolType.docker, described()))
+    assert (made.volumes, made.mem_limit, made.image) == ([f"vastflow:{DATA}"], "8g", "vastflow:latest")
+
+
+def test_a_process_takes_nothing_of_the_file_and_has_no_template_of_ours(described):
+    assert job_variables(PoolType.process, described()) == {}
+    with pytest.raises(ValueError, match="found 'process'; Prefect has the template"):
+        base_job_template(PoolType.process)
+
+
+def test_prefects_own_worker_accepts_the_template_and_puts_everything_into_the_job(described, monkeypatch):
+    worker = pytest.importorskip("prefect_kubernetes.worker", reason="takes the package prefect-kubernetes")
+    made = configured(
+        PoolType.kubernetes,
+        job_variables(PoolType.kubernetes, described()),
+        {"PREFECT_API_KEY": FOREIGN},
+        worker.KubernetesWorkerJobConfiguration,
+        monkeypatch,
+    )
+    job = valid_job(made.job_manifest)
+    assert FOREIGN not in json.dumps(job)
+    assert job["metadata"]["labels"][QUEUE_LABEL] == job["spec"]["template"]["metadata"]["labels"][QUEUE_LABEL]
+    assert job["spec"]["template"]["spec"]["containers"][0]["args"] == ["prefect", "flow-run", "execute"]
+
+
+def test_prefects_own_docker_worker_accepts_the_template(monkeypatch):
+    worker = pytest.importorskip("prefect_docker.worker", reason="takes the package prefect-docker")
+    made = configured(
+        PoolType.docker, {}, {"PREFECT_API_KEY": FOREIGN}, worker.DockerWorkerJobConfiguration, monkeypatch
+    )
+    assert (made.auto_remove, made.privileged, FOREIGN in json.dumps(made.env)) == (True, False, False)

@@ -1,0 +1,224 @@
+"""A deployment from end to end: a real API, a real worker in a process pool, and what a person then finds in Prefect.
+
+One flow run in the ordinary course of the tests. `VASTFLOW_DEPLOYMENTS=all` adds those of a second night and of a broken file.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from prefect.client.orchestration import get_client
+from prefect.settings import temporary_settings
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+from vastflow.tasks.server import ApiServer, PrefectUnavailable
+
+pytestmark = pytest.mark.timeout(280)
+more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
+
+START_S, WORKER_S = 60, 180
+DEPLOYMENT = "run campaign/tiny"
+CAMPAIGN = """\
+version: 1
+metadata: {name: tiny}
+configuration:
+  - name: room
+    parameters:
+      - map_file: room.yaml
+      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
+      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
+    variations:
+      - ParameterVariationList:
+          name: laserscan_gaussian_noise_std_deviation
+          values: [0.0, 0.01]
+execution: {runs: 2, timeout: 30}
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with the campaign; Prefect's home and the store are beside it."""
+    folder = tmp_path_factory.mktemp("lab")
+    side = 60
+    cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
+    (folder / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
+    (folder / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    (folder / "tiny.vast").write_text(CAMPAIGN)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def api(place):
+    """A client of an API that has a port and a database of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PREFECT_HOME", str(place / "prefect"))
+        server = ApiServer(place / "server.log")
+        try:
+            url = server.url(START_S)
+        except PrefectUnavailable as error:
+            server.stop(0)
+            pytest.skip(str(error))
+        try:
+            with temporary_settings({"api.url": url}), get_client(sync_client=True) as client:
+                yield client
+        finally:
+            server.stop()
+
+
+@pytest.fixture(scope="module")
+def deployed(api, place):
+    """What the command said of the deployment."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        options = ("--pool", "lab", "--workers", "2", "--store", str(place / "store"), "--schedule", "0 2 * * *")
+        return CliRunner().invoke(app, ["deploy", "tiny.vast", *options])
+
+
+@pytest.fixture(scope="module")
+def work(api, place, deployed):
+    """Asks for a flow run with these parameters, lets a worker take it, and gives it as it is afterwards."""
+    assert deployed.exit_code == 0, deployed.output
+    environment = {**os.environ, "PREFECT_API_URL": str(api.api_url), "PREFECT_HOME": str(place / "worker")}
+
+    def done(**parameters):
+        deployment = api.read_deployment_by_name(DEPLOYMENT)
+        asked = api.create_flow_run_from_deployment(deployment.id, parameters=parameters)
+        worker = (sys.executable, "-m", "prefect", "worker", "start", "--pool", "lab", "--limit", "1", "--run-once")
+        subprocess.run(
+            worker, check=True, timeout=WORKER_S, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        return api.read_flow_run(asked.id)
+
+    return done
+
+
+@pytest.fixture(scope="module")
+def first(work):
+    """The first flow run of the deployment."""
+    return work()
+
+
+def artifacts(api, flow_run):
+    found = api.request("POST", "/artifacts/filter", json={"artifacts": {"flow_run_id": {"any_": [str(flow_run.id)]}}})
+    return {each["key"]: each for each in found.json()}
+
+
+def logged(api, flow_run):
+    asked = {"logs": {"flow_run_id": {"any_": [str(flow_run.id)]}}, "sort": "TIMESTAMP_ASC"}
+    return [each["message"] for each in api.request("POST", "/logs/filter", json=asked).json()]
+
+
+def test_the_command_makes_pool_and_deployment_and_says_what_is_next(api, deployed):
+    assert deployed.exit_code == 0, deployed.output
+    made, address, again = deployed.stdout.splitlines()
+    assert made == "made the work pool lab; start a worker: prefect worker start --pool lab"
+    assert address.startswith(f"{DEPLOYMENT}: http://127.0.0.1:")
+    assert again == f"run it: prefect deployment run '{DEPLOYMENT}'"
+    assert api.read_work_pool("lab").type == "process"
+
+
+def test_the_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_show(api, deployed):
+    deployment = api.read_deployment_by_name(DEPLOYMENT)
+    assert deployment.schedules[0].schedule.cron == "0 2 * * *"
+    assert (deployment.global_concurrency_limit.limit, deployment.tags) == (1, ["vastflow", "tiny"])
+    assert deployment.concurrency_options.collision_strategy.value == "ENQUEUE"
+    properties = deployment.parameter_openapi_schema["properties"]
+    assert all("description" in about for about in properties.values())
+    assert deployment.enforce_parameter_schema
+
+
+def test_deploying_again_changes_the_same_deployment(api, place, deployed, monkeypatch):
+    monkeypatch.chdir(place)
+    before = api.read_deployment_by_name(DEPLOYMENT)
+    result = CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", "--name", "tiny", "--runs", "9"])
+    after = api.read_deployment_by_name(DEPLOYMENT)
+    assert (result.exit_code, after.id, after.parameters["runs"]) == (0, before.id, 9)
+    assert (result.stdout.splitlines()[0].split()[0], after.schedules) == ("found", [])
+    options = ("--workers", "2", "--store", str(place / "store"))
+    assert CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", *options]).exit_code == 0
+
+
+def test_a_pool_of_another_type_is_not_taken(api, place, deployed, monkeypatch):
+    monkeypatch.chdir(place)
+    result = CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", "--type", "docker"])
+    assert result.exit_code == 2
+    assert "--pool: the work pool 'lab' is of type 'process'; name another, or give --type process" in result.stderr
+
+
+def test_parameters_that_make_no_sense_are_refused_before_they_run(api, deployed):
+    deployment = api.read_deployment_by_name(DEPLOYMENT)
+    with pytest.raises(Exception, match="0 is less than the minimum of 1"):
+        api.create_flow_run_from_deployment(deployment.id, parameters={"runs": 0})
+
+
+def test_a_worker_runs_the_campaign_and_the_flow_run_is_completed_under_a_readable_name(first):
+    assert first.state.name == "Completed", first.state.message
+    assert first.name == "tiny, 2 configurations × 2 runs"
+    assert first.state.message.startswith("2 configurations × 2 runs: ")
+    assert first.state.message.endswith("; 4 runs executed, 0 from the store")
+
+
+def test_the_campaign_directory_is_where_the_deployment_says(place, first):
+    (directory,) = (place / "results").glob("tiny-*")
+    assert (directory / "report.html").is_file()
+    assert json.loads((directory / "metadata.json").read_text())["counts"]["executed"] == 4
+
+
+def test_progress_results_and_the_link_to_the_report_are_on_the_flow_runs_page(api, place, first):
+    found = artifacts(api, first)
+    assert {key: each["type"] for key, each in found.items()} == {
+        "tiny-progress": "progress",
+        "tiny-results": "table",
+        "tiny-report": "markdown",
+    }
+    assert found["tiny-progress"]["data"] == 100
+    (row,) = json.loads(found["tiny-results"]["data"])
+    assert (row["family"], row["configurations"], row["runs"]) == ("room", 2, 4)
+    (directory,) = (place / "results").glob("tiny-*")
+    assert found["tiny-report"]["data"] == f"[report.html]({(directory / 'report.html').as_uri()})"
+
+
+def test_the_log_on_the_flow_runs_page_is_short_and_tells_begin_stages_and_summary(api, first):
+    lines = logged(api, first)
+    assert len(lines) < 20
+    own = [line for line in lines if line.startswith(("2 configurations", "executing", "writing"))]
+    assert own[0] == "2 configurations × 2 runs; 0 runs are in the store"
+    assert own[-1].startswith("2 configurations × 2 runs: ")
+    assert "report: " in own[-1]
+
+
+def test_the_stages_have_a_flow_run_of_their_own_with_tags_and_few_lines(api, first):
+    (inner,) = (run for run in api.read_flow_runs() if run.name.startswith("tiny 20"))
+    assert set(inner.tags) == {"vastflow", "tiny"}
+    assert artifacts(api, inner)["tiny-shards"]["data"] == 100
+    lines = logged(api, inner)
+    assert "execute: 2 shards, 0 of them known already" in lines
+    assert len(lines) < 10
+
+
+@more
+def test_a_second_night_executes_nothing_and_has_its_results_all_the_same(api, first, work):
+    second = work()
+    assert second.state.message.endswith("; 0 runs executed, 4 from the store")
+    assert set(artifacts(api, second)) == {"tiny-progress", "tiny-results", "tiny-report"}
+    assert "2 configurations × 2 runs; 4 runs are in the store" in logged(api, second)
+
+
+@more
+def test_the_link_goes_to_where_the_results_are_served(api, first, work):
+    asked = work(reports="https://lab.example/results/", runs=3)
+    link = artifacts(api, asked)["tiny-report"]["data"]
+    assert link.startswith("[report.html](https://lab.example/results/tiny-20")
+    assert asked.name == "tiny, 2 configurations × 3 runs"
+
+
+@more
+def test_a_broken_campaign_file_fails_its_flow_run_and_says_where(place, first, work):
+    Path(place, "broken.vast").write_text(CAMPAIGN.replace("runs: 2", "runs: none"))
+    broken = work(campaign=str(place / "broken.vast"))
+    assert broken.state.name == "Failed"
+    assert "broken.vast:13:19" in broken.state.message

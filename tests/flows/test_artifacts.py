@@ -1,0 +1,144 @@
+"""What Prefect's pages are told of a campaign, without an API: the requests are caught."""
+
+import logging
+from types import SimpleNamespace
+from uuid import uuid4
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.flows import artifacts
+from vastflow.flows.artifacts import Page, ProgressBar, key_of, progress_text, size_text, tolerated
+from vastflow.tasks.progress import Progress
+
+
+class Client:
+    """Takes what would be sent."""
+
+    def __init__(self, error=None):
+        self.sent = []
+        self.error = error
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def _take(self, *what):
+        self.sent.append(what)
+        if self.error is not None:
+            raise self.error
+
+    def create_artifact(self, artifact):
+        self._take("create", artifact.key, artifact.data, artifact.description)
+        return SimpleNamespace(id=uuid4())
+
+    def update_artifact(self, _, artifact):
+        self._take("update", artifact.data, artifact.description)
+
+    def update_flow_run(self, _, name=None, tags=None):
+        self._take("rename", name)
+
+
+@pytest.fixture
+def client(monkeypatch):
+    client = Client()
+    monkeypatch.setattr(artifacts, "get_client", lambda sync_client: client)
+    return client
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that can be set: `clock.now_s`."""
+    clock = SimpleNamespace(now_s=100.0)
+    monkeypatch.setattr(artifacts.time, "monotonic", lambda: clock.now_s)
+    return clock
+
+
+def test_progress_is_one_artifact_that_is_updated_now_and_then(client, clock):
+    bar = ProgressBar("x-progress", str(uuid4()))
+    bar.show(0.0, "0 of 4")
+    bar.show(0.25, "1 of 4")
+    clock.now_s += 3.0
+    bar.show(0.5, "2 of 4")
+    assert client.sent == [("create", "x-progress", 0.0, "0 of 4"), ("update", 50.0, "2 of 4")]
+
+
+def test_the_end_is_always_shown_and_only_once(client, clock):
+    bar = ProgressBar("x-progress", str(uuid4()))
+    bar.show(0.0, "0 of 4")
+    bar.show(1.0, "4 of 4")
+    bar.show(1.0, "4 of 4")
+    assert [sent[0] for sent in client.sent] == ["create", "update"]
+
+
+def told(client, *states):
+    lines = []
+    page = Page("Two rooms", str(uuid4()), lines.append)
+    for state in states:
+        page.update(state)
+    return lines
+
+
+def test_a_flow_run_is_named_once_the_campaigns_size_is_known(client, clock):
+    lines = told(
+        client,
+        Progress("scanning"),
+        Progress("running", configurations_total=24, runs_total=120, reused=20, runs_done=20, passed=20),
+        Progress("running", configurations_total=24, runs_total=120, reused=20, runs_done=60, passed=60),
+    )
+    assert [sent for sent in client.sent if sent[0] == "rename"] == [
+        ("rename", "Two rooms, 24 configurations × 5 runs")
+    ]
+    assert lines[0] == "24 configurations × 5 runs; 20 runs are in the store"
+    assert client.sent[1][1] == "two-rooms-progress"
+
+
+def test_the_log_has_a_line_for_a_phase_and_none_for_a_run(client, clock):
+    running = [
+        Progress("running", configurations_total=1000, runs_total=100_000, runs_done=done, passed=done)
+        for done in range(0, 100_001, 100)
+    ]
+    lines = told(client, Progress("instantiating"), *running, Progress("reporting", runs_total=100_000))
+    assert len(lines) == 4
+    assert lines[-1] == "writing the report"
+
+
+def test_an_api_that_refuses_is_said_once_and_asked_no_more(client, clock, caplog):
+    client.error = RuntimeError("gone")
+    with caplog.at_level(logging.WARNING, "vastflow.artifacts"):
+        lines = told(
+            client, *(Progress("running", runs_total=4, configurations_total=2, runs_done=k) for k in range(5))
+        )
+    assert len(client.sent) == 1
+    assert [record.getMessage() for record in caplog.records] == [
+        "Prefect does not show the campaign's progress or results: gone"
+    ]
+    assert lines[0] == "2 configurations × 2 runs; 0 runs are in the store"
+
+
+def test_an_interruption_is_not_tolerated():
+    with pytest.raises(KeyboardInterrupt, match="now"), tolerated():
+        raise KeyboardInterrupt("now")
+
+
+def test_one_is_not_many():
+    assert (size_text(1, 1), size_text(2, 10), size_text(0, 0)) == (
+        "1 configuration × 1 run",
+        "2 configurations × 5 runs",
+        "0 configurations × 0 runs",
+    )
+
+
+def test_progress_in_words():
+    progress = Progress("running", runs_total=8, runs_done=6, passed=3, failed=2, not_judged=1)
+    assert progress_text(progress) == "6 of 8 runs done; 3 passed, 2 failed, 1 not judged"
+
+
+@given(st.text())
+def test_a_key_is_one_that_prefect_takes_whatever_a_campaign_is_called(name):
+    key = key_of(name)
+    assert key
+    assert set(key) <= set("abcdefghijklmnopqrstuvwxyz0123456789-")

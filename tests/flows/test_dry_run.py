@@ -1,0 +1,531 @@
+"""The dry run: what a run would compute and why, compared with what the run then computes."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows import api, run_campaign, session
+from vastflow.flows import dry_run as dry_runs
+from vastflow.flows.__main__ import app
+from vastflow.flows.dry_run import STAGES, dry_run
+from vastflow.flows.dry_run_reasons import parameter_changes, scenario_reason
+from vastflow.flows.dry_run_store import Overlay, untouched
+from vastflow.flows.dry_run_text import whys
+from vastflow.flows.past import NoPast, newest_past
+from vastflow.flows.results import block_rows
+from vastflow.producers.faults import CampaignError
+from vastflow.tasks import source
+from vastflow.tasks.source import SourceTree, installed_tree
+from vastflow.tasks.store import Lost, StoreError
+
+pytestmark = pytest.mark.timeout(240)
+
+CAMPAIGN = """
+version: 1
+metadata: {name: dry}
+configuration:
+  - name: room
+    parameters:
+      - map_file: room.yaml
+    variations:
+      - ahead.py:Ahead: {distances_m: [0.6]}
+      - ParameterVariationList:
+          name: laserscan_gaussian_noise_std_deviation
+          values: [0.0, 0.01]
+execution: {runs: 2, timeout: 30}
+evaluation:
+  oracles:
+    - driven.py:Driven: {least_m: 0.1}
+"""
+
+FAMILY = """\
+  - name: hall
+    parameters:
+      - map_file: room.yaml
+      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}
+      - goal_pose: {x: 1.6, y: 1.0, yaw: 0.0}
+"""
+
+PRODUCER = """
+from vastflow.producers.configuration import Fragment
+from vastflow.producers.producer import Parameters, Producer
+
+
+class AheadParameters(Parameters):
+    distances_m: tuple[float, ...]
+
+
+class Ahead(Producer[AheadParameters]):
+    Parameters = AheadParameters
+    reads = ("map_file",)
+    writes = {"start_pose": "task", "goal_pose": "task"}
+
+    def produce(self, inputs, draws):
+        for distance_m in self.parameters.distances_m:
+            yield Fragment({"start_pose": pose(1.0), "goal_pose": pose(1.0 + distance_m)})
+
+
+def pose(x_m):
+    return {"position": {"x": x_m, "y": 1.5}, "orientation": {"yaw": 0.0}}
+"""
+
+ORACLE = """
+from vastflow.oracles.oracle import Oracle, Parameters
+
+
+class DrivenParameters(Parameters):
+    least_m: float
+
+
+class Driven(Oracle[DrivenParameters]):
+    Parameters = DrivenParameters
+    metrics = {"distance": "m"}
+
+    def judge(self, trace, situation):
+        return self.passed(trace, distance=trace.run.distance_m)
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with the campaign, its map and plug-ins; Prefect's home and the store are beside it."""
+    folder = tmp_path_factory.mktemp("dry")
+    side = 60
+    cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
+    (folder / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
+    (folder / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    (folder / "dry.vast").write_text(CAMPAIGN)
+    (folder / "ahead.py").write_text(PRODUCER)
+    (folder / "driven.py").write_text(ORACLE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PREFECT_HOME", str(folder / "prefect"))
+        patch.delenv("PREFECT_API_URL", raising=False)
+        tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
+        patch.setattr(api, "installed_tree", lambda: tree)
+        patch.setattr(dry_runs, "installed_tree", lambda: tree)
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def first(place):
+    """The campaign directory of the first run."""
+    found = run_campaign(place / "dry.vast", results=place / "results", store=place / "store", workers=2)
+    assert found.faults == ()
+    return found.directory
+
+
+class Again:
+    """An edited copy of the campaign over a copy of the first run's store."""
+
+    def __init__(self, folder, place):
+        self.folder = folder
+        self.place = place
+        self.store = folder / "store"
+
+    def edit(self, *edits):
+        """Edits are (file, old, new)."""
+        for file, old, new in edits:
+            text = (self.folder / file).read_text()
+            assert text.count(old) == 1
+            (self.folder / file).write_text(text.replace(old, new))
+
+    def dry(self, *edits, **options):
+        self.edit(*edits)
+        options = {"results": self.place / "results", "store": str(self.store), **options}
+        return dry_run(self.folder / "dry.vast", **options)
+
+    def run(self):
+        return run_campaign(self.folder / "dry.vast", results=self.folder / "results", store=self.store, workers=2)
+
+    def counted(self):
+        """Evaluations and runs in the store, stage by stage."""
+        of_block = {"execute": ("*/*/*", "recordings.parquet"), "observe": ("*/*", "traces.parquet")}
+        counts = {
+            stage: sum(len(block_rows(file.read_bytes())) for file in self.store.glob(f"{stage}/{level}/{name}"))
+            for stage, (level, name) in of_block.items()
+        }
+        manifests = [json.loads(m.read_text().partition("\n")[2]) for m in self.store.glob("judge/*/*/manifest")]
+        counts["judge"] = sum(len(manifest["info"]["runs"]) for manifest in manifests)
+        return {"instantiate": len(list(self.store.glob("evaluate/*/*/manifest"))), **counts}
+
+
+@pytest.fixture
+def again(place, first, tmp_path):
+    folder = tmp_path / "edited"
+    shutil.copytree(place, folder, ignore=shutil.ignore_patterns("prefect", "results"))
+    return Again(folder, place)
+
+
+def computed(found):
+    return {stage: found.computed(stage) for stage in STAGES}
+
+
+def reasons(found, stage):
+    return [(why.kind, str(why), why.amount) for why in whys(found.due) if why.stage == stage]
+
+
+def files(folder):
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+
+
+def test_before_the_first_run_everything_would_be_computed_and_nothing_is_written(place, tmp_path):
+    before = files(place)
+    found = dry_run(place / "dry.vast", results=tmp_path / "results", store=str(tmp_path / "store"))
+    assert computed(found) == {"instantiate": 2, "execute": 4, "observe": 4, "judge": 4}
+    assert [kind for kind, _, _ in reasons(found, "execute")] == ["never computed"]
+    assert files(place) == before and list(tmp_path.iterdir()) == []
+
+
+def test_with_nothing_changed_nothing_would_be_computed(again, first, monkeypatch):
+    before = files(again.folder)
+    found = again.dry()
+    assert computed(found) == dict.fromkeys(STAGES, 0)
+    assert found.found("judge") == 4 and found.past.directory == first
+    assert files(again.folder) == before
+
+
+NOISE = ("dry.vast", "values: [0.0, 0.01]", "values: [0.0, 0.02]")
+LEVEL = ("dry.vast", "values: [0.0, 0.01]", "values: [0.005, 0.0, 0.01]")
+RUNS = ("dry.vast", "runs: 2", "runs: 5")
+LEAST = ("dry.vast", "least_m: 0.1", "least_m: 0.2")
+FRONT = ("dry.vast", "configuration:\n", "configuration:\n" + FAMILY)
+
+CASES = {
+    "a noise level": (
+        [NOISE],
+        {"instantiate": 1, "execute": 2, "observe": 2, "judge": 2},
+        "execute",
+        "scenario changed",
+        "laserscan_gaussian_noise_std_deviation changed in system (written by ParameterVariationList): from 0.01 to 0.02",
+    ),
+    "a producer's parameter": (
+        [NOISE],
+        {"instantiate": 1, "execute": 2, "observe": 2, "judge": 2},
+        "instantiate",
+        "producer changed",
+        "parameters of ParameterVariationList changed: values gained 0.02, lost 0.01",
+    ),
+    "a level in front": (
+        [LEVEL],
+        {"instantiate": 1, "execute": 2, "observe": 2, "judge": 2},
+        "execute",
+        "new configuration",
+        "new configuration: first with laserscan_gaussian_noise_std_deviation = 0.005",
+    ),
+    "more runs": (
+        [RUNS],
+        {"instantiate": 0, "execute": 6, "observe": 6, "judge": 6},
+        "execute",
+        "more runs",
+        "more runs are asked: 2 before, now 5",
+    ),
+    "fewer runs": ([("dry.vast", "runs: 2", "runs: 1")], dict.fromkeys(STAGES, 0), None, None, None),
+    "a family in front": (
+        [FRONT],
+        {"instantiate": 0, "execute": 2, "observe": 2, "judge": 2},
+        "execute",
+        "new configuration",
+        "family hall is new",
+    ),
+    "another name": ([("dry.vast", "name: room\n", "name: chamber\n")], dict.fromkeys(STAGES, 0), None, None, None),
+    "an oracle's parameter": (
+        [LEAST],
+        {"instantiate": 0, "execute": 0, "observe": 0, "judge": 4},
+        "judge",
+        "oracle changed",
+        "parameters of oracle driven.py:Driven changed: least_m from 0.1 to 0.2",
+    ),
+    "an oracle": (
+        [("dry.vast", "    - driven", "    - safety: {}\n    - driven")],
+        {"instantiate": 0, "execute": 0, "observe": 0, "judge": 4},
+        "judge",
+        "oracle changed",
+        "oracle safety is new",
+    ),
+    "an oracle's code": (
+        [("driven.py", "distance=trace.run.distance_m", "distance=2 * trace.run.distance_m")],
+        {"instantiate": 0, "execute": 0, "observe": 0, "judge": 4},
+        "judge",
+        "source changed",
+        "source of oracle driven.py:Driven changed: its file",
+    ),
+    "a producer's code": (
+        [("ahead.py", "1.0 + distance_m", "1.1 + distance_m")],
+        {"instantiate": 1, "execute": 4, "observe": 4, "judge": 4},
+        "instantiate",
+        "source changed",
+        "source of Ahead changed: its file",
+    ),
+    "what a producer makes": (
+        [("ahead.py", "1.0 + distance_m", "1.1 + distance_m")],
+        {"instantiate": 1, "execute": 4, "observe": 4, "judge": 4},
+        "execute",
+        "scenario changed",
+        "goal_pose changed in task (written by Ahead): goal_pose.position.x from 1.6 to 1.7",
+    ),
+    "a comment": (
+        [("ahead.py", "        for", "        # one after the other\n        for")],
+        dict.fromkeys(STAGES, 0),
+        None,
+        None,
+        None,
+    ),
+    "the seed": (
+        [("dry.vast", "timeout: 30", "timeout: 30, seed: 7")],
+        {"instantiate": 0, "execute": 4, "observe": 4, "judge": 4},
+        "execute",
+        "seed changed",
+        "execution.seed changed: from 0 to 7",
+    ),
+    "the timeout": (
+        [("dry.vast", "timeout: 30", "timeout: 40")],
+        {"instantiate": 0, "execute": 4, "observe": 4, "judge": 4},
+        "execute",
+        "scenario changed",
+        "execution.timeout changed: from 30.0 to 40.0",
+    ),
+    "the map": (
+        [("room.yaml", "origin: [0, 0, 0]", "origin: [0.1, 0, 0]")],
+        {"instantiate": 1, "execute": 4, "observe": 4, "judge": 4},
+        "instantiate",
+        "input changed",
+        "what Ahead reads changed: map_file",
+    ),
+}
+
+
+@pytest.mark.parametrize(("edits", "counts", "stage", "kind", "words"), CASES.values(), ids=CASES)
+def test_it_says_what_an_edit_costs_and_why(again, edits, counts, stage, kind, words):
+    found = again.dry(*edits)
+    assert computed(found) == counts
+    if stage:
+        ((found_kind, found_words, amount),) = reasons(found, stage)
+        assert (found_kind, found_words, amount) == (kind, words, counts[stage])
+
+
+def kernel_edited(again):
+    """The tree in which a module that only the stage `execute` reads is another."""
+    folders = {name: Path(source.installed_tree()._packages[name]) for name in source.PACKAGES}
+    folders["vastflow.sim"] = Path(shutil.copytree(folders["vastflow.sim"], again.folder / "sim"))
+    module = again.folder / "sim" / "lidar.py"
+    module.write_text(module.read_text() + "\nANOTHER = 1\n")
+    return SourceTree(folders)
+
+
+def test_an_edited_kernel_is_named_by_its_module(again, monkeypatch):
+    tree = kernel_edited(again)
+    monkeypatch.setattr(dry_runs, "installed_tree", lambda: tree)
+    found = again.dry()
+    assert found.computed("execute") == 4
+    assert ("source changed", "source of execute changed: sim.lidar", 4) in reasons(found, "execute")
+
+
+class Library:
+    """Versions of libraries, one of them another."""
+
+    def __init__(self):
+        self._right = source._version
+
+    def __call__(self, distribution):
+        return "0.1.2" if distribution == "pymunk" else self._right(distribution)
+
+
+def test_another_library_is_named_with_both_versions(again, first, monkeypatch):
+    recorded = json.loads((first / "metadata.json").read_text())["code"]["libraries"]["pymunk"]
+    monkeypatch.setattr(source, "_version", Library())
+    ((kind, words, _),) = reasons(again.dry(), "execute")
+    assert (kind, words) == ("source changed", f"source of execute changed: pymunk {recorded} is now 0.1.2")
+
+
+def test_another_kind_of_machine_is_said(again, first, tmp_path):
+    past = Path(shutil.copytree(first, tmp_path / "past"))
+    metadata = json.loads((past / "metadata.json").read_text())
+    metadata["numeric_class"] = "riscv64; " + metadata["numeric_class"].partition("; ")[2]
+    (past / "metadata.json").write_text(json.dumps(metadata))
+    shutil.rmtree(again.store / "execute")
+    ((kind, words, _),) = reasons(again.dry(since=past), "execute")
+    assert kind == "numeric class changed" and "architecture riscv64, here" in words
+
+
+def test_a_directory_of_an_earlier_version_tells_what_it_can(again, first, tmp_path, monkeypatch):
+    past = Path(shutil.copytree(first, tmp_path / "past"))
+    metadata = json.loads((past / "metadata.json").read_text())
+    for key in ("code", "asked", "oracles", "producers", "seed"):
+        del metadata[key]
+    (past / "metadata.json").write_text(json.dumps(metadata))
+    found = again.dry(NOISE, LEAST, ("dry.vast", "runs: 2", "runs: 3"), since=past)
+    assert [kind for kind, _, _ in reasons(found, "execute")] == ["more runs", "scenario changed"]
+    assert [kind for kind, _, _ in reasons(found, "instantiate")] == ["never computed"]
+
+
+def test_what_the_store_lost_is_named_and_stays_as_it_is(again, first):
+    recordings = sorted(again.store.glob("execute/*/*"))
+    shutil.rmtree(recordings[0])
+    manifest = next((recordings[1]).glob("*/manifest"))
+    manifest.write_text("damaged")
+    found = again.dry()
+    expected = ("lost", f"not in this store, though an earlier campaign had it: {first.name}")
+    ((kind, words, amount),) = reasons(found, "execute")
+    assert (kind, words) == expected and 3 <= amount <= 4
+    assert manifest.read_text() == "damaged"
+
+
+def test_what_an_earlier_selection_left_out_is_told_from_what_is_new(again, first, tmp_path):
+    past = Path(shutil.copytree(first, tmp_path / "past"))
+    metadata = json.loads((past / "metadata.json").read_text())
+    metadata["asked"]["only"] = ["room-1-1"]
+    (past / "metadata.json").write_text(json.dumps(metadata))
+    ((kind, words, amount),) = reasons(again.dry(FRONT, since=past), "execute")
+    assert (kind, words, amount) == ("new configuration", "the campaign before was only a selection: room-1-1", 2)
+
+
+def test_obstacles_are_compared_one_by_one_and_named_by_their_key():
+    row = {"abstract": "builtin:x", "timeout_s": 1.0, "steps": "[]"}
+
+    def scenario(x_m):
+        parts = {"environment": {"obstacles": [{"x": 0.5}, {"x": x_m}]}, "task": {}, "system": {}}
+        return {**row, "scenario": json.dumps(parts)}
+
+    reason = str(scenario_reason(scenario(1.0), scenario(2.0)))
+    assert reason == "obstacles changed in environment: obstacles[1].x from 1.0 to 2.0"
+
+
+def test_a_lost_evaluation_is_made_here_and_not_stored(again, first):
+    lost = sorted(again.store.glob("evaluate/*/*"))
+    for folder in lost:
+        shutil.rmtree(folder)
+    found = again.dry()
+    assert computed(found) == {"instantiate": 2, "execute": 0, "observe": 0, "judge": 0}
+    assert {kind for kind, _, _ in reasons(found, "instantiate")} == {"lost"}
+    assert not any(folder.exists() for folder in lost)
+
+
+def test_a_lost_trace_costs_an_observation(again):
+    shutil.rmtree(next(again.store.glob("observe/*/*")))
+    found = again.dry()
+    assert found.computed("execute") == 0 and 1 <= found.computed("observe") <= 2
+    assert [kind for kind, _, _ in reasons(found, "observe")] == ["lost"]
+
+
+def test_a_producer_that_raises_is_a_fault_and_the_rest_is_told(again):
+    found = again.dry(("ahead.py", "        for distance_m", "        1 / 0\n        for distance_m"), FRONT)
+    assert [fault.error for fault in found.faults] == ["ZeroDivisionError: division by zero"]
+    assert found.computed("execute") == 2
+
+
+@pytest.mark.parametrize("edits", [[RUNS, LEVEL, FRONT], [NOISE, LEAST]], ids=["grown", "edited"])
+def test_a_run_computes_what_the_dry_run_said(again, edits):
+    said = computed(again.dry(*edits))
+    before = again.counted()
+    assert again.run().summary.executed == said["execute"]
+    assert {stage: number - before[stage] for stage, number in again.counted().items()} == said
+    assert computed(again.dry()) == dict.fromkeys(STAGES, 0)
+
+
+def test_a_run_executes_what_the_dry_run_said_of_an_edited_kernel_and_keeps_traces_that_come_out_as_before(
+    again, monkeypatch
+):
+    tree = kernel_edited(again)
+    monkeypatch.setattr(dry_runs, "installed_tree", lambda: tree)
+    monkeypatch.setattr(api, "installed_tree", lambda: tree)
+    said = computed(again.dry())
+    before = again.counted()
+    assert again.run().summary.executed == said["execute"] == 4
+    added = {stage: number - before[stage] for stage, number in again.counted().items()}
+    assert added == {"instantiate": said["instantiate"], "execute": 4, "observe": 0, "judge": 0}
+
+
+def test_the_newest_campaign_of_the_name_is_compared_with(first, tmp_path):
+    results = tmp_path / "results"
+    for name, created, campaign in [("a", "2026-01-01", "dry"), ("b", "2026-03-01", "dry"), ("c", "2026-04-01", "wet")]:
+        shutil.copytree(first, results / name)
+        metadata = json.loads((results / name / "metadata.json").read_text())
+        (results / name / "metadata.json").write_text(json.dumps({**metadata, "created": created, "name": campaign}))
+    shutil.copytree(results / "b", results / "d")
+    (results / "d" / "configurations.parquet").write_text("damaged")
+    assert newest_past(results, "dry").directory == results / "b"
+    assert newest_past(results, "dry", before="2026-03-01").directory == results / "a"
+    assert newest_past(results, "other") is None
+    assert newest_past(tmp_path / "nowhere", "dry") is None
+
+
+def test_a_damaged_directory_to_compare_with_is_a_users_mistake(again, first, tmp_path):
+    past = Path(shutil.copytree(first, tmp_path / "past"))
+    (past / "runs.parquet").unlink()
+    with pytest.raises(NoPast, match=r"past: damaged campaign directory: .*runs\.parquet"):
+        again.dry(since=past)
+
+
+def test_an_unknown_name_is_a_users_mistake_also_in_a_dry_run(again):
+    with pytest.raises(CampaignError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
+        again.dry(only=["rom"])
+    assert again.dry(NOISE, only=["room-1-1"]).computed("execute") == 0
+
+
+def test_a_store_at_an_address_that_is_none_is_a_users_mistake(again):
+    with pytest.raises(StoreError, match="nowhere"):
+        again.dry(store="nowhere://x")
+
+
+@pytest.mark.parametrize(
+    ("then", "now", "words"),
+    [
+        ({"a": 1, "b": {"c": 2.0}}, {"a": 1, "b": {"c": 2.5}}, "b.c from 2.0 to 2.5"),
+        ({"a": 1}, {"b": True}, "a from 1 to nothing, b from nothing to true"),
+        ({"v": [1, 2]}, {"v": [3, 1, 2]}, "v gained 3"),
+        ({"v": [1, 2]}, {"v": [2, 1]}, "v in another order or number"),
+        ({"v": [{"x": 1, "y": 1}]}, {"v": [{"x": 2, "y": 1}]}, "v[0].x from 1 to 2"),
+        ({"v": [1]}, {"v": [1, 2, 3, 4, 5, 6]}, "v gained 2, 3, 4 and 2 more"),
+        ({"m": {"file": "a" * 64}}, {"m": {"file": "b" * 64}}, "m from file aaaaaaaaaaaa to file bbbbbbbbbbbb"),
+        ({"n": 1}, {"n": 1.0}, "n from 1 to 1.0"),
+    ],
+)
+def test_what_differs_is_said_in_words(then, now, words):
+    assert parameter_changes(then, now) == words
+
+
+def test_what_is_put_over_a_store_is_not_in_it(tmp_path):
+    overlay = Overlay(untouched(str(tmp_path / "store")))
+    artifact = overlay.put("evaluate/aa/aa", {"x": b"1"})
+    assert overlay.read("evaluate/aa/aa", "x") == b"1"
+    assert overlay.find("evaluate/aa/aa") == artifact
+    with pytest.raises(Lost, match="evaluate/bb/bb: x is not in the store"):
+        overlay.read("evaluate/bb/bb", "x")
+    assert not (tmp_path / "store").exists()
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_the_command_prints_json_and_nothing_else_and_starts_no_prefect(again, first, monkeypatch):
+    monkeypatch.setattr(session, "ApiServer", None)
+    again.edit(NOISE)
+    options = ("--store", again.store, "--results", again.place / "results", "--dry-run")
+    result = called("run", again.folder / "dry.vast", *options, "--json")
+    assert result.exit_code == 0, result.stderr
+    said = json.loads(result.stdout)
+    assert said["stages"]["execute"] == {"reused": 2, "computed": 2}
+    assert said["families"]["room"]["judge"] == {"reused": 2, "computed": 2}
+    assert said["compared_with"] == str(first)
+    assert {why["stage"] for why in said["why"]} == set(STAGES)
+    text = called("run", again.folder / "dry.vast", *options).stdout
+    assert "execute 2 runs of room-1-2: laserscan_gaussian_noise_std_deviation changed in system" in text
+    assert f"compared with {first}" in text.replace("\n", "")
+
+
+def test_wrong_options_of_a_dry_run_exit_with_2(again, tmp_path):
+    campaign = again.folder / "dry.vast"
+    for arguments, words in [
+        (("--since", tmp_path), "only with --dry-run"),
+        (("--dry-run", "--since", tmp_path / "nowhere"), "no such folder"),
+        (("--dry-run", "--since", again.folder), "has no metadata.json"),
+        (("--dry-run", "--only", "rom", "--store", again.store), "did you mean 'room'?"),
+        (("--dry-run", "--store", "nowhere://x"), "nowhere"),
+    ]:
+        result = called("run", campaign, *arguments)
+        assert (result.exit_code, result.stdout) == (2, ""), arguments
+        assert words in result.stderr and "Traceback" not in result.stderr

@@ -1,0 +1,238 @@
+"""The command `explain`: one configuration, where it came from, where its results are and what a run would do."""
+
+import json
+import shutil
+from datetime import datetime, timedelta
+
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows import dry_run as dry_runs
+from vastflow.flows.__main__ import app
+from vastflow.flows.asked import Asked
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.campaign_keys import campaign_keys
+from vastflow.flows.explain import Unexplained, explanation
+from vastflow.flows.inputs import inputs_of
+from vastflow.flows.origin_code import code_row
+from vastflow.flows.results import ConfigurationResult, write_results
+from vastflow.flows.summary import Work
+from vastflow.oracles.verdict import Verdict, write_verdicts
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.blocks import write_recordings
+from vastflow.sim.recording import Recording, Run
+from vastflow.tasks.shelf import Member, Shelf
+from vastflow.tasks.source import installed_tree
+from vastflow.tasks.store import open_store
+
+NOISE = "laserscan_gaussian_noise_std_deviation"
+
+
+@pytest.fixture(scope="module")
+def tree():
+    return installed_tree()
+
+
+class Place:
+    """A campaign that is not executed: its directories, and a store with what it would have left there."""
+
+    def __init__(self, path, folder, tree):
+        self.path = path
+        self.results = folder / "results"
+        self.store = folder / "store"
+        self._tree = tree
+        self._created = datetime(2026, 11, 21, 6, 5, 4)
+
+    def edit(self, old, new):
+        text = self.path.read_text()
+        assert text.count(old) == 1
+        self.path.write_text(text.replace(old, new))
+
+    def run(self, runs=2):
+        """Write a campaign directory, with a block of recordings, a trace and verdicts of each configuration."""
+        campaign, oracles = read_campaign(self.path)
+        inputs, keys = inputs_of(campaign, oracles), campaign_keys(self._tree, campaign.seed, oracles)
+        found = instantiate(campaign)
+        shelf = Shelf(open_store(self.store), keys)
+        for configuration in found.configurations:
+            stored(shelf, Member(configuration.name, configuration.family, 1, configuration.scenario, runs))
+        self._created += timedelta(hours=1)
+        return write_results(
+            self.results,
+            campaign,
+            inputs,
+            found,
+            lambda configuration: ConfigurationResult([block(runs)]),
+            runs=runs,
+            oracles=["success"],
+            keys=keys,
+            record={
+                "asked": Asked(self.path.name, runs, (), inputs.places).as_json(),
+                **code_row(self._tree, campaign.families, oracles),
+            },
+            created=self._created,
+            work=lambda: Work(0, 0, 0.0, 0.0, 0.0),
+            report=lambda directory: None,
+        ).directory
+
+
+def block(runs):
+    return write_recordings([Recording(Run(k, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0), {}) for k in range(runs)])
+
+
+def stored(shelf, member):
+    home = shelf.keys.recordings(member.scenario.digest)
+    recorded = shelf.store.put(f"{home}/0-{member.runs}", {"recordings.parquet": block(member.runs)})
+    (found,) = shelf.blocks(member)
+    trace = shelf.store.put(shelf.trace_key(member, found), {"traces.parquet": b"trace"})
+    verdicts = write_verdicts([Verdict("success", k, "pass") for k in range(member.runs)])
+    key = shelf.keys.verdicts(member.scenario.digest, recorded.content, trace.content)
+    shelf.store.put(key, {"verdicts.json": verdicts}, {"runs": [[k, "pass"] for k in range(member.runs)]})
+
+
+@pytest.fixture
+def place(small_room, tmp_path, tree, monkeypatch):
+    monkeypatch.setattr(dry_runs, "installed_tree", lambda: tree)
+    return Place(small_room, tmp_path, tree)
+
+
+def explained(place, directory, name, **options):
+    return explanation(directory, name, store=str(place.store), **options)
+
+
+def test_it_says_who_wrote_what_in_which_dimension(place):
+    found = explained(place, place.run(), "room-2")
+    written = {(part, each.key): each.by for part, all_of in found.dimensions.items() for each in all_of}
+    assert written == {
+        ("environment", "map_file"): "campaign file",
+        ("task", "start_pose"): "campaign file",
+        ("task", "goal_pose"): "campaign file",
+        ("system", NOISE): "ParameterVariationList",
+    }
+
+
+def test_it_says_where_the_results_are_and_that_a_run_would_find_them(place):
+    found = explained(place, place.run(), "room-2")
+    assert {stage: list(kept.values()) for stage, kept in found.then.items()} == {
+        "execute": ["0–1"],
+        "observe": ["0–1"],
+        "judge": ["0–1"],
+    }
+    assert all((place.store / key).is_dir() for kept in found.then.values() for key in kept)
+    assert [due.stage for due in found.today.due] == ["instantiate"]  # nobody stored what the producer makes
+
+
+def test_what_the_store_lost_would_be_computed_and_the_rest_is_not_spoken_of(place):
+    directory = place.run()
+    shutil.rmtree(place.store / "execute")
+    found = explained(place, directory, "room-2")
+    assert [[*kept.values()] for kept in found.then.values()] == [[""], [], []]
+    due = {(each.stage, each.subject, each.amount): each.reason.kind for each in found.today.due}
+    assert due["execute", "room-2", 2] == "lost" and due["judge", "room-2", 2] == "follows"
+    assert not any(subject == "room-1" for _, subject, _ in due)
+
+
+def test_its_own_inputs_count_and_not_the_file_as_it_is_now(place):
+    directory = place.run()
+    place.edit("[0.0, 0.02]", "[0.0, 0.03]")
+    assert [due.stage for due in explained(place, directory, "room-2").today.due] == ["instantiate"]
+
+
+def test_it_is_compared_with_its_namesake_in_the_campaign_before(place):
+    first = place.run()
+    place.edit("[0.0, 0.02]", "[0.0, 0.03]")
+    second = place.run()
+    found = explained(place, second, "room-2")
+    assert found.earlier.directory == first
+    assert found.differences == [f"system: {NOISE} from 0.02 to 0.03"]
+    assert explained(place, second, "room-1").differences == []
+    assert explained(place, first, "room-1").earlier is None
+    assert explained(place, first, "room-2", since=second).differences == [f"system: {NOISE} from 0.03 to 0.02"]
+
+
+def test_one_that_was_called_otherwise_before_is_found(place):
+    place.run()
+    place.edit("- name: room\n", "- name: hall\n")
+    found = explained(place, place.run(), "hall-2")
+    assert found.differences == ["there is no such configuration; room-2 has the same scenario"]
+
+
+def test_other_code_another_machine_and_another_oracle_are_said(place):
+    first = place.run()
+    metadata = json.loads((first / "metadata.json").read_text())
+    metadata["numeric_class"] = "riscv64; " + metadata["numeric_class"].partition("; ")[2]
+    metadata["source"]["execute"] = "0" * 64
+    metadata["code"]["modules"]["sim.lidar"] = "0" * 12
+    metadata["seed"] = 3
+    metadata["oracles"][0]["parameters"]["allow_missed"] = 7
+    (first / "metadata.json").write_text(json.dumps(metadata))
+    machine, seed, code, oracle = explained(place, place.run(), "room-1").differences
+    assert machine.startswith("computed on another numeric class: architecture riscv64, here ")
+    assert seed == "execution.seed was 3, is 0"
+    assert code == "source of execute was another: sim.lidar"
+    assert oracle.startswith("oracles: success.allow_missed from 7 to ")
+
+
+def test_a_duplicate_has_the_results_of_the_one_that_was_run(place):
+    place.edit("[0.0, 0.02]", "[0.02, 0.02]")
+    directory = place.run()
+    found = explained(place, directory, "room-2")
+    assert found.row["duplicate_of"] == "room-1"
+    assert [due.stage for due in found.today.due] == ["instantiate"]
+    assert "has the content of room-1, which was run in its stead" in called("explain", directory, "room-2").stdout
+
+
+def test_what_a_run_would_do_today_is_left_open_where_the_inputs_are_gone(place):
+    directory = place.run()
+    shutil.rmtree(directory / "inputs")
+    found = explained(place, directory, "room-1")  # its environment is kept beside
+    assert found.today is None and "its inputs can't be read any more" in found.obstacle
+    assert "can't be told" in called("explain", directory, "room-1", "--store", place.store).stdout
+    shutil.rmtree(directory / "environments")
+    with pytest.raises(Unexplained, match=r"damaged campaign directory: no file has the digest"):
+        explained(place, directory, "room-1")
+
+
+def test_a_directory_of_an_earlier_version_says_so(place):
+    directory = place.run()
+    metadata = json.loads((directory / "metadata.json").read_text())
+    for key in ("seed", "oracles", "asked", "code", "producers"):
+        del metadata[key]
+    (directory / "metadata.json").write_text(json.dumps(metadata))
+    found = explained(place, directory, "room-1")
+    assert found.then is None
+    assert "an earlier version wrote the directory" in called("explain", directory, "room-1").stdout
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_the_command_says_it_for_people_and_as_json(place):
+    first = place.run()
+    place.edit("[0.0, 0.02]", "[0.0, 0.03]")
+    second = place.run()
+    result = called("explain", second, "room-2", "--store", place.store)
+    assert result.exit_code == 0, result.stderr
+    assert "room-2 of family room, small_room of 2026-11-21T08:05:04" in result.stdout
+    assert f"system: {NOISE} from 0.02 to 0.03" in result.stdout
+    said = json.loads(called("explain", second, "room-2", "--store", place.store, "--json").stdout)
+    assert said["dimensions"]["system"] == [{"key": NOISE, "value": 0.03, "by": "ParameterVariationList"}]
+    assert said["today"]["stages"]["judge"] == {"reused": 2, "computed": 0}
+    assert said["today"]["scenario_digest"] == said["scenario_digest"]
+    assert said["compared_with"] == str(first)
+
+
+def test_wrong_arguments_of_explain_exit_with_2(place, tmp_path):
+    directory = place.run()
+    for arguments, words in [
+        ((directory, "room-3"), "no configuration 'room-3'; did you mean 'room-"),
+        ((directory, "x"), "no configuration 'x'; known: room-1, room-2"),
+        ((tmp_path / "nowhere", "room-1"), "no such folder"),
+        ((place.results, "room-1"), "holds 1 campaign directories"),
+        ((directory, "room-1", "--since", tmp_path), "--since "),
+        ((directory, "room-1", "--store", "nowhere://x"), "nowhere"),
+    ]:
+        result = called("explain", *arguments)
+        assert (result.exit_code, result.stdout) == (2, ""), arguments
+        assert words in result.stderr and "Traceback" not in result.stderr

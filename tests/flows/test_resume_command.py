@@ -1,0 +1,263 @@
+"""The command `resume`: a campaign again from its own directory, whole or half written."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from datetime import datetime
+from types import SimpleNamespace
+
+import psutil
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows import api
+from vastflow.flows.__main__ import app
+from vastflow.flows.asked import Asked, asked_of
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.campaign_keys import campaign_keys, recorded_keys
+from vastflow.flows.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
+from vastflow.flows.inputs import inputs_of
+from vastflow.flows.origin_code import code_row
+from vastflow.flows.replica import NotReplicable, replica
+from vastflow.flows.results import ConfigurationResult, write_results
+from vastflow.flows.summary import Summary, Work
+from vastflow.oracles.rates import Counts
+from vastflow.producers.instantiate import instantiate
+from vastflow.tasks.source import installed_tree
+
+CREATED = datetime(2026, 11, 21, 6, 5, 4)
+SUMMARY = Summary(2, 0, 0, 4, 0, 4, 4, 0, 0, 0.0, 3.0, 2.0, "results/x", {"success": Counts(4, 0, 0)})
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def tree():
+    return installed_tree()
+
+
+@pytest.fixture
+def directory(small_room, tmp_path, tree):
+    """A campaign directory without recordings, whose map lies outside of the campaign file's folder."""
+    maps = tmp_path / "maps"
+    maps.mkdir()
+    for name in ("room.yaml", "room.pgm"):
+        shutil.move(small_room.with_name(name), maps / name)
+    small_room.write_text(small_room.read_text().replace("room.yaml", "../maps/room.yaml"))
+    return written(small_room, tmp_path / "results", tree)
+
+
+def written(path, root, tree, only=()):
+    campaign, oracles = read_campaign(path)
+    inputs, keys = inputs_of(campaign, oracles), campaign_keys(tree, campaign.seed, oracles)
+    asked = Asked(path.name, 3, tuple(only), inputs.places)
+    return write_results(
+        root,
+        campaign,
+        inputs,
+        instantiate(campaign),
+        lambda configuration: ConfigurationResult(),
+        runs=3,
+        oracles=["success"],
+        keys=keys,
+        record={"asked": asked.as_json(), **code_row(tree, campaign.families, oracles)},
+        created=CREATED,
+        work=lambda: Work(0, 0, 0.0, 0.0, 0.0),
+        report=lambda directory: None,
+    ).directory
+
+
+@pytest.fixture
+def asked_again(monkeypatch):
+    """What a campaign was run with, instead of running it."""
+    calls = []
+
+    def run_campaign(path, *, observer, **options):
+        campaign, _ = read_campaign(path)
+        calls.append({"digests": [c.scenario.digest for c in instantiate(campaign).configurations], **options})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(api, "run_campaign", run_campaign)
+    return calls
+
+
+def resumed(*arguments):
+    return CliRunner().invoke(app, ["resume", *map(str, arguments)], catch_exceptions=True)
+
+
+def test_a_campaign_runs_again_from_its_own_inputs_with_the_runs_that_were_asked(
+    directory, small_room, tmp_path, asked_again
+):
+    digests = [c.scenario.digest for c in instantiate(read_campaign(small_room)[0]).configurations]
+    shutil.rmtree(small_room.parent)
+    shutil.rmtree(tmp_path / "maps")
+    result = resumed(directory, "--store", tmp_path / "store", "--workers", 2)
+    assert f"small_room of 2026-11-21 06:05:04 from the inputs in {directory}, 3 runs of each" in result.stderr
+    (call,) = asked_again
+    assert call["digests"] == digests
+    assert (call["runs"], call["results"], call["only"], call["workers"]) == (3, directory.parent, [], 2)
+
+
+def test_the_selection_that_was_asked_is_kept(small_room, tmp_path, tree, asked_again):
+    result = resumed(written(small_room, tmp_path / "results", tree, only=["room-1"]))
+    assert "3 runs of each configuration, only room-1" in result.stderr
+    assert asked_again[0]["only"] == ["room-1"]
+
+
+def test_the_copy_of_the_inputs_is_gone_afterwards(directory):
+    with replica(directory, asked_of(json.loads((directory / "metadata.json").read_text()))) as file:
+        folder = file.parent
+        assert file.name == "room.vast" and (folder / "../maps/room.yaml").is_file()
+    assert not folder.exists()
+
+
+def test_a_file_named_from_the_root_that_is_another_by_now_is_refused(small_room, tmp_path, tree):
+    outside = tmp_path / "room.yaml"
+    shutil.move(small_room.with_name("room.yaml"), outside)
+    shutil.move(small_room.with_name("room.pgm"), tmp_path)
+    small_room.write_text(small_room.read_text().replace("room.yaml", str(outside)))
+    directory = written(small_room, tmp_path / "results", tree)
+    asked = asked_of(json.loads((directory / "metadata.json").read_text()))
+    with replica(directory, asked) as file:
+        assert file.is_file()
+    outside.write_text(outside.read_text().replace("0.05", "0.1"))
+    with (
+        pytest.raises(NotReplicable, match=r"room\.yaml is another file now than in its inputs; put back"),
+        replica(directory, asked),
+    ):
+        pass
+
+
+def test_inputs_that_somebody_deleted_are_said(directory):
+    shutil.rmtree(directory / "inputs")
+    result = resumed(directory)
+    assert result.exit_code == 2
+    assert f"{directory}: its inputs can't be read any more: {directory}/campaign.vast:" in result.stderr
+
+
+def test_the_keys_of_a_campaign_follow_from_its_directory(directory, small_room, tree):
+    campaign, oracles = read_campaign(small_room)
+    metadata = json.loads((directory / "metadata.json").read_text())
+    keys = campaign_keys(tree, campaign.seed, oracles)
+    assert recorded_keys(metadata) == keys
+    assert recorded_keys(metadata).verdicts("s", "r", "t") == keys.verdicts("s", "r", "t")
+    del metadata["seed"]
+    assert recorded_keys(metadata) is None
+
+
+def test_of_a_directory_of_an_earlier_version_runs_are_told_from_its_counts():
+    asked = asked_of({"name": "a/b", "counts": {"runs": 12, "configurations": 4}})
+    assert asked == Asked("a-b.vast", 3)
+
+
+def test_a_campaign_that_never_ended_has_no_directory_and_the_message_says_what_does_go_on(tmp_path):
+    result = resumed(tmp_path / "results" / "nothing")
+    assert result.exit_code == 2
+    assert (
+        "no such folder; a campaign that did not end has none: `vastflow run` with its campaign file" in result.stderr
+    )
+
+
+@pytest.mark.parametrize("content", ["{", "{}", "[]", '{"name": "x", "created": "y", "counts": {}}'])
+def test_a_damaged_directory_exits_with_2(tmp_path, content):
+    (tmp_path / "metadata.json").write_text(content)
+    result = resumed(tmp_path)
+    assert result.exit_code == 2 and "damaged campaign directory" in result.stderr
+
+
+def test_a_folder_that_is_no_campaign_directory_exits_with_2(tmp_path):
+    result = resumed(tmp_path)
+    assert result.exit_code == 2 and "has no metadata.json" in result.stderr
+
+
+@pytest.fixture
+def half(directory):
+    """What a process that was killed left of a campaign directory."""
+    partial = directory.with_name(f".{directory.name}.partial")
+    directory.rename(partial)
+    (partial / WRITER).write_text(json.dumps({"host": os.uname().nodename, "pid": gone_pid(), "began_s": 1.0}))
+    return partial
+
+
+def gone_pid():
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    return ended.pid
+
+
+def test_a_directory_that_was_left_half_written_is_found_by_either_name(half, directory, asked_again):
+    for name in (half, directory):
+        result = resumed(name)
+        assert f"{half} was left half written by a process that was killed" in result.stderr
+    assert [call["runs"] for call in asked_again] == [3, 3]
+
+
+def test_a_directory_that_is_being_written_is_left_alone(half, directory):
+    me = psutil.Process()
+    writer = {"host": os.uname().nodename, "pid": me.pid, "began_s": me.create_time()}
+    (half / WRITER).write_text(json.dumps(writer))
+    result = resumed(directory)
+    assert result.exit_code == 2 and f"process {me.pid} is writing it now" in result.stderr
+
+
+def test_a_half_written_directory_without_inputs_is_said(half):
+    (half / "metadata.json").unlink()
+    result = resumed(half)
+    assert result.exit_code == 2 and "holds too little to go on from; `vastflow run`" in result.stderr
+
+
+def aged(folder, age_s):
+    then = time.time() - age_s
+    for path in [*folder.rglob("*"), folder]:
+        os.utime(path, (then, then))
+
+
+def test_what_was_left_a_day_ago_is_swept_with_the_next_directory(half, tmp_path):
+    aged(half, ABANDONED_S - 60)
+    sweep(half.parent)
+    assert half.is_dir()
+    aged(half, ABANDONED_S + 60)
+    with new_directory(half.parent, "c", CREATED):
+        assert not half.exists()
+
+
+def test_what_is_being_written_is_never_swept(tmp_path):
+    with new_directory(tmp_path, "c", CREATED) as directory:
+        aged(directory.partial, 2 * ABANDONED_S)
+        assert writer_of(directory.partial) == os.getpid()
+        sweep(tmp_path)
+        assert left_behind(directory.final) == directory.partial
+    assert [path.name for path in directory.final.iterdir()] == []
+
+
+def test_a_later_process_of_the_same_number_is_not_the_writer(tmp_path):
+    (tmp_path / WRITER).write_text(json.dumps({"host": os.uname().nodename, "pid": os.getpid(), "began_s": 1.0}))
+    assert writer_of(tmp_path) is None
+    (tmp_path / WRITER).write_text(json.dumps({"host": "other", "pid": os.getpid(), "began_s": 1.0}))
+    assert writer_of(tmp_path) is None
+    (tmp_path / WRITER).write_text("{")
+    assert writer_of(tmp_path) is None
+
+
+def test_an_interrupted_resume_says_how_to_go_on(directory, monkeypatch):
+    def run_campaign(path, **options):
+        os.kill(os.getpid(), 2)
+        raise AssertionError("the interrupt should have come before this")
+
+    monkeypatch.setattr(api, "run_campaign", run_campaign)
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/vastflow", "resume", "results/x"])
+    result = resumed(directory)
+    assert result.exit_code == 130
+    assert "interrupted; `vastflow resume results/x` again computes only what is missing" in result.stderr
+
+
+def test_the_summary_is_printed_as_json(directory, monkeypatch):
+    found = SimpleNamespace(summary=SUMMARY, notes=(), faults=())
+    monkeypatch.setattr(api, "run_campaign", lambda path, **options: found)
+    result = resumed(directory, "--json")
+    assert (result.exit_code, json.loads(result.stdout)["runs"]) == (0, 4)

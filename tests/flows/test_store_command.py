@@ -1,0 +1,297 @@
+"""`vastflow store`: what is in it, what of it is damaged, and what no kept campaign was made of."""
+
+import json
+import os
+import re
+import shutil
+import time
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+from vastflow.flows.asked import Asked
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.campaign_keys import campaign_keys
+from vastflow.flows.inputs import inputs_of
+from vastflow.flows.origin_code import code_row
+from vastflow.flows.results import ConfigurationResult, write_results
+from vastflow.flows.summary import Work
+from vastflow.tasks import work
+from vastflow.tasks.evaluation import packed
+from vastflow.tasks.instantiation import Instantiator
+from vastflow.tasks.local_store import open_local_store
+from vastflow.tasks.source import installed_tree
+
+DAY_S = 24 * 3600.0
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, ["store", *(str(argument) for argument in arguments)])
+
+
+def reported(*arguments):
+    result = called(*arguments, "--json")
+    assert result.exit_code == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+@pytest.fixture
+def store(tmp_path, monkeypatch):
+    store = open_local_store(tmp_path / "store")
+    monkeypatch.setenv("VASTFLOW_STORE", str(store.root))
+    return store
+
+
+@pytest.fixture(scope="module")
+def tree():
+    return installed_tree()
+
+
+@pytest.fixture
+def ran(tmp_path, small_room, store, tree):
+    """Gives what `vastflow run` would leave of an edited campaign, with runs in which nothing happened."""
+
+    def run(name, old="", new=""):
+        text = small_room.read_text()
+        small_room.write_text(text.replace(old, new).replace("name: small_room", f"name: {name}"))
+        campaign, oracles = read_campaign(small_room)
+        inputs = inputs_of(campaign, oracles)
+        small_room.write_text(text)
+        keys = campaign_keys(tree, campaign.seed, oracles)
+
+        def evaluate(requests):
+            for request in requests:
+                for each in request.evaluations:
+                    work.evaluate(store, each.key, packed(request.producer), each.inputs)
+            return {}
+
+        instantiation = Instantiator(campaign, store, keys, tree).instantiated(evaluate).instantiation
+        for configuration in instantiation.configurations:
+            scenario = configuration.scenario.digest
+            recordings = store.put(f"{keys.recordings(scenario)}/0-2", {"recordings.parquet": scenario.encode()})
+            trace = store.put(keys.trace(scenario, recordings.content), {"traces.parquet": b"trace"})
+            store.put(keys.verdicts(scenario, recordings.content, trace.content), {"verdicts.json": b"[]"})
+        asked = Asked(campaign.path.name, campaign.runs, (), inputs.places)
+        return write_results(
+            tmp_path / "results",
+            campaign,
+            inputs,
+            instantiation,
+            lambda configuration: ConfigurationResult(),
+            runs=campaign.runs,
+            oracles=[oracle.name for oracle in oracles],
+            keys=keys,
+            record={"asked": asked.as_json(), **code_row(tree, campaign.families, oracles)},
+            created=datetime(2026, 11, 21),
+            work=lambda: Work(4, 0, 12.0, 1.0, 1.0),
+            report=lambda directory: None,
+        ).directory
+
+    return run
+
+
+def grow_old(store, days=2.0):
+    """Let everything have been written some days ago."""
+    then_s = time.time() - days * DAY_S
+    for file in store.root.rglob("*"):
+        os.utime(file, (then_s, then_s))
+
+
+def keys_in(store):
+    return {holding.key for holding in store.holdings()}
+
+
+def spoil(store, stage):
+    key = min(key for key in keys_in(store) if key.startswith(stage))
+    (file,) = (store.root / key).glob("*.parquet")
+    file.write_bytes(file.read_bytes()[:-1] + b"?")
+    return key
+
+
+def test_info_counts_artifacts_and_bytes_by_stage(ran, store):
+    ran("one")
+    grow_old(store, 3)
+    ran("two", "0.02", "0.05")
+    found = reported("info")
+    assert {stage: row["artifacts"] for stage, row in found["stages"].items()} == {
+        "evaluate": 2,
+        "execute": 3,
+        "observe": 3,
+        "judge": 3,
+    }
+    assert (found["artifacts"], found["unfinished"]) == (11, 0)
+    assert found["bytes"] == sum(row["bytes"] for row in found["stages"].values()) > 0
+    assert 2.9 < found["oldest_days"] < 3.1 and found["newest_days"] < 0.1
+    printed = called("info").stdout
+    assert str(store.root) in printed and "execute" in printed and "3 d" in printed
+
+
+def test_info_of_a_new_store_is_all_zero(store):
+    assert reported("info")["artifacts"] == 0
+    assert called("info").exit_code == 0
+
+
+@pytest.mark.parametrize("command", [["info"], ["verify"], ["gc", "--older-than", "1"]], ids=lambda c: c[0])
+def test_a_store_that_is_not_there_is_a_users_mistake_and_is_not_made(tmp_path, command):
+    result = called(*command, "--store", tmp_path / "nowhere")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"no folder '{tmp_path / 'nowhere'}'" in result.stderr
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_an_address_nobody_knows_is_a_users_mistake():
+    result = called("info", "--store", "nonsense://x")
+    assert result.exit_code == 2 and "Protocol not known" in result.stderr and "Traceback" not in result.stderr
+
+
+def test_verify_is_content_with_a_sound_store(ran, store):
+    ran("one")
+    result = called("verify")
+    assert (result.exit_code, result.stdout) == (0, "7 artifacts read, 0 damaged\n")
+
+
+def test_verify_names_what_is_damaged_and_leaves_it(ran, store):
+    ran("one")
+    before, key = keys_in(store), spoil(store, "execute")
+    result = called("verify")
+    assert result.exit_code == 1
+    assert result.stdout == f"{key}: recordings.parquet is not what was written\n7 artifacts read, 1 damaged\n"
+    assert keys_in(store) == before
+    again = called("verify", "--json")
+    assert again.exit_code == 1
+    assert json.loads(again.stdout)["damaged"] == {key: "recordings.parquet is not what was written"}
+
+
+def test_repair_discards_what_is_damaged_and_nothing_else(ran, store):
+    ran("one")
+    before, keys = keys_in(store), {spoil(store, "execute"), spoil(store, "observe")}
+    result = called("verify", "--repair")
+    assert result.exit_code == 0
+    assert "2 damaged; discarded, to be computed again" in result.stdout
+    assert keys_in(store) == before - keys
+    assert called("verify").exit_code == 0
+
+
+def test_gc_keeps_what_a_campaign_was_made_of_and_deletes_the_rest(ran, store):
+    first = ran("one")
+    of_first = keys_in(store)
+    ran("two", "0.02", "0.05")
+    of_both = keys_in(store)
+    grow_old(store)
+    found = reported("gc", "--keep", first)
+    assert keys_in(store) == of_first
+    assert set(found["keys"]) == of_both - of_first
+    assert (found["deleted"], found["artifacts"], found["kept"]) == (True, 4, 7)
+
+
+def test_gc_keeps_all_campaigns_of_a_folder(ran, store):
+    of_all = [ran("one"), ran("two", "0.02", "0.05")]
+    grow_old(store)
+    before = keys_in(store)
+    assert reported("gc", "--keep", of_all[0].parent)["keys"] == []
+    assert keys_in(store) == before
+
+
+def test_a_dry_run_of_gc_deletes_nothing_and_says_the_same(ran, store):
+    first = ran("one")
+    ran("two", "0.02", "0.05")
+    grow_old(store)
+    before = keys_in(store)
+    said = reported("gc", "--keep", first, "--dry-run")
+    assert "4 artifacts would be deleted, 7 kept" in called("gc", "--keep", first, "--dry-run").stdout
+    assert keys_in(store) == before
+    assert reported("gc", "--keep", first) == {**said, "deleted": True}
+
+
+def test_gc_leaves_what_is_younger_than_a_day(ran, store):
+    first = ran("one")
+    grow_old(store)
+    ran("two", "0.02", "0.05")
+    before = keys_in(store)
+    assert reported("gc", "--keep", first)["artifacts"] == 0
+    assert keys_in(store) == before
+
+
+def test_gc_by_age_alone_deletes_only_what_is_older(ran, store):
+    ran("one")
+    grow_old(store, 20)
+    old = keys_in(store)
+    ran("two", "0.02", "0.05")
+    assert reported("gc", "--older-than", "30")["artifacts"] == 0
+    assert set(reported("gc", "--older-than", "10")["keys"]) == old
+    assert not keys_in(store) & old
+
+
+def test_gc_deletes_environments_that_no_producer_made_any_more(ran, store):
+    first = ran("one")
+    named, unnamed = ("ab" * 32, "cd" * 32)
+    for name in (named, unnamed):
+        (store.root / "environments" / name).mkdir(parents=True)
+        (store.root / "environments" / name / "map.pgm").write_bytes(bytes(1000))
+    fragments = json.dumps([{"file": [f"/x/environments/{named}/map.yaml", "0"]}]).encode()
+    store.put("evaluate/ab/of-plans", {"fragments.json": fragments})
+    grow_old(store)
+    os.utime(store.root / "evaluate" / "ab" / "of-plans" / "manifest")  # younger than a day: it stays
+    found = reported("gc", "--keep", first)
+    assert (found["environments"], found["environments_bytes"]) == (1, 1000)
+    assert [folder.name for folder in (store.root / "environments").iterdir()] == [named]
+
+
+def test_gc_keeps_all_evaluations_when_a_campaign_cannot_be_read_any_more(ran, store):
+    first = ran("one")
+    of_first = keys_in(store)
+    ran("two", "0.02", "0.05")
+    grow_old(store)
+    shutil.rmtree(first / "inputs")
+    result = called("gc", "--keep", first)
+    assert result.exit_code == 0
+    assert "what producers made is all kept" in result.stderr
+    assert len([key for key in keys_in(store) if key.startswith("evaluate")]) == 2
+    assert {key for key in keys_in(store) if not key.startswith("evaluate")} <= of_first
+
+
+def test_gc_needs_to_know_what_to_keep(store):
+    result = called("gc")
+    assert result.exit_code == 2 and "--keep" in result.stderr and "--older-than" in result.stderr
+
+
+@pytest.mark.parametrize("spoilt", ["configurations.parquet", "metadata.json"])
+def test_gc_deletes_nothing_if_a_campaign_directory_is_damaged(ran, store, spoilt):
+    first = ran("one")
+    grow_old(store)
+    before = keys_in(store)
+    (first / spoilt).write_text("nonsense")
+    result = called("gc", "--keep", first)
+    assert result.exit_code == 2
+    assert f"{first}: damaged campaign directory" in result.stderr and "Traceback" not in result.stderr
+    assert keys_in(store) == before
+
+
+def test_gc_deletes_nothing_if_a_campaign_directory_does_not_name_its_keys(ran, store):
+    first = ran("one")
+    grow_old(store)
+    before = keys_in(store)
+    metadata = json.loads((first / "metadata.json").read_text())
+    (first / "metadata.json").write_text(json.dumps({key: metadata[key] for key in metadata if key != "seed"}))
+    result = called("gc", "--keep", first)
+    assert result.exit_code == 2 and "an earlier version wrote it" in result.stderr
+    assert keys_in(store) == before
+
+
+def test_a_folder_that_is_no_campaign_directory_is_a_users_mistake(tmp_path, store):
+    result = called("gc", "--keep", tmp_path / "nowhere")
+    assert result.exit_code == 2 and "--keep" in result.stderr and "no such folder" in result.stderr
+
+
+def test_the_options_are_all_described():
+    page = (Path(__file__).parents[2] / "docs" / "keep-the-store.md").read_text()
+    described = set(re.findall(r"^\| `(--[a-z-]+)[^|]*\| (all|`\w+`) \|", page, re.MULTILINE))
+    commands = get_command(app).commands["store"].commands
+    of = {name: {option for each in command.params for option in each.opts} for name, command in commands.items()}
+    common = set.intersection(*of.values())
+    own = {(option, f"`{name}`") for name, options in of.items() for option in options - common}
+    assert described == own | {(option, "all") for option in common}

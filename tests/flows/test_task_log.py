@@ -1,0 +1,39 @@
+"""What of task runs' logs goes to Prefect's API."""
+
+import logging
+
+import pytest
+from prefect.logging.configuration import setup_logging
+from prefect.logging.handlers import APILogHandler
+
+from vastflow.flows.task_log import TASK_RUNS, quiet_task_runs
+
+
+@pytest.fixture
+def passes():
+    """Whether the API's handler takes a record of a logger and level."""
+    logger = logging.getLogger(TASK_RUNS)
+    handler = APILogHandler()
+    logger.addHandler(handler)
+    try:
+        yield lambda name, level: bool(handler.filter(logging.LogRecord(name, level, "", 0, "said", (), None)))
+    finally:
+        logger.removeHandler(handler)
+
+
+def test_of_task_runs_only_warnings_are_sent_and_of_flow_runs_everything(passes):
+    with quiet_task_runs():
+        assert not passes(TASK_RUNS, logging.INFO)
+        assert passes(TASK_RUNS, logging.WARNING)
+        assert passes("prefect.flow_runs", logging.INFO)
+
+
+def test_afterwards_everything_is_sent_again(passes):
+    with quiet_task_runs():
+        pass
+    assert passes(TASK_RUNS, logging.INFO)
+
+
+def test_prefect_has_its_handler_where_it_is_looked_for():
+    setup_logging()
+    assert any(isinstance(handler, APILogHandler) for handler in logging.getLogger(TASK_RUNS).handlers)

@@ -1,0 +1,125 @@
+"""Files of a small campaign damaged at random: each is noticed and healed, none is served.
+
+`VASTFLOW_FAULTS` says how many; a few in the ordinary course of the tests.
+"""
+
+import os
+import pickle
+import random
+from concurrent.futures import Future
+
+import pytest
+
+from vastflow.oracles.oracle import oracles_of
+from vastflow.sim.scenario import Scenario
+from vastflow.tasks import work
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.local_store import open_local_store
+from vastflow.tasks.object_store import ObjectStore, open_object_store
+from vastflow.tasks.progress import Tally
+from vastflow.tasks.shelf import Member, Shelf, missing
+from vastflow.tasks.store import Lost
+from vastflow.tasks.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
+from vastflow.tasks.workshop import Workshop, judgements
+
+FAULTS = int(os.environ.get("VASTFLOW_FAULTS", "40"))
+MEMBERS = [
+    Member(f"room-{k}", "room", k, Scenario("builtin:navigate_to_pose", 60.0, {}, {"k": k}, {}), runs=3)
+    for k in range(1, 5)
+]
+
+
+class Pool:
+    """Does the stages at once, without a simulator, and counts them; another process's store is a copy."""
+
+    def __init__(self):
+        self.done = 0
+
+    def submit(self, priority, function, stage, store, *arguments):
+        self.done += 1
+        future = Future()
+        try:
+            future.set_result(
+                work.answered(getattr(self, stage.__name__), pickle.loads(pickle.dumps(store)), *arguments)
+            )
+        except OSError as error:
+            future.set_exception(error)
+        return future
+
+    def execute(self, store, home, scenario, start, stop, seed):
+        recorded = f"recorded {scenario.digest} {start} {stop}".encode() * 20
+        files = {RECORDINGS: recorded, BEHAVIORS: b"behaviors" * 9}
+        store.put(f"{home}/{start}-{stop}", files, {"runs": stop - start}, {RUN_LOG: b"{}"})
+        return Executed({run: 10.0 for run in range(start, stop)}, {})
+
+    def observe(self, store, recording_key, key, scenario):
+        store.put(key, {TRACES: b"trace of " + store.read(recording_key, RECORDINGS)})
+
+    def judge(self, store, recording_key, trace_key, key, scenario, oracles):
+        judged = store.read(recording_key, RECORDINGS) + store.read(trace_key, TRACES)
+        store.put(key, {VERDICTS: b"verdicts on " + judged}, {"runs": [[k, "pass"] for k in range(3)]})
+
+
+def campaign(store):
+    """What a session does of a campaign: complete and read, again if something is lost. Gives all files, and the jobs."""
+    pool = Pool()
+    shelf = Shelf(store, Keys("numeric", "e", "o", "j", 0, []))
+    for _ in range(4):
+        store.survey()
+        shop = Workshop(shelf, pool, Tally(), pickle.dumps(oracles_of([])))
+        recorded, _ = shop.execute(MEMBERS)
+        observed, _ = shop.observe(MEMBERS, recorded)
+        shop.judge(MEMBERS, observed)
+        assert shop.faults == ()
+        try:
+            return {member.name: files_of(shelf, member) for member in MEMBERS}, pool.done
+        except Lost:
+            continue
+    raise AssertionError("lost again and again")
+
+
+def files_of(shelf, member):
+    shelved = shelf.shelved(member)
+    if missing([each.block for each in shelved], member.runs):
+        raise Lost(member.name)
+    load, found = shelf.store.load, []
+    for each in shelved:
+        if each.trace is None or each.verdicts is None:
+            raise Lost(member.name)
+        found += [load(each.recordings, RECORDINGS), load(each.recordings, BEHAVIORS)]
+        found += [load(each.trace, TRACES), load(each.verdicts, VERDICTS), judgements(each.verdicts)]
+    return found
+
+
+def damage(files, rng):
+    """Spoil a file that something depends on, at random; gives words for it."""
+    path = rng.choice([path for path in files.paths() if not path.endswith(RUN_LOG)])
+    content = files.read(path)
+    kind = rng.choice(["change", "truncate", "delete"])
+    at = rng.randrange(len(content))
+    if kind == "change":
+        files.write(path, content[:at] + bytes([content[at] ^ rng.randrange(1, 256)]) + content[at + 1 :])
+    elif kind == "truncate":
+        files.write(path, content[:at])
+    else:
+        files.delete(path)
+    return f"{kind} {path} at {at} of {len(content)}"
+
+
+@pytest.mark.parametrize("kind", ["folder", "memory", "s3"])
+def test_every_fault_is_noticed_and_healed_and_nothing_damaged_is_served(kind, request, tmp_path, raw):
+    if kind == "folder":
+        store = open_local_store(tmp_path / "store")
+    else:
+        address = request.getfixturevalue(kind)
+        store = ObjectStore(address) if kind == "memory" else open_object_store(address)
+    whole, jobs = campaign(store)
+    assert jobs == 3 * len(MEMBERS)
+    assert campaign(store) == (whole, 0)
+    rng = random.Random(7)
+    for number in range(FAULTS if kind != "s3" else FAULTS // 4):
+        what = f"fault {number}: {damage(raw(store), rng)}"
+        found, jobs = campaign(store)
+        assert found == whole, what
+        assert 1 <= jobs <= 3, what
+        assert [store.fault(each.key) for each in store.holdings()] == [None] * 3 * len(MEMBERS), what

@@ -1,0 +1,237 @@
+"""Where a store is, and what is said when it can't be used."""
+
+import errno
+import os
+import subprocess
+import time
+from pathlib import Path
+
+import fsspec
+import pytest
+
+from vastflow.producers.floorplan.environment import environments_folder
+from vastflow.tasks.local_store import LocalStore, open_local_store
+from vastflow.tasks.object_store import ObjectStore
+from vastflow.tasks.store import StoreError, open_store, store_root
+
+KEY = "execute/ab/abcd/0-5"
+
+
+def test_what_killed_writers_left_is_swept_after_a_day(tmp_path):
+    store = open_store(tmp_path / "store")
+    old, young = store.root / "temporary" / "old", store.root / "temporary" / "young"
+    old.mkdir()
+    young.mkdir()
+    long_ago = time.time() - 2 * 24 * 3600
+    os.utime(old, (long_ago, long_ago))
+    open_store(store.root)
+    assert not old.exists()
+    assert young.exists()
+
+
+def test_the_place_is_the_argument_else_the_variable_else_the_users_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "variable"))
+    assert store_root(tmp_path / "given") == tmp_path / "given"
+    assert store_root() == tmp_path / "variable"
+    monkeypatch.delenv("VASTFLOW_STORE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert store_root() == tmp_path / "cache" / "vastflow" / "store"
+
+
+def test_a_file_address_is_a_folder(tmp_path):
+    assert open_store(f"file://{tmp_path}/store") == LocalStore(tmp_path / "store")
+
+
+def test_the_variable_may_be_an_address(s3, monkeypatch):
+    monkeypatch.setenv("VASTFLOW_STORE", s3)
+    assert open_store().place == s3
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(StoreError, match=r"store: can't write to .*file.*--store"):
+        open_store(tmp_path / "file")
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("nonsense://bucket/store", r"'nonsense://bucket/store' .*Protocol not known.*s3://bucket/prefix"),
+        ("memory://store", "which no other process sees; a folder, or s3://bucket/prefix"),
+        ("abfs://container/store", r"ImportError.*; install what it names"),
+    ],
+)
+def test_an_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_path, monkeypatch, address, words):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(StoreError, match=words):
+        open_store(address)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_artifact_lies_on_this_machine_one_folder_for_each_address(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    places = {ObjectStore(f"s3://bucket/{name}").local for name in ("a", "b")}
+    assert len(places) == 2
+    assert all(place.is_relative_to(tmp_path) for place in places)
+
+
+def test_a_bucket_that_is_not_there_is_named(s3):
+    with pytest.raises(StoreError, match=r"'s3://nowhere/x' .*bucket does not exist.*make the bucket"):
+        open_store("s3://nowhere/x")
+
+
+@pytest.mark.parametrize(("key_id", "secret"), [("TESTKEYID", "wrong"), ("nobody", "TESTSECRET")])
+def test_wrong_credentials_are_refused_with_what_to_check(shared_s3, s3_variables, key_id, secret):
+    s3_variables(shared_s3, key_id, secret)
+    with pytest.raises(
+        StoreError, match=r"'s3://bucket/x' \(PermissionError: .*; check the credentials \(AWS_ACCESS_KEY_ID"
+    ):
+        open_store("s3://bucket/x")
+
+
+def test_no_credentials_are_no_riddle(shared_s3, s3_variables, monkeypatch):
+    s3_variables(shared_s3)
+    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+    monkeypatch.delenv("AWS_SECRET_ACCESS_KEY")
+    with pytest.raises(StoreError, match=r"NoCredentialsError.*; check the credentials"):
+        open_store("s3://bucket/x")
+
+
+def test_a_server_that_does_not_answer_is_named(start_s3, s3_variables):
+    server = start_s3()
+    s3_variables(server)
+    store = open_store("s3://bucket/x")
+    server.kill()
+    for ask in (store.survey, lambda: store.find(KEY), lambda: store.put(KEY, {"a.bin": b"one"})):
+        with pytest.raises(StoreError, match=rf"'s3://bucket/x' .*{server.url}.*; check the network and the server"):
+            ask()
+
+
+class KilledBefore(ObjectStore):
+    """Its server dies before the n-th write of a put."""
+
+    def __init__(self, address, server, number):
+        super().__init__(address)
+        self.server, self.left = server, number
+
+    def _write(self, contents):
+        self.left -= 1
+        if not self.left:
+            self.server.kill()
+        super()._write(contents)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_server_that_dies_during_a_put_leaves_no_artifact_and_all_goes_on_when_it_is_back(
+    start_s3, s3_variables, number
+):
+    server = start_s3()
+    s3_variables(server)
+    store = open_store("s3://bucket/x")
+    with pytest.raises(StoreError, match="what was finished is kept"):
+        KilledBefore("s3://bucket/x", server, number).put(KEY, {"a.bin": b"one", "b.bin": b"two"})
+    server.start()
+    assert store.find(KEY) is None
+    store.put(KEY, {"a.bin": b"one", "b.bin": b"two"})
+    assert store.read(KEY, "a.bin") == b"one"
+
+
+FILES = {"a.bin": b"one" * 1000, "b.bin": b"two" * 1000}
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
+@pytest.mark.parametrize("number", range(4))
+def test_a_folder_that_takes_no_more_has_whole_artifacts_or_none(tmp_path, monkeypatch, number, code):
+    store = open_local_store(tmp_path / "store")
+    left = [number]
+    write = Path.write_bytes
+
+    def full(path, content):
+        if not left[0]:
+            write(path, content[: len(content) // 2])
+            raise OSError(code, os.strerror(code), str(path))
+        left[0] -= 1
+        return write(path, content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(StoreError, match=rf"store: can't write to .*{os.strerror(code)}\); make room"):
+            store.put(KEY, FILES, sidecar={"log": b"1"})
+    assert store.find(KEY) is None
+    assert list((store.root / "temporary").iterdir()) == []
+    store.put(KEY, FILES)
+    assert store.read(KEY, "b.bin") == FILES["b.bin"]
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_service_that_takes_no_more_has_whole_artifacts_or_none(memory, monkeypatch, number):
+    store = ObjectStore(memory)
+    left = [number]
+    kind = fsspec.get_filesystem_class("memory")
+    write = kind.pipe_file
+
+    def full(files, path, content, **options):
+        if not left[0]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), path)
+        left[0] -= 1
+        return write(files, path, content, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(kind, "pipe_file", full)
+        with pytest.raises(StoreError, match="No space left on device"):
+            store.put(KEY, FILES, sidecar={"log": b"1"})
+    assert store.find(KEY) is None
+    store.put(KEY, FILES)
+    assert store.read(KEY, "b.bin") == FILES["b.bin"]
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 256 kB; gives a function that mounts it again, with other options."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+
+    def mount(options):
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(disk)], capture_output=True, check=False
+        )
+        if done.returncode:
+            pytest.skip("no disk can be mounted here")
+        return disk
+
+    if os.name != "posix" or os.geteuid() != 0:
+        pytest.skip("no disk can be mounted here")
+    mount("size=256k")
+    yield disk, mount
+    subprocess.run(["umount", str(disk)], check=False)
+
+
+def test_a_disk_that_is_full_is_said_and_works_again_when_there_is_room(small_disk):
+    disk, _ = small_disk
+    store = open_local_store(disk / "store")
+    kept = 0
+    with pytest.raises(StoreError, match=r"No space left on device.*make room"):
+        for kept in range(100):
+            store.put(f"execute/ab/k{kept}/0-1", {"a.bin": bytes(10_000)})
+    assert 5 < kept < 26
+    assert [store.fault(each.key) for each in store.holdings()] == [None] * kept
+    store.remove(["execute/ab/k0/0-1"])
+    store.put("execute/ab/more/0-1", {"a.bin": bytes(10_000)})
+
+
+def test_a_disk_that_is_read_only_is_said(small_disk):
+    disk, mount = small_disk
+    store = open_local_store(disk / "store")
+    store.put(KEY, FILES)
+    mount("remount,ro")
+    with pytest.raises(StoreError, match=r"Read-only file system.*--store"):
+        open_local_store(disk / "store")
+    with pytest.raises(StoreError, match="Read-only file system"):
+        store.put("execute/ab/other/0-5", FILES)
+    assert store.read(KEY, "a.bin") == FILES["a.bin"]
+
+
+def test_a_command_that_makes_environments_takes_no_address_for_a_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("VASTFLOW_STORE", "s3://bucket/store")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert environments_folder().is_relative_to(tmp_path / "vastflow")
