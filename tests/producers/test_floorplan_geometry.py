@@ -5,6 +5,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import shapely
 from hypothesis import assume, given, settings
@@ -163,14 +164,24 @@ def polygons(draw, convex=False):
     return outline
 
 
+def mitres(outline, thickness):
+    """How far from each corner the outer faces of its two walls meet, along a wall."""
+    return thickness / np.tan(np.radians(turns_deg(outline)) / 2)
+
+
 def sharpest_deg(outline):
+    return min(turns_deg(outline))
+
+
+def turns_deg(outline):
+    """The angle at each corner, the smaller one."""
     count = len(outline)
     turns = []
     for k in range(count):
         (x0, y0), (x1, y1), (x2, y2) = outline[k - 1], outline[k], outline[(k + 1) % count]
         turns.append(math.degrees(abs(math.atan2(
             (x0 - x1) * (y2 - y1) - (y0 - y1) * (x2 - x1), (x0 - x1) * (x2 - x1) + (y0 - y1) * (y2 - y1)))))  # fmt: skip
-    return min(turns)
+    return turns
 
 
 @given(polygons(convex=True), st.floats(0.05, 0.5))
@@ -186,9 +197,14 @@ def test_the_walls_round_a_convex_room_fill_its_mitred_offset(outline, thickness
 @given(polygons(), st.floats(0.05, 0.4))
 @settings(max_examples=150)
 def test_walls_leave_no_gap_round_a_room_of_any_shape_whose_walls_are_longer_than_thick(outline, thickness):
-    """Beside a notch of shorter walls, or one that is sharp, a sliver of up to a hundred square centimetres can stay open."""
-    assume(sharpest_deg(outline) > 45)
-    assume(shapely.length(shapely.linestrings(list(itertools.pairwise((*outline, outline[0]))))).min() > 2 * thickness)
+    """Beside a notch of shorter walls a sliver of up to a hundred square centimetres can stay open.
+
+    Long enough is a wall that is two thicknesses longer than what the mitres at its ends take of it.
+    """
+    assume(sharpest_deg(outline) > 5)
+    taken = mitres(outline, thickness)
+    lengths = shapely.length(shapely.linestrings(list(itertools.pairwise((*outline, outline[0])))))
+    assume((lengths - taken - np.roll(taken, -1)).min() > 2 * thickness)
     floor = shapely.Polygon(outline)
     walls = shapely.union_all([shapely.Polygon(wall) for wall in wall_outlines(outline, thickness)])
     ring = floor.buffer(0.98 * thickness).difference(floor)

@@ -1,0 +1,24 @@
+"""The pipeline's benchmark, in short: what it counts, and none of its times."""
+
+import pytest
+
+from vastflow.flows.pipeline_bench import SCENARIO, bench_pipeline, campaign_text
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.instantiate import instantiate
+
+
+@pytest.mark.timeout(280)
+def test_everything_is_executed_once_and_after_an_edit_one_configuration_alone():
+    found = bench_pipeline(configurations=6, runs=2)
+    assert (found["configurations"], found["runs"], found["executed"]) == (6, 12, 12)
+    assert (found["rerun_executed"], found["edit_executed"]) == (0, 2)
+    assert found["task_runs"] == found["task_runs_final"] > 0
+    assert found["cpu_s"] > found["overhead_cpu_s"] > 0 < found["flow_peak_mb"]
+
+
+@pytest.mark.parametrize("configurations", [2, 21, 22, 50])
+def test_the_campaign_has_as_many_distinct_configurations_as_asked(tmp_path, configurations):
+    (tmp_path / "nothing.osc").write_text(SCENARIO)
+    (tmp_path / "nothing.vast").write_text(campaign_text(configurations, 3, edited=0))
+    found = instantiate(load_campaign(tmp_path / "nothing.vast")).configurations
+    assert len({configuration.scenario.digest for configuration in found}) == len(found) == configurations
