@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from vastflow.tasks.execution.charts import namespace_manifests, server_values, worker_values
-from vastflow.tasks.execution.deployment import Deployment, description_of
+from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
 from vastflow.tasks.execution.job import CPU, DATA, IMAGE, NAME, PoolType, base_job_template
 from vastflow.tasks.execution.kueue import queue_manifests
 from vastflow.tasks.execution.manifest import yaml_text
@@ -24,7 +24,9 @@ STORAGE_BYTES: Final = 100 * 2**30
 def checked_in() -> Mapping[str, str]:
     """Path below this folder to content."""
     return {
-        "prefect.yaml": yaml_text({"name": NAME, "deployments": [each.as_yaml() for each in _deployments()]}),
+        "prefect.yaml": yaml_text(
+            {"name": NAME, "deployments": [each.as_yaml() for each in [*_deployments(), *_shards()]]}
+        ),
         "pools/docker.json": _json(base_job_template(PoolType.docker)),
         "pools/kubernetes.json": _json(base_job_template(PoolType.kubernetes)),
         "kubernetes/namespace.yaml": _documents(namespace_manifests(STORAGE_BYTES)),
@@ -42,6 +44,16 @@ def _deployments() -> list[Deployment]:
         _nightly("lab", {"campaign": FILE, "results": "results"}, "{{ $PWD }}", {}),
         _nightly("docker", in_image, IMAGE_FOLDER, image),
         _nightly("cluster", {**in_image, "workers": CPU}, IMAGE_FOLDER, {**image, "queue": NAME}),
+    ]
+
+
+def _shards() -> list[ShardDeployment]:
+    """By which the same pools compute shards of whatever campaign names them."""
+    image = {"image": IMAGE}
+    return [
+        ShardDeployment("lab"),
+        ShardDeployment("docker", image),
+        ShardDeployment("cluster", {**image, "queue": NAME}),
     ]
 
 

@@ -1,17 +1,19 @@
 """Prefect flows, the Python API and the command line."""
 
-from typing import TYPE_CHECKING, Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from vastflow.flows.api import run_campaign
+    from vastflow.flows.stages import execute, instantiate, judge, observe
 
-__all__ = ["run_campaign"]
+__all__ = ["execute", "instantiate", "judge", "observe", "run_campaign"]
+
+_STAGES: Final = ("instantiate", "execute", "observe", "judge")
 
 
 def __getattr__(name: str) -> Any:
     # Importing this package must stay cheap: commands like `--help` do.
     if name in __all__:
-        from vastflow.flows import api
-
-        return getattr(api, name)
+        return getattr(import_module("vastflow.flows.stages" if name in _STAGES else "vastflow.flows.api"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,27 +2,41 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from vastflow.flows.asked import Asked
 from vastflow.flows.campaign_file import read_campaign
 from vastflow.flows.campaign_keys import campaign_keys
+from vastflow.flows.computation import cores
+from vastflow.flows.delivery import delivery_to
 from vastflow.flows.directory import directory_name
+from vastflow.flows.found import RunFault
 from vastflow.flows.inputs import inputs_of
+from vastflow.flows.kept_report import KeptReport
 from vastflow.flows.origin_code import code_row
-from vastflow.flows.results import Results, RunFault, campaign_name, write_results
+from vastflow.flows.report_key import report_key
+from vastflow.flows.results import Results, campaign_name, write_results
 from vastflow.flows.session import Session
 from vastflow.flows.summary import Work
+from vastflow.oracles.oracle import Oracle
+from vastflow.producers.campaign import Campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks import chatter, ending
+from vastflow.tasks.garbage import few_collections
 from vastflow.tasks.instantiation import Instantiator
+from vastflow.tasks.keys import Keys
 from vastflow.tasks.progress import Observer, Reporter, Tally
+from vastflow.tasks.server import end_services
 from vastflow.tasks.shelf import Shelf
 from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import Lost, StoreError, open_store
+from vastflow.tasks.store import Lost, StoreError, open_store, store_address
+
+if TYPE_CHECKING:
+    from vastflow.flows.spread import Spread
+    from vastflow.flows.work_pool import WorkPool
 
 CampaignResult: TypeAlias = Results
 
@@ -36,6 +50,7 @@ def run_campaign(
     workers: int | None = None,
     only: str | Sequence[str] | None = None,
     observer: Observer | None = None,
+    pool: "str | WorkPool | None" = None,
 ) -> CampaignResult:
     """Run a campaign and write its report; what is in the store is not computed again.
 
@@ -45,30 +60,36 @@ def run_campaign(
     Args:
         path: The campaign file.
         runs: Runs of each configuration, instead of the file's.
-        results: Folder the campaign directory is made in, `results` if not given.
+        results: Folder the campaign directory is made in, `results` if not given; or an address such as `s3://bucket/prefix`,
+            to which it is uploaded when it is finished, while a copy stays on this machine for a day.
         store: Folder of the store or address such as `s3://bucket/prefix`, else the variable `VASTFLOW_STORE`, else a
             user cache folder.
         workers: Worker processes, else one a core.
         only: Names of families or configurations; nothing else is run.
         observer: Is shown the progress, from one thread.
+        pool: A work pool of Prefect whose workers compute what is missing, else this process does. They must find the store.
 
     Raises:
         CampaignError: faults of the file, or a name in `only` that nothing has.
         StoreError: the store can't be used.
-        PrefectUnavailable: Prefect's API can't be started.
+        ResultsError: the campaign directory can't be written; nothing of it is left, and everything is in the store.
+        PrefectUnavailable: Prefect's API can't be started, or stayed away.
+        WorkPoolError: there is no such pool, or no API of Prefect is configured.
+        WorkersFailed: the pool's workers can't compute the campaign.
     """
     if runs is not None and runs < 1:
         raise ValueError(f"runs is at least 1, got {runs}")
     clock = _Clock()
     created = datetime.now()
     tally = Tally()
-    with ending.terminable(), Reporter(tally, observer):
+    with ending.terminable(), few_collections(), Reporter(tally, observer):
         campaign, oracles = read_campaign(Path(path))
         if campaign.unexecutable:
             raise CampaignError(campaign.unexecutable)
         inputs = inputs_of(campaign, oracles)
         kept = open_store(store)
         name = campaign_name(campaign)
+        goes_to = delivery_to(results or "results", kept)
         log = chatter.new_log(kept.local / "logs", directory_name(name), created)
         with chatter.own_log(log):
             tree = installed_tree()
@@ -83,30 +104,40 @@ def run_campaign(
                 oracles=oracles,
                 runs=asked.runs,
                 only=selection,
-                workers=workers or _cores(),
+                workers=workers or cores(),
                 tally=tally,
                 prefect_results=kept.local / "prefect",
                 log=log,
+                spread=_spread(pool, campaign, name, oracles, keys, workers, tally) if pool is not None else None,
             )
 
             def work() -> Work:
                 counted = tally.progress()
                 return Work(counted.executed, counted.reused, counted.simulated_s, clock.cpu_s(), clock.wall_s())
 
-            def report(directory: Path) -> None:
-                from vastflow.oracles.report import write_report
-
+            def before_report(directory: Path) -> None:
                 tally.begin("reporting")
                 if log.exists():
                     (directory / "logs").mkdir(exist_ok=True)
                     (directory / "logs" / "campaign.log").write_bytes(log.read_bytes())
+
+            def report(directory: Path) -> None:
+                from vastflow.oracles.report import write_report
+
                 write_report(directory)
+
+            def kept_report(metadata: Mapping[str, Any]) -> KeptReport:
+                names = [oracle.name for oracle in oracles]
+                found = report_key(
+                    keys, tree, inputs.campaign, metadata, instantiation, session.contents(), asked.runs, names
+                )
+                return KeptReport(kept, found)
 
             for _ in range(_TRIES):
                 instantiation = session.complete()
                 try:
-                    return write_results(
-                        Path(results or "results"),
+                    written = write_results(
+                        goes_to.folder,
                         campaign,
                         inputs,
                         instantiation,
@@ -119,13 +150,41 @@ def run_campaign(
                         created=created,
                         work=work,
                         report=report,
+                        before_report=before_report,
+                        kept=kept_report if session.whole else None,
+                        threads=_LOCAL_READERS if store_address(store) is None else _REMOTE_READERS,
                     )
                 except Lost:  # found out when it was read: the damaged artifact is gone now, so it gets computed
                     continue
+                written = goes_to.delivered(written)
+                if session.flow_run_id is not None:
+                    with chatter.prefect_log(log):
+                        from vastflow.flows.artifacts import publish
+
+                        publish(written, name, flow_run_id=session.flow_run_id)
+                        end_services()
+                return written
             raise StoreError(f"store: {kept.place!r} loses what is written to it; is the disk full or broken?")
 
 
 _TRIES = 3
+_LOCAL_READERS, _REMOTE_READERS = 1, 16
+
+
+def _spread(
+    pool: "str | WorkPool",
+    campaign: Campaign,
+    name: str,
+    oracles: Sequence[Oracle[Any]],
+    keys: Keys,
+    workers: int | None,
+    tally: Tally,
+) -> "Spread":
+    from vastflow.flows.spread import Spread
+    from vastflow.flows.work_pool import WorkPool
+
+    chosen = WorkPool(pool) if isinstance(pool, str) else pool
+    return Spread(chosen, campaign, name, oracles, keys, workers, tally.notice)
 
 
 class _Clock:
@@ -140,9 +199,3 @@ class _Clock:
 
     def cpu_s(self) -> float:
         return sum(os.times()[:4]) - self._before_s
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

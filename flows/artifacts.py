@@ -3,6 +3,7 @@
 Nothing of it is needed for the campaign: where Prefect's API refuses, a line in the log says so and the campaign goes on.
 """
 
+import json
 import logging
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ from uuid import UUID
 
 from prefect.client.orchestration import get_client
 from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
+from prefect.runtime import flow_run
 
 from vastflow.flows.results import Results
 from vastflow.oracles.evidence import Group, evidence_of
@@ -81,11 +83,15 @@ class Page:
         self._say = say
         self._bar = ProgressBar(f"{key_of(name)}-progress", flow_run_id)
         self._phase: Phase | None = None
+        self._noticed = 0
         self._named = False
         self._refused = False
 
     def update(self, progress: Progress) -> None:
         """Show `progress`."""
+        for notice in progress.notices[self._noticed :]:
+            self._say(notice)
+        self._noticed = len(progress.notices)
         if not self._named and progress.runs_total:
             self._named = True
             size = size_text(progress.configurations_total, progress.runs_total)
@@ -106,29 +112,34 @@ class Page:
             self._refused = bool(refused)
 
 
-def publish(found: Results, name: str, reports: str | None = None) -> str:
-    """Make a table of the results and a link to the report, both of the current flow run.
+def publish(found: Results, name: str, reports: str | None = None, flow_run_id: str | None = None) -> str:
+    """Make a table of the results and a link to the report, both of a flow run.
 
     Args:
         name: The campaign's.
         reports: Web address of the results folder; None links to the file, which a browser opens on its own machine only.
+        flow_run_id: None for the flow run that calls this.
 
     Returns:
         The outcome in a line.
     """
-    from prefect.artifacts import create_link_artifact, create_table_artifact
-
     summary = found.summary
     counts = f"{summary.passed} passed, {summary.failed} failed, {summary.not_judged} not judged"
     work = f"{summary.executed} runs executed, {summary.reused} from the store"
     outcome = f"{size_text(summary.configurations, summary.runs)}: {counts}; {work}"
     report = found.directory.resolve() / "report.html"
     link = report.as_uri() if reports is None else f"{reports.rstrip('/')}/{found.directory.name}/report.html"
-    with tolerated():
-        create_table_artifact(result_rows(found), key=f"{key_of(name)}-results", description=f"**{name}**, {outcome}")
-        create_link_artifact(
-            link, link_text="report.html", key=f"{key_of(name)}-report", description=f"Report of **{name}**: `{report}`"
-        )
+    with tolerated(), get_client(sync_client=True) as client:
+        of = UUID(flow_run_id or str(flow_run.id))
+        for part, kind, data, description in (
+            ("results", "table", json.dumps(result_rows(found)), f"**{name}**, {outcome}"),
+            ("report", "markdown", f"[report.html]({link})", f"Report of **{name}**: `{report}`"),
+        ):
+            client.create_artifact(
+                ArtifactCreate(
+                    key=f"{key_of(name)}-{part}", type=kind, data=data, description=description, flow_run_id=of
+                )
+            )
     return outcome
 
 

@@ -1,21 +1,19 @@
 """The Prefect flow of a campaign. Importing it imports Prefect; `vastflow.flows.run_campaign` does only when it must."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Sequence
 from typing import Any
 
 from prefect import flow, get_run_logger, unmapped
 from prefect.futures import PrefectFuture, wait
-from prefect.runtime import flow_run
 
-from vastflow.flows.artifacts import ProgressBar, key_of, tag, tolerated
 from vastflow.flows.task_log import quiet_task_runs
+from vastflow.flows.task_runs import entered, evaluator, log_known, settle, show_ending, show_progress
 from vastflow.tasks import stages
-from vastflow.tasks.evaluation import packed
-from vastflow.tasks.instantiation import Evaluator, Request
-from vastflow.tasks.server import drain
+from vastflow.tasks.instantiation import Evaluator
+from vastflow.tasks.progress import Progress
 from vastflow.tasks.shards import chunks
 from vastflow.tasks.shelf import Member
-from vastflow.tasks.stages import Bench, ProducerShard, Shard
+from vastflow.tasks.stages import Bench, Shard
 
 Plan = Callable[[Evaluator], Sequence[Member]]
 """Gives the members of the campaign, instantiating it with the evaluator it is given if that has to be done."""
@@ -24,16 +22,34 @@ Plan = Callable[[Evaluator], Sequence[Member]]
 class Job:
     """What a campaign's flow is about. A plain object: neither Prefect nor its API looks into it."""
 
-    __slots__ = ("bench", "plan", "running")
+    __slots__ = ("bench", "incomplete", "plan", "progress", "running")
 
-    def __init__(self, bench: Bench, plan: Plan, running: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        bench: Bench,
+        plan: Plan,
+        incomplete: Callable[[], Container[str]],
+        running: Callable[[], None],
+        progress: Callable[[], Progress] | None = None,
+    ) -> None:
+        """`incomplete` gives, after `plan`, the names of members of which something is missing in the store.
+
+        `progress` is for the flow run's page; None where the page of a flow run round this one has it.
+        """
         self.bench = bench
         self.plan = plan
+        self.incomplete = incomplete
         self.running = running
+        self.progress = progress
 
 
-class TaskFailed(RuntimeError):
-    """A task failed as a whole: a fault of ours in Prefect's shell, not in a member."""
+def missing_shards(members: Sequence[Member], incomplete: Container[str]) -> list[Shard]:
+    """Shards in which something is missing; where they are cut depends on all members, so that an edit moves one cut."""
+    parts = chunks([member.scenario.digest for member in members])
+    missing = [part for part in parts if any(members[i].name in incomplete for i in part)]
+    known = len(parts) - len(missing)
+    get_run_logger().info("%d configurations in %d shards, %d of them known already", len(members), len(parts), known)
+    return [Shard([members[i] for i in part]) for part in missing]
 
 
 @flow(name="campaign", flow_run_name="{title}", validate_parameters=False, persist_result=False)
@@ -43,70 +59,29 @@ def campaign(title: str, job: Job) -> None:
     Args:
         title: The flow run's name.
     """
+    entered(job.bench.api)
     with quiet_task_runs():
         _campaign(title, job)
 
 
 def _campaign(title: str, job: Job) -> None:
-    log = get_run_logger()
     futures: list[PrefectFuture[Any]] = []
     try:
-        members = job.plan(_mapped(job.bench, futures))
+        members = job.plan(evaluator(job.bench, futures))
         job.running()
-        shards = [Shard([members[i] for i in part]) for part in chunks([member.scenario.digest for member in members])]
+        shards = missing_shards(members, job.incomplete())
         bench = unmapped(job.bench)
         recorded = stages.stored_in(job.bench, stages.execute).map(shards, bench=bench)
         observed = stages.stored_in(job.bench, stages.observe).map(shards, recorded, bench=bench)
         judged = stages.stored_in(job.bench, stages.judge).map(shards, observed, bench=bench)
         futures += [*recorded, *observed, *judged]
-        log.info("%d configurations in %d shards", len(members), len(shards))
-        _show(title, judged)
+        name = title.rsplit(" ", 2)[0]
+        if job.progress is None:
+            show_ending(name, judged, "judged")
+        else:
+            show_progress(name, judged, job.progress)
     finally:
         wait(futures)
-    for name, ended in (("execute", recorded), ("observe", observed), ("judge", judged)):
-        cached = sum(future.state.name == "Cached" for future in ended)
-        log.info("%s: %d shards, %d of them known already", name, len(ended), cached)
-    failed = [future.state for future in futures if not future.state.is_completed()]
-    drain(str(flow_run.id), sum(future.state.is_final() for future in futures))
-    if failed:
-        raise TaskFailed(f"{len(failed)} of {len(futures)} task runs failed, the first with: {failed[0].message}")
-
-
-def _show(title: str, judged: Sequence[PrefectFuture[Any]]) -> None:
-    """Show how many shards are through, until all are."""
-    name, run = title.rsplit(" ", 2)[0], str(flow_run.id)
-    bar = ProgressBar(f"{key_of(name)}-shards", run)
-    with tolerated():
-        tag(run, name)
-        for done, future in enumerate(judged):
-            bar.show(done / len(judged), f"{done} of {len(judged)} shards judged")
-            future.wait()
-        bar.show(1.0, f"{len(judged)} shards judged")
-
-
-def _mapped(bench: Bench, futures: "list[PrefectFuture[Any]]") -> Evaluator:
-    """An evaluator that maps a task over shards of each producer's distinct inputs."""
-
-    def evaluate(requests: Sequence[Request]) -> Mapping[str, str]:
-        shards = [shard for request in requests for shard in _producer_shards(request)]
-        mapped = stages.stored_in(bench, stages.evaluate).map(shards, bench=unmapped(bench))
-        futures.extend(mapped)
-        return {key: error for future in mapped for key, error in future.result().items()}
-
-    return evaluate
-
-
-def _producer_shards(request: Request) -> list[ProducerShard]:
-    evaluations, sent = request.evaluations, packed(request.producer)
-    name = f"{request.family} by {type(request.producer).__name__}"
-    parts = chunks([each.key.rpartition("/")[2] for each in evaluations])
-    if len(parts) == 1:
-        return [ProducerShard(name, sent, evaluations)]
-    return [
-        ProducerShard(f"{name}, {_places(part)} of {len(evaluations)}", sent, [evaluations[i] for i in part])
-        for part in parts
-    ]
-
-
-def _places(part: range) -> str:
-    return f"{part.start + 1}" if len(part) == 1 else f"{part.start + 1}–{part.stop}"
+    for stage, ended in (("execute", recorded), ("observe", observed), ("judge", judged)):
+        log_known(stage, ended)
+    settle(futures)

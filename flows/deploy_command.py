@@ -1,27 +1,23 @@
 """The command `deploy`: a campaign that Prefect runs on request or by a schedule."""
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from vastflow.flows.run_command import BAD_INPUT, OUR_FAULT
-from vastflow.tasks.execution.job import CPU, DATA, IMAGE, NAME, PoolType
+from vastflow.flows.work_pool import NO_API
+from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
 
 if TYPE_CHECKING:
-    from vastflow.producers.campaign import Campaign
-    from vastflow.tasks.execution.deployment import Deployment
+    from collections.abc import Callable
+
+    from vastflow.tasks.execution.deployment import Deployment, ShardDeployment
     from vastflow.tasks.execution.description import RunDescription
 
 IMAGE_FOLDER: Final = "/vastflow"
 """Working directory of vastflow's image, with what the image was built from."""
-
-NO_API: Final = (
-    "no API of Prefect is configured; start one by `prefect server start`, and name it by "
-    "`prefect config set PREFECT_API_URL=http://127.0.0.1:4200/api`"
-)
 
 
 def deploy(
@@ -52,18 +48,26 @@ def deploy(
         str | None,
         typer.Option(metavar="NAME", help="Cluster whose resources count; else the first that the file names."),
     ] = None,
+    shards_in: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POOL", help="Work pool whose workers compute the runs; made if there is none, of the same --type."
+        ),
+    ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print deployment and pool as YAML; change nothing.")
     ] = False,
 ) -> None:
     """Make or change a deployment of a campaign, and its work pool, at Prefect's API.
 
-    A worker of the pool then runs the whole campaign on its machine.
+    A worker of the pool then runs the whole campaign on its machine, or with --shards-in drives it, while the workers of
+    another pool, or of the same one, compute its runs.
     """
     from vastflow.flows.campaign_file import read_campaign
+    from vastflow.flows.campaign_job import described, requested_cores
     from vastflow.flows.results import campaign_name
     from vastflow.producers.faults import CampaignError
-    from vastflow.tasks.execution.deployment import Deployment, description_of
+    from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
     from vastflow.tasks.server import import_prefect
 
     try:
@@ -82,8 +86,9 @@ def deploy(
         "only": only,
         "results": results or _results(kind),
         "store": store,
-        "workers": workers or _workers(kind, description),
+        "workers": workers or requested_cores(kind, campaign, context),
         "reports": reports,
+        "pool": shards_in,
     }
     deployment = Deployment(
         name=name or title,
@@ -92,39 +97,34 @@ def deploy(
         pool=pool,
         folder=str(Path.cwd()) if kind is PoolType.process else IMAGE_FOLDER,
         description=description_of(
-            title, place, runs or campaign.runs, str(campaign.spec.metadata.get("description") or "")
+            title, place, runs or campaign.runs, str(campaign.spec.metadata.get("description") or ""), shards_in
         ),
         job_variables=_job_variables(kind, description, image, queue),
         cron=cron,
         timezone=timezone,
     )
+
+    def shards(of: PoolType) -> ShardDeployment:
+        return ShardDeployment(shards_in or pool, _own_variables(of, image, queue))
+
     import_prefect()
     _check_schedule(deployment)
     if dry_run:
-        _print(deployment, kind)
+        _print(deployment, shards(kind), kind)
     else:
-        _register(deployment, kind)
-
-
-def described(campaign: "Campaign", context: str | None) -> "RunDescription":
-    """The run description of a campaign. Its image is that of the containers beside the campaign's own, if there are any."""
-    from vastflow.flows.results import campaign_name
-    from vastflow.tasks.execution.reading import describe
-
-    execution = campaign.spec.execution
-    if execution.image is None and not execution.secondary_containers:
-        execution = execution.model_copy(update={"image": IMAGE})
-    spec = campaign.spec.model_copy(update={"execution": execution})
-    return describe(replace(campaign, spec=spec), campaign_name(campaign), context)
+        _register(deployment, shards_in or pool, shards, kind)
 
 
 def _job_variables(kind: PoolType, description: "RunDescription", image: str, queue: str) -> dict[str, Any]:
     from vastflow.tasks.execution.job import job_variables
 
+    return _own_variables(kind, image, queue) | job_variables(kind, description)
+
+
+def _own_variables(kind: PoolType, image: str, queue: str) -> dict[str, Any]:
+    """What the options set of a pool's template, whatever the campaign."""
     own: dict[str, Any] = {} if kind is PoolType.process else {"image": image}
-    if kind is PoolType.kubernetes:
-        own["queue"] = queue
-    return own | job_variables(kind, description)
+    return own | ({"queue": queue} if kind is PoolType.kubernetes else {})
 
 
 def _place(file: Path, kind: PoolType) -> str:
@@ -137,11 +137,6 @@ def _place(file: Path, kind: PoolType) -> str:
         what = f"{file}: it is not below {Path.cwd()}"
         print(f"{what}; call this from the folder that the image is built from, with the file in it", file=sys.stderr)
         raise typer.Exit(BAD_INPUT) from None
-
-
-def _workers(kind: PoolType, description: "RunDescription") -> int | None:
-    """As many as a Job requests cores: it is shown all cores of its node, which others use too."""
-    return description.main.needs.cpu or CPU if kind is PoolType.kubernetes else None
 
 
 def _results(kind: PoolType) -> str:
@@ -166,18 +161,22 @@ def _check_schedule(deployment: "Deployment") -> None:
         raise typer.Exit(BAD_INPUT)
 
 
-def _print(deployment: "Deployment", kind: PoolType) -> None:
+def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) -> None:
     from vastflow.flows.registration import pool_template
     from vastflow.tasks.execution.manifest import yaml_text
 
     print("# prefect.yaml")
-    print(yaml_text({"deployments": [deployment.as_yaml()]}), end="")
-    print("---\n# work pool")
+    print(yaml_text({"deployments": [deployment.as_yaml(), shards.as_yaml()]}), end="")
     template = pool_template(kind)
-    print(yaml_text({"name": deployment.pool, "type": kind.value, "base_job_template": template}), end="")
+    for name in dict.fromkeys((deployment.pool, shards.pool)):
+        print("---\n# work pool")
+        print(yaml_text({"name": name, "type": kind.value, "base_job_template": template}), end="")
 
 
-def _register(deployment: "Deployment", kind: PoolType) -> None:
+def _register(
+    deployment: "Deployment", shards_in: str, shards: "Callable[[PoolType], ShardDeployment]", kind: PoolType
+) -> None:
+    """Make or change everything; the pool of the shards may be there already, and of another type."""
     from vastflow.tasks.server import configured_url
 
     url = configured_url()
@@ -187,22 +186,35 @@ def _register(deployment: "Deployment", kind: PoolType) -> None:
     from prefect.client.orchestration import get_client
     from prefect.exceptions import PrefectHTTPStatusError
 
-    from vastflow.flows.registration import OtherPool, register_deployment, register_pool, run_scheduled
+    from vastflow.flows.registration import (
+        OtherPool,
+        register_deployment,
+        register_pool,
+        register_shards,
+        run_scheduled,
+        type_of_pool,
+    )
 
     try:
         with get_client(sync_client=True) as client:
             if (unhealthy := client.api_healthcheck()) is not None:
                 print(f"Prefect's API at {url} does not answer: {unhealthy}", file=sys.stderr)
                 raise typer.Exit(OUR_FAULT)
-            new = register_pool(client, deployment.pool, kind)
+            new = {deployment.pool: register_pool(client, deployment.pool, kind)}
+            theirs = type_of_pool(client, shards_in) or kind
+            if shards_in != deployment.pool:
+                new[shards_in] = register_pool(client, shards_in, theirs)
             found = register_deployment(client, deployment)
+            register_shards(client, shards(theirs))
     except OtherPool as error:
         print(f"--pool: {error}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT) from None
     except PrefectHTTPStatusError as error:
         print(f"Prefect's API at {url} did not take it: {error}", file=sys.stderr)
         raise typer.Exit(OUR_FAULT) from None
-    made = "made" if new else "found"
-    print(f"{made} the work pool {deployment.pool}; start a worker: prefect worker start --pool {deployment.pool}")
+    for name, is_new in new.items():
+        made = "made" if is_new else "found"
+        room = " --limit 2" if shards_in == name == deployment.parameters.get("pool") else ""
+        print(f"{made} the work pool {name}; start a worker: prefect worker start --pool {name}{room}")
     print(f"{run_scheduled.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
     print(f"run it: prefect deployment run '{run_scheduled.name}/{deployment.name}'")

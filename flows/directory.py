@@ -1,5 +1,6 @@
 """The campaign directory as a place: its name, and that it appears whole or not at all."""
 
+import errno
 import itertools
 import json
 import os
@@ -16,12 +17,19 @@ from typing import Final
 
 import psutil
 
+from vastflow.tasks.store import StoreError
+
 ABANDONED_S: Final = 24 * 3600.0
 WRITER: Final = ".writer.json"
 """In a directory that is being written: which process does it."""
 
+_OF_THE_DISK: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG, errno.EACCES, errno.EPERM)
 _PARTIAL: Final = ".{}.partial"
 _OURS: Final = re.compile(r"\..+-\d{4}-\d\d-\d\d-\d{6}(-\d+)?\.partial")
+
+
+class ResultsError(OSError):
+    """The results folder can't be written any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,17 +51,37 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
 
     Two that begin in one second get different names (`-2` appended). A process killed meanwhile leaves a
     hidden `.<name>.partial`, never half a campaign directory; one that was left a day ago is removed first.
+
+    Raises:
+        ResultsError: the disk is full or broken, or may not be written.
     """
-    root.mkdir(parents=True, exist_ok=True)
-    sweep(root)
-    directory = _reserved(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
+    with _written_to(root):
+        root.mkdir(parents=True, exist_ok=True)
+        sweep(root)
+        directory = _reserved(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
+        try:
+            yield directory
+            (directory.partial / WRITER).unlink(missing_ok=True)
+            directory.partial.rename(directory.final)
+        except BaseException:
+            shutil.rmtree(directory.partial, ignore_errors=True)
+            raise
+
+
+@contextmanager
+def _written_to(root: Path) -> Iterator[None]:
+    """Say of a disk that is full or broken what it means, and what helps."""
     try:
-        yield directory
-        (directory.partial / WRITER).unlink(missing_ok=True)
-        directory.partial.rename(directory.final)
-    except BaseException:
-        shutil.rmtree(directory.partial, ignore_errors=True)
+        yield
+    except StoreError:
         raise
+    except OSError as error:
+        if error.errno not in _OF_THE_DISK:
+            raise
+        raise ResultsError(
+            f"results: can't write to {str(root)!r} ({os.strerror(error.errno)}); make room there or give another folder "
+            f"with --results; what was computed is in the store"
+        ) from None
 
 
 def directory_name(name: str) -> str:

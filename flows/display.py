@@ -25,7 +25,7 @@ COMPILING_AFTER_S: Final = 3.0
 
 _PHASES: Final[Mapping[str, str]] = {
     "scanning": "looking what is in the store already",
-    "starting Prefect": "starting Prefect's embedded API, which takes 5–12 s",
+    "starting Prefect": "starting Prefect, which takes 5–12 s",
     "instantiating": "instantiating configurations",
     "running": "running",
     "reporting": "writing tables, figures and the report",
@@ -104,6 +104,7 @@ class Display:
         self._lock = threading.RLock()
         self._progress: Progress | None = None
         self._meter = Meter(clock())
+        self._noticed = 0
         self._closed = False
         self._ended = threading.Event()
         self._last_line_s = float("-inf")
@@ -135,6 +136,9 @@ class Display:
     def update(self, progress: Progress) -> None:
         """Show `progress`; called from one thread."""
         with self._lock:
+            for notice in progress.notices[self._noticed :]:
+                self._console.print(notice, markup=False, highlight=False, soft_wrap=True)
+            self._noticed = len(progress.notices)
             self._progress = progress
             self._meter.note(progress, self._clock())
             self._write_line_if_due()

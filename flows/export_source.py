@@ -1,7 +1,6 @@
 """The campaign directory as an export reads it: one configuration at a time."""
 
 import io
-import json
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -12,10 +11,11 @@ import pyarrow.parquet as pq
 import yaml
 
 from vastflow.flows.export_run import ExportedRun, table_csv
+from vastflow.flows.kept_logs import KeptLogs
+from vastflow.oracles.behaviors import Behaviors
 from vastflow.oracles.executed import KeptFiles
 from vastflow.oracles.tables import read_tables
 from vastflow.sim.abstract import BUILTIN
-from vastflow.sim.archive import read_table
 from vastflow.sim.blocks import read_block
 from vastflow.sim.pose import pose_of
 from vastflow.sim.runlog import run_log_of
@@ -53,6 +53,8 @@ class ExportSource:
                 runs = self._verdicts.setdefault(verdict["configuration"], {})
                 runs.setdefault(verdict["run_index"], []).append(verdict)
         self._files = KeptFiles(directory)
+        self._behaviors = Behaviors(directory)
+        self._logs = KeptLogs(directory)
         self._names: dict[str, str] = {}
 
     def shared_files(self) -> Iterator[tuple[str, Path]]:
@@ -92,9 +94,9 @@ class ExportSource:
         with self._reading():
             block = self._content(f"recordings/{name}.parquet")
             recorded = {run["run_index"]: columns for run, columns in read_block(block)} if block else {}
-            behaviors = self._behaviors(name)
+            behaviors = self._behaviors.of(name)
             indices = behaviors.pop("run_index", None)
-            rows = json.loads(self._content(f"logs/{name}.json") or b"[]")
+            rows = self._logs.of(name)
             logs = {each["run_index"]: run_log_of(each) for each in rows}
             hosts = {each["run_index"]: {key: each[key] for key in ("host", "versions", "pid")} for each in rows}
         return [
@@ -140,12 +142,8 @@ class ExportSource:
     def _root(self, configuration: str) -> str:
         """Name of the root of a configuration's behaviours, which is the scenario's; empty where no run was recorded."""
         with self._reading():
-            behaviors = self._behaviors(configuration)
+            behaviors = self._behaviors.of(configuration)
             return str(behaviors["name"][0]) if behaviors and len(behaviors["name"]) else ""
-
-    def _behaviors(self, configuration: str) -> dict[str, Any]:
-        content = self._content(f"behaviors/{configuration}.parquet")
-        return read_table(content) if content else {}
 
     def _with_paths(self, value: Any, shared: str) -> Any:
         """`value` with `{"file": digest}` as the path of that file; left alone where it is not kept."""

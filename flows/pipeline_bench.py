@@ -16,6 +16,8 @@ from typing import Any, Final
 
 import psutil
 
+from vastflow.flows.campaign_tables import LOGS_FILE
+
 SCENARIO: Final = """\
 import osc.helpers
 
@@ -57,8 +59,8 @@ def bench_pipeline(configurations: int = 5480, runs: int = 20) -> dict[str, Any]
 
     Returns:
         `overhead_cpu_s` (all but the execution of runs, of flow, server and workers), `flow_peak_mb`, `rerun_wall_s`,
-        `rerun_executed`, `edit_wall_s`, `edit_executed`, how many task runs Prefect's database has and how many of them are
-        final, and more of the same.
+        `rerun_executed`, `edit_wall_s`, `edit_executed`, how many task runs Prefect's database has after the first, how many of them
+        are final, how many the edit added, and more of the same.
     """
     folder = Path(tempfile.mkdtemp(prefix="vastflow-bench-"))
     try:
@@ -91,6 +93,7 @@ def bench_pipeline(configurations: int = 5480, runs: int = 20) -> dict[str, Any]
             "edit_wall_s": round(edit.wall_s, 2),
             "edit_cpu_s": round(edit.cpu_s, 2),
             "edit_executed": edit.summary["executed"],
+            "edit_task_runs": _task_runs(folder / "prefect")["task_runs"] - found["task_runs"],
             "store_mb": round(sum(f.stat().st_size for f in (folder / "store").rglob("*") if f.is_file()) / 1e6, 1),
             "cores": os.cpu_count(),
         }
@@ -175,8 +178,8 @@ class _Meter:
 
 def _executed_s(results: Path) -> float:
     """CPU time of the runs themselves, from their logs."""
-    logs = (json.loads(log.read_bytes()) for log in (results / "logs").glob("*.json"))
-    return sum(run["cpu_s"] for runs in logs for run in runs)
+    with open(results / LOGS_FILE, "rb") as logs:
+        return sum(run["cpu_s"] for line in logs for run in json.loads(line)["runs"])
 
 
 def _task_runs(home: Path) -> dict[str, int]:

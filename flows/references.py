@@ -48,6 +48,7 @@ def references(store: Store, directories: Iterable[Path]) -> References:
     tree = installed_tree()
     for directory in directories:
         recorded, metadata, scenarios = _recorded(directory)
+        keys.update(filter(None, [metadata.get("report")]))
         for scenario in scenarios:
             keys.update(_of_scenario(store, recorded, scenario))
         evaluations = _evaluations(store, recorded, tree, directory, metadata)

@@ -1,7 +1,9 @@
 """Deployments and their work pools at Prefect's API: made, or changed to what they should be."""
 
+from collections.abc import Mapping
 from typing import Any
 
+from prefect import Flow
 from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.actions import DeploymentScheduleCreate, WorkPoolCreate, WorkPoolUpdate
 from prefect.client.schemas.objects import ConcurrencyLimitStrategy, ConcurrencyOptions
@@ -11,7 +13,8 @@ from prefect.utilities.callables import parameter_schema
 from prefect.workers.process import ProcessWorker
 
 from vastflow.flows.scheduled import run_scheduled
-from vastflow.tasks.execution.deployment import Deployment
+from vastflow.flows.shard_flow import run_shard
+from vastflow.tasks.execution.deployment import Deployment, ShardDeployment
 from vastflow.tasks.execution.job import PoolType, base_job_template
 
 
@@ -47,24 +50,46 @@ def register_pool(client: SyncPrefectClient, name: str, kind: PoolType) -> bool:
     return False
 
 
+def type_of_pool(client: SyncPrefectClient, name: str) -> PoolType | None:
+    """The type of a pool; None where there is none of that name.
+
+    Raises:
+        OtherPool: vastflow has no use for its type.
+    """
+    try:
+        found = client.read_work_pool(name).type
+    except ObjectNotFound:
+        return None
+    if found not in list(PoolType):
+        raise OtherPool(f"the work pool {name!r} is of type {found!r}; one of {', '.join(PoolType)}")
+    return PoolType(found)
+
+
 def register_deployment(client: SyncPrefectClient, deployment: Deployment) -> str:
     """Make the deployment, or change the one of its name; gives its id."""
-    entry = deployment.as_yaml()
-    limit = entry["concurrency_limit"]
+    return _registered(client, deployment.as_yaml(), run_scheduled)
+
+
+def register_shards(client: SyncPrefectClient, deployment: ShardDeployment) -> str:
+    """Make the deployment by which a pool computes shards, or change it; gives its id."""
+    return _registered(client, deployment.as_yaml(), run_shard)
+
+
+def _registered(client: SyncPrefectClient, entry: Mapping[str, Any], flow: Flow[..., Any]) -> str:
+    limit = entry.get("concurrency_limit")
+    options = limit and ConcurrencyOptions(collision_strategy=ConcurrencyLimitStrategy(limit["collision_strategy"]))
     return str(
         client.create_deployment(
-            flow_id=client.create_flow_from_name(run_scheduled.name),
+            flow_id=client.create_flow_from_name(flow.name),
             name=entry["name"],
             description=entry["description"],
             tags=entry["tags"],
             entrypoint=entry["entrypoint"],
             parameters=entry["parameters"],
-            parameter_openapi_schema=parameter_schema(run_scheduled).model_dump(),
+            parameter_openapi_schema=parameter_schema(flow).model_dump(),
             enforce_parameter_schema=entry["enforce_parameter_schema"],
-            concurrency_limit=limit["limit"],
-            concurrency_options=ConcurrencyOptions(
-                collision_strategy=ConcurrencyLimitStrategy(limit["collision_strategy"])
-            ),
+            concurrency_limit=limit and limit["limit"],
+            concurrency_options=options,
             schedules=[schedule(each["cron"], each["timezone"]) for each in entry["schedules"]],
             pull_steps=entry["pull"],
             work_pool_name=entry["work_pool"]["name"],

@@ -7,7 +7,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from vastflow.flows.run_command import BAD_INPUT, run_and_show
+from vastflow.flows.run_command import BAD_INPUT, PoolOption, PoolWaitOption, ShardsOption, pool_of, run_and_show
 from vastflow.flows.show_command import wrong_directory
 
 
@@ -19,6 +19,9 @@ def resume(
         str | None, typer.Option(help="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder.")
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a core.")] = None,
+    pool: PoolOption = None,
+    shards: ShardsOption = None,
+    pool_wait: PoolWaitOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
 ) -> None:
     """Run a campaign again from the inputs in its directory.
@@ -26,6 +29,7 @@ def resume(
     With the runs and the selection it was asked for; what is in the store is not computed again. A new campaign
     directory is made beside it.
     """
+    chosen = pool_of(pool, shards, pool_wait)
     directory = _directory(results)
     from vastflow.flows.asked import asked_of
     from vastflow.flows.replica import NotReplicable, replica
@@ -40,7 +44,7 @@ def resume(
     print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
     try:
         with replica(directory, asked) as file:
-            run_and_show(file, asked.runs, directory.parent, store, workers, list(asked.only), as_json)
+            run_and_show(file, asked.runs, directory.parent, store, workers, list(asked.only), as_json, chosen)
     except NotReplicable as error:
         _end(str(error))
 

@@ -14,15 +14,33 @@ from vastflow.flows.show_command import wrong_directory
 
 if TYPE_CHECKING:
     from vastflow.flows.results import Results
+    from vastflow.flows.work_pool import WorkPool
 
 BAD_INPUT: Final = 2
 OUR_FAULT: Final = 3
+
+PoolOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="Work pool of Prefect whose workers compute what is missing; else this machine does."
+    ),
+]
+ShardsOption = Annotated[
+    int | None,
+    typer.Option(min=1, metavar="N", help="With --pool: about how many shards; else one for 20 runs, at most 50."),
+]
+PoolWaitOption = Annotated[
+    float | None,
+    typer.Option(min=1, metavar="SECONDS", help="With --pool: end if no worker takes anything for so long; else wait."),
+]
 
 
 def run(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
     runs: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration, instead of the file's.")] = None,
-    results: Annotated[Path, typer.Option(help="Folder the campaign directory is made in.")] = Path("results"),
+    results: Annotated[
+        str, typer.Option(help="Folder or address such as s3://bucket/prefix the campaign directory is made in.")
+    ] = "results",
     store: Annotated[
         str | None, typer.Option(help="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder.")
     ] = None,
@@ -30,6 +48,9 @@ def run(
     only: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Only this family or configuration; may be repeated.")
     ] = None,
+    pool: PoolOption = None,
+    shards: ShardsOption = None,
+    pool_wait: PoolWaitOption = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only say what would be computed and why, and write nothing.")
     ] = False,
@@ -47,9 +68,11 @@ def run(
         print(f"--since {wrong}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
     if dry_run:
-        print_dry_run(file, runs=runs, results=results, store=store, only=only or (), since=since, as_json=as_json)
+        print_dry_run(
+            file, runs=runs, results=Path(results), store=store, only=only or (), since=since, as_json=as_json
+        )
         return
-    run_and_show(file, runs, results, store, workers, only, as_json)
+    run_and_show(file, runs, results, store, workers, only, as_json, pool_of(pool, shards, pool_wait))
 
 
 def _wrong_since(since: Path, dry_run: bool) -> str | None:
@@ -61,35 +84,48 @@ def _wrong_since(since: Path, dry_run: bool) -> str | None:
 def run_and_show(
     file: Path,
     runs: int | None,
-    results: Path,
+    results: str | Path,
     store: str | None,
     workers: int | None,
     only: list[str] | None,
     as_json: bool,
+    pool: "WorkPool | None" = None,
 ) -> None:
     """Run a campaign as the command line does: with a display, the outcome in words, and an exit code."""
-    if wrong := unwritable(results):
+    from vastflow.tasks.store import is_address
+
+    if not is_address(str(results)) and (wrong := unwritable(Path(results))):
         print(f"--results {wrong}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
-    with Interruptible(f"interrupted; `{command_line(sys.argv)}` again computes only what is missing") as interruptible:
+    going_on = f"`{command_line(sys.argv)}` again computes only what is missing"
+    with Interruptible(f"interrupted; {going_on}") as interruptible:
         from vastflow.flows.display import Display
 
         with Display() as display:
             interruptible.last_words_by(display.close)
             from vastflow.flows import run_campaign
+            from vastflow.flows.directory import ResultsError
+            from vastflow.flows.work_pool import WorkersFailed, WorkPoolError
             from vastflow.producers.faults import CampaignError
             from vastflow.tasks.server import PrefectUnavailable
             from vastflow.tasks.store import StoreError
 
             try:
                 found = run_campaign(
-                    file, runs=runs, results=results, store=store, workers=workers, only=only, observer=display
+                    file,
+                    runs=runs,
+                    results=results,
+                    store=store,
+                    workers=workers,
+                    only=only,
+                    observer=display,
+                    pool=pool,
                 )
-            except (CampaignError, StoreError) as error:
+            except (CampaignError, StoreError, ResultsError, WorkPoolError) as error:
                 display.close(str(error))
                 raise typer.Exit(BAD_INPUT) from None
-            except PrefectUnavailable as error:
-                display.close(str(error))
+            except (PrefectUnavailable, WorkersFailed) as error:
+                display.close(f"{error}; {going_on}")
                 raise typer.Exit(OUR_FAULT) from None
     for note in found.notes:
         print(note, file=sys.stderr)
@@ -99,6 +135,20 @@ def run_and_show(
         _show(found)
     if found.faults:
         raise typer.Exit(OUR_FAULT)
+
+
+def pool_of(name: str | None, shards: int | None, wait_s: float | None) -> "WorkPool | None":
+    """The work pool that options name, if they do."""
+    from vastflow.flows.work_pool import WorkPool, WorkPoolError
+
+    given = [option for option, value in (("--shards", shards), ("--pool-wait", wait_s)) if value is not None]
+    try:
+        if name is None and given:
+            raise WorkPoolError(f"{given[0]}: only with --pool, whose shards it is about")
+        return None if name is None else WorkPool(name, shards, wait_s)
+    except WorkPoolError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(BAD_INPUT) from None
 
 
 def unwritable(results: Path) -> str | None:
@@ -124,8 +174,11 @@ def _show(found: "Results") -> None:
     from vastflow.flows.show_command import report_line
     from vastflow.oracles.evidence import evidence_of
     from vastflow.oracles.tables import read_tables
+    from vastflow.tasks.store import is_address
 
     tables, summary = read_tables(found.directory), found.summary
     printed(outcome(tables, evidence_of(tables)))
     print(f"{summary.executed} runs executed, {summary.reused} from the store, in {duration_text(summary.wall_s)}")
     print(report_line(found.directory))
+    if is_address(summary.results):
+        print(f"uploaded to {summary.results}; what is here stays for a day")

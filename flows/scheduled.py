@@ -12,6 +12,7 @@ from pydantic import Field
 from vastflow.flows.api import run_campaign
 from vastflow.flows.artifacts import Page, publish
 from vastflow.flows.results import campaign_name
+from vastflow.flows.task_runs import held
 from vastflow.producers.campaign import load_campaign
 from vastflow.tasks.execution.deployment import FLOW
 
@@ -37,6 +38,7 @@ def run_scheduled(
     store: Text | None = None,
     workers: Positive | None = None,
     reports: Text | None = None,
+    pool: Text | None = None,
 ) -> State[Any]:
     """Run a campaign and write its report.
 
@@ -48,6 +50,7 @@ def run_scheduled(
         store: Where results are kept for the next time; the worker's VASTFLOW_STORE if left out.
         workers: Worker processes; one a core if left out.
         reports: Web address at which the results folder is served, for the link to the report.
+        pool: Work pool whose workers compute the runs; the worker that takes this flow run if left out.
 
     Raises:
         CampaignError: faults of the campaign file.
@@ -56,9 +59,17 @@ def run_scheduled(
     log = get_run_logger()
     name = campaign_name(load_campaign(Path(campaign)))
     page = Page(name, str(flow_run.id), log.info)
-    found = run_campaign(
-        campaign, runs=runs, results=results, store=store, workers=workers, only=only or None, observer=page
-    )
+    with held():
+        found = run_campaign(
+            campaign,
+            runs=runs,
+            results=results,
+            store=store,
+            workers=workers,
+            only=only or None,
+            observer=page,
+            pool=pool,
+        )
     outcome = publish(found, name, reports)
     log.info("%s; report: %s", outcome, found.directory.resolve() / "report.html")
     if found.faults:

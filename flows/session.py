@@ -1,35 +1,30 @@
 """A session: one call's way from a campaign that was read to artifacts that are all in the store."""
 
-import contextvars
-import functools
 import pickle
-import threading
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
+from vastflow.flows.computation import Computation, begin_executing, end_orphans, inside_flow_run
+from vastflow.flows.found import RunFault, StoredResult
 from vastflow.flows.members import members_of, narrowed
-from vastflow.flows.results import ConfigurationResult, RunFault
 from vastflow.oracles.oracle import Oracle
-from vastflow.oracles.verdict import read_verdicts
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
-from vastflow.tasks import chatter, ending
 from vastflow.tasks.instantiation import Evaluator, Instantiated, Instantiator
-from vastflow.tasks.pool import Pool, PoolClosed
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.server import ApiServer, configured_url, embedded, end_services
+from vastflow.tasks.server import PrefectUnavailable
 from vastflow.tasks.shelf import Member, Shelf, Shelved, missing
-from vastflow.tasks.store import Lost, StoreError
-from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
+from vastflow.tasks.store import Lost
 from vastflow.tasks.workshop import MemberFault, Workshop, block_size, judgements
+
+if TYPE_CHECKING:
+    from vastflow.flows.spread import Spread
+    from vastflow.tasks.stages import Bench
 
 WAVES: Final = 3
 """How often what got lost meanwhile is computed again before it is given up."""
-
-_JOIN_S: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +45,9 @@ class Session:
         workers: Worker processes.
         prefect_results: Folder for the results of Prefect's tasks.
         log: File for all that would be said on the terminal otherwise.
+
+    Attributes:
+        flow_run_id: Of the flow run on whose page the campaign's results belong, if there is one.
     """
 
     def __init__(
@@ -64,6 +62,7 @@ class Session:
         tally: Tally,
         prefect_results: Path,
         log: Path,
+        spread: "Spread | None" = None,
     ) -> None:
         self.runs = runs
         self._title = title
@@ -75,12 +74,16 @@ class Session:
         self._tally = tally
         self._prefect_results = prefect_results
         self._log = log
+        self._spread = spread
         self._instantiated: Instantiated | None = None
         self._members: dict[str, Member] = {}
         self._shelved: dict[str, list[Shelved]] = {}
+        self._incomplete: set[str] = set()
         self._missing_runs = 0
         self._faults: tuple[MemberFault, ...] = ()
         self._flow_fault: CampaignFault | None = None
+        self._unavailable: PrefectUnavailable | None = None
+        self.flow_run_id: str | None = None
 
     @property
     def campaign_faults(self) -> list[CampaignFault]:
@@ -97,46 +100,58 @@ class Session:
         Raises:
             CampaignError: a name in `only` is unknown.
             StoreError: the store can't be used, or no longer.
+            PrefectUnavailable: Prefect's API was gone before all was computed.
         """
+        scanned: Instantiated | None = None
         for _ in range(WAVES):
             self._shelf.store.survey()
             if self._instantiated is None and (stored := self._instantiator.stored()) is not None:
                 self._instantiate(stored)
             broken = {fault.member for fault in self._faults}
-            if self._instantiated is not None and self._scan() <= broken:
-                return self._instantiated.instantiation
+            if self._instantiated is not None:
+                # What was complete is not looked at twice in a call: should it be lost by now, reading it tells.
+                if self._scanned(self._incomplete if scanned is self._instantiated else self._members) <= broken:
+                    end_orphans(self._log)
+                    return self._instantiated.instantiation
+                scanned = self._instantiated
+            if self._unavailable is not None:  # tasks end without Prefect's API, but these did not
+                raise self._unavailable
             self._compute()
         if self._instantiated is None:
             raise Lost("what the producers made is lost again and again")
         self._shelf.store.survey()
-        self._scan()
+        self._scanned(self._members)
         return self._instantiated.instantiation
 
-    def found(self, configuration: Configuration) -> ConfigurationResult:
-        """Read what `complete` found of a configuration.
+    @property
+    def whole(self) -> bool:
+        """Whether nothing of ours broke."""
+        return not self.campaign_faults and not self._faults
+
+    def contents(self) -> Iterator[list[str]]:
+        """Keys and contents of the verdicts that `complete` found, of each member in order: all its results follow into them."""
+        for member in self._members:
+            found = [each.verdicts for each in self._shelved[member] if each.verdicts]
+            yield [text for verdicts in found for text in (verdicts.key, verdicts.content)]
+
+    def found(self, configuration: Configuration) -> StoredResult:
+        """What `complete` found of a configuration, to be read from the store. May be called from any thread.
 
         Raises:
             Lost: something is missing that should not be.
         """
         member = self._members[configuration.name]
+        shelved = self._shelved[member.name]
         faults = [
             RunFault(member.name, fault.run_index, fault.stage, fault.error)
             for fault in self._faults
             if fault.member == member.name
         ]
-        load = self._shelf.store.load
-        shelved = self._shelved[member.name]
-        recordings = [load(each.recordings, RECORDINGS) for each in shelved]
-        traces = [load(each.trace, TRACES) for each in shelved if each.trace]
-        verdicts = [v for each in shelved if each.verdicts for v in read_verdicts(load(each.verdicts, VERDICTS))]
-        if not faults and not {verdict.run_index for verdict in verdicts}.issuperset(range(member.runs)):
+        if not faults and not _judged(shelved).issuperset(range(member.runs)):
             if self._flow_fault is None:
                 raise Lost(f"results of {member.name}")
             faults = [RunFault(member.name, None, self._flow_fault.stage, self._flow_fault.error)]
-        behaviors = [load(each.recordings, BEHAVIORS) for each in shelved]
-        outputs = [load(each.recordings, OUTPUTS) for each in shelved if OUTPUTS in each.recordings.files]
-        logs = [log for each in shelved if (log := self._shelf.store.beside(each.recordings.key, RUN_LOG))]
-        return ConfigurationResult(recordings, traces, verdicts, faults, behaviors, outputs, logs)
+        return StoredResult(self._shelf.store, shelved, member.runs, faults)
 
     def _instantiate(self, instantiated: Instantiated) -> None:
         instantiation = narrowed(instantiated.instantiation, self._only, self._instantiator.campaign.path)
@@ -144,12 +159,13 @@ class Session:
         self._members = {member.name: member for member in members_of(instantiation, self.runs)}
         self._tally.expect(dict.fromkeys(self._members, self.runs))
 
-    def _scan(self) -> set[str]:
-        """Look what is in the store and count it; give the names of members that are not complete."""
+    def _scanned(self, names: Collection[str]) -> set[str]:
+        """Look what is in the store of members and count it; give the names of those that are not complete."""
         self._tally.begin("scanning")
-        incomplete = set()
+        members = [member for name, member in self._members.items() if name in names]
+        self._incomplete = set()
         self._missing_runs = 0
-        for member in self._members.values():
+        for member in members:
             shelved = self._shelf.shelved(member)
             for each in shelved:
                 self._tally.reuse(member.name, range(each.block.start, each.block.stop))
@@ -158,118 +174,70 @@ class Session:
             absent = missing([each.block for each in shelved], member.runs)
             self._missing_runs += len(absent)
             if absent or not all(each.verdicts for each in shelved):
-                incomplete.add(member.name)
+                self._incomplete.add(member.name)
             self._shelved[member.name] = shelved
-        return incomplete
+        return self._incomplete
 
     def _compute(self) -> None:
-        """One run of the flow, with a pool of its own and, where none is configured, an API of its own."""
+        """One run of the flow."""
         self._tally.begin("starting Prefect")
         self._flow_fault = None
-        server = ApiServer(self._log)
-        pool = Pool(self._workers, self._log)
-        workshop = Workshop(self._shelf, pool, self._tally, self._oracles)
-        flow = _Thread(lambda: self._run_flow(workshop, server))
-        try:
-            self._begin_early(workshop)
-            flow.start()
-            try:
-                flow.outcome()
-            finally:
-                if workshop.store_error is not None:  # what else broke follows from it
-                    raise workshop.store_error
-            self._faults = workshop.faults
-        except KeyboardInterrupt:
-            bound = ending.bound(lambda: server.stop(0)) if ending.owns_process() else None
-            chatter.hush()
-            pool.close()
-            if not server.answers:
-                server.stop(0)  # the flow waits for it
-            if flow.ended(_JOIN_S) and bound is not None:
-                bound.cancel()
-            server.stop(0)
-            raise
-        finally:
-            pool.close()
-            server.stop()
+        if self._spread is not None:
+            self._spread.check(self._log)
+        computation = Computation(
+            self._shelf, self._oracles, self._workers, self._tally, self._prefect_results, self._log
+        )
+        error = computation.run(self._flow, self._begin_early)
+        self.flow_run_id = computation.flow_run_id
+        self._faults = computation.workshop.faults
+        if error is None:
+            return
+        from vastflow.flows.task_runs import TaskFailed
+
+        if isinstance(error, Lost):
+            self._instantiated = None
+        elif isinstance(error, PrefectUnavailable):
+            self._unavailable = error
+        elif isinstance(error, TaskFailed):
+            self._flow_fault = CampaignFault("flow", str(error))
+        else:
+            raise error
 
     def _begin_early(self, workshop: Workshop) -> None:
         """Let the workers begin while Prefect starts: with what is missing, or at least with compiling kernels."""
+        if self._spread is not None:
+            return
         if self._instantiated is None:
             workshop.warm_up()
         elif self._missing_runs:
-            workshop.warm_up()
-            workshop.block_runs = block_size(self._missing_runs, self._workers)
-            members = list(self._members.values())
-            threading.Thread(target=_start_all, args=(workshop, members), daemon=True).start()
+            members = [member for member in self._members.values() if member.name in self._incomplete]
+            begin_executing(workshop, members, self._missing_runs, self._workers)
 
-    def _run_flow(self, workshop: Workshop, server: ApiServer) -> None:
-        with ExitStack() as stack:
-            stack.enter_context(chatter.prefect_log(self._log))
-            from vastflow.flows.campaign import Job, TaskFailed, campaign
-            from vastflow.tasks.stages import Bench
+    def _flow(self, bench: "Bench") -> Any:
+        from vastflow.flows.campaign import Job, campaign
 
-            if configured_url() is None:
-                stack.enter_context(embedded(server.url()))
-            else:
-                server.stop(0)
-            bench = Bench(workshop, self._prefect_results)
-            job = Job(bench, lambda evaluator: self._plan(workshop, evaluator), lambda: self._tally.begin("running"))
-            state = campaign(self._title, job, return_state=True)
-            end_services()
-        error = None if state.is_completed() else state.result(raise_on_failure=False)
-        if isinstance(error, Lost):
-            self._instantiated = None
-        elif isinstance(error, TaskFailed):
-            self._flow_fault = CampaignFault("flow", str(error))
-        elif error is not None:
-            raise error
+        job = Job(
+            bench,
+            plan=lambda evaluator: self._plan(bench.workshop, evaluator),
+            incomplete=lambda: self._incomplete,
+            running=lambda: self._tally.begin("running"),
+            progress=None if inside_flow_run() else self._tally.progress,
+        )
+        if self._spread is not None:
+            from vastflow.flows.pool_campaign import PoolJob, pool_campaign
+
+            return pool_campaign(self._title, PoolJob(job, self._spread, self._tally), return_state=True)
+        return campaign(self._title, job, return_state=True)
 
     def _plan(self, workshop: Workshop, evaluator: Evaluator) -> list[Member]:
         if self._instantiated is None:
             self._tally.begin("instantiating")
             self._instantiate(self._instantiator.instantiated(evaluator))
-            self._scan()
+            self._scanned(self._members)
             workshop.block_runs = block_size(self._missing_runs, self._workers)
         return list(self._members.values())
 
 
-class _Thread:
-    """A call in a thread of its own: Prefect's flow must not find a notebook's event loop, nor Ctrl-C.
-
-    What the caller's context holds goes along, so that inside a flow run of Prefect's this one is its child.
-    """
-
-    def __init__(self, function: Callable[[], None]) -> None:
-        self._function = functools.partial(contextvars.copy_context().run, function)
-        self._error: BaseException | None = None
-        self._done = threading.Event()
-        self._thread = threading.Thread(target=self._call, name="vastflow flow", daemon=True)
-
-    def start(self) -> None:
-        self._thread.start()
-
-    def ended(self, timeout_s: float) -> bool:
-        """Whether it ends within `timeout_s`."""
-        return self._done.wait(timeout_s)
-
-    def outcome(self) -> None:
-        """Wait for the end; raises what the function raised."""
-        while not self._done.wait(1.0):  # with a time limit, so that Ctrl-C is heard on every system
-            pass
-        if self._error is not None:
-            raise self._error
-
-    def _call(self) -> None:
-        try:
-            self._function()
-        except BaseException as error:  # noqa: BLE001 - raised again in the thread that waits
-            self._error = error
-        finally:
-            self._done.set()
-
-
-def _start_all(workshop: Workshop, members: Sequence[Member]) -> None:
-    with suppress(PoolClosed, StoreError):  # the flow meets the same
-        for member in members:
-            workshop.start_executing(member)
+def _judged(shelved: Sequence[Shelved]) -> set[int]:
+    """Indices of the runs on which there are verdicts."""
+    return {run for each in shelved if each.verdicts for run in judgements(each.verdicts)}

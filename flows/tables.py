@@ -3,9 +3,9 @@
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import pyarrow as pa
 import pyarrow.json
@@ -16,6 +16,10 @@ from vastflow.producers.configuration import Configuration, ExcludedInstance, Re
 from vastflow.sim.digest import FileContent, Value
 
 Row = Mapping[str, Any]
+
+_ROWS_A_GROUP: Final = 8192
+_ROW_TEXT: Final = json.JSONEncoder(allow_nan=False).encode
+_PLAIN_TEXT: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode
 
 CONFIGURATIONS: Final = pa.schema(
     {
@@ -137,30 +141,60 @@ def verdict_row(configuration: Configuration, verdict: Verdict) -> Row:
         "oracle": verdict.oracle,
         "judgement": verdict.judgement,
         "reason": verdict.reason,
-        "metrics": json_text(metrics),
+        "metrics": _PLAIN_TEXT(metrics) if _finite(verdict) else json_text(metrics),
     }
 
 
-def write_table(path: Path, schema: pa.Schema, rows: Sequence[Row]) -> None:
-    """Write `rows` as parquet with the columns of `schema`; a key a row lacks is null.
+def _finite(verdict: Verdict) -> bool:
+    return all(metric.value is None or math.isfinite(metric.value) for metric in verdict.metrics.values())
+
+
+class TableWriter:
+    """Writes rows as parquet with the columns of `schema`, some thousand at a time; a key a row lacks is null.
 
     The rows go through pyarrow's JSON reader, because building arrays from Python lists imports pandas (0.4 s).
     """
-    if not rows:
-        table = pa.Table.from_batches([], schema)
-    else:
-        content = "\n".join(json.dumps(row, allow_nan=False) for row in rows).encode()
+
+    def __init__(self, path: Path, schema: pa.Schema) -> None:
+        self._schema = schema
+        self._rows: list[Row] = []
+        self._writer = pq.ParquetWriter(path, schema, compression="zstd")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None and self._rows:
+            self._write(self._rows)
+        self._writer.close()
+
+    def add(self, rows: Iterable[Row]) -> None:
+        """Add rows; how they come together is not in the file."""
+        self._rows += rows
+        while len(self._rows) >= _ROWS_A_GROUP:
+            self._write(self._rows[:_ROWS_A_GROUP])
+            del self._rows[:_ROWS_A_GROUP]
+
+    def _write(self, rows: Sequence[Row]) -> None:
+        content = "\n".join(map(_ROW_TEXT, rows)).encode()
         table = pyarrow.json.read_json(
             io.BytesIO(content),
             read_options=pyarrow.json.ReadOptions(use_threads=False, block_size=len(content) + 1),
-            parse_options=pyarrow.json.ParseOptions(explicit_schema=schema, unexpected_field_behavior="error"),
+            parse_options=pyarrow.json.ParseOptions(explicit_schema=self._schema, unexpected_field_behavior="error"),
         )
-    pq.write_table(table, path, compression="zstd")
+        self._writer.write_table(table)
+
+
+def write_table(path: Path, schema: pa.Schema, rows: Iterable[Row]) -> None:
+    """Write `rows` as parquet, see `TableWriter`."""
+    with TableWriter(path, schema) as writer:
+        for row in rows:
+            writer.add([row])
 
 
 def json_text(value: Value) -> str:
     """`value` as JSON, keys in order as they are; a file is `{"file": digest}`, a number that is none is null."""
-    return json.dumps(plain(value), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return _PLAIN_TEXT(plain(value))
 
 
 def plain(value: Value) -> Any:

@@ -18,6 +18,7 @@ from vastflow.oracles.oracle import OracleError, oracle_class
 from vastflow.oracles.rates import Counts, Interval
 from vastflow.oracles.scene import Scene, scenes_of
 from vastflow.oracles.tables import Tables, read_tables
+from vastflow.oracles.work_section import with_work
 
 MAX_ROWS: Final = 500
 """Rows of a table; `evidence.json` and the parquet files have all."""
@@ -59,7 +60,9 @@ def write_report(directory: Path) -> None:
     figures.mkdir(exist_ok=True)
     for picture in (*rates, *maps):
         (figures / f"{picture.name}.png").write_bytes(picture.content)
-    (directory / "report.html").write_text(_html(tables, evidence, rates, maps), encoding="utf-8")
+    (directory / "report.html").write_text(
+        with_work(_html(tables, evidence, rates, maps), tables.metadata), encoding="utf-8"
+    )
 
 
 def _rate_pictures(evidence: Mapping[str | None, Evidence]) -> Iterator[Picture]:

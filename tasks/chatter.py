@@ -16,7 +16,7 @@ KEPT: Final = 50
 
 WARNINGS: Final = "py.warnings"
 
-_CHATTY: Final = ("asyncio", "httpcore", "httpx", "websockets", WARNINGS)
+_CHATTY: Final = ("APILogWorker", "EventsWorker", "asyncio", "httpcore", "httpx", "websockets", WARNINGS)
 
 
 def new_log(folder: Path, name: str, created: datetime) -> Path:

@@ -279,10 +279,9 @@ class ObjectStore:
     def _open(self) -> tuple[Any, str]:
         if self._opened is None:
             try:
-                files, root = fsspec.core.url_to_fs(self._address, **_options(self._address))
+                self._opened = file_system(self._address)
             except Exception as error:  # noqa: BLE001 - a file system may raise anything
                 raise self._unusable(error) from None
-            self._opened = files, str(root).rstrip("/")
         return self._opened
 
     def _asked(self, call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
@@ -295,20 +294,7 @@ class ObjectStore:
             raise self._unusable(error) from None
 
     def _unusable(self, error: Exception) -> StoreError:
-        found = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
-        if isinstance(error, FileNotFoundError):
-            right = "make the bucket, or correct the address"
-        elif isinstance(error, PermissionError) or "Credential" in type(error).__name__:
-            right = (
-                "check the credentials (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE) and their rights"
-            )
-        elif isinstance(error, ImportError):
-            right = "install what it names, or give a folder or s3://bucket/prefix"
-        elif isinstance(error, ValueError):
-            right = "give a folder, or an address such as s3://bucket/prefix"
-        else:
-            right = "check the network and the server (AWS_ENDPOINT_URL); what was finished is kept"
-        return StoreError(f"store: can't use {self._address!r} ({found}); {right}")
+        return unusable("store", self._address, error)
 
 
 def open_object_store(address: str) -> ObjectStore:
@@ -324,6 +310,32 @@ def open_object_store(address: str) -> ObjectStore:
     return store
 
 
+def file_system(address: str) -> tuple[Any, str]:
+    """fsspec's file system of an address, and the address as that names it; raises whatever a file system raises."""
+    files, root = fsspec.core.url_to_fs(address, **_options(address))
+    return files, str(root).rstrip("/")
+
+
+def unusable(what: str, address: str, error: Exception) -> StoreError:
+    """What a file system raised, in a sentence.
+
+    Args:
+        what: What is kept at the address, such as `store`.
+    """
+    found = f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
+    if isinstance(error, FileNotFoundError):
+        right = "make the bucket, or correct the address"
+    elif isinstance(error, PermissionError) or "Credential" in type(error).__name__:
+        right = "check the credentials (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE) and their rights"
+    elif isinstance(error, ImportError):
+        right = "install what it names, or give a folder or s3://bucket/prefix"
+    elif isinstance(error, ValueError):
+        right = "give a folder, or an address such as s3://bucket/prefix"
+    else:
+        right = "check the network and the server (AWS_ENDPOINT_URL); what was finished is kept"
+    return StoreError(f"{what}: can't use {address!r} ({found}); {right}")
+
+
 def _options(address: str) -> dict[str, Any]:
     if not address.startswith(("s3:", "s3a:")):
         return {}
@@ -335,6 +347,7 @@ def _options(address: str) -> dict[str, Any]:
         "request_checksum_calculation": "when_required",
         "response_checksum_validation": "when_required",
         "retries": {"max_attempts": 3, "mode": "standard"},
+        "max_pool_connections": 50,
         "connect_timeout": 10,
         "read_timeout": 60,
     }

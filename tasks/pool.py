@@ -71,6 +71,11 @@ class Pool:
         self._thread = threading.Thread(target=owner.run, name="vastflow pool", daemon=True)
         self._thread.start()
 
+    @property
+    def closed(self) -> bool:
+        """Whether it takes no more jobs."""
+        return self._closed.is_set()
+
     def submit(self, priority: Priority, function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
         """Queue a call of a module-level function.
 

@@ -3,7 +3,7 @@
 import threading
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, Self, TypeAlias
 
 Phase: TypeAlias = Literal["scanning", "starting Prefect", "instantiating", "running", "reporting"]
@@ -21,6 +21,7 @@ class Progress:
         executed, reused: Runs simulated now, and runs whose recordings were in the store.
         passed, failed, not_judged: Of the runs that are done.
         simulated_s: Simulated time of the executed runs.
+        notices: What else the user should know, line by line.
     """
 
     phase: Phase = "scanning"
@@ -34,6 +35,7 @@ class Progress:
     failed: int = 0
     not_judged: int = 0
     simulated_s: float = 0.0
+    notices: tuple[str, ...] = ()
 
 
 class Observer(Protocol):
@@ -49,14 +51,17 @@ class Tally:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._phase: Phase = "scanning"
-        self._wanted: dict[str, int] = {}
-        self._reused: set[tuple[str, int]] = set()
-        self._executed: dict[tuple[str, int], float] = {}
+        self._members: dict[str, _Member] = {}
+        self._executed = self._reused = self._judged = 0
         self._simulated_s = 0.0
-        self._judged: dict[tuple[str, int], str] = {}
         self._judgements: Counter[str] = Counter()
-        self._runs_done: Counter[str] = Counter()
         self._members_done = 0
+        self._notices: tuple[str, ...] = ()
+
+    def notice(self, line: str) -> None:
+        """Tell the user something that is no number."""
+        with self._lock:
+            self._notices = (*self._notices, line)
 
     def begin(self, phase: Phase) -> None:
         """Enter a phase."""
@@ -66,33 +71,49 @@ class Tally:
     def expect(self, wanted: Mapping[str, int]) -> None:
         """Set what there is to do, before anything of it is told: member to number of runs."""
         with self._lock:
-            self._wanted = dict(wanted)
+            known = self._members
+            self._members = {member: known.get(member) or _Member(runs) for member, runs in wanted.items()}
 
     def reuse(self, member: str, runs: Iterable[int]) -> None:
         """Runs whose recordings were found; those executed by this call stay executed."""
         with self._lock:
-            self._reused |= {(member, run) for run in self._of(member, runs)} - self._executed.keys()
+            if (of := self._members.get(member)) is not None:
+                new = of.bits(runs) & ~(of.executed | of.reused)
+                of.reused |= new
+                self._reused += new.bit_count()
 
     def execute(self, member: str, simulated_s: Mapping[int, float]) -> None:
         """Runs that were simulated."""
         with self._lock:
-            for run in self._of(member, simulated_s):
-                self._simulated_s += simulated_s[run] - self._executed.get((member, run), 0.0)
-                self._executed[member, run] = simulated_s[run]
-                self._reused.discard((member, run))  # its recording was damaged
+            if (of := self._members.get(member)) is None:
+                return
+            bits = of.bits(simulated_s)
+            self._executed += (bits & ~of.executed).bit_count()
+            self._reused -= (bits & of.reused).bit_count()  # their recordings were damaged
+            of.executed |= bits
+            of.reused &= ~bits
+            for run, time_s in simulated_s.items():
+                if run < of.runs:
+                    self._simulated_s += time_s - of.simulated_s.get(run, 0.0)
+                    of.simulated_s[run] = time_s
 
     def judge(self, member: str, judgements: Mapping[int, str]) -> None:
         """Runs that are done, each with what all oracles together say of it."""
         with self._lock:
-            for run in self._of(member, judgements):
-                before = self._judged.get((member, run))
-                self._judged[member, run] = judgements[run]
-                self._judgements[judgements[run]] += 1
-                if before is not None:
-                    self._judgements[before] -= 1
-                    continue
-                self._runs_done[member] += 1
-                self._members_done += self._runs_done[member] == self._wanted[member]
+            if (of := self._members.get(member)) is None:
+                return
+            for judgement in dict.fromkeys(judgements.values()):
+                bits = of.bits(run for run, said in judgements.items() if said == judgement)
+                for before, theirs in of.judged.items():
+                    again = bits & theirs
+                    self._judgements[before] -= again.bit_count()
+                    of.judged[before] = theirs & ~again
+                of.judged[judgement] = of.judged.get(judgement, 0) | bits
+                self._judgements[judgement] += bits.bit_count()
+            done, was_done = sum(theirs.bit_count() for theirs in of.judged.values()), of.done
+            self._judged += done - was_done
+            self._members_done += (done == of.runs) - (was_done == of.runs)
+            of.done = done
 
     def progress(self) -> Progress:
         """The state now."""
@@ -100,20 +121,47 @@ class Tally:
             return Progress(
                 phase=self._phase,
                 configurations_done=self._members_done,
-                configurations_total=len(self._wanted),
-                runs_done=len(self._judged),
-                runs_total=sum(self._wanted.values()),
-                executed=len(self._executed),
-                reused=len(self._reused),
+                configurations_total=len(self._members),
+                runs_done=self._judged,
+                runs_total=sum(of.runs for of in self._members.values()),
+                executed=self._executed,
+                reused=self._reused,
                 passed=self._judgements["pass"],
                 failed=self._judgements["fail"],
                 not_judged=self._judgements["not judged"],
                 simulated_s=self._simulated_s,
+                notices=self._notices,
             )
 
-    def _of(self, member: str, runs: Iterable[int]) -> list[int]:
-        # A block may hold runs that nobody asked for this time.
-        return [run for run in runs if run < self._wanted.get(member, 0)]
+
+@dataclass(slots=True)
+class _Member:
+    """What is known of a member's runs, sets of them as numbers with a bit for each: a campaign has 100,000 runs.
+
+    Attributes:
+        runs: Wanted; a block may hold runs that nobody asked for this time.
+        simulated_s: Of the runs that were executed.
+        judged: Judgement to the runs of which it was said.
+        done: How many were judged.
+    """
+
+    runs: int
+    reused: int = 0
+    executed: int = 0
+    simulated_s: dict[int, float] = field(default_factory=dict)
+    judged: dict[str, int] = field(default_factory=dict)
+    done: int = 0
+
+    def bits(self, runs: Iterable[int]) -> int:
+        """Those of `runs` that are wanted."""
+        if isinstance(runs, range) and runs.step == 1:
+            stop = max(min(runs.stop, self.runs), 0)
+            return (1 << stop) - (1 << max(runs.start, 0)) if runs.start < stop else 0
+        bits = 0
+        for run in runs:
+            if run < self.runs:
+                bits |= 1 << run
+        return bits
 
 
 class Reporter:

@@ -3,13 +3,15 @@
 import contextlib
 import logging
 import os
+import queue
 import subprocess
 import sys
+import threading
 import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 ANALYTICS: Final = "PREFECT_SERVER_ANALYTICS_ENABLED"
 
@@ -31,7 +33,12 @@ SETTINGS: Final = {
 STARTUP_S: Final = 120.0
 """A fresh database has to be made: 12 s on an idle machine, 35 s on a busy one."""
 
+STARTS: Final = 4
+"""Of an embedded API that is killed again and again, the first one included."""
+
 DRAIN_S: Final = 60.0
+QUIET_S: Final = 20.0
+"""Nothing recorded for so long: what is missing then went down with a server that was killed."""
 
 _POLL_S: Final = 0.1
 _FINAL_STATES: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
@@ -46,25 +53,26 @@ class PrefectUnavailable(RuntimeError):
 class ApiServer:
     """An embedded API server. It starts with the object, beside whatever its owner does next.
 
+    One that is killed is started again on its port, so that what a flow asks meanwhile only waits: Prefect's clients try for
+    a minute. One that ends by itself has a reason to, and stays away.
+
     Args:
         log: File that takes what it prints.
 
     Attributes:
         answers: Whether it has ever answered.
+        lost: Whether it has ended and nobody starts it again.
     """
 
     def __init__(self, log: Path) -> None:
         self._log = log
         self.answers = False
-        with open(log, "ab") as sink:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "vastflow.tasks.api_server"],
-                stdin=subprocess.PIPE,  # never written: it ends when this process does
-                stdout=subprocess.PIPE,
-                stderr=sink,
-                env={**SETTINGS, **os.environ},
-                start_new_session=True,  # a terminal's Ctrl-C is for the campaign, which then ends in order
-            )
+        self.lost = False
+        self._port = 0
+        self._stopping = False
+        self._lock = threading.Lock()
+        self._process = self._started()
+        threading.Thread(target=self._watch, name="vastflow server", daemon=True).start()
 
     def url(self, timeout_s: float = STARTUP_S) -> str:
         """The API's address, once it answers.
@@ -73,14 +81,13 @@ class ApiServer:
             PrefectUnavailable: it ended or was too slow.
         """
         deadline = time.monotonic() + timeout_s
-        assert self._process.stdout is not None
-        port = self._process.stdout.readline().decode().strip()
-        address = f"http://127.0.0.1:{port}/api"
-        while port and self._process.poll() is None:
-            with contextlib.suppress(OSError), urllib.request.urlopen(f"{address}/health", timeout=5) as response:
-                if response.status == 200:
-                    self.answers = True
-                    return address
+        while not (self.lost or self._stopping):
+            if self._port:
+                address = f"http://127.0.0.1:{self._port}/api"
+                with contextlib.suppress(OSError), urllib.request.urlopen(f"{address}/health", timeout=5) as response:
+                    if response.status == 200:
+                        self.answers = True
+                        return address
             if time.monotonic() > deadline:
                 raise PrefectUnavailable(f"Prefect's API did not start within {timeout_s:.0f} s; see {self._log}")
             time.sleep(_POLL_S)
@@ -88,12 +95,40 @@ class ApiServer:
 
     def stop(self, grace_s: float = 3.0) -> None:
         """End it, at the latest after `grace_s`. May be called twice."""
+        with self._lock:
+            self._stopping = True
         if self._process.poll() is None and grace_s > 0:
             self._process.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(grace_s)
         self._process.kill()
         self._process.wait()
+
+    def _started(self) -> "subprocess.Popen[bytes]":
+        with open(self._log, "ab") as sink:
+            return subprocess.Popen(
+                [sys.executable, "-m", "vastflow.tasks.api_server", str(self._port)],
+                stdin=subprocess.PIPE,  # never written: it ends when this process does
+                stdout=subprocess.PIPE,
+                stderr=sink,
+                env={**SETTINGS, **os.environ},
+                start_new_session=True,  # a terminal's Ctrl-C is for the campaign, which then ends in order
+            )
+
+    def _watch(self) -> None:
+        for start in range(STARTS):
+            if start:
+                with self._lock:
+                    if self._stopping:
+                        return
+                    LOGGER.warning("Prefect's API was killed; it is started again")
+                    self._process = self._started()
+            assert self._process.stdout is not None
+            said = self._process.stdout.readline().strip()
+            self._port = int(said) if said.isdigit() else self._port
+            if self._process.wait() >= 0:  # by itself: a second one would fare no better
+                break
+        self.lost = True
 
 
 def import_prefect() -> None:
@@ -109,6 +144,13 @@ def configured_url() -> str | None:
 
     url = get_current_settings().api.url
     return str(url) if url else None
+
+
+def prefect_home() -> Path:
+    """Folder of Prefect's own data, with the database of embedded APIs."""
+    from prefect.settings import get_current_settings
+
+    return Path(get_current_settings().home)
 
 
 @contextlib.contextmanager
@@ -129,26 +171,52 @@ def drain(flow_run_id: str, task_runs: int, timeout_s: float = DRAIN_S) -> bool:
     Returns:
         Whether it has; if not, a line in the log says how many are missing.
     """
+    try:
+        return _drained(flow_run_id, task_runs, timeout_s)
+    except Exception as error:  # noqa: BLE001 - the work is done, whatever becomes of Prefect's account of it
+        LOGGER.warning("Prefect does not say what it has recorded: %s", error)
+        return False
+
+
+def _drained(flow_run_id: str, task_runs: int, timeout_s: float) -> bool:
     from prefect.client.orchestration import get_client
 
     states = {"type": {"any_": list(_FINAL_STATES)}}
     condition = {"task_runs": {"flow_run_id": {"any_": [flow_run_id]}, "state": states}}
-    deadline = time.monotonic() + timeout_s
+    began_s = changed_s = time.monotonic()
+    recorded = 0
     with get_client(sync_client=True) as client:
         while True:
-            recorded = client.request("POST", "/task_runs/count", json=condition).json()
+            before, recorded = recorded, client.request("POST", "/task_runs/count", json=condition).json()
             if recorded >= task_runs:
                 return True
-            if time.monotonic() > deadline:
-                LOGGER.warning("Prefect recorded %s of %s task runs within %.0f s", recorded, task_runs, timeout_s)
+            now_s = time.monotonic()
+            changed_s = now_s if recorded != before else changed_s
+            if now_s > began_s + timeout_s or now_s > changed_s + QUIET_S:
+                LOGGER.warning("Prefect recorded %s of %s task runs in %.0f s", recorded, task_runs, now_s - began_s)
                 return False
             time.sleep(3 * _POLL_S)
 
 
 def end_services(timeout_s: float = 5.0) -> None:
-    """Let Prefect's background threads of this process send what they have and end, before the server does."""
+    """Let Prefect's background threads of this process send what they have and end, before the server does.
+
+    What they can't send within `timeout_s` is forgotten: to a server that is gone they would try 7 s for each event,
+    and no process ends before they do.
+    """
     from prefect.events.worker import EventsWorker
     from prefect.logging.handlers import APILogWorker
 
     for service in (EventsWorker, APILogWorker):
+        instances = tuple(service._instances.values())
         service.drain_all(timeout=timeout_s, at_exit=False)
+        for instance in instances:
+            _forget(instance._queue)
+
+
+def _forget(waiting: "queue.Queue[Any]") -> None:
+    """Empty the queue of a service that has been told to end."""
+    with contextlib.suppress(queue.Empty):
+        while True:
+            waiting.get_nowait()
+    waiting.put_nowait(None)  # what tells it to end may have been among what was taken out

@@ -1,18 +1,22 @@
 """Source digests: which code a result follows from, found by reading it, without running it."""
 
 import ast
+import copy
 import hashlib
 import importlib.metadata
 import importlib.util
 import io
 import sys
 import tokenize
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Final
 
 from vastflow.sim.digest import digest, file_digest
+from vastflow.tasks import source_cache
+from vastflow.tasks.source_cache import Module, SourceCache, source_cache_file
 
 PACKAGES: Final = tuple(f"vastflow.{name}" for name in ("sim", "producers", "oracles", "tasks", "campaigns.scenarios"))
 
@@ -43,19 +47,6 @@ _LAYOUT: Final = frozenset({tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT})
 
 
 @dataclass(frozen=True, slots=True)
-class _Module:
-    """What is read of one file: the digest of its code, the modules it imports, the parts of each import's name.
-
-    Attributes:
-        data: Packages whose data it reads, by `importlib.resources.files("name")` or `importlib.util.find_spec("name")`.
-    """
-
-    code: str
-    imports: frozenset[str]
-    data: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True, slots=True)
 class Code:
     """What a result follows from.
 
@@ -82,12 +73,18 @@ class SourceTree:
     Args:
         packages: Import name of each package to its folder. Imports that lead elsewhere are not followed.
         files: Import name to file of modules that are in no package.
+        cache: File in which what was read is kept for other processes; None for none.
     """
 
-    def __init__(self, packages: Mapping[str, Path], files: Mapping[str, Path] | None = None) -> None:
+    def __init__(
+        self, packages: Mapping[str, Path], files: Mapping[str, Path] | None = None, cache: Path | None = None
+    ) -> None:
         self._packages = dict(packages)
         self._files = dict(files or {})
-        self._read: dict[Path, _Module] = {}
+        self._cache = SourceCache(cache, [Path(__file__), Path(source_cache.__file__)])
+        self._read: dict[Path, Module] = {}
+        self._places: dict[str, Path | None] = {}
+        self._codes: dict[tuple[str, ...], Code] = {}
 
     def digest(self, *entries: str) -> str:
         """Digest of the code of `entries` and all they import, of the data they read, and the versions of the libraries in use.
@@ -105,13 +102,22 @@ class SourceTree:
         Raises:
             ModuleNotFoundError: an entry is not in the tree.
         """
+        if entries not in self._codes:
+            found = self._code(entries)
+            if PLUG_IN in found.modules:  # a user may be editing it
+                return found
+            self._codes[entries] = found
+        return self._codes[entries]
+
+    def _code(self, entries: tuple[str, ...]) -> Code:
         modules = self._closure(entries)
+        self._cache.keep()
         data = {package for module in modules.values() for package in module.data}
         imported = {name.partition(".")[0] for module in modules.values() for name in module.imports}
         libraries = sorted({library for name in imported for library in NUMERIC_LIBRARIES.get(name, ())})
         return Code(
             {name: module.code for name, module in sorted(modules.items())},
-            {package: self._data_digest(package) for package in sorted(data)},
+            {package: self.data_digest(package) for package in sorted(data)},
             {library: _version(library) for library in libraries},
         )
 
@@ -142,6 +148,10 @@ class SourceTree:
             raise ModuleNotFoundError(f"{plug_in!r} has no source file; a plug-in is a Python file or package")
         return self._with({}, {PLUG_IN: Path(single)}).code(PLUG_IN)
 
+    def with_modules(self, modules: Iterable[ModuleType]) -> "SourceTree":
+        """A tree that has these modules too, but nothing else of their packages."""
+        return self._with({}, {module.__name__: Path(str(module.__file__)) for module in modules})
+
     def _is_elsewhere(self, plug_in: type) -> bool:
         """Whether a class is from a package that is not in the tree."""
         name = plug_in.__module__
@@ -149,12 +159,14 @@ class SourceTree:
 
     def _with(self, packages: Mapping[str, Path], files: Mapping[str, Path]) -> "SourceTree":
         """A wider tree that has read what this one has."""
-        wider = SourceTree({**self._packages, **packages}, {**self._files, **files})
-        wider._read = self._read
+        wider = copy.copy(self)  # with the same cache, and the modules that were read
+        wider._packages = {**self._packages, **packages}
+        wider._files = {**self._files, **files}
+        wider._places, wider._codes = {}, {}
         return wider
 
-    def _closure(self, entries: tuple[str, ...]) -> dict[str, _Module]:
-        found: dict[str, _Module] = {}
+    def _closure(self, entries: tuple[str, ...]) -> dict[str, Module]:
+        found: dict[str, Module] = {}
         waiting = []
         for entry in entries:
             if self._file(entry) is None:
@@ -169,16 +181,17 @@ class SourceTree:
             waiting += [part for imported in found[name].imports for part in _with_parents(imported)]
         return found
 
-    def _module(self, name: str, file: Path) -> _Module:
+    def _module(self, name: str, file: Path) -> Module:
         if file not in self._read or name == PLUG_IN:  # a user may be editing a plug-in
-            text = _text(file)
             package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-            self._read[file] = _Module(
-                code_digest(text), frozenset(_imports(text, package)), frozenset(_data_packages(text))
-            )
+            content = file.read_bytes()
+            if (module := self._cache.find(content, package)) is None:
+                module = _module_of(content, package)
+                self._cache.add(content, package, module)
+            self._read[file] = module
         return self._read[file]
 
-    def _data_digest(self, package: str) -> str:
+    def data_digest(self, package: str) -> str:
         """Digest of what is no code in a package of the tree and in its folders, by name and content."""
         folder = self._folder(package)
         if folder is None:
@@ -193,6 +206,11 @@ class SourceTree:
         return None
 
     def _file(self, name: str) -> Path | None:
+        if name not in self._places:
+            self._places[name] = self._search(name)
+        return self._places[name]
+
+    def _search(self, name: str) -> Path | None:
         if name in self._files:
             return self._files[name]
         place = self._folder(name)
@@ -210,7 +228,7 @@ def installed_tree() -> SourceTree:
         if spec is None or not spec.submodule_search_locations:
             raise ModuleNotFoundError(f"{package} is not installed as a package")
         folders[package] = next(place for place in map(Path, spec.submodule_search_locations) if place.is_dir())
-    return SourceTree(folders)
+    return SourceTree(folders, cache=source_cache_file())
 
 
 def code_digest(text: str) -> str:
@@ -271,9 +289,15 @@ def _is_formatted(string: str) -> bool:
     return not {"f", "t"}.isdisjoint(prefix.lower())
 
 
-def _imports(text: str, package: str) -> Iterator[str]:
+def _module_of(content: bytes, package: str) -> Module:
+    text = _text(content)
+    nodes = list(ast.walk(ast.parse(text)))
+    return Module(code_digest(text), frozenset(_imports(nodes, package)), frozenset(_data_packages(nodes)))
+
+
+def _imports(nodes: Iterable[ast.AST], package: str) -> Iterator[str]:
     """Names of every import, also inside functions; of `from a import b` both `a` and `a.b`."""
-    for node in ast.walk(ast.parse(text)):
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -285,9 +309,9 @@ def _imports(text: str, package: str) -> Iterator[str]:
             yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def _data_packages(text: str) -> Iterator[str]:
+def _data_packages(nodes: Iterable[ast.AST]) -> Iterator[str]:
     """Packages named in calls of `importlib.resources.files` and `importlib.util.find_spec`."""
-    for node in ast.walk(ast.parse(text)):
+    for node in nodes:
         if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
             called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
             if called in ("files", "find_spec") and isinstance(node.args[0].value, str):
@@ -299,9 +323,9 @@ def _with_parents(name: str) -> list[str]:
     return [".".join(parts[: k + 1]) for k in range(len(parts))]
 
 
-def _text(file: Path) -> str:
-    with tokenize.open(file) as source:  # honours a coding cookie
-        return source.read().replace("\r\n", "\n")
+def _text(content: bytes) -> str:
+    encoding, _ = tokenize.detect_encoding(io.BytesIO(content).readline)  # by a coding cookie, if there is one
+    return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _version(distribution: str) -> str:

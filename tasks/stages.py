@@ -52,13 +52,18 @@ class ProducerShard:
 
 
 class Bench:
-    """The workshop and where Prefect keeps results, handed to every task."""
+    """The workshop and where Prefect keeps results, handed to every task.
 
-    __slots__ = ("results", "workshop")
+    Attributes:
+        api: What the ledger of flow runs calls Prefect's API in use.
+    """
 
-    def __init__(self, workshop: Workshop, results: Path) -> None:
+    __slots__ = ("api", "results", "workshop")
+
+    def __init__(self, workshop: Workshop, results: Path, api: str = "") -> None:
         self.workshop = workshop
         self.results = results
+        self.api = api
 
 
 def stored_in(bench: Bench, stage: "Task[Any, Any]") -> "Task[Any, Any]":

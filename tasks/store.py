@@ -13,7 +13,7 @@ from vastflow.sim.digest import digest
 
 MANIFEST: Final = "manifest"
 VARIABLE: Final = "VASTFLOW_STORE"
-STAGES: Final = ("evaluate", "execute", "observe", "judge")
+STAGES: Final = ("evaluate", "execute", "observe", "judge", "report", "parcel")
 """The first name of an artifact's key; a store's place may hold other things beside them."""
 
 WRITING_S: Final = 24 * 3600.0
@@ -187,7 +187,12 @@ def artifact_fault(artifact: Artifact, content: Callable[[str], bytes]) -> str |
 def store_address(place: str | os.PathLike[str] | None = None) -> str | None:
     """The address of a store that is no local folder: `place`, else the variable `VASTFLOW_STORE`; None for a folder."""
     chosen = os.fspath(place or os.environ.get(VARIABLE) or "")
-    return chosen if re.match(r"(?!file:)[A-Za-z][A-Za-z0-9+.-]+://", chosen) else None
+    return chosen if is_address(chosen) else None
+
+
+def is_address(place: str) -> bool:
+    """Whether a place is an address such as `s3://bucket/prefix`, and no local folder."""
+    return re.match(r"(?!file:)[A-Za-z][A-Za-z0-9+.-]+://", place) is not None
 
 
 def store_root(place: str | os.PathLike[str] | None = None) -> Path:

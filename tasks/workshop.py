@@ -81,7 +81,17 @@ class Workshop:
     def faults(self) -> tuple[MemberFault, ...]:
         """What went wrong so far."""
         with self._lock:
-            return tuple(self._faults)
+            return tuple(dict.fromkeys(self._faults))  # a flow that is begun again meets them again
+
+    @property
+    def closed(self) -> bool:
+        """Whether its pool is: somebody ended the campaign."""
+        return self._pool.closed
+
+    def add_faults(self, faults: Sequence[MemberFault]) -> None:
+        """Faults that members met elsewhere."""
+        with self._lock:
+            self._faults += faults
 
     def evaluate(self, producer: PackedProducer, evaluations: Sequence[Evaluation]) -> dict[str, str]:
         """Evaluate a producer where that is missing.

@@ -10,9 +10,9 @@ from typing import Any, Final
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from vastflow.oracles.behaviors import Behaviors
 from vastflow.oracles.executed import KeptFiles, executed_scenario
 from vastflow.oracles.verdict import Judgement, run_judgement
-from vastflow.sim.archive import read_table
 from vastflow.sim.blocks import read_recordings
 from vastflow.sim.recording import Recording
 from vastflow.sim.scenario import Scenario
@@ -88,10 +88,9 @@ def _recording(directory: Path, name: str, run_index: int) -> Recording:
     recordings = {r.run.run_index: r for r in read_recordings(file.read_bytes())}
     if run_index not in recordings:
         raise NotRecorded(f"no run {run_index} of {name}; it has {_some([str(index) for index in sorted(recordings)])}")
-    behaviors = directory / "behaviors" / f"{name}.parquet"
-    if not behaviors.is_file():
+    of_all = Behaviors(directory).of(name)
+    if not of_all:
         return recordings[run_index]
-    of_all = read_table(behaviors.read_bytes())
     own = of_all.pop("run_index") == run_index
     return replace(recordings[run_index], behaviors={name: column[own] for name, column in of_all.items()})
 

@@ -1,4 +1,4 @@
-"""A deployment of the flow that runs a campaign, in the form of Prefect's `prefect.yaml`."""
+"""Deployments of the flows that run a campaign and a shard of one, in the form of Prefect's `prefect.yaml`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,6 +10,15 @@ FLOW: Final = "run campaign"
 ENTRYPOINT: Final = "vastflow.flows.scheduled.run_scheduled"
 """A module's function, found wherever vastflow is installed."""
 TAG: Final = "vastflow"
+
+SHARD_FLOW: Final = "vastflow-shard"
+SHARD_ENTRYPOINT: Final = "vastflow.flows.shard_flow.run_shard"
+OTHER_CODE: Final = "OtherCode"
+STORE_AWAY: Final = "StoreAway"
+"""Names of the states in which a shard's flow run ends where the worker can't compute it and another one might."""
+BAR: Final = "shard"
+"""How the key of a shard's progress artifact ends; the artifact's age says whether the flow run lives."""
+
 STEP: Final = "prefect.deployments.steps.set_working_directory"
 
 
@@ -59,20 +68,51 @@ class Deployment:
         }
 
 
-def description_of(campaign: str, file: str, runs: int, about: str = "") -> str:
+@dataclass(frozen=True, slots=True)
+class ShardDeployment:
+    """What makes the workers of a pool compute shards; a pool needs one, whatever the campaigns.
+
+    Attributes:
+        pool: Name of the work pool, and of the deployment.
+        job_variables: What it sets of the pool's template; a campaign adds its own for each shard.
+    """
+
+    pool: str
+    job_variables: Mapping[str, Any] = field(default_factory=dict)
+
+    def as_yaml(self) -> dict[str, Any]:
+        """An entry of `deployments` in a `prefect.yaml`, as plain data. Workers need no folder: all is in the store."""
+        return {
+            "name": self.pool,
+            "description": "Computes shards of the campaigns that are run with this work pool. Nobody else has to run it.\n",
+            "tags": [TAG],
+            "entrypoint": SHARD_ENTRYPOINT,
+            "parameters": {},
+            "enforce_parameter_schema": True,
+            "schedules": [],
+            "pull": [],
+            "work_pool": {"name": self.pool, "job_variables": dict(self.job_variables)},
+        }
+
+
+def description_of(campaign: str, file: str, runs: int, about: str = "", shards_in: str | None = None) -> str:
     """What a deployment's page says, in Markdown.
 
     Args:
         file: The campaign file, as the worker finds it.
         runs: Of each configuration.
         about: The campaign file's own description.
+        shards_in: Work pool whose workers compute the runs.
     """
     does = (
         f"Runs the campaign **{campaign}** (`{file}`), {runs} runs of each configuration, and writes its report. What the "
         "store has already is not computed again."
     )
+    machine = "The whole campaign runs on the machine of the worker that takes it."
+    if shards_in is not None:
+        machine = f"Workers of the work pool **{shards_in}** compute the runs."
     where = (
-        "The whole campaign runs on the machine of the worker that takes it. A flow run that Prefect shows as *Failed* is a "
-        "fault of the campaign file or of ours; runs that the robot failed are in the report."
+        f"{machine} A flow run that Prefect shows as *Failed* is a fault of the campaign file or of ours; runs that the robot "
+        "failed are in the report."
     )
     return "\n\n".join(filter(None, (about.strip(), does, where))) + "\n"

@@ -16,6 +16,7 @@ from prefect.cli.deploy._models import PrefectYamlModel, RawScheduleConfig
 
 from vastflow.deployments import checked_in
 from vastflow.flows.scheduled import run_scheduled
+from vastflow.flows.shard_flow import run_shard
 from vastflow.producers.campaign import load_campaign
 from vastflow.tasks import work
 from vastflow.tasks.execution import charts, deployment, job
@@ -89,18 +90,34 @@ def test_prefect_reads_the_deployments():
     read = PrefectYamlModel.model_validate(yaml.safe_load(CONTENT["prefect.yaml"]))
     assert {each.work_pool.name for each in read.deployments} == {"lab", "docker", "cluster"}
     for each in read.deployments:
-        (schedule,) = each.schedules
-        assert isinstance(schedule, RawScheduleConfig)
-        assert (each.concurrency_limit.limit, each.concurrency_limit.collision_strategy) == (1, "ENQUEUE")
+        if each.entrypoint == deployment.ENTRYPOINT:
+            (schedule,) = each.schedules
+            assert isinstance(schedule, RawScheduleConfig)
+            assert (each.concurrency_limit.limit, each.concurrency_limit.collision_strategy) == (1, "ENQUEUE")
 
 
-def test_the_deployments_run_the_flow_that_there_is_with_parameters_that_it_has():
-    module, _, function = deployment.ENTRYPOINT.rpartition(".")
-    assert (run_scheduled.fn.__module__, run_scheduled.fn.__name__) == (module, function)
+def test_the_deployments_run_the_flows_that_there_are_with_parameters_that_they_have():
+    flows = {deployment.ENTRYPOINT: run_scheduled, deployment.SHARD_ENTRYPOINT: run_shard}
+    for entrypoint, flow in flows.items():
+        assert f"{flow.fn.__module__}.{flow.fn.__name__}" == entrypoint
     for each in yaml.safe_load(CONTENT["prefect.yaml"])["deployments"]:
-        assert each["entrypoint"] == deployment.ENTRYPOINT
-        assert run_scheduled.validate_parameters(each["parameters"])["campaign"] == checked_in.FILE
+        if each["entrypoint"] == deployment.ENTRYPOINT:
+            assert run_scheduled.validate_parameters(each["parameters"])["campaign"] == checked_in.FILE
+        else:
+            assert each["entrypoint"] == deployment.SHARD_ENTRYPOINT
+            assert each["parameters"] == {}
     assert load_campaign(ROOT / checked_in.FILE).runs == checked_in.RUNS
+
+
+def test_each_pool_has_a_deployment_by_which_it_computes_shards():
+    entries = yaml.safe_load(CONTENT["prefect.yaml"])["deployments"]
+    shards = [each for each in entries if each["entrypoint"] == deployment.SHARD_ENTRYPOINT]
+    assert [(each["name"], each["work_pool"]["name"]) for each in shards] == [
+        ("lab", "lab"),
+        ("docker", "docker"),
+        ("cluster", "cluster"),
+    ]
+    assert all("concurrency_limit" not in each and each["schedules"] == [] for each in shards)
 
 
 def test_what_the_deployments_set_is_in_their_pools_template():

@@ -140,3 +140,23 @@ def test_an_api_that_does_not_answer_is_said(file, monkeypatch):
 
 def test_the_command_is_cheap_to_import():
     assert not any(name.startswith("prefect") for name in vars(deploy_command))
+
+
+def test_shards_go_to_a_pool_of_their_own_where_one_is_named(file):
+    result = called(file, "--pool", "lab", "--shards-in", "farm", "--dry-run")
+    assert result.exit_code == 0, result.output
+    written, pool, farm = yaml.safe_load_all(result.stdout)
+    campaign, shards = (DeploymentConfig.model_validate(each) for each in written["deployments"])
+    assert campaign.parameters["pool"] == "farm"
+    assert "Workers of the work pool **farm** compute the runs." in campaign.description
+    assert (shards.name, shards.work_pool.name, shards.parameters) == ("farm", "farm", {})
+    assert (pool["name"], farm["name"]) == ("lab", "farm")
+
+
+def test_the_shards_of_a_cluster_have_image_and_queue_whatever_the_campaign(file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options = ("--type", "kubernetes", "--image", "ghcr.io/me/vastflow:7", "--queue", "nightly", "--dry-run")
+    result = called("rooms.vast", "--pool", "cluster", "--shards-in", "cluster", *options)
+    written, _ = yaml.safe_load_all(result.stdout)
+    variables = written["deployments"][1]["work_pool"]["job_variables"]
+    assert variables == {"image": "ghcr.io/me/vastflow:7", "queue": "nightly"}

@@ -14,6 +14,7 @@ from prefect.client.orchestration import get_client
 from prefect.settings import temporary_settings
 from typer.testing import CliRunner
 
+from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.tasks.server import ApiServer, PrefectUnavailable
 
@@ -198,6 +199,21 @@ def test_the_stages_have_a_flow_run_of_their_own_with_tags_and_few_lines(api, fi
     lines = logged(api, inner)
     assert "execute: 2 shards, 0 of them known already" in lines
     assert len(lines) < 10
+
+
+def test_a_campaign_run_by_hand_has_a_page_of_its_own_with_progress_results_and_report(api, place, first):
+    def run():
+        return run_campaign(place / "tiny.vast", runs=4, results=place / "by-hand", store=place / "store", workers=2)
+
+    result = run()
+    (shown,) = (each for each in api.read_flow_runs() if each.name == "tiny, 2 configurations × 4 runs")
+    assert (shown.parent_task_run_id, set(shown.tags)) == (None, {"vastflow", "tiny"})
+    found = artifacts(api, shown)
+    assert set(found) == {"tiny-progress", "tiny-results", "tiny-report"}
+    assert found["tiny-progress"]["data"] == 100
+    assert (result.directory / "report.html").resolve().as_uri() in found["tiny-report"]["data"]
+    run()  # nothing is left to do
+    assert sum(each.name == shown.name for each in api.read_flow_runs()) == 1
 
 
 @more

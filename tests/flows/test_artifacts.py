@@ -1,6 +1,8 @@
 """What Prefect's pages are told of a campaign, without an API: the requests are caught."""
 
+import json
 import logging
+from pathlib import Path
 from types import SimpleNamespace
 from uuid import uuid4
 
@@ -9,7 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vastflow.flows import artifacts
-from vastflow.flows.artifacts import Page, ProgressBar, key_of, progress_text, size_text, tolerated
+from vastflow.flows.artifacts import Page, ProgressBar, key_of, progress_text, publish, size_text, tolerated
+from vastflow.flows.results import Results
+from vastflow.flows.summary import Summary
 from vastflow.tasks.progress import Progress
 
 
@@ -18,6 +22,7 @@ class Client:
 
     def __init__(self, error=None):
         self.sent = []
+        self.flow_runs = []
         self.error = error
 
     def __enter__(self):
@@ -32,6 +37,7 @@ class Client:
             raise self.error
 
     def create_artifact(self, artifact):
+        self.flow_runs.append(artifact.flow_run_id)
         self._take("create", artifact.key, artifact.data, artifact.description)
         return SimpleNamespace(id=uuid4())
 
@@ -117,6 +123,38 @@ def test_an_api_that_refuses_is_said_once_and_asked_no_more(client, clock, caplo
         "Prefect does not show the campaign's progress or results: gone"
     ]
     assert lines[0] == "2 configurations × 2 runs; 0 runs are in the store"
+
+
+@pytest.fixture
+def finished(monkeypatch):
+    """A campaign directory that is not looked into."""
+    monkeypatch.setattr(artifacts, "result_rows", lambda found: [{"family": "room", "runs": 4}])
+    summary = Summary(2, 0, 0, 4, 4, 0, 3, 1, 0, 10.0, 1.0, 1.0, "results/x-1", {})
+    return Results(Path("results/x-1"), summary, (), ())
+
+
+def test_results_and_report_are_shown_on_the_page_of_a_flow_run_that_has_ended(client, finished):
+    of = str(uuid4())
+    outcome = publish(finished, "Two rooms", flow_run_id=of)
+    assert outcome == (
+        "2 configurations × 2 runs: 3 passed, 1 failed, 0 not judged; 4 runs executed, 0 from the store"
+    )
+    (_, table, rows, about), (_, link, text, _) = client.sent
+    assert (table, json.loads(rows)) == ("two-rooms-results", [{"family": "room", "runs": 4}])
+    assert about == f"**Two rooms**, {outcome}"
+    assert (link, text) == ("two-rooms-report", f"[report.html]({Path('results/x-1/report.html').resolve().as_uri()})")
+    assert {str(flow_run_id) for flow_run_id in client.flow_runs} == {of}
+
+
+def test_the_link_to_the_report_goes_to_where_results_are_served(client, finished):
+    publish(finished, "x", "https://lab.example/results/", flow_run_id=str(uuid4()))
+    assert client.sent[1][2] == "[report.html](https://lab.example/results/x-1/report.html)"
+
+
+def test_a_campaign_is_not_lost_because_the_api_refuses_its_results(client, finished, caplog):
+    client.error = RuntimeError("gone")
+    assert publish(finished, "x", flow_run_id=str(uuid4())).startswith("2 configurations")
+    assert "does not show the campaign's progress or results: gone" in caplog.text
 
 
 def test_an_interruption_is_not_tolerated():

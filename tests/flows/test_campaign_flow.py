@@ -13,7 +13,7 @@ import time
 import psutil
 import pytest
 
-from vastflow.flows import api, run_campaign, session
+from vastflow.flows import api, computation, run_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.source import installed_tree
 
@@ -171,7 +171,7 @@ def no_prefect(monkeypatch):
     def refuse(*_):
         raise AssertionError("Prefect was started")
 
-    monkeypatch.setattr(session, "ApiServer", refuse)
+    monkeypatch.setattr(computation, "ApiServer", refuse)
 
 
 def test_the_first_run_executes_everything(first):
@@ -189,10 +189,9 @@ def test_every_task_run_is_recorded_in_a_final_state_under_a_readable_name(place
     assert sorted(found) == sorted((name, "Completed") for name in expected)
 
 
-def test_the_flow_run_has_the_campaigns_name_and_is_completed(place, first):
+def test_the_flow_run_has_the_campaigns_name_and_size_and_is_completed(place, first):
     name, state = rows(place, "select name, state_name from flow_run order by start_time limit 1")[0]
-    assert name.startswith("tiny 20")
-    assert state == "Completed"
+    assert (name, state) == ("tiny, 4 configurations × 2 runs", "Completed")
 
 
 def test_a_second_run_executes_nothing_and_starts_no_prefect(again, counted, no_prefect):

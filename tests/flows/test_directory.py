@@ -1,10 +1,13 @@
 """A campaign directory appears whole or not at all."""
 
+import errno
+import os
 from datetime import datetime
 
 import pytest
 
-from vastflow.flows.directory import directory_name, new_directory
+from vastflow.flows.directory import ResultsError, directory_name, new_directory
+from vastflow.tasks.store import StoreError
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)
 
@@ -35,6 +38,22 @@ def test_what_is_interrupted_leaves_nothing(tmp_path, error):
         (directory.partial / "a").write_text("x")
         raise error
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
+def test_a_disk_that_is_full_or_broken_is_told_with_what_helps_and_leaves_no_half_directory(tmp_path, code):
+    words = rf"results: can't write to '{tmp_path}' \({os.strerror(code)}\); make room there or .*--results; what was computed"
+    with pytest.raises(ResultsError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
+        (directory.partial / "runs.parquet").write_text("x")
+        raise OSError(code, os.strerror(code), str(directory.partial / "runs.parquet"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("error", [StoreError("store: can't read"), FileNotFoundError(errno.ENOENT, "x"), OSError("y")])
+def test_what_is_not_the_disks_fault_stays_what_it_is(tmp_path, error):
+    with pytest.raises(type(error)) as raised, new_directory(tmp_path, "c", CREATED):
+        raise error
+    assert raised.value is error
 
 
 def test_before_the_end_nothing_stands_under_the_final_name(tmp_path):

@@ -63,7 +63,7 @@ def test_a_running_campaign_shows_counts_pace_and_verdicts():
 
 def test_while_prefect_starts_the_display_says_so_and_how_long_it_takes():
     text = shown(progress("starting Prefect", runs_total=0), Pace(3.0, 2.0))
-    assert "starting Prefect's embedded API, which takes 5–12 s  2 s" in text
+    assert "starting Prefect, which takes 5–12 s  2 s" in text
     assert "runs" not in text
 
 

@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from vastflow.flows import api, run_campaign, session
+from vastflow.flows import api, computation, run_campaign
 from vastflow.flows import dry_run as dry_runs
 from vastflow.flows.__main__ import app
 from vastflow.flows.dry_run import STAGES, dry_run
 from vastflow.flows.dry_run_reasons import parameter_changes, scenario_reason
 from vastflow.flows.dry_run_store import Overlay, untouched
 from vastflow.flows.dry_run_text import whys
+from vastflow.flows.found import block_rows
 from vastflow.flows.past import NoPast, newest_past
-from vastflow.flows.results import block_rows
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks import source
 from vastflow.tasks.source import SourceTree, installed_tree
@@ -502,7 +502,7 @@ def called(*arguments):
 
 
 def test_the_command_prints_json_and_nothing_else_and_starts_no_prefect(again, first, monkeypatch):
-    monkeypatch.setattr(session, "ApiServer", None)
+    monkeypatch.setattr(computation, "ApiServer", None)
     again.edit(NOISE)
     options = ("--store", again.store, "--results", again.place / "results", "--dry-run")
     result = called("run", again.folder / "dry.vast", *options, "--json")

@@ -13,9 +13,10 @@ from vastflow.flows.asked import Asked
 from vastflow.flows.campaign_file import read_campaign
 from vastflow.flows.campaign_keys import campaign_keys
 from vastflow.flows.explain import Unexplained, explanation
+from vastflow.flows.found import ConfigurationResult
 from vastflow.flows.inputs import inputs_of
 from vastflow.flows.origin_code import code_row
-from vastflow.flows.results import ConfigurationResult, write_results
+from vastflow.flows.results import write_results
 from vastflow.flows.summary import Work
 from vastflow.oracles.verdict import Verdict, write_verdicts
 from vastflow.producers.instantiate import instantiate

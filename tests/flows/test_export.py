@@ -16,8 +16,9 @@ from vastflow.flows.campaign_file import read_campaign
 from vastflow.flows.export import export
 from vastflow.flows.export_run import OUR_FAULT, recording_csv
 from vastflow.flows.export_source import ExportFault
+from vastflow.flows.found import ConfigurationResult, RunFault, complete
 from vastflow.flows.inputs import inputs_of
-from vastflow.flows.results import ConfigurationResult, RunFault, complete, write_results
+from vastflow.flows.results import write_results
 from vastflow.flows.summary import Work
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
@@ -410,10 +411,10 @@ def test_an_output_that_would_leave_the_folder_is_refused(small_room, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "file", ["recordings/room-1.parquet", "behaviors/room-1.parquet", "logs/room-1.json", "outputs/room-1.zip"]
+    "file", ["recordings/room-1.parquet", "behaviors.parquet", "logs/runs.jsonl", "outputs/room-1.zip"]
 )
 def test_a_damaged_file_is_said_so_and_nothing_is_exported(results, tmp_path, file):
-    (results / file).write_bytes(b"[{}]" if file.endswith("json") else b"damaged")
+    (results / file).write_bytes(b"[{}]" if file.endswith("jsonl") else b"damaged")
     with pytest.raises(ExportFault, match="damaged campaign directory: "):
         export(results, tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -13,6 +13,7 @@ def test_everything_is_executed_once_and_after_an_edit_one_configuration_alone()
     assert (found["configurations"], found["runs"], found["executed"]) == (6, 12, 12)
     assert (found["rerun_executed"], found["edit_executed"]) == (0, 2)
     assert found["task_runs"] == found["task_runs_final"] > 0
+    assert found["edit_task_runs"] == 3, "the shard of the edited configuration, through three stages"
     assert found["cpu_s"] > found["overhead_cpu_s"] > 0 < found["flow_peak_mb"]
 
 

@@ -19,9 +19,10 @@ from typer.testing import CliRunner
 from vastflow.flows import replay_command
 from vastflow.flows.__main__ import app
 from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.found import ConfigurationResult
 from vastflow.flows.inputs import inputs_of
 from vastflow.flows.origin import differences, versions
-from vastflow.flows.results import ConfigurationResult, write_results
+from vastflow.flows.results import write_results
 from vastflow.flows.summary import Work
 from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
 from vastflow.oracles.verdict import Verdict

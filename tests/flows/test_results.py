@@ -10,8 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.found import ConfigurationResult, RunFault, block_rows, complete, one_block
 from vastflow.flows.inputs import inputs_of
-from vastflow.flows.results import ConfigurationResult, RunFault, block_rows, complete, one_block, write_results
+from vastflow.flows.results import write_results
 from vastflow.flows.summary import Work
 from vastflow.oracles.rates import Counts
 from vastflow.oracles.tables import read_tables

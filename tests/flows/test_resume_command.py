@@ -19,10 +19,11 @@ from vastflow.flows.asked import Asked, asked_of
 from vastflow.flows.campaign_file import read_campaign
 from vastflow.flows.campaign_keys import campaign_keys, recorded_keys
 from vastflow.flows.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
+from vastflow.flows.found import ConfigurationResult
 from vastflow.flows.inputs import inputs_of
 from vastflow.flows.origin_code import code_row
 from vastflow.flows.replica import NotReplicable, replica
-from vastflow.flows.results import ConfigurationResult, write_results
+from vastflow.flows.results import write_results
 from vastflow.flows.summary import Summary, Work
 from vastflow.oracles.rates import Counts
 from vastflow.producers.instantiate import instantiate

@@ -1,4 +1,8 @@
 import threading
+from collections import Counter
+
+from hypothesis import given
+from hypothesis import strategies as st
 
 from vastflow.tasks.progress import Progress, Reporter, Tally
 
@@ -54,6 +58,46 @@ def test_a_run_found_damaged_after_it_counted_as_reused_is_executed():
     counted.execute("room-1", {1: 20.0})
     progress = counted.progress()
     assert (progress.executed, progress.reused) == (1, 1)
+
+
+WANTED = {"a": 3, "b": 1, "c": 2}
+MEMBERS = st.sampled_from([*WANTED, "unknown"])
+INDICES = st.integers(0, 4)
+TOLD = st.one_of(
+    st.tuples(st.just("reuse"), MEMBERS, st.one_of(st.builds(range, INDICES, INDICES), st.lists(INDICES))),
+    st.tuples(st.just("execute"), MEMBERS, st.dictionaries(INDICES, st.sampled_from([0.5, 1.0, 8.0]))),
+    st.tuples(st.just("judge"), MEMBERS, st.dictionaries(INDICES, st.sampled_from(["pass", "fail", "not judged"]))),
+)
+
+
+@given(st.lists(TOLD, max_size=30))
+def test_whatever_is_told_counts_as_if_every_run_were_remembered_by_itself(told):
+    counted, reused, executed, judged = Tally(), set(), {}, {}
+    counted.expect(WANTED)
+    for what, member, runs in told:
+        getattr(counted, what)(member, runs)
+        wanted = {(member, run): run for run in runs if run < WANTED.get(member, 0)}
+        if what == "reuse":
+            reused |= wanted.keys() - executed.keys()
+        elif what == "execute":
+            executed |= {key: runs[run] for key, run in wanted.items()}
+            reused -= wanted.keys()
+        else:
+            judged |= {key: runs[run] for key, run in wanted.items()}
+    done = Counter(member for member, _ in judged)
+    said = Counter(judged.values())
+    assert counted.progress() == Progress(
+        configurations_done=sum(done[member] == runs for member, runs in WANTED.items()),
+        configurations_total=3,
+        runs_done=len(judged),
+        runs_total=6,
+        executed=len(executed),
+        reused=len(reused),
+        passed=said["pass"],
+        failed=said["fail"],
+        not_judged=said["not judged"],
+        simulated_s=sum(executed.values()),
+    )
 
 
 class Recorder:

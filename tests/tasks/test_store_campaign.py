@@ -2,7 +2,7 @@
 
 import pytest
 
-from vastflow.flows import api, run_campaign, session
+from vastflow.flows import api, computation, run_campaign
 from vastflow.tasks.object_store import ObjectStore
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import StoreError
@@ -78,7 +78,7 @@ def test_a_campaign_over_s3_goes_on_after_its_server_was_gone(file, tmp_path, st
     def refuse(*_):
         raise AssertionError("Prefect was started")
 
-    monkeypatch.setattr(session, "ApiServer", refuse)
+    monkeypatch.setattr(computation, "ApiServer", refuse)
     again = run(200)
     assert (again.summary.executed, again.summary.reused) == (0, 200 * CONFIGURATIONS)
     recordings = [(result.directory / "recordings" / "room-1.parquet").read_bytes() for result in (found, again)]

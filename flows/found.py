@@ -1,0 +1,166 @@
+"""What was found of one configuration: blocks of its runs, verdicts, logs, and why something is missing."""
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import pyarrow.parquet as pq
+
+from vastflow.oracles.trace import levelled
+from vastflow.oracles.verdict import Verdict, read_verdicts
+from vastflow.sim.blocks import ROWS_KEY, read_block, write_block
+from vastflow.tasks.shelf import Shelved
+from vastflow.tasks.store import Store
+from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
+
+
+@dataclass(frozen=True, slots=True)
+class RunFault:
+    """Something of ours that broke: the run is not judged, and never counted as a failure of the robot.
+
+    Attributes:
+        configuration: Its name; empty where the fault concerns the whole campaign.
+        run_index: None for all runs of the configuration.
+        stage: `execute`, `observe`, `judge` or `report`.
+        error: What was raised, in one line.
+    """
+
+    configuration: str
+    run_index: int | None
+    stage: str
+    error: str
+
+
+class Found(Protocol):
+    """What was found for one configuration."""
+
+    @property
+    def exact(self) -> bool:
+        """Whether one block has the wanted runs and no others, so that its files can be taken as they are."""
+
+    @property
+    def recordings(self) -> Sequence[bytes]:
+        """Blocks of runs in any blocking; runs that were not asked for are left out of what is written."""
+
+    @property
+    def traces(self) -> Sequence[bytes]:
+        """As `recordings`."""
+
+    @property
+    def verdicts(self) -> Sequence[Verdict]:
+        """Of any runs and oracles, in any order."""
+
+    @property
+    def faults(self) -> Sequence[RunFault]:
+        """Why runs are missing."""
+
+    @property
+    def behaviors(self) -> Sequence[bytes]:
+        """Blocks of the scenarios' behaviours, as `vastflow.sim.archive` has them."""
+
+    @property
+    def outputs(self) -> Sequence[bytes]:
+        """Blocks of what programs wrote, as `vastflow.sim.archive` has them."""
+
+    @property
+    def logs(self) -> Sequence[bytes]:
+        """Run logs, as `vastflow.tasks.work` writes them."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigurationResult:
+    """What was found for one configuration, as values; see `Found`."""
+
+    recordings: Sequence[bytes] = ()
+    traces: Sequence[bytes] = ()
+    verdicts: Sequence[Verdict] = ()
+    faults: Sequence[RunFault] = ()
+    behaviors: Sequence[bytes] = ()
+    outputs: Sequence[bytes] = ()
+    logs: Sequence[bytes] = ()
+    exact: bool = False
+
+
+class StoredResult:
+    """What the store has of a configuration; each part is read when it is asked for.
+
+    Reading raises `vastflow.tasks.store.Lost` where something is damaged.
+
+    Args:
+        shelved: Its blocks.
+        runs: Runs that are wanted.
+    """
+
+    def __init__(self, store: Store, shelved: Sequence[Shelved], runs: int, faults: Sequence[RunFault]) -> None:
+        self.faults = faults
+        self.exact = len(shelved) == 1 and shelved[0].block.stop <= runs
+        self._store = store
+        self._shelved = shelved
+
+    @cached_property
+    def recordings(self) -> Sequence[bytes]:
+        """See `Found`."""
+        return [self._store.load(each.recordings, RECORDINGS) for each in self._shelved]
+
+    @property
+    def traces(self) -> Sequence[bytes]:
+        """See `Found`."""
+        return [self._store.load(each.trace, TRACES) for each in self._shelved if each.trace]
+
+    @property
+    def verdicts(self) -> Sequence[Verdict]:
+        """See `Found`."""
+        contents = (self._store.load(each.verdicts, VERDICTS) for each in self._shelved if each.verdicts)
+        return [verdict for content in contents for verdict in read_verdicts(content)]
+
+    @property
+    def behaviors(self) -> Sequence[bytes]:
+        """See `Found`."""
+        return [self._store.load(each.recordings, BEHAVIORS) for each in self._shelved]
+
+    @property
+    def outputs(self) -> Sequence[bytes]:
+        """See `Found`."""
+        having = (each.recordings for each in self._shelved if OUTPUTS in each.recordings.files)
+        return [self._store.load(recordings, OUTPUTS) for recordings in having]
+
+    @property
+    def logs(self) -> Sequence[bytes]:
+        """See `Found`."""
+        found = (self._store.beside(each.recordings.key, RUN_LOG) for each in self._shelved)
+        return [log for log in found if log]
+
+
+def one_block(blocks: Sequence[bytes], runs: int) -> bytes:
+    """All runs below `runs` as one block in order: the same bytes however they were blocked; empty without any."""
+    if len(blocks) == 1 and all(row["run_index"] < runs for row in block_rows(blocks[0])):
+        return blocks[0]
+    found = {row["run_index"]: (row, columns) for block in blocks for row, columns in read_block(block)}
+    wanted = [found[index] for index in sorted(found) if index < runs]
+    return write_block([row for row, _ in wanted], levelled([columns for _, columns in wanted])) if wanted else b""
+
+
+def block_rows(block: bytes) -> list[dict[str, Any]]:
+    """The rows of a block's runs, without decoding the columns."""
+    rows: list[dict[str, Any]] = json.loads(pq.ParquetFile(io.BytesIO(block)).metadata.metadata[ROWS_KEY])
+    return rows
+
+
+def complete(result: Found, runs: int, oracles: Sequence[str]) -> list[Verdict]:
+    """A verdict for each run and oracle: what was missing is `not judged`, with the fault as its reason."""
+    said = {(verdict.run_index, verdict.oracle): verdict for verdict in result.verdicts}
+    return [
+        said.get((run, oracle)) or Verdict(oracle, run, "not judged", _reason(result.faults, run))
+        for run in range(runs)
+        for oracle in oracles
+    ]
+
+
+def _reason(faults: Sequence[RunFault], run: int) -> str:
+    for fault in faults:
+        if fault.run_index in (None, run):
+            return f"our own fault in {fault.stage}: {fault.error}"
+    return "our own fault: there is no verdict"

@@ -1,0 +1,54 @@
+"""A work pool of Prefect as the place where a campaign's shards are computed, and what can be wrong with it."""
+
+from dataclasses import dataclass
+from typing import Final
+
+NO_API: Final = (
+    "no API of Prefect is configured; start one by `prefect server start`, and name it by "
+    "`prefect config set PREFECT_API_URL=http://127.0.0.1:4200/api`"
+)
+
+SHARDS: Final = 50
+"""Most shards of a campaign that are aimed at where nobody says: each costs some seconds to start."""
+RUNS_A_SHARD: Final = 20
+"""For fewer runs no shard is made then."""
+
+
+class WorkPoolError(ValueError):
+    """A work pool that can't be used as it was asked for; says what was found and what would be right."""
+
+
+class WorkersFailed(RuntimeError):
+    """The workers of a pool can't compute the campaign; says why and what would help."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorkPool:
+    """Where a campaign's shards are computed.
+
+    Attributes:
+        name: Of the work pool at Prefect's API.
+        shards: How many are aimed at; None for as many as the work is worth, see `SHARDS`.
+        wait_s: Seconds after which a campaign ends of which no worker has taken anything; None waits on.
+    """
+
+    name: str
+    shards: int | None = None
+    wait_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise WorkPoolError("--pool: found an empty name; the name of a work pool")
+        if self.shards is not None and self.shards < 1:
+            raise WorkPoolError(f"--shards: found {self.shards}; 1 or more")
+
+
+def shard_count(pool: WorkPool, members: int, runs: int) -> int:
+    """How many shards to aim at.
+
+    Args:
+        members: With something missing.
+        runs: That are missing, or whose verdicts are.
+    """
+    wanted = min(SHARDS, -(-runs // RUNS_A_SHARD)) if pool.shards is None else pool.shards
+    return max(1, min(wanted, members))

@@ -1,0 +1,67 @@
+"""The behaviours of a campaign directory's runs: what the scenario of each did, by configuration."""
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from vastflow.sim.archive import read_table
+
+BEHAVIORS_FILE: Final = "behaviors.parquet"
+CONFIGURATION: Final = "configuration"
+
+
+class Behaviors:
+    """Reads `behaviors.parquet`, or a file for each configuration as earlier versions wrote them.
+
+    Reading raises `OSError` or `ValueError` where the file is missing or damaged.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+        self._last: tuple[int, Any] | None = None
+
+    def of(self, configuration: str) -> dict[str, NDArray[Any]]:
+        """Columns of a configuration's behaviours, `run_index` among them; empty where no run was recorded."""
+        own = self._directory / "behaviors" / f"{configuration}.parquet"
+        if own.is_file():
+            return read_table(own.read_bytes())
+        if configuration not in self._groups:
+            return {}
+        parts = [self._group(group) for group in self._groups[configuration]]
+        rows = pa.concat_tables([part.filter(pc.equal(part.column(CONFIGURATION), configuration)) for part in parts])
+        return {
+            name: np.array(rows.column(name).to_pylist(), _DTYPES[str(rows.column(name).type)])
+            for name in rows.column_names
+            if name != CONFIGURATION
+        }
+
+    @cached_property
+    def _file(self) -> Any:
+        return pq.ParquetFile(self._directory / BEHAVIORS_FILE)
+
+    @cached_property
+    def _groups(self) -> dict[str, list[int]]:
+        """Configuration to the row groups that have rows of it."""
+        found: dict[str, list[int]] = {}
+        if (self._directory / BEHAVIORS_FILE).is_file():
+            for group in range(self._file.num_row_groups):
+                names = self._file.read_row_group(group, columns=[CONFIGURATION]).column(0).unique()
+                for name in names.to_pylist():
+                    found.setdefault(name, []).append(group)
+        return found
+
+    def _group(self, group: int) -> Any:
+        """A row group; the last one is kept, for configurations are mostly asked for in order."""
+        if self._last is None or self._last[0] != group:
+            self._last = group, self._file.read_row_group(group)
+        return self._last[1]
+
+
+_DTYPES: Final[Mapping[str, Any]] = {"double": np.float64, "int64": np.int64, "bool": np.bool_, "string": object}

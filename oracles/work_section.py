@@ -1,0 +1,39 @@
+"""What a report says of the call that wrote it, which is all of it that does not follow from the campaign's content.
+
+A report's HTML has two pairs of marks, and between them what `with_work` puts there: `<!-- when -->`, `<!-- /when -->` for the
+time in a line of text, and `<!-- work -->`, `<!-- /work -->` for a section. So a report that was kept can be given to another call.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+from markupsafe import Markup
+
+_MARKS: Final = "(<!-- {0} -->)((?s:.*?))(<!-- /{0} -->)"
+_LINE: Final = Markup("<dt>{}</dt><dd>{}</dd>\n")
+
+
+def with_work(html: str, metadata: Mapping[str, Any]) -> str:
+    """The report with the facts of a call between its marks; one without marks stays as it is.
+
+    Args:
+        metadata: `metadata.json` of the call's campaign directory.
+    """
+    for name, text in (("when", _when(metadata)), ("work", _section(metadata))):
+        parts = re.split(_MARKS.format(name), html)
+        html = "".join(text if place % 4 == 2 else part for place, part in enumerate(parts))
+    return html
+
+
+def _when(metadata: Mapping[str, Any]) -> str:
+    return str(Markup(" · {}").format(str(metadata["created"]).replace("T", " ")))
+
+
+def _section(metadata: Mapping[str, Any]) -> str:
+    counts = metadata.get("counts", {})
+    lines = [("written", str(metadata["created"]).replace("T", " "))]
+    if "executed" in counts:
+        lines.append(("runs", f"{counts['executed']:,} executed for it, {counts['reused']:,} from the store"))
+    lines += [(f"host {key.replace('_', ' ')}", value) for key, value in metadata["host"].items()]
+    return "\n" + "".join(_LINE.format(name, value) for name, value in lines)

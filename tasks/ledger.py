@@ -1,0 +1,172 @@
+"""The ledger of flow runs: which process of this host runs which, so that a later call can end those whose process is gone.
+
+Prefect hears nothing of a kill -9, and shows such a flow run as `Running` for ever. A file for each flow run lies in the
+user's state folder while it runs; who finds one whose process is gone tells Prefect that the flow run has crashed. One
+that is killed between its start and the first line of its flow is in no ledger.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import platform
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import platformdirs
+import psutil
+
+if TYPE_CHECKING:
+    from prefect.client.orchestration import SyncPrefectClient
+
+LOGGER: Final = logging.getLogger("vastflow.ledger")
+
+MESSAGE: Final = "Its process ended without a word: killed, or out of memory. What was finished is in the store."
+TIMEOUT_S: Final = 5.0
+CALLED_OFF_S: Final = 30.0
+"""A worker looks every 10 s whether one of its flow runs is to end. One that is gone itself is not waited for longer."""
+
+_AT_A_TIME: Final = 50
+_POLL_S: Final = 0.5
+
+_FORGOTTEN_S: Final = 30 * 24 * 3600.0
+_SAME_S: Final = 2.0
+"""A process began when it says, give or take what clocks are set by."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A flow run and the process that runs it.
+
+    Attributes:
+        api: Address of Prefect's API, or for an embedded one the folder of its database.
+        host: Name of the host, and of the space in which its process numbers hold.
+        began_s: When the process began, which tells it from a later one of the same number.
+    """
+
+    flow_run_id: str
+    api: str
+    host: str
+    pid: int
+    began_s: float
+
+    @property
+    def orphan(self) -> bool:
+        """Whether nobody runs it any more."""
+        if self.host != _host():
+            return False
+        began_s = _began_s(self.pid)
+        return began_s is None or abs(began_s - self.began_s) > _SAME_S
+
+
+def enter(flow_run_id: str, api: str) -> None:
+    """Say that this process runs a flow run."""
+    pid = os.getpid()
+    entry = Entry(flow_run_id, api, _host(), pid, _began_s(pid) or 0.0)
+    with contextlib.suppress(OSError):  # a home that can't be written: a container's, say
+        folder().mkdir(parents=True, exist_ok=True)
+        _file(flow_run_id).write_text(json.dumps(asdict(entry)), encoding="utf-8")
+
+
+def leave(flow_run_id: str) -> None:
+    """Say that Prefect knows how a flow run ended."""
+    with contextlib.suppress(OSError):
+        _file(flow_run_id).unlink(missing_ok=True)
+
+
+def orphans() -> list[Entry]:
+    """Flow runs of this host whose process is gone. What nobody could tell Prefect of in a month is forgotten."""
+    found = []
+    for file in sorted(folder().glob("*.json")):
+        with contextlib.suppress(OSError, ValueError, TypeError):
+            if time.time() - file.stat().st_mtime > _FORGOTTEN_S:
+                file.unlink()
+                continue
+            entry = Entry(**json.loads(file.read_text(encoding="utf-8")))
+            if entry.orphan:
+                found.append(entry)
+    return found
+
+
+def end_orphans(api: str) -> int:
+    """Tell Prefect's API, which is `api` and the one in use, that the flow runs of processes that are gone have crashed.
+
+    Imports Prefect only if there are any. What the API refuses stays in the ledger, with a line in the log.
+
+    Returns:
+        How many were still open.
+    """
+    ended = 0
+    for entry in orphans():
+        if entry.api == api:
+            try:
+                ended += _ended(entry)
+            except Exception as error:  # noqa: BLE001 - a campaign does not fail for an earlier one's account
+                LOGGER.warning("flow run %s of a process that is gone stays open: %s", entry.flow_run_id, error)
+                break
+    return ended
+
+
+def folder() -> Path:
+    """Where the entries lie."""
+    return Path(platformdirs.user_state_dir("vastflow")) / "flow-runs"
+
+
+def _ended(entry: Entry) -> bool:
+    from uuid import UUID
+
+    from prefect.client.orchestration import get_client
+    from prefect.exceptions import ObjectNotFound
+    from prefect.states import Crashed
+
+    with get_client(httpx_settings={"timeout": TIMEOUT_S}, sync_client=True) as client:
+        try:
+            state = client.read_flow_run(UUID(entry.flow_run_id)).state
+            is_open = state is None or not state.is_final()
+            if is_open:
+                client.set_flow_run_state(UUID(entry.flow_run_id), Crashed(message=MESSAGE), force=True)
+                _call_off(client, entry.flow_run_id)
+        except ObjectNotFound:  # deleted meanwhile
+            is_open = False
+    leave(entry.flow_run_id)
+    return is_open
+
+
+def _call_off(client: "SyncPrefectClient", flow_run_id: str) -> None:
+    """Cancel what a flow run asked a work pool for, and wait for its workers: they would execute what others do now."""
+
+    def asked(what: str, *but: str, **values: Any) -> Any:
+        some = {
+            "parent_flow_run_id": {"any_": [flow_run_id]},
+            "deployment_id": {"is_null_": False},
+            "state": {"type": {"not_any_": ["COMPLETED", "FAILED", "CRASHED", "CANCELLED", *but]}},
+        }
+        return client.request("POST", f"/flow_runs/{what}", json={"flow_runs": some, **values}).json()
+
+    deadline = time.monotonic() + CALLED_OFF_S
+    while asked("count", "CANCELLING") and time.monotonic() < deadline:
+        asked("bulk_set_state", "CANCELLING", state={"type": "CANCELLING"}, limit=_AT_A_TIME)
+    while asked("count") and time.monotonic() < deadline:
+        time.sleep(_POLL_S)
+
+
+def _file(flow_run_id: str) -> Path:
+    return folder() / f"{flow_run_id}.json"
+
+
+def _host() -> str:
+    """Containers may share a host's name, and none sees the other's processes."""
+    try:
+        return f"{platform.node()} {os.readlink('/proc/self/ns/pid')}"
+    except OSError:
+        return platform.node()
+
+
+def _began_s(pid: int) -> float | None:
+    try:
+        process = psutil.Process(pid)
+        return None if process.status() == psutil.STATUS_ZOMBIE else process.create_time()
+    except psutil.Error:
+        return None

@@ -1,0 +1,315 @@
+"""A parcel: what a worker elsewhere needs of a campaign to compute some of its members, in the store.
+
+Members, oracles and keys are one artifact; every file they name is another, by its content. A parcel is no result: it is
+made anew when it is needed, so a store may lose it. Programs and plug-ins find their files where they lay relative to each
+other; the folder above all of them is the worker's own.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+from vastflow.oracles.oracle import Oracle, oracle_of
+from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.osc.faults import OscError
+from vastflow.sim.process.setup import ProcessSetup, setup_of
+from vastflow.sim.scenario import Scenario
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.parcel_files import PLUG_IN_FILE, needed_files
+from vastflow.tasks.shelf import Member
+from vastflow.tasks.store import Store
+
+STAGE: Final = "parcel"
+LAYOUT: Final = 1
+
+_CONTENT: Final = "parcel.json"
+_FILE: Final = "content"
+_AT_A_TIME: Final = 8
+
+
+class ParcelError(ValueError):
+    """A parcel that can't be packed, or whose content is another after unpacking; says what was found."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parcel:
+    """What a worker is given.
+
+    Attributes:
+        campaign: The campaign's name.
+        promise: See `promise_of`: of the code that is to make the artifacts.
+        seed: `execution.seed`.
+        oracles: They judge every member.
+    """
+
+    campaign: str
+    promise: Mapping[str, str]
+    seed: int
+    oracles: tuple[Oracle[Any], ...]
+    members: tuple[Member, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Packed:
+    """A file as a parcel has it: its digest, and whether it may be executed."""
+
+    sha256: str
+    executable: bool
+
+
+class Packer:
+    """Packs parcels of one campaign; a file that several of them name is read once.
+
+    Args:
+        campaign: The campaign's name.
+        base: The campaign file's folder.
+    """
+
+    def __init__(self, store: Store, campaign: str, keys: Keys, oracles: Sequence[Oracle[Any]], base: Path) -> None:
+        self._store = store
+        self._campaign = campaign
+        self._keys = keys
+        self._oracles = oracles
+        self._base = _absolute(base)
+        self._files: dict[Path, _Packed] = {}
+        self._bundles: dict[Path, tuple[Path, ...]] = {}
+
+    def packed(self, members: Sequence[Member]) -> str:
+        """Put a parcel with these members and all of their files into the store; gives its key.
+
+        Raises:
+            ParcelError: a file of theirs can't be read.
+            StoreError: the store can't be used.
+        """
+        files = self._files_of(members)
+        root = Path(os.path.commonpath([self._base, *(oracle_base(oracle) for oracle in self._oracles), *files]))
+        if root in files:
+            root = root.parent
+        content = {
+            "layout": LAYOUT,
+            "campaign": self._campaign,
+            "promise": promise_of(self._keys),
+            "seed": self._keys.seed,
+            "oracles": [self._written_oracle(oracle, root) for oracle in self._oracles],
+            "members": [self._written_member(member, root) for member in members],
+            "files": [[_inside(root, file), *asdict(self._files[file]).values()] for file in sorted(files)],
+        }
+        text = json.dumps(content, separators=(",", ":"), sort_keys=True).encode()
+        key = _key(hashlib.sha256(text).hexdigest())
+        self._put(files)
+        if self._store.find(key) is None:
+            self._store.put(key, {_CONTENT: text})
+        return key
+
+    def _files_of(self, members: Sequence[Member]) -> set[Path]:
+        """Every file that the members and oracles need, digested."""
+        contents = {_absolute(file.path) for member in members for file in _contents_of(member.scenario)}
+        found = set(_plug_ins(self._oracles))
+        for path in contents:
+            if path not in self._bundles:
+                try:
+                    self._bundles[path] = needed_files(path)
+                except OscError as error:
+                    raise ParcelError(
+                        f"{error}; it changed since the campaign was read, run the campaign again"
+                    ) from None
+            found.update(self._bundles[path])
+        for path in found - self._files.keys():
+            try:
+                self._files[path] = _Packed(
+                    hashlib.sha256(path.read_bytes()).hexdigest(), bool(path.stat().st_mode & 0o100)
+                )
+            except OSError as error:
+                raise ParcelError(f"{path} can't be read ({error.strerror}); workers elsewhere need it") from None
+        return found
+
+    def _put(self, files: Iterable[Path]) -> None:
+        def put(path: Path) -> None:
+            sha256 = self._files[path].sha256
+            content = path.read_bytes()
+            if hashlib.sha256(content).hexdigest() != sha256:
+                raise ParcelError(f"{path} changed since the campaign was read; run the campaign again")
+            self._store.put(_key(sha256), {_FILE: content})
+
+        absent = {self._files[path].sha256: path for path in files}
+        absent = {sha256: path for sha256, path in absent.items() if self._store.find(_key(sha256)) is None}
+        with ThreadPoolExecutor(_AT_A_TIME) as writers:
+            for _ in writers.map(put, absent.values()):
+                pass
+
+    def _written_member(self, member: Member, root: Path) -> dict[str, Any]:
+        scenario = member.scenario
+        return {
+            "name": member.name,
+            "family": member.family,
+            "place": member.place,
+            "runs": member.runs,
+            "digest": scenario.digest,
+            "abstract": _written(scenario.abstract, root),
+            "timeout_s": scenario.timeout_s,
+            "environment": _written(scenario.environment, root),
+            "task": _written(scenario.task, root),
+            "system": _written(scenario.system, root),
+            "programs": scenario.programs
+            and {
+                "base": _inside(root, _absolute(scenario.programs.base)),
+                "content": _written(scenario.programs.content, root),
+            },
+        }
+
+    def _written_oracle(self, oracle: Oracle[Any], root: Path) -> dict[str, Any]:
+        return {
+            "name": oracle.name,
+            "parameters": oracle.parameters.model_dump(mode="json"),
+            "base": _inside(root, oracle_base(oracle)),
+        }
+
+
+def unpacked(store: Store, key: str, folder: Path) -> Parcel:
+    """The parcel of this key, its files below `folder`.
+
+    Raises:
+        Lost: the parcel or a file of it is not in the store.
+        ParcelError: what was unpacked is not what was packed.
+        OracleError: an oracle is not installed here.
+        StoreError: the store can't be used.
+    """
+    content = json.loads(store.read(key, _CONTENT))
+    if content["layout"] != LAYOUT:
+        raise ParcelError(f"found a parcel of layout {content['layout']}; {LAYOUT}, with this version of vastflow")
+    _unpack_files(store, content["files"], folder)
+    oracles = tuple(_oracle(row, folder) for row in content["oracles"])
+    for row in content["oracles"]:  # a name such as ../judge.py:Judge is looked up from there
+        _placed(folder, row["base"]).mkdir(parents=True, exist_ok=True)
+    return Parcel(
+        content["campaign"],
+        content["promise"],
+        content["seed"],
+        oracles,
+        tuple(_member(row, folder) for row in content["members"]),
+    )
+
+
+def promise_of(keys: Keys) -> dict[str, str]:
+    """All in keys that is not the same wherever a parcel is unpacked, by what it is called in a message."""
+    return {
+        "the numeric class": keys.numeric,
+        "the code that executes runs": keys.execute_source,
+        "the code that observes them": keys.observe_source,
+        "the code that judges them": keys.judge_source,
+        "the oracles' parameters": digest(list(keys.oracles)),
+    }
+
+
+def differences(promise: Mapping[str, str], own: Keys) -> list[str]:
+    """In what a worker's own keys differ from a promise, in words; empty where they make the same artifacts."""
+    here = promise_of(own)
+    return [what for what in here if promise.get(what) != here[what]]
+
+
+def oracle_base(oracle: Oracle[Any]) -> Path:
+    """The folder that an oracle's name is relative to."""
+    return _absolute(oracle.base)
+
+
+def _plug_ins(oracles: Sequence[Oracle[Any]]) -> Iterator[Path]:
+    """Files of oracles that are named by one; a name from the root of the file system means the worker's own file."""
+    for oracle in oracles:
+        file, found, _ = oracle.name.rpartition(PLUG_IN_FILE)
+        if found and not Path(f"{file}.py").is_absolute():
+            yield _absolute(oracle_base(oracle) / f"{file}.py")
+
+
+def _contents_of(scenario: Scenario) -> Iterator[FileContent]:
+    parts: list[Value] = [scenario.abstract, scenario.environment, scenario.task, scenario.system]
+    if scenario.programs is not None:
+        parts.append(scenario.programs.content)
+    for part in parts:
+        yield from _files_in(part)
+
+
+def _files_in(value: Value) -> Iterator[FileContent]:
+    if isinstance(value, FileContent):
+        yield value
+    elif isinstance(value, Mapping):
+        for item in value.values():
+            yield from _files_in(item)
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        for item in value:
+            yield from _files_in(item)
+
+
+def _written(value: Value, root: Path) -> Any:
+    """A value as JSON that keeps files, mappings and the rest apart."""
+    if isinstance(value, FileContent):
+        return {"file": [_inside(root, _absolute(value.path)), value.digest]}
+    if isinstance(value, Mapping):
+        return {"map": {key: _written(item, root) for key, item in value.items()}}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_written(item, root) for item in value]
+    return value
+
+
+def _read(written: Any, folder: Path) -> Any:
+    if isinstance(written, list):
+        return [_read(item, folder) for item in written]
+    if isinstance(written, dict) and "map" in written:
+        return {key: _read(item, folder) for key, item in written["map"].items()}
+    if isinstance(written, dict):
+        place, content = written["file"]
+        return FileContent(str(_placed(folder, place)), content)
+    return written
+
+
+def _member(row: Mapping[str, Any], folder: Path) -> Member:
+    programs: ProcessSetup | None = None
+    if row["programs"] is not None:
+        base = _placed(folder, row["programs"]["base"])
+        programs = setup_of(_read(row["programs"]["content"], folder), base)
+    parts = (_read(row[part], folder) for part in ("environment", "task", "system"))
+    scenario = Scenario(_read(row["abstract"], folder), row["timeout_s"], *parts, programs)
+    if scenario.digest != row["digest"]:
+        raise ParcelError(f"{row['name']} is another scenario after unpacking than before")
+    return Member(row["name"], row["family"], row["place"], scenario, row["runs"])
+
+
+def _oracle(row: Mapping[str, Any], folder: Path) -> Oracle[Any]:
+    return oracle_of(row["name"], row["parameters"], _placed(folder, row["base"]))
+
+
+def _unpack_files(store: Store, files: Sequence[Sequence[Any]], folder: Path) -> None:
+    def unpack(file: Sequence[Any]) -> None:
+        place, sha256, executable = file
+        target = _placed(folder, place)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(store.read(_key(sha256), _FILE))
+        target.chmod(0o755 if executable else 0o644)
+
+    with ThreadPoolExecutor(_AT_A_TIME) as readers:
+        for _ in readers.map(unpack, files):
+            pass
+
+
+def _placed(folder: Path, place: str) -> Path:
+    path = PurePosixPath(place)
+    if path.is_absolute() or ".." in path.parts:
+        raise ParcelError(f"found the place {place!r} in a parcel; one below its folder")
+    return folder.joinpath(*path.parts)
+
+
+def _inside(root: Path, path: Path) -> str:
+    return path.relative_to(root).as_posix()
+
+
+def _absolute(path: str | Path) -> Path:
+    """As it is named, links left alone: files name each other relative to where they seem to lie."""
+    return Path(os.path.abspath(path))
+
+
+def _key(sha256: str) -> str:
+    return f"{STAGE}/{sha256[:2]}/{sha256}"

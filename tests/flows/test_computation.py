@@ -1,0 +1,79 @@
+"""A flow whose API of Prefect's fails it: begun again where the API is embedded, told where it is the user's."""
+
+import pickle
+
+import pytest
+
+from vastflow.flows import computation
+from vastflow.flows.computation import FLOWS, Computation
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.local_store import open_local_store
+from vastflow.tasks.progress import Tally
+from vastflow.tasks.server import PrefectUnavailable
+from vastflow.tasks.shelf import Shelf
+
+pytestmark = pytest.mark.timeout(60)
+
+
+class Server:
+    """An embedded API that answers whenever it is asked for."""
+
+    answers = True
+
+    def __init__(self, log):
+        pass
+
+    def url(self):
+        return "http://127.0.0.1:9/api"
+
+    def stop(self, grace_s=3.0):
+        pass
+
+
+@pytest.fixture
+def made(tmp_path, monkeypatch):
+    """A computation that has nothing to compute, at an embedded API."""
+    monkeypatch.setattr(computation, "ApiServer", Server)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    shelf = Shelf(open_local_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
+    return Computation(shelf, pickle.dumps(()), 1, Tally(), tmp_path / "results", tmp_path / "log")
+
+
+class Flow:
+    """A flow that its API fails some times."""
+
+    def __init__(self, failures):
+        self.begun = 0
+        self._failures = failures
+
+    def __call__(self, bench):
+        from prefect.states import Completed
+
+        self.begun += 1
+        if self.begun <= self._failures:
+            raise RuntimeError("Failed to reach API")
+        return Completed()
+
+
+def test_a_flow_that_its_embedded_api_fails_is_begun_again(made):
+    flow = Flow(FLOWS - 1)
+    assert made.run(flow) is None
+    assert flow.begun == FLOWS
+
+
+def test_an_embedded_api_that_fails_again_and_again_is_told_with_the_log(made, tmp_path):
+    flow = Flow(FLOWS)
+    error = made.run(flow)
+    assert isinstance(error, PrefectUnavailable)
+    assert str(error) == f"Prefect's embedded API failed (Failed to reach API); see {tmp_path / 'log'}"
+    assert flow.begun == FLOWS
+
+
+def test_an_api_of_the_users_that_fails_is_told_with_its_address_at_once(made, monkeypatch):
+    monkeypatch.setattr(computation, "configured_url", lambda: "http://lab:4200/api")
+    flow = Flow(1)
+    error = made.run(flow)
+    assert str(error).startswith("Prefect's API at http://lab:4200/api failed (Failed to reach API); start it")
+    assert flow.begun == 1

@@ -1,0 +1,208 @@
+"""The report as an artifact: made once for the same results, and given back with the facts of the call that asks."""
+
+import json
+import subprocess
+import sys
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+
+from vastflow.flows import run_campaign
+from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.found import ConfigurationResult, RunFault
+from vastflow.flows.inputs import inputs_of
+from vastflow.flows.kept_report import KeptReport
+from vastflow.flows.report_key import report_key
+from vastflow.flows.results import write_results
+from vastflow.flows.summary import Work
+from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.oracles.work_section import with_work
+from vastflow.producers.instantiate import instantiate
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.local_store import open_local_store
+from vastflow.tasks.source import installed_tree
+from vastflow.tasks.store import StoreError
+
+KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
+KEY = "report/ab/abc"
+LOG = json.dumps({"runs": [{"run_index": 0, "wall_s": 1.0}], "host": {}, "versions": {}, "pid": 1}).encode()
+HTML = "<p>made on<!-- when --><!-- /when --></p><dl><!-- work --><!-- /work --></dl>"
+
+
+def found_of(configuration):
+    verdicts = [Verdict("success", k, "pass", "", {"time": Metric(10.0, "s")}) for k in range(2)]
+    return ConfigurationResult(verdicts=verdicts, logs=[LOG])
+
+
+@pytest.fixture
+def store(tmp_path):
+    return open_local_store(tmp_path / "store")
+
+
+@pytest.fixture
+def written(small_room, tmp_path, store):
+    """Writes campaign directories of the same results; gives the results, and how often a report was made."""
+    made = []
+
+    def report(directory):
+        made.append(directory)
+        (directory / "report.html").write_text(
+            with_work(HTML, json.loads((directory / "metadata.json").read_text())), encoding="utf-8"
+        )
+        (directory / "figures").mkdir()
+        (directory / "figures" / "rates.png").write_bytes(b"picture")
+
+    def write(found=found_of, second=1, executed=4, keep_in=store):
+        campaign, oracles = read_campaign(small_room)
+        results = write_results(
+            tmp_path / "results",
+            campaign,
+            inputs_of(campaign, oracles),
+            instantiate(campaign),
+            found,
+            runs=2,
+            oracles=[oracle.name for oracle in oracles],
+            keys=KEYS,
+            created=datetime(2026, 11, 21, 6, 5, second),
+            work=lambda: Work(executed, 4 - executed, 30.0, 2.0, 1.5),
+            report=report,
+            kept=lambda metadata: KeptReport(keep_in, KEY),
+        )
+        return results, len(made)
+
+    return write
+
+
+def files(directory):
+    found = (path for path in directory.rglob("*") if path.is_file())
+    return {path.relative_to(directory).as_posix(): path.read_bytes() for path in found}
+
+
+def test_the_same_results_have_one_report_made_for_them(written):
+    (first, _), (second, made) = written(second=1), written(second=2, executed=0)
+    assert made == 1
+    before, after = files(first.directory), files(second.directory)
+    assert before.keys() == after.keys() >= {"figures/rates.png", "verdicts.parquet", "logs/runs.jsonl"}
+    assert {name for name in before if before[name] != after[name]} == {"metadata.json", "report.html"}
+
+
+def test_a_kept_report_says_the_facts_of_the_call_that_asks(written):
+    written(second=1, executed=4)
+    results, _ = written(second=2, executed=0)
+    report = (results.directory / "report.html").read_text()
+    assert "2026-11-21 06:05:02" in report and "06:05:01" not in report
+    assert "0 executed for it, 4 from the store" in report
+    metadata = json.loads((results.directory / "metadata.json").read_text())
+    assert (metadata["counts"]["executed"], metadata["counts"]["passed"]) == (0, 4)
+    assert metadata["created"] == "2026-11-21T06:05:02" and metadata["report"] == KEY
+
+
+def test_the_summary_of_a_kept_report_is_that_of_a_new_one(written):
+    (first, _), (second, _) = written(second=1), written(second=2)
+    apart = {"results": ""}
+    assert {**first.summary.as_json(), **apart} == {**second.summary.as_json(), **apart}
+
+
+def test_a_damaged_report_is_made_again(written, store):
+    first, _ = written(second=1)
+    (file,) = (store.root / KEY).glob("verdicts.parquet")
+    file.write_bytes(file.read_bytes()[:-1] + b"?")
+    second, made = written(second=2)
+    assert made == 2
+    assert files(first.directory)["verdicts.parquet"] == files(second.directory)["verdicts.parquet"]
+    assert written(second=3)[1] == 2
+
+
+def test_a_campaign_with_faults_keeps_nothing(written, store):
+    fault = RunFault("room-1", 1, "execute", "MemoryError: 3 GB")
+    written(lambda configuration: ConfigurationResult(faults=[fault]))
+    assert store.find(KEY) is None
+
+
+def test_runs_that_were_executed_anew_have_their_new_logs(written):
+    written(second=1)
+    log = LOG.replace(b'"pid": 1', b'"pid": 2')
+    results, made = written(
+        lambda c: ConfigurationResult(verdicts=found_of(c).verdicts, logs=[log]), second=2, executed=2
+    )
+    lines = (results.directory / "logs/runs.jsonl").read_text().splitlines()
+    assert made == 1 and [json.loads(line)["pid"] for line in lines] == [2, 2]
+
+
+class FullStore:
+    def find(self, key):
+        return None
+
+    def put(self, *_):
+        raise StoreError("store: can't write to 'x' (No space left on device)")
+
+
+def test_a_store_that_takes_no_report_costs_the_next_call_time_and_no_more(written, caplog):
+    results, _ = written(keep_in=FullStore())
+    assert results.faults == () and (results.directory / "report.html").exists()
+    assert "the report is not kept for the next time: store: can't write" in caplog.text
+
+
+def key_of(small_room, edit=lambda text: text, contents=(("verdicts/a", "content"),), runs=2):
+    small_room.write_text(edit(small_room.read_text()))
+    campaign, _ = read_campaign(small_room)
+    metadata = {"name": "n", "vastflow": "1", "versions": {}, "notes": [], "created": "now"}
+    instantiation = instantiate(campaign)
+    content = small_room.read_bytes()
+    return report_key(KEYS, installed_tree(), content, metadata, instantiation, contents, runs, ["success"])
+
+
+def test_the_key_of_a_report_follows_from_the_campaign_and_all_its_results(small_room):
+    keys = [
+        key_of(small_room),
+        key_of(small_room, contents=[("verdicts/a", "other")]),
+        key_of(small_room, runs=3),
+        key_of(small_room, lambda text: text.replace("0.02", "0.03")),
+        key_of(small_room, lambda text: text + "# a word\n"),
+    ]
+    assert len(set(keys)) == len(keys)
+    assert key_of(small_room) == keys[-1]
+    assert keys[0].startswith("report/")
+
+
+NOTHING = """\
+import osc.helpers
+
+scenario nothing:
+    level: int
+    do serial:
+        log("done")
+"""
+
+CAMPAIGN = """\
+version: 1
+metadata: {name: nothing}
+configuration:
+- name: all
+  variations:
+  - ParameterVariationList: {name: level, values: [1, 2, 3]}
+execution: {scenario_file: nothing.osc, runs: 2, timeout: 10}
+"""
+
+
+@pytest.mark.timeout(240)
+def test_where_nothing_is_missing_the_report_comes_from_the_store_and_nothing_is_drawn(tmp_path, monkeypatch):
+    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    (tmp_path / "nothing.osc").write_text(NOTHING)
+    (tmp_path / "nothing.vast").write_text(CAMPAIGN)
+
+    campaign, store = tmp_path / "nothing.vast", tmp_path / "store"
+    first = run_campaign(campaign, results=tmp_path / "results", store=store, workers=1)
+    script = (
+        "import sys; from vastflow.flows import run_campaign; "
+        f"print(run_campaign({str(campaign)!r}, results={str(tmp_path / 'again')!r}, store={str(store)!r}).directory); "
+        "print(*[name for name in ('prefect', 'matplotlib', 'pandas', 'jinja2') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True)
+    directory, loaded = done.stdout.splitlines()
+    before, after = files(first.directory), files(Path(directory))
+    assert before.keys() - {"logs/campaign.log"} == after.keys()
+    assert {name for name in after if before[name] != after[name]} == {"metadata.json", "report.html"}
+    assert loaded == ""

@@ -1,0 +1,47 @@
+"""The page on operation: what it tells Prefect is what Prefect takes, and its figures stand for what is there."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from prefect.events.schemas.automations import AutomationCore
+from prefect.settings import Settings
+from prefect.settings.legacy import _get_valid_setting_names
+from typer.main import get_command
+
+from vastflow.flows.__main__ import app
+
+PAGE = (Path(__file__).parents[2] / "docs" / "operate.md").read_text()
+AUTOMATIONS = [
+    each
+    for block in re.findall(r"^```yaml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    for each in yaml.safe_load(block)["automations"]
+]
+
+
+@pytest.mark.parametrize("written", AUTOMATIONS, ids=lambda each: each["name"])
+def test_an_automation_of_the_page_is_one_that_prefect_takes(written):
+    automation = AutomationCore.model_validate(written)
+    assert (automation.enabled, automation.trigger.threshold) == (True, 1)
+
+
+def test_the_page_has_automations():
+    assert len(AUTOMATIONS) == 2
+
+
+def test_every_setting_of_the_page_is_one_that_prefect_knows():
+    named = set(re.findall(r"PREFECT_[A-Z_]+[A-Z]", PAGE))
+    assert named - _get_valid_setting_names(Settings) == set()
+    assert len(named) > 8
+
+
+def test_every_command_of_the_page_is_there():
+    group = get_command(app)
+    named = set(re.findall(r"`vastflow ((?:store |bench )?[a-z]+)\b", PAGE))
+    named |= set(re.findall(r"^vastflow ((?:store )?[a-z]+)", PAGE, re.MULTILINE))
+    for words in map(str.split, named):
+        command = group
+        for word in words:
+            assert word in command.commands, words
+            command = command.commands[word]

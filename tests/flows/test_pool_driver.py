@@ -1,0 +1,373 @@
+"""The driver of a work pool: what it does with shards that succeed, fail, fall silent or are never taken."""
+
+import itertools
+import json
+import threading
+from collections import Counter
+
+import pytest
+
+from vastflow.flows import pool_driver
+from vastflow.flows.pool_driver import Driver
+from vastflow.flows.pool_service import Seen
+from vastflow.flows.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
+from vastflow.sim.scenario import Scenario
+from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.local_store import open_local_store
+from vastflow.tasks.pool import Pool, PoolClosed
+from vastflow.tasks.progress import Tally
+from vastflow.tasks.shard_run import write_report
+from vastflow.tasks.shelf import Member, Shelf
+from vastflow.tasks.store import StoreError
+from vastflow.tasks.work import RECORDINGS, TRACES, VERDICTS
+from vastflow.tasks.workshop import MemberFault, Workshop
+
+KEYS = Keys("numeric", "a", "b", "c", 0, [])
+RUNS = 2
+
+
+def member(k):
+    return Member(f"hall-{k}", "hall", k, Scenario("builtin:navigate_to_pose", 1.0, {}, {"k": k}, {}), RUNS)
+
+
+def compute(store, each):
+    """What a worker leaves in the store of a member."""
+    shelf = Shelf(store, KEYS)
+    home = KEYS.recordings(each.scenario.digest)
+    info = {"runs": [[run, 2.0] for run in range(RUNS)]}
+    recorded = store.put(f"{home}/0-{RUNS}", {RECORDINGS: each.name.encode()}, info)
+    block = shelf.block(each, 0, RUNS, recorded.content)
+    trace = store.put(shelf.trace_key(each, block), {TRACES: b"trace"})
+    said = {"runs": [[run, "pass"] for run in range(RUNS)]}
+    store.put(shelf.verdicts_key(each, block, trace.content), {VERDICTS: b"[]"}, said)
+
+
+class Workers:
+    """Workers that do with a shard what `act` says: it is given its members and gives the state that it ends in."""
+
+    def __init__(self, store, act, online=1):
+        self.store, self.act, self.online = store, act, online
+        self.parcels, self.tried, self.ended, self.cancelled, self.given_up = {}, [], {}, [], []
+        self.numbers = itertools.count()
+
+    def packed(self, members):
+        key = f"parcel/{next(self.numbers)}"
+        self.parcels[key] = tuple(members)
+        return key
+
+    def submit(self, parcel, name):
+        flow_run = f"run-{next(self.numbers)}"
+        members = self.parcels[parcel]
+        self.tried.append((name, [each.name for each in members]))
+        self.ended[flow_run] = self.act(self, flow_run, members)
+        return flow_run
+
+    def seen(self, ids):
+        return {each: self.ended[each] for each in ids}
+
+    def cancel(self, ids):
+        self.cancelled += ids
+
+    def give_up(self, flow_run, why):
+        self.given_up.append((flow_run, why))
+
+    def workers_online(self):
+        return self.online
+
+
+def done(workers, flow_run, members):
+    for each in members:
+        compute(workers.store, each)
+    return Seen("ended", "Completed", "", "")
+
+
+def dies_of(poison):
+    """Computes in order until it meets the poison."""
+
+    def act(workers, flow_run, members):
+        for each in members:
+            if each.name in poison:
+                return Seen("ended", "Crashed", "exited with status -9", "")
+            compute(workers.store, each)
+        return Seen("ended", "Completed", "", "")
+
+    return act
+
+
+@pytest.fixture
+def drive(tmp_path):
+    """Drives members over workers; gives the tally, the faults, what was said, and the workers."""
+    store = open_local_store(tmp_path / "store")
+    pools = []
+
+    def run(act, members, pool=WorkPool("lab", shards=1), online=1, **times):  # noqa: B008
+        pools.append(Pool(1))
+        tally = Tally()
+        tally.expect({each.name: RUNS for each in members})
+        workshop = Workshop(Shelf(store, KEYS), pools[-1], tally, b"")
+        workers, said = Workers(store, act, online), []
+        driver = Driver(
+            workers, workers.packed, workshop, tally, pool, said.append, **{"poll_s": 0.0, "silent_s": 9.0, **times}
+        )
+        workers.pool, workers.said = pools[-1], said
+        error = None
+        try:
+            driver.run(members)
+        except Exception as raised:  # noqa: BLE001
+            error = raised
+        return tally.progress(), workshop.faults, workers, error
+
+    yield run
+    for pool in pools:
+        pool.close()
+
+
+@pytest.fixture
+def members():
+    return [member(k) for k in range(1, 9)]
+
+
+def test_members_are_counted_as_executed_and_judged(drive, members):
+    progress, faults, workers, error = drive(done, members)
+    assert (progress.executed, progress.passed, progress.simulated_s, faults, error) == (16, 16, 32.0, (), None)
+    assert sum(len(names) for _, names in workers.tried) == 8
+
+
+def test_what_the_store_has_is_not_asked_for(drive, members):
+    drive(done, members[:7])
+    progress, _, workers, _ = drive(done, members)
+    assert [names for _, names in workers.tried] == [["hall-8"]]
+    assert progress.executed == RUNS
+
+
+def test_a_shard_is_called_by_its_places(drive, members):
+    _, _, workers, _ = drive(done, members, WorkPool("lab"))
+    assert [name for name, _ in workers.tried] == ["1–8 of hall"]
+
+
+def test_a_shard_that_fails_once_is_given_to_another_worker_with_what_is_missing(drive, members):
+    failures = iter([True])
+
+    def act(workers, flow_run, some):
+        if next(failures, False):
+            compute(workers.store, some[0])
+            return Seen("ended", "Failed", "its disk was full", "")
+        return done(workers, flow_run, some)
+
+    progress, faults, workers, _ = drive(act, members[:3])
+    assert [names for _, names in workers.tried] == [["hall-1", "hall-2", "hall-3"], ["hall-2", "hall-3"]]
+    assert workers.tried[1][0] == "2–3 of hall, try 2"
+    assert workers.said == ["1–3 of hall will be tried again: Failed: its disk was full"]
+    assert (progress.passed, faults) == (6, ())
+
+
+def test_a_member_that_kills_its_worker_ends_alone_and_the_others_are_computed(drive, members):
+    progress, faults, workers, error = drive(dies_of({"hall-4"}), members)
+    assert error is None
+    assert [(fault.member, fault.run_index, fault.stage) for fault in faults] == [("hall-4", None, "execute")]
+    assert "at last with it alone; Crashed: exited with status -9" in faults[0].error
+    assert (progress.passed, progress.not_judged) == (14, 2)
+    assert workers.tried[-1][1] == ["hall-4"] or ["hall-4"] in [names for _, names in workers.tried]
+    tried = Counter(name for _, names in workers.tried for name in names)
+    assert tried["hall-4"] <= 3 + 3  # three whole, then halves
+
+
+def test_two_poisons_are_both_found(drive, members):
+    progress, faults, _, _ = drive(dies_of({"hall-2", "hall-7"}), members)
+    assert {fault.member for fault in faults} == {"hall-2", "hall-7"}
+    assert (progress.passed, progress.not_judged) == (12, 4)
+
+
+def test_a_poison_in_every_shard_is_found(drive):
+    many = [member(k) for k in range(1, 33)]
+    progress, faults, _, error = drive(dies_of({"hall-1", "hall-12", "hall-20", "hall-32"}), many, WorkPool("lab", 4))
+    assert error is None
+    assert {fault.member for fault in faults} == {"hall-1", "hall-12", "hall-20", "hall-32"}
+    assert progress.passed == 2 * 28
+
+
+def test_workers_that_fail_whatever_they_are_given_end_the_campaign_before_every_member_was_tried(drive):
+    crashed = Seen("ended", "Crashed", "the image can't be pulled", "")
+    _, _, workers, error = drive(lambda *_: crashed, [member(k) for k in range(1, 65)])
+    assert isinstance(error, WorkersFailed)
+    assert str(error) == (
+        "workers of the work pool 'lab' fail whatever they are given, at last with Crashed: the image can't be pulled"
+    )
+    assert len(workers.tried) < 16
+
+
+def test_a_fault_that_the_worker_reports_is_the_members_and_nothing_is_tried_again(drive, members):
+    def act(workers, flow_run, some):
+        for each in some[1:]:
+            compute(workers.store, each)
+        write_report(workers.store, flow_run, [MemberFault(some[0].name, 1, "judge", "KeyError: 'x'")])
+        return Seen("ended", "Completed", "", "")
+
+    _, faults, workers, _ = drive(act, members)
+    assert faults == (MemberFault("hall-1", 1, "judge", "KeyError: 'x'"),)
+    assert len(workers.tried) == 1
+
+
+def test_a_flow_run_without_a_sign_of_life_is_given_up_and_its_shard_tried_again(drive, members):
+    silent = iter([True])
+
+    def act(workers, flow_run, some):
+        return Seen("running", "Running", "", "") if next(silent, False) else done(workers, flow_run, some)
+
+    progress, faults, workers, _ = drive(act, members, silent_s=0.05, poll_s=0.01)
+    assert [why for _, why in workers.given_up] == ["no sign of life for 0 s: its worker is gone"]
+    assert (progress.passed, faults) == (16, ())
+
+
+def test_signs_of_life_keep_a_slow_shard(drive, members):
+    beats = itertools.count()
+
+    class Slow(Workers):
+        pass
+
+    def act(workers, flow_run, some):
+        beat = next(beats)
+        if beat == 0:
+            workers.seen = lambda ids: {
+                each: Seen("running", "Running", "", str(next(beats)))
+                if next(beats) < 60
+                else done(workers, flow_run, some)
+                for each in ids
+            }
+        return Seen("running", "Running", "", "")
+
+    progress, _, workers, _ = drive(act, members, silent_s=0.2, poll_s=0.02)
+    assert (workers.given_up, progress.passed) == ([], 16)
+
+
+def test_a_cancelled_shard_is_not_judged_and_the_others_are(drive, members):
+    def act(workers, flow_run, some):
+        if some[0].name == "hall-1":
+            return Seen("ended", "Cancelled", "", "")
+        return done(workers, flow_run, some)
+
+    many = [member(k) for k in range(1, 61)]
+    progress, faults, _, _ = drive(act, many, WorkPool("lab", shards=6))
+    assert {fault.error for fault in faults} == {"its flow run was cancelled"}
+    assert progress.not_judged == RUNS * len(faults) > 0
+    assert progress.passed == RUNS * (60 - len(faults)) > 0
+
+
+def test_workers_with_other_code_end_the_campaign_after_three_tries(drive, members):
+    what = "farm7 differs in the numeric class; give all workers the campaign's own version of vastflow"
+    _, _, workers, error = drive(lambda *_: Seen("ended", OTHER_CODE, what, ""), members)
+    assert isinstance(error, WorkersFailed)
+    assert str(error) == f"workers of the work pool 'lab': {what}"
+    assert len(workers.tried) == 3
+
+
+def test_workers_that_do_not_reach_the_store_are_a_fault_of_the_store(drive, members):
+    _, _, _, error = drive(lambda *_: Seen("ended", STORE_AWAY, "farm7 finds no parcel in the store '/x'", ""), members)
+    assert isinstance(error, StoreError)
+    assert str(error).startswith("store: a worker of the work pool 'lab' can't use it: farm7 finds no parcel")
+
+
+def test_nothing_taken_is_said_once_with_the_command_that_starts_a_worker(drive, members):
+    looks = itertools.count()
+
+    def act(workers, flow_run, some):
+        ended = []
+
+        def seen(ids):
+            if next(looks) < 20:
+                return {each: Seen("waiting", "Scheduled", "", "") for each in ids}
+            ended.append(done(workers, flow_run, some))
+            return {each: ended[-1] for each in ids}
+
+        workers.seen = seen
+        return Seen("waiting", "Scheduled", "", "")
+
+    _, _, workers, error = drive(act, members, online=0, idle_s=0.05, poll_s=0.01)
+    assert error is None
+    assert workers.said == ["no worker of the work pool 'lab' is there; start one: prefect worker start --pool lab"]
+
+
+def test_workers_that_are_there_and_take_nothing_are_counted(drive, members):
+    pool = WorkPool("lab", wait_s=0.2)
+    waiting = Seen("waiting", "Scheduled", "", "")
+    _, _, workers, error = drive(lambda *_: waiting, members, pool, online=2, idle_s=0.05, poll_s=0.01)
+    assert workers.said == ["2 workers of the work pool 'lab' took nothing for 0 s; still waiting"]
+    assert isinstance(error, WorkersFailed)
+    assert str(error).startswith("no worker of the work pool 'lab' took anything for ")
+    assert sorted(workers.cancelled) == sorted(workers.ended)
+
+
+def test_an_ended_campaign_cancels_what_is_on_its_way(drive, members):
+    def act(workers, flow_run, some):
+        threading.Timer(0.05, workers.pool.close).start()
+        return Seen("running", "Running", "", "")
+
+    _, _, workers, error = drive(act, members, poll_s=0.02)
+    assert isinstance(error, PoolClosed)
+    assert workers.cancelled == list(workers.ended)
+
+
+def test_a_flow_run_that_somebody_deleted_is_tried_again(drive, members):
+    deleted = iter([True])
+
+    def act(workers, flow_run, some):
+        if next(deleted, False):
+            workers.seen = lambda ids: {each: workers.ended[each] for each in ids if each != flow_run}
+            return Seen("running", "Running", "", "")
+        return done(workers, flow_run, some)
+
+    progress, _, workers, _ = drive(act, members)
+    assert (progress.passed, len(workers.tried)) == (16, 2)
+
+
+@pytest.mark.parametrize(
+    ("members", "runs", "most", "count"),
+    [
+        (1, 5, None, 1),
+        (24, 120, None, 6),
+        (5480, 109600, None, 50),
+        (30, 6000, None, 30),
+        (4, 0, None, 1),
+        (24, 120, 3, 3),
+        (24, 120, 24, 24),
+        (24, 120, 99, 24),
+    ],
+)
+def test_there_are_as_many_shards_as_the_work_is_worth(members, runs, most, count):
+    assert shard_count(WorkPool("lab", shards=most), members, runs) == count
+
+
+def test_a_pool_has_a_name_and_at_least_one_shard():
+    with pytest.raises(WorkPoolError, match="--pool: found an empty name"):
+        WorkPool("")
+    with pytest.raises(WorkPoolError, match="--shards: found 0; 1 or more"):
+        WorkPool("lab", shards=0)
+
+
+def test_the_faults_of_a_flow_run_are_read_as_they_were_written(tmp_path):
+    store = open_local_store(tmp_path / "store")
+    faults = (MemberFault("hall-1", None, "execute", "ValueError: ×"),)
+    write_report(store, "an-id", faults)
+    assert pool_driver.read_report(store, "an-id") == faults
+    assert pool_driver.read_report(store, "another") == ()
+    assert json.loads(store.read("parcel/reports/an-id", "report.json"))[0]["member"] == "hall-1"
+
+
+def test_a_flow_run_that_was_taken_and_never_begun_is_given_up_only_where_nothing_queues(drive, members):
+    taken = iter([True])
+
+    def act(workers, flow_run, some):
+        return Seen("taken", "Pending", "", "") if next(taken, False) else done(workers, flow_run, some)
+
+    progress, _, workers, _ = drive(act, members, taken_s=0.05, poll_s=0.01)
+    assert (len(workers.given_up), progress.passed) == (1, 16)
+    pending = Seen("taken", "Pending", "", "")
+
+    def wait(workers, flow_run, some):
+        threading.Timer(0.3, workers.pool.close).start()
+        return pending
+
+    _, _, workers, error = drive(wait, [member(99)], poll_s=0.01)
+    assert isinstance(error, PoolClosed)
+    assert workers.given_up == []

@@ -1,0 +1,306 @@
+"""The stages of the Python API with a real Prefect. One small campaign is shared by all tests, in the order of the file."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vastflow.flows import execute, instantiate, judge, observe, run_campaign, stages
+from vastflow.flows.computation import Computation
+from vastflow.flows.configurations import UnknownConfiguration
+from vastflow.oracles.rates import Counts
+from vastflow.producers.faults import CampaignError
+from vastflow.tasks.source import installed_tree
+from vastflow.tasks.store import Lost
+
+pytestmark = pytest.mark.timeout(280)
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "docs" / "use-the-python-api.md"
+
+SCENARIO = """\
+import osc.helpers
+
+scenario nothing:
+    first: int
+    second: int
+    do serial:
+        log("done")
+"""
+CAMPAIGN = """\
+version: 1
+metadata: {name: small}
+configuration:
+  - name: left
+    variations:
+      - ParameterVariationList: {name: first, values: [1, 2]}
+      - ParameterVariationList: {name: second, values: [1, 1]}
+  - name: right
+    variations:
+      - ParameterVariationList: {name: first, values: [3]}
+      - ParameterVariationList: {name: second, values: [4]}
+execution: {scenario_file: nothing.osc, runs: 2, timeout: 30}
+evaluation:
+  oracles:
+    - own.py:Even
+"""
+ORACLE = """
+from vastflow.oracles.oracle import Oracle, Parameters
+
+
+class EvenParameters(Parameters):
+    remainder: int = 0
+    broken_at: int = -1
+
+
+class Even(Oracle[EvenParameters]):
+    Parameters = EvenParameters
+    metrics = {"index": "1"}
+
+    def judge(self, trace, situation):
+        index = trace.run.run_index
+        if index == self.parameters.broken_at:
+            raise ValueError("this one")
+        if index % 2 == self.parameters.remainder:
+            return self.passed(trace, index=index)
+        return self.failed(trace, "odd", index=index)
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with the campaign; Prefect's home and the store are beside it."""
+    folder = tmp_path_factory.mktemp("stages")
+    (folder / "nothing.osc").write_text(SCENARIO)
+    (folder / "small.vast").write_text(CAMPAIGN)
+    (folder / "own.py").write_text(ORACLE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PREFECT_HOME", str(folder / "prefect"))
+        patch.delenv("PREFECT_API_URL", raising=False)
+        tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
+        patch.setattr(stages, "installed_tree", lambda: tree)
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def configurations(place):
+    return instantiate(place / "small.vast", store=place / "store", workers=2)
+
+
+@pytest.fixture(scope="module")
+def recordings(configurations):
+    return execute(configurations, workers=2)
+
+
+@pytest.fixture(scope="module")
+def traces(recordings):
+    return observe(recordings, workers=2)
+
+
+@pytest.fixture(scope="module")
+def verdicts(traces):
+    return judge(traces, workers=2)
+
+
+@pytest.fixture
+def no_prefect(monkeypatch):
+    """Computing anything is an error."""
+
+    def refuse(*_):
+        raise AssertionError("Prefect was started")
+
+    monkeypatch.setattr(Computation, "__init__", refuse)
+
+
+def count(place, stage):
+    return len(list((place / "store" / stage).rglob("manifest")))
+
+
+def test_instantiating_gives_configurations_by_name_and_executes_nothing(place, configurations):
+    assert configurations.names == ("left-1-1", "left-1-2", "left-2-1", "left-2-2", "right-1-1")
+    assert configurations["left-2-1"].factors["first"] == 2
+    assert configurations["left-1-2"].duplicate_of == "left-1-1"
+    assert configurations.table().column("name").to_pylist() == list(configurations.names)
+    assert (count(place, "execute"), repr(configurations)) == (
+        0,
+        "<small: 5 configurations, 0 instances rejected, 0 excluded>",
+    )
+
+
+def test_an_unknown_configuration_is_answered_with_the_nearest(configurations):
+    with pytest.raises(UnknownConfiguration, match="no configuration 'left-1-3'; did you mean 'left-1-"):
+        configurations["left-1-3"]
+
+
+def test_each_distinct_configuration_is_executed_and_read_by_name(place, recordings):
+    assert repr(recordings) == "<small: 3 configurations × 2 runs, 6 recorded>"
+    assert [recording.run.run_index for recording in recordings.of("right-1-1")] == [0, 1]
+    assert [r.digest for r in recordings.of("left-1-2")] == [r.digest for r in recordings.of("left-1-1")]
+    assert count(place, "observe") == 0
+
+
+def test_the_table_of_runs_has_a_row_for_each_that_was_recorded(recordings):
+    rows = recordings.table().select(["configuration", "family", "run_index", "outcome"]).to_pylist()
+    assert [tuple(row.values()) for row in rows] == [
+        (name, name.partition("-")[0], run, "succeeded")
+        for name in ("left-1-1", "left-2-1", "right-1-1")
+        for run in (0, 1)
+    ]
+
+
+def test_traces_are_of_the_same_runs(traces):
+    assert [trace.run.run_index for trace in traces.of("left-2-2")] == [0, 1]
+    assert traces.table("left-2-2").num_rows == 0  # nothing has signals without a robot
+
+
+def test_verdicts_are_those_of_the_files_oracles(verdicts):
+    assert verdicts.oracles == ("success", "own.py:Even")
+    assert [(v.oracle, v.run_index, v.judgement) for v in verdicts.of("right-1-1")] == [
+        ("success", 0, "pass"),
+        ("own.py:Even", 0, "pass"),
+        ("success", 1, "pass"),
+        ("own.py:Even", 1, "fail"),
+    ]
+    assert verdicts.counts()["left-1-1"] == Counts(passed=1, failed=1)
+    assert verdicts.counts("success")["left-1-1"] == Counts(passed=2)
+    assert verdicts.table().num_rows == 12
+    index = [row["value"] for row in verdicts.metrics().to_pylist() if row["metric"] == "index"]
+    assert index == [0, 1] * 3
+
+
+def test_an_oracle_that_did_not_judge_has_no_counts(verdicts):
+    with pytest.raises(ValueError, match=r"no oracle .safety.; those that judged: success, own\.py:Even"):
+        verdicts.counts("safety")
+
+
+def test_what_the_store_has_needs_no_prefect(place, verdicts, no_prefect):
+    again = judge(observe(execute(instantiate(place / "small.vast", store=place / "store"))))
+    assert again.blocks == verdicts.blocks
+
+
+def test_a_campaign_finds_what_the_stages_computed(place, verdicts, no_prefect):
+    result = run_campaign(place / "small.vast", store=place / "store", results=place / "results")
+    assert (result.summary.executed, result.summary.reused) == (0, 6)
+
+
+def test_more_runs_of_one_family_compute_the_difference(place, configurations, verdicts):
+    before = count(place, "execute")
+    more = execute(configurations, runs=3, only="right", workers=2)
+    assert (more.names, len(more.of("right-1-1"))) == (("right-1-1",), 3)
+    assert count(place, "execute") == before + 1
+    with pytest.raises(UnknownConfiguration, match="no configuration 'left-1-1'"):
+        more.of("left-1-1")
+
+
+@pytest.fixture(scope="module")
+def odd(place, traces, verdicts):
+    """Verdicts by the same oracle with other parameters, that breaks at run 0; and the stages it computed anything of."""
+    before = {stage: count(place, stage) for stage in ("execute", "observe", "judge")}
+    verdicts = judge(traces, oracles=[{"own.py:Even": {"remainder": 1, "broken_at": 0}}], workers=2)
+    return verdicts, [stage for stage, number in before.items() if count(place, stage) != number]
+
+
+def test_other_parameters_judge_what_was_observed_and_nothing_is_executed(odd):
+    verdicts, computed = odd
+    assert computed == ["judge"]
+    assert verdicts.counts("own.py:Even")["right-1-1"] == Counts(passed=1, not_judged=1)
+
+
+def test_a_fault_of_ours_is_in_the_result_and_its_run_is_not_judged(odd):
+    verdicts, _ = odd
+    assert [(fault.run_index, fault.stage, fault.error) for fault in verdicts.faults] == [
+        (0, "judge", "ValueError: this one")
+    ] * 3
+    said = [verdict for verdict in verdicts.of("right-1-1") if verdict.run_index == 0]
+    assert [verdict.judgement for verdict in said] == ["not judged"] * 2
+    assert said[0].reason == "our own fault in judge: ValueError: this one"
+    assert repr(verdicts).endswith("judged by success, own.py:Even, 3 faults of ours>")
+
+
+@pytest.mark.parametrize(
+    ("oracles", "said"),
+    [
+        (["saftey"], r"small\.vast:1:1: oracles\[0\]: no oracle 'saftey'; did you mean 'safety'"),
+        (["success", {"own.py:Even": {"rest": 1}}], r"oracles\[1\]\.rest: unknown key 'rest'"),
+    ],
+)
+def test_an_oracle_that_is_not_there_is_a_fault_with_its_place(traces, oracles, said):
+    with pytest.raises(CampaignError, match=said):
+        judge(traces, oracles=oracles)
+
+
+def test_a_name_in_only_that_nothing_has_is_a_fault(configurations):
+    with pytest.raises(CampaignError, match="only: no family or configuration 'rigth'; did you mean 'right'"):
+        execute(configurations, only="rigth")
+
+
+def test_fewer_than_one_run_is_none(configurations):
+    with pytest.raises(ValueError, match="runs is at least 1, got 0"):
+        execute(configurations, runs=0)
+
+
+def test_what_was_deleted_is_said_to_be_lost_and_by_what_it_comes_back(place, configurations, tmp_path):
+    shutil.copytree(place / "store", tmp_path / "store")
+    (tmp_path / "own.py").write_text(ORACLE)
+    for name in ("small.vast", "nothing.osc"):
+        shutil.copy(place / name, tmp_path)
+    recordings = execute(instantiate(tmp_path / "small.vast", store=tmp_path / "store"))
+    shutil.rmtree(tmp_path / "store" / "execute")
+    shutil.rmtree(tmp_path / "store" / "observe")
+    with pytest.raises(Lost, match=r"recordings of left-1-1 are not in the store .*; execute again"):
+        observe(recordings)
+    with pytest.raises(Lost, match="execute/"):
+        recordings.of("left-1-1")
+
+
+def test_the_examples_of_the_page_run_in_a_plain_script_without_a_guard(place, tmp_path):
+    """One process with all of the page's examples, on a campaign whose names are the quickstart's."""
+    examples = re.findall(r"^```python\n(.*?)^```$", EXAMPLES.read_text(), re.MULTILINE | re.DOTALL)
+    assert len(examples) >= 5
+    folder = tmp_path / "campaigns" / "quickstart"
+    folder.mkdir(parents=True)
+    side = 60
+    cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
+    (folder / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
+    (folder / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    (folder / "quickstart.vast").write_text(QUICKSTART)
+    (tmp_path / "examples.py").write_text("\n".join(examples))
+    environment = {**os.environ, "VASTFLOW_STORE": str(tmp_path / "store")}
+    done = subprocess.run(
+        [sys.executable, "examples.py"],
+        check=False,
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=250,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "<quickstart: 1 configuration × 2 runs, judged by success, performance>" in done.stdout
+    assert "of 2 runs passed" in done.stdout
+
+
+QUICKSTART = """\
+version: 1
+metadata: {name: quickstart}
+configuration:
+  - name: sensor-noise
+    parameters: &room
+      - map_file: room.yaml
+      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
+      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
+    variations:
+      - ParameterVariationList: {name: laserscan_gaussian_noise_std_deviation, values: [0.01]}
+  - name: clutter
+    parameters: *room
+    variations:
+      - ParameterVariationList: {name: laserscan_gaussian_noise_std_deviation, values: [0.0]}
+      - ParameterVariationList: {name: laserscan_random_drop_percentage, values: [0.0]}
+execution: {runs: 5, timeout: 30}
+evaluation: {oracles: [performance]}
+"""

@@ -1,0 +1,19 @@
+"""`run --pool` and `resume --pool`: what their options say without an API."""
+
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+
+
+@pytest.mark.parametrize("command", ["run", "resume"])
+@pytest.mark.parametrize("option", ["--shards", "--pool-wait"])
+def test_options_of_a_pool_want_a_pool(command, option, tmp_path):
+    result = CliRunner().invoke(app, [command, str(tmp_path), option, "3"])
+    assert result.exit_code == 2
+    assert f"{option}: only with --pool, whose shards it is about" in result.stderr
+
+
+def test_an_empty_name_is_no_pool(tmp_path):
+    result = CliRunner().invoke(app, ["run", str(tmp_path / "x.vast"), "--pool", ""])
+    assert (result.exit_code, "--pool: found an empty name" in result.stderr) == (2, True)

@@ -1,0 +1,390 @@
+"""A campaign that can be killed: its files, its processes, and what they say of the runs they execute.
+
+Executions are counted from outside: `sitecustomize` wraps the function that workers call, and writes a line to a file when a
+block begins, for each run, and when the block is stored.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+import uuid
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from vastflow.tasks.server import SETTINGS
+
+WORKERS = 2
+CONFIGURATIONS = 30
+RUNS = 4
+POOL = "lab"
+MARK = "VASTFLOW_PROOF"
+TRACE = "VASTFLOW_PROOF_TRACE"
+ENDS_S = 420.0
+"""A life that takes longer hangs; an undisturbed one takes some 10 s on an idle machine."""
+
+SCENARIO = """\
+import osc.helpers
+
+scenario nothing:
+    first: int
+    second: int
+    do serial:
+        log("first")
+        wait elapsed(0.2s)
+        log("second")
+"""
+
+CAMPAIGN = f"""\
+version: 1
+metadata: {{name: killed}}
+configuration:
+- name: crossed
+  variations:
+  - ParameterVariationList: {{name: first, values: [1, 2, 3, 4]}}
+  - ParameterVariationList: {{name: second, values: [1, 2, 3, 4, 5]}}
+- name: pairs
+  variations:
+  - ParameterVariationList: {{name: first, values: [11, 12, 13, 14, 15]}}
+  - ParameterVariationList: {{name: second, values: [21, 22]}}
+execution: {{scenario_file: nothing.osc, runs: {RUNS}, timeout: 10}}
+"""
+
+TRACER = """\
+import functools, importlib.abc, importlib.machinery, json, os, sys, time
+
+inside = []
+
+def said(**row):
+    with open(os.environ["VASTFLOW_PROOF_TRACE"], "a") as trace:
+        trace.write(json.dumps({"t_s": time.monotonic(), "pid": os.getpid(), **row}) + "\\n")
+
+def traced_block(execute):
+    @functools.wraps(execute)
+    def block(store, key, scenario, start, stop, seed):
+        said(what="begin", key=scenario.digest, start=start, stop=stop)
+        inside.append(key)
+        try:
+            found = execute(store, key, scenario, start, stop, seed)
+        finally:
+            inside.pop()
+        said(what="end", key=scenario.digest, start=start, stop=stop)
+        return found
+    return block
+
+def without_kernels(work):
+    @functools.wraps(work.compile_kernels)
+    def nothing():  # no robot drives here
+        pass
+    work.compile_kernels = nothing
+
+def traced_run(execute):
+    @functools.wraps(execute)
+    def run(scenario, run_index, *rest):
+        if inside:  # not one that only compiles kernels
+            said(what="run", key=scenario.digest, start=run_index, stop=run_index + 1)
+            time.sleep(0.05)
+        return execute(scenario, run_index, *rest)
+    return run
+
+WRAPPED = {"vastflow.tasks.work": traced_block, "vastflow.sim.run": traced_run}
+
+class Finder(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name not in WRAPPED:
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(name, path)
+        run = spec.loader.exec_module
+        def exec_module(module):
+            run(module)
+            module.execute = WRAPPED[name](module.execute)
+            if hasattr(module, "compile_kernels"):
+                without_kernels(module)
+        spec.loader.exec_module = exec_module
+        return spec
+
+if os.environ.get("VASTFLOW_PROOF_TRACE"):
+    sys.meta_path.insert(0, Finder())
+"""
+"""`sitecustomize`: the sleep makes a run last long enough to be killed in, and costs no processor."""
+
+
+@dataclass(frozen=True)
+class Lab:
+    """What all points share: the code, the campaign file, and a Prefect home whose database is made."""
+
+    folder: Path
+
+    @classmethod
+    def made(cls, folder: Path, copied: bool = True) -> "Lab":
+        """Write all that is needed; with a copy of the code, or else with the code as it is installed."""
+        code = folder / "code"
+        code.mkdir()
+        if copied:
+            root = Path(__file__).parents[2]
+            for name in ("deployments", "flows", "oracles", "producers", "sim", "tasks", "campaigns/scenarios"):
+                ignore = shutil.ignore_patterns("__pycache__")
+                shutil.copytree(root / name, code / "vastflow" / name, ignore=ignore)
+        (code / "sitecustomize.py").write_text(TRACER)
+        (folder / "nothing.osc").write_text(SCENARIO)
+        (folder / "killed.vast").write_text(CAMPAIGN)
+        return cls(folder)
+
+    @property
+    def campaign(self) -> Path:
+        return self.folder / "killed.vast"
+
+    @property
+    def home(self) -> Path:
+        return self.folder / "prefect"
+
+
+class Place:
+    """One point's store, results and Prefect home; its processes carry a mark in their environment.
+
+    Args:
+        api: Address of an API to be configured; without one each life has its own, embedded.
+        pool: Whether runs are executed by workers of the work pool `POOL`.
+    """
+
+    def __init__(self, lab: Lab, name: str, api: str | None = None, pool: bool = False) -> None:
+        self.folder = lab.folder / name
+        self.folder.mkdir()
+        self.mark = uuid.uuid4().hex
+        self._lab = lab
+        self.api = api
+        self._pool = pool
+        if lab.home.exists():
+            shutil.copytree(lab.home, self.folder / "prefect")
+
+    @property
+    def store(self) -> Path:
+        return self.folder / "store"
+
+    @property
+    def results(self) -> Path:
+        return self.folder / "results"
+
+    @property
+    def database(self) -> Path:
+        return self.folder / "prefect" / "prefect.db"
+
+    @property
+    def ledger(self) -> Path:
+        return self.folder / "state" / "vastflow" / "flow-runs"
+
+    def environment(self) -> dict[str, str]:
+        kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
+        api = {"PREFECT_API_URL": self.api} if self.api else {}
+        return {
+            **kept,
+            **api,
+            "PYTHONPATH": str(self._lab.folder / "code"),
+            "PREFECT_HOME": str(self.folder / "prefect"),
+            "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
+            "VASTFLOW_STORE": str(self.store),
+            "XDG_STATE_HOME": str(self.folder / "state"),
+            MARK: self.mark,
+            TRACE: str(self.folder / "trace"),
+        }
+
+    def begin(self, *arguments: str, campaign: Path | None = None) -> "Life":
+        """Start `vastflow` with these arguments, else a campaign, the lab's if none is given."""
+        asked = arguments or ("run", str(campaign or self._lab.campaign), "--results", str(self.results))
+        options = ["--workers", str(WORKERS), "--json"]
+        if self._pool:
+            options += ["--pool", POOL, "--shards", "6", "--workers", "1"]
+        return Life(self, [sys.executable, "-m", "vastflow.flows", *asked, *options])
+
+    def trace(self) -> list[dict[str, Any]]:
+        file = self.folder / "trace"
+        lines = file.read_text().splitlines() if file.exists() else []
+        return [json.loads(line) for line in lines if line.endswith("}")]
+
+    def marked(self) -> list[psutil.Process]:
+        """Processes of this place that live."""
+        found = []
+        for process in psutil.process_iter():
+            with contextlib.suppress(psutil.Error):
+                if process.environ().get(MARK) == self.mark and process.status() != psutil.STATUS_ZOMBIE:
+                    found.append(process)
+        return found
+
+    def directories(self) -> list[Path]:
+        """What a user would take for campaign directories."""
+        return sorted(path for path in self.results.glob("*") if not path.name.startswith("."))
+
+
+class Life:
+    """One process of `vastflow`, from its start to its end."""
+
+    def __init__(self, place: Place, command: Sequence[str]) -> None:
+        self.place = place
+        self.began_s = time.monotonic()
+        number = len(list(place.folder.glob("out-*")))
+        self._out, self._err = place.folder / f"out-{number}", place.folder / f"err-{number}"
+        with open(self._out, "wb") as out, open(self._err, "wb") as err:
+            self.process = psutil.Popen(
+                command,
+                cwd=place.folder,
+                env=place.environment(),
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                start_new_session=True,
+            )
+
+    @property
+    def elapsed_s(self) -> float:
+        return time.monotonic() - self.began_s
+
+    def victims(self, kind: str) -> list[psutil.Process]:
+        """Processes of this kind that live."""
+        if kind == "flow":
+            return [self.process] if self.process.poll() is None else []
+        said = {"worker": "loky.backend.popen_loky_posix", "server": "vastflow.tasks.api_server"}[kind]
+        found = []
+        with contextlib.suppress(psutil.Error):
+            for child in self.process.children():
+                with contextlib.suppress(psutil.Error):
+                    if said in " ".join(child.cmdline()) and child.status() != psutil.STATUS_ZOMBIE:
+                        found.append(child)
+        return found
+
+    def phase(self) -> str:
+        """What it is doing, as far as can be seen from outside."""
+        if list(self.place.results.glob(".*.partial")):
+            return "reporting"
+        if any(row["what"] == "begin" for row in self.place.trace()):
+            return "recording" if self.has_executed(CONFIGURATIONS) else "executing"
+        return "starting"
+
+    def has_executed(self, blocks: int) -> bool:
+        """Whether so many blocks of `RUNS` runs are stored, as far as there are so many."""
+        runs = sum(row["stop"] - row["start"] for row in self.place.trace() if row["what"] == "end")
+        return runs >= min(blocks, CONFIGURATIONS) * RUNS
+
+    def end(self, timeout_s: float = ENDS_S) -> int | None:
+        """Its exit code; None if it hangs, and is killed then."""
+        try:
+            return self.process.wait(timeout_s)
+        except psutil.TimeoutExpired:
+            return None
+
+    def summary(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self._out.read_text())
+        return found
+
+    def words(self) -> str:
+        return self._err.read_text(errors="replace")
+
+
+class Api:
+    """A real `prefect server start`, with a database of its own that outlives it."""
+
+    def __init__(self, folder: Path, home: Path) -> None:
+        self._folder = folder
+        folder.mkdir()
+        if home.exists():
+            shutil.copytree(home, folder / "prefect")
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.url = f"http://127.0.0.1:{self.port}/api"
+        self._process: psutil.Popen | None = None
+
+    @property
+    def database(self) -> Path:
+        return self._folder / "prefect" / "prefect.db"
+
+    def environment(self) -> dict[str, str]:
+        """Of the server, and of workers that talk to it."""
+        kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
+        return {**kept, **SETTINGS, "PREFECT_HOME": str(self._folder / "prefect")}
+
+    def start(self) -> None:
+        """Start it and wait until it answers."""
+        with open(self._folder / "log", "ab") as log:
+            self._process = psutil.Popen(
+                [sys.executable, "-m", "prefect", "server", "start", "--host", "127.0.0.1", "--port", str(self.port)],
+                env=self.environment(),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline:
+            with contextlib.suppress(OSError), urllib.request.urlopen(f"{self.url}/health", timeout=5):
+                return
+            time.sleep(0.2)
+        raise RuntimeError(f"Prefect's server did not start: {(self._folder / 'log').read_text()[-2000:]}")
+
+    def make_pool(self) -> None:
+        """Make the work pool `POOL`."""
+        content = json.dumps({"name": POOL, "type": "process"}).encode()
+        request = urllib.request.Request(f"{self.url}/work_pools/", content, {"Content-Type": "application/json"})
+        with urllib.request.urlopen(request, timeout=30):
+            pass
+
+    def kill(self) -> None:
+        """kill -9, with all that it started."""
+        if self._process is not None:
+            with contextlib.suppress(psutil.Error):
+                for process in [self._process, *self._process.children(recursive=True)]:
+                    with contextlib.suppress(psutil.Error):
+                        process.kill()
+            self._process.wait()
+
+
+class Crew:
+    """As many workers of the work pool `POOL` as a place has, each with one flow run at a time."""
+
+    def __init__(self, place: Place) -> None:
+        self._place = place
+        self._workers = [self._started() for _ in range(WORKERS)]
+
+    def victims(self, kind: str) -> list[psutil.Process]:
+        """Workers that live, or the processes of flow runs that they started."""
+        there = [worker for worker in self._workers if worker.poll() is None]
+        if kind == "crew":
+            return there
+        found = []
+        for worker in there:
+            with contextlib.suppress(psutil.Error):
+                found += worker.children()
+        return found
+
+    def complete(self) -> None:
+        """Start a worker for each that is gone, as whatever watches over them would."""
+        self._workers = [worker if worker.poll() is None else self._started() for worker in self._workers]
+
+    def stop(self) -> None:
+        """End them, with all that they started: they take long to end in order, and would take shards of the next point."""
+        for worker in self._workers:
+            with contextlib.suppress(psutil.Error):
+                for process in [worker, *worker.children(recursive=True)]:
+                    with contextlib.suppress(psutil.Error):
+                        process.kill()
+        psutil.wait_procs(self._workers, timeout=10)
+
+    def _started(self) -> psutil.Popen:
+        with open(self._place.folder / "crew", "ab") as log:
+            return psutil.Popen(
+                [sys.executable, "-m", "prefect", "worker", "start", "--pool", POOL, "--limit", "1"],
+                cwd=self._place.folder,
+                env={**self._place.environment(), "PREFECT_WORKER_QUERY_SECONDS": "2"},
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )

@@ -1,0 +1,213 @@
+"""Parcels: what is unpacked elsewhere is what was packed, and says so where it is not."""
+
+import os
+import stat
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from vastflow.oracles.oracle import oracles_of
+from vastflow.sim.abstract import content_of, definition_of
+from vastflow.sim.digest import FileContent, file_digest
+from vastflow.sim.maps import load_map, map_content
+from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.process.folder import copy_in, files_matching
+from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.scenario import Scenario
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.local_store import open_local_store
+from vastflow.tasks.parcel import Packer, ParcelError, differences, promise_of, unpacked
+from vastflow.tasks.shelf import Member
+from vastflow.tasks.store import Lost
+
+KEYS = Keys("x86; glibc", "a", "b", "c", 7, [["success", {}]])
+ORACLE = """
+from vastflow.oracles.oracle import Oracle, Parameters
+
+class Nobody(Oracle):
+    class Parameters(Parameters):
+        limit: float = 1.5
+    metrics = {}
+
+    def judge(self, trace, situation):
+        return self.passed(trace)
+"""
+OSC = """
+import {library}
+scenario driving:
+    do serial:
+        log("done")
+"""
+
+
+@pytest.fixture
+def home(tmp_path) -> Path:
+    """A campaign's folder; what it uses is partly beside it."""
+    home = tmp_path / "there" / "campaign"
+    (home / "tools").mkdir(parents=True)
+    (home.parent / "maps" / "pictures").mkdir(parents=True)
+    cells = np.full((40, 40), 254, dtype=np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 0
+    Image.fromarray(cells).save(home.parent / "maps" / "pictures" / "hall.pgm")
+    header = "{image: pictures/hall.pgm, resolution: 0.05, origin: [0, 0, 0]}"
+    (home.parent / "maps" / "hall.yaml").write_text(header)
+    (home / "judge.py").write_text(ORACLE)
+    (home / "drive.osc").write_text(OSC.format(library='"lib/words.osc"'))
+    (home / "lib").mkdir()
+    (home / "lib" / "words.osc").write_text("import osc.helpers\n")
+    (home / "nav2.yaml").write_text("controller_server: {ros__parameters: {controller_frequency: 15.0}}\n")
+    (home / "tools" / "drive.sh").write_text("#!/bin/sh\n")
+    (home / "tools" / "drive.sh").chmod(0o755)
+    (home / "tools" / "notes.txt").write_text("no program\n")
+    return home
+
+
+@pytest.fixture
+def store(tmp_path):
+    return open_local_store(tmp_path / "store")
+
+
+def member(home, name="hall-1", **parts):
+    """A member that uses files of every kind."""
+    scenario = Scenario(
+        content_of(home / "drive.osc"),
+        30,
+        {"map_file": map_content(home / ".." / "maps" / "hall.yaml"), "obstacles": [{"x": 1.0, "name": "box"}]},
+        {"start_pose": {"x": 1.0, "y": -0.0, "yaw": 1e-300}},
+        {"nav2": nav2_file(home / "nav2.yaml"), "noise": 0.1, "on": True, "n": 3, "nothing": None, "inf": float("inf")},
+        ProcessSetup(home, files_matching(home, ["tools/*"]), {"A": "1"}, "tools/drive.sh", ""),
+    )
+    return replace(Member(name, "hall", 1, scenario, 5), **parts)
+
+
+def oracles(home):
+    return oracles_of([("judge.py:Nobody", {"limit": 0.25})], home)
+
+
+def packed(store, home, members):
+    return Packer(store, "hall", KEYS, oracles(home), home).packed(members)
+
+
+def test_members_come_out_as_they_went_in_with_files_of_their_own(store, home, tmp_path):
+    key = packed(store, home, [member(home), member(home, "hall-2", place=2, runs=9)])
+    (tmp_path / "there").rename(tmp_path / "gone")
+    here = tmp_path / "here"
+    parcel = unpacked(store, key, here)
+    first, second = parcel.members
+    assert (second.name, second.family, second.place, second.runs) == ("hall-2", "hall", 2, 9)
+    map_file = first.scenario.environment["map_file"]
+    assert Path(map_file.path).is_relative_to(here)
+    assert load_map(map_file.path).digest == map_file.digest
+    assert definition_of(first.scenario.abstract).name == "driving"
+    assert (parcel.campaign, parcel.seed) == ("hall", 7)
+
+
+def test_the_digest_of_a_scenario_stays_the_same(store, home, tmp_path):
+    before = member(home)
+    (after,) = unpacked(store, packed(store, home, [before]), tmp_path / "here").members
+    assert after.scenario.digest == before.scenario.digest
+    assert after.scenario.situation_digest == before.scenario.situation_digest
+    assert nav2_file(after.scenario.system["nav2"].path).digest == before.scenario.system["nav2"].digest
+
+
+def test_programs_are_executable_where_they_were(store, home, tmp_path):
+    (after,) = unpacked(store, packed(store, home, [member(home)]), tmp_path / "here").members
+    copy_in(after.scenario.programs.files, tmp_path / "run")
+    assert os.access(tmp_path / "run" / "tools" / "drive.sh", os.X_OK)
+    assert not (tmp_path / "run" / "tools" / "notes.txt").stat().st_mode & stat.S_IXUSR
+    assert (after.scenario.programs.base / "tools" / "drive.sh").is_file()
+
+
+def test_oracles_of_a_file_keep_name_and_parameters(store, home, tmp_path):
+    parcel = unpacked(store, packed(store, home, [member(home)]), tmp_path / "here")
+    assert [oracle.name for oracle in parcel.oracles] == ["success", "judge.py:Nobody"]
+    assert parcel.oracles[1].parameters.limit == 0.25
+    assert parcel.oracles[1].base.is_relative_to(tmp_path / "here")
+
+
+def test_an_oracle_beside_the_campaigns_folder_is_found(store, home, tmp_path):
+    (home / "judge.py").rename(home.parent / "judge.py")
+    beside = oracles_of([("../judge.py:Nobody", {})], home)
+    key = Packer(store, "hall", KEYS, beside, home).packed([member(home)])
+    assert unpacked(store, key, tmp_path / "here").oracles[1].name == "../judge.py:Nobody"
+
+
+def test_the_same_members_give_the_same_parcel_wherever_the_campaign_lies(store, home, tmp_path):
+    first = packed(store, home, [member(home)])
+    moved = tmp_path / "moved"
+    home.parent.rename(moved)
+    assert packed(store, moved / "campaign", [member(moved / "campaign")]) == first
+
+
+def test_a_file_is_stored_once_for_all_parcels(store, home):
+    packed(store, home, [member(home)])
+    before = {holding.key for holding in store.holdings()}
+    packed(store, home, [member(home, "hall-2")])
+    assert len({holding.key for holding in store.holdings()} - before) == 1
+
+
+def test_a_parcel_that_lost_a_file_is_lost(store, home, tmp_path):
+    key = packed(store, home, [member(home)])
+    sha256 = file_digest(home / "judge.py")
+    store.remove([f"parcel/{sha256[:2]}/{sha256}"])
+    with pytest.raises(Lost, match="is not in the store"):
+        unpacked(store, key, tmp_path / "here")
+    assert packed(store, home, [member(home)]) == key
+    unpacked(store, key, tmp_path / "here")
+
+
+def test_a_file_that_changed_since_is_noticed(store, home, tmp_path):
+    before = member(home)
+    (home / "drive.osc").write_text(OSC.format(library="osc.helpers").replace("done", "changed"))
+    key = packed(store, home, [before])
+    (after,) = unpacked(store, key, tmp_path / "here").members
+    with pytest.raises(ValueError, match="changed since the campaign was read"):
+        definition_of(after.scenario.abstract)
+
+
+def test_a_file_that_is_gone_is_named(store, home):
+    before = member(home)
+    (home / "nav2.yaml").unlink()
+    with pytest.raises(ParcelError, match=r"nav2\.yaml can't be read \(No such file or directory\)"):
+        packed(store, home, [before])
+
+
+def test_what_differs_between_two_machines_is_said_in_words():
+    assert differences(promise_of(KEYS), KEYS) == []
+    other = replace(KEYS, numeric="arm", judge_source="d", oracles=[["success", {"limit": 1}]])
+    assert differences(promise_of(KEYS), other) == [
+        "the numeric class",
+        "the code that judges them",
+        "the oracles' parameters",
+    ]
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    max_leaves=12,
+)
+
+
+@given(values=st.dictionaries(st.text(max_size=4), values, max_size=4))
+def test_whatever_a_scenario_says_keeps_its_digest(tmp_path_factory, values):
+    folder = tmp_path_factory.mktemp("parcel")
+    file = folder / "file"
+    file.write_bytes(b"content")
+    scenario = Scenario("builtin:navigate_to_pose", 1.0, {**values, "f": FileContent(str(file), "d")}, values, {})
+    store = open_local_store(folder / "store")
+    key = Packer(store, "any", KEYS, (), folder).packed([Member("a-1", "a", 1, scenario, 1)])
+    (after,) = unpacked(store, key, folder / "here").members
+    assert after.scenario.digest == scenario.digest
+
+
+def test_a_scenario_file_that_became_wrong_is_a_fault_of_the_parcel(store, home):
+    before = member(home)
+    (home / "drive.osc").write_text("scenario")
+    with pytest.raises(ParcelError, match=r"drive\.osc:1.*changed since the campaign was read"):
+        packed(store, home, [before])

@@ -1,0 +1,394 @@
+"""Campaigns whose shards a work pool computes: a real API, a real worker of type `process`, a real S3 server.
+
+`VASTFLOW_DEPLOYMENTS=all` adds those that take a minute each and differ little from the others.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import platformdirs
+import psutil
+import pyarrow.parquet as pq
+import pytest
+from prefect.client.orchestration import get_client
+from prefect.client.schemas.actions import WorkPoolCreate
+from prefect.settings import temporary_settings
+from typer.testing import CliRunner
+
+from vastflow.flows import run_campaign
+from vastflow.flows.__main__ import app
+from vastflow.flows.work_pool import WorkPool, WorkPoolError
+from vastflow.tasks.object_store import ObjectStore
+from vastflow.tasks.server import ApiServer, PrefectUnavailable
+from vastflow.tasks.store import open_store
+
+pytestmark = pytest.mark.timeout(580)
+more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
+
+START_S, END_S = 90, 200
+
+ROOM = """
+version: 1
+metadata: {name: pooled}
+configuration:
+  - name: room
+    parameters:
+      - map_file: ../maps/room.yaml
+      - start_pose: {x: 1.0, y: 1.5, yaw: 0.0}
+      - goal_pose: {x: 1.6, y: 1.5, yaw: 0.0}
+    variations:
+      - ParameterVariationList:
+          name: laserscan_gaussian_noise_std_deviation
+          values: [0.0, 0.01, 0.02]
+execution: {runs: 2, timeout: 30}
+evaluation:
+  oracles:
+    - own_oracle.py:Distance: {least_m: 0.1}
+"""
+ORACLE = """
+from vastflow.oracles.oracle import Oracle, Parameters
+
+
+class DistanceParameters(Parameters):
+    least_m: float
+
+
+class Distance(Oracle[DistanceParameters]):
+    Parameters = DistanceParameters
+    metrics = {"distance": "m"}
+
+    def judge(self, trace, situation):
+        distance_m = trace.run.distance_m
+        if distance_m < self.parameters.least_m:
+            return self.failed(trace, "did not move", distance=distance_m)
+        return self.passed(trace, distance=distance_m)
+"""
+
+PROGRAMS = """
+version: 1
+metadata: {{name: programs}}
+configuration:
+  - name: step
+    variations:
+      - ParameterVariationList:
+          name: command
+          values: {commands}
+execution: {{scenario_file: step.osc, runs: 1, timeout: 60, run_files: [step.py]}}
+"""
+STEP_OSC = """
+import osc.helpers
+
+scenario step:
+    command: string
+    do serial:
+        run_process(command)
+"""
+STEP = """
+import os, pathlib, signal, sys, time
+import psutil
+
+number, place, how = int(sys.argv[1]), pathlib.Path(sys.argv[2]), sys.argv[3]
+with open(place / "executed", "a") as executed:
+    executed.write(f"{number}\\n")
+marker = place / f"marker-{number}"
+if how == "poison" or (how == "once" and not marker.exists()):
+    marker.touch()
+    flow_run = next(p for p in psutil.Process().parents() if any("prefect" in part for part in p.cmdline()))
+    flow_run.kill()
+    time.sleep(30)
+if how == "slow":
+    time.sleep(2)
+"""
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """A folder with Prefect's home and logs."""
+    return tmp_path_factory.mktemp("lab")
+
+
+@pytest.fixture(scope="module")
+def api(lab):
+    """A client of an API that has a port and a database of its own, and a pool `lab`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PREFECT_HOME", str(lab / "prefect"))
+        server = ApiServer(lab / "server.log")
+        try:
+            url = server.url(START_S)
+        except PrefectUnavailable as error:
+            server.stop(0)
+            pytest.skip(str(error))
+        try:
+            with temporary_settings({"api.url": url}), get_client(sync_client=True) as client:
+                client.create_work_pool(WorkPoolCreate(name="lab", type="process"))
+                yield client
+        finally:
+            server.stop()
+
+
+@pytest.fixture(scope="module")
+def kernels():
+    """Where the compiled kernels are that other tests have used."""
+    return Path(platformdirs.user_cache_dir("vastflow")) / "kernels"
+
+
+@contextlib.contextmanager
+def started(api, folder, pool="lab", **variables):
+    """A worker in a folder of its own, with these variables; it and all it started are gone afterwards."""
+    folder.mkdir(exist_ok=True)
+    environment = {
+        **os.environ,
+        "PREFECT_API_URL": str(api.api_url),
+        "PREFECT_HOME": str(folder / "prefect"),
+        "PREFECT_WORKER_QUERY_SECONDS": "1",
+        **variables,
+    }
+    command = [sys.executable, "-m", "prefect", "worker", "start", "--pool", pool, "--limit", "2"]
+    with open(folder / "log", "wb") as log:
+        worker = subprocess.Popen(
+            command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+        )
+    try:
+        yield worker
+    finally:
+        below = psutil.Process(worker.pid).children(recursive=True) if worker.poll() is None else []
+        worker.send_signal(signal.SIGTERM)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            worker.wait(5)
+        for process in below:
+            with contextlib.suppress(psutil.Error):
+                process.kill()
+        worker.kill()
+        worker.wait(10)
+
+
+@pytest.fixture
+def worker(api, tmp_path):
+    with started(api, tmp_path / "worker") as process:
+        yield process
+
+
+@pytest.fixture
+def room(tmp_path):
+    """A campaign whose map lies beside its folder, with an oracle of its own."""
+    side = 60
+    cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "campaign").mkdir()
+    (tmp_path / "maps" / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
+    (tmp_path / "maps" / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    (tmp_path / "campaign" / "own_oracle.py").write_text(ORACLE)
+    (tmp_path / "campaign" / "room.vast").write_text(ROOM)
+    return tmp_path / "campaign" / "room.vast"
+
+
+@pytest.fixture
+def programs(tmp_path):
+    """Makes a campaign of programs, each given as `how` it behaves; they say outside of it that they were executed."""
+
+    def made(*how):
+        commands = [f"{sys.executable} step.py {k} {tmp_path} {each}" for k, each in enumerate(how)]
+        (tmp_path / "step.osc").write_text(STEP_OSC)
+        (tmp_path / "step.py").write_text(STEP)
+        (tmp_path / "programs.vast").write_text(PROGRAMS.format(commands=json.dumps(commands)))
+        return tmp_path / "programs.vast"
+
+    return made
+
+
+def executed(tmp_path):
+    """Numbers of the programs that were started, as often as they were."""
+    file = tmp_path / "executed"
+    return sorted(map(int, file.read_text().split())) if file.exists() else []
+
+
+def contents(directory):
+    """What a campaign directory has of runs and verdicts, byte for byte."""
+    found = {
+        str(file.relative_to(directory)): file.read_bytes()
+        for folder in ("recordings", "traces", "environments")
+        for file in sorted((directory / folder).rglob("*"))
+        if file.is_file()
+    }
+    tables = {name: pq.read_table(directory / name) for name in ("runs.parquet", "verdicts.parquet")}
+    return found, tables
+
+
+@more
+def test_a_pool_computes_the_same_bytes_as_this_process(api, worker, room, tmp_path):
+    here = run_campaign(room, results=tmp_path / "here", store=tmp_path / "store-here", workers=2)
+    there = run_campaign(
+        room, results=tmp_path / "there", store=tmp_path / "store-there", pool=WorkPool("lab", shards=3)
+    )
+    assert (there.summary.executed, there.summary.passed, there.faults) == (6, 6, ())
+    assert contents(there.directory) == contents(here.directory)
+    runs = [run for run in api.read_flow_runs() if run.flow_id and " of room" in run.name]
+    assert {run.state.name for run in runs} == {"Completed"}
+    assert all(set(run.tags) == {"vastflow", "pooled"} and run.parent_task_run_id for run in runs)
+    again = run_campaign(room, results=tmp_path / "there", store=tmp_path / "store-there", pool="nowhere")
+    assert again.summary.executed == 0  # nothing is missing, so nobody is asked
+
+
+def test_store_and_worker_need_not_be_on_one_machine(api, room, kernels, tmp_path, s3, monkeypatch):
+    monkeypatch.setattr(ObjectStore, "local", tmp_path / "local")
+    monkeypatch.delenv("XDG_CACHE_HOME")  # where the compiled kernels are that other tests have used
+    here = run_campaign(room, results=tmp_path / "here", store=tmp_path / "store-here", workers=2)
+    other = tmp_path / "other-home"
+    (other / "cache" / "vastflow").mkdir(parents=True)
+    (other / "cache" / "vastflow" / "kernels").symlink_to(kernels)
+    elsewhere = {"HOME": str(other), "XDG_CACHE_HOME": str(other / "cache")}
+    with started(api, tmp_path / "elsewhere", **elsewhere):
+        there = run_campaign(room, results=tmp_path / "there", store=s3, pool="lab")
+    assert (there.summary.executed, there.faults) == (6, ())
+    assert contents(there.directory) == contents(here.directory)
+    assert list((other / "cache" / "vastflow" / "stores").glob("*/parcels/*")) == []
+
+
+@more
+def test_a_shard_whose_process_dies_is_tried_again_and_only_what_is_missing(api, worker, programs, tmp_path):
+    file = programs("well", "once", "well")
+    found = run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", pool="lab", workers=1)
+    assert (found.faults, found.summary.executed, found.summary.passed) == ((), 3, 3)
+    assert executed(tmp_path) in ([0, 1, 1, 2], [0, 0, 1, 1, 2])
+    names = [run.name for run in api.read_flow_runs() if " of step" in run.name]
+    assert any(name.endswith(", try 2") for name in names)
+
+
+def test_a_poison_is_found_and_not_judged_and_the_others_are(api, worker, programs, tmp_path):
+    file = programs("poison", "well", "well")
+    found = run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", pool="lab", workers=1)
+    assert [(fault.configuration, fault.stage) for fault in found.faults] == [("step-1", "execute")]
+    assert "its worker's process ended each time, at last with it alone" in found.faults[0].error
+    assert (found.summary.passed, found.summary.not_judged) == (2, 1)
+    assert executed(tmp_path).count(0) <= 4  # in three tries of the whole shard, and alone
+
+
+@more
+def test_a_worker_that_does_not_see_the_store_is_a_fault_of_the_store(api, worker, programs, tmp_path, monkeypatch):
+    from vastflow.flows import pool_campaign
+
+    hidden = tmp_path / "hidden"
+    service = pool_campaign.PoolService
+    monkeypatch.setattr(pool_campaign, "PoolService", lambda *a: service(*a[:4], str(hidden), *a[5:]))
+    file = programs("well")
+    result = CliRunner().invoke(
+        app, ["run", str(file), "--pool", "lab", "--results", str(tmp_path), "--store", str(tmp_path / "store")]
+    )
+    assert result.exit_code == 2
+    assert f"finds no parcel in the store '{hidden}'; a folder that all machines share, or an address" in result.stderr
+    assert not hidden.exists()
+
+
+def test_ctrl_c_cancels_the_shards_and_says_how_to_go_on(api, worker, programs, tmp_path):
+    file = programs(*["slow"] * 12)
+    environment = {**os.environ, "PREFECT_API_URL": str(api.api_url), "PREFECT_HOME": str(tmp_path / "home")}
+    options = ["--pool", "lab", "--results", tmp_path / "results", "--store", tmp_path / "store", "--workers", "1"]
+    command = [sys.executable, "-m", "vastflow.flows", "run", file, *options]
+    with subprocess.Popen([*map(str, command)], env=environment, stderr=subprocess.PIPE, text=True) as campaign:
+        wait_until(lambda: len(executed(tmp_path)) >= 3)
+        campaign.send_signal(signal.SIGINT)
+        asked_s = time.monotonic()
+        _, said = campaign.communicate(timeout=60)
+        took_s = time.monotonic() - asked_s
+    assert campaign.returncode == 130
+    assert "interrupted; `vastflow run " in said
+    assert took_s < 30
+    wait_until(lambda: not [run for run in api.read_flow_runs() if " of step" in run.name and not run.state.is_final()])
+    before = len(executed(tmp_path))
+    found = run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", pool="lab", workers=1)
+    assert (found.summary.passed, found.faults) == (12, ())
+    assert found.summary.reused >= before - 2
+    assert len(executed(tmp_path)) <= 12 + 2  # what was in flight
+
+
+def test_an_api_and_a_pool_have_to_be_there(api, programs, tmp_path, monkeypatch):
+    file = programs("well")
+    with pytest.raises(WorkPoolError, match="no work pool 'lap'; did you mean 'lab'"):
+        run_campaign(file, results=tmp_path, store=tmp_path / "store", pool="lap")
+    with temporary_settings({"api.url": None}):
+        result = CliRunner().invoke(
+            app, ["run", str(file), "--pool", "lab", "--results", str(tmp_path), "--store", str(tmp_path / "store")]
+        )
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "no API of Prefect is configured; start one by `prefect server start`" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@more
+def test_a_pool_without_workers_is_said_and_given_up_when_asked_so(api, programs, tmp_path, monkeypatch):
+    from vastflow.flows import pool_driver
+
+    monkeypatch.setattr(pool_driver, "IDLE_S", 1.0)
+    monkeypatch.setattr(pool_driver.Driver.__init__, "__kwdefaults__", {"poll_s": 0.5, "idle_s": 1.0, "silent_s": 9.0})
+    api.create_work_pool(WorkPoolCreate(name="empty", type="process"))
+    options = ["--pool", "empty", "--pool-wait", "3", "--results", str(tmp_path), "--store", str(tmp_path / "store")]
+    result = CliRunner().invoke(app, ["run", str(programs("well")), *options])
+    assert result.exit_code == 3
+    assert "no worker of the work pool 'empty' is there; start one: prefect worker start --pool empty" in result.stderr
+    assert "no worker of the work pool 'empty' took anything for " in result.stderr
+
+
+@more
+def test_an_s3_server_that_goes_away_ends_the_campaign_and_the_next_computes_what_is_missing(
+    api, programs, start_s3, s3_variables, tmp_path
+):
+    server = start_s3()
+    s3_variables(server)
+    file = programs(*["slow"] * 8)
+    options = ["--pool", "lab", "--shards", "4", "--workers", "1", "--results", str(tmp_path / "results")]
+    command = [sys.executable, "-m", "vastflow.flows", "run", str(file), "--store", "s3://bucket/pooled", *options]
+    environment = {**os.environ, "PREFECT_API_URL": str(api.api_url), "PREFECT_HOME": str(tmp_path / "home")}
+    with started(api, tmp_path / "worker"):
+        with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as campaign:
+            wait_until(lambda: len(executed(tmp_path)) >= 4)
+            server.kill()
+            _, said = campaign.communicate(timeout=150)
+        assert campaign.returncode == 2
+        assert "store: " in said and "can't use 's3://bucket/pooled'" in said
+        assert "Traceback" not in said
+        server.start()
+        kept = len(open_store("s3://bucket/pooled").holdings())
+        assert kept > 0
+        found = run_campaign(
+            file, results=tmp_path / "results", store="s3://bucket/pooled", pool=WorkPool("lab", shards=4), workers=1
+        )
+    assert (found.summary.passed, found.faults) == (8, ())
+    assert found.summary.executed + found.summary.reused == 8
+
+
+def test_wrong_credentials_are_one_sentence(api, programs, shared_s3, s3_variables, tmp_path):
+    s3_variables(shared_s3, secret="WRONG")
+    result = CliRunner().invoke(
+        app, ["run", str(programs("well")), "--pool", "lab", "--results", str(tmp_path), "--store", "s3://bucket/x"]
+    )
+    assert result.exit_code == 2
+    assert "check the credentials (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE)" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@more
+def test_a_deployed_campaign_has_its_runs_computed_by_a_pool(api, worker, room, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options = ["--pool", "lab", "--shards-in", "lab", "--name", "spread", "--store", str(tmp_path / "store")]
+    result = CliRunner().invoke(app, ["deploy", str(room), *options])
+    assert result.exit_code == 0, result.output
+    assert result.stdout.splitlines()[0].endswith("prefect worker start --pool lab --limit 2")
+    deployment = api.read_deployment_by_name("run campaign/spread")
+    asked = api.create_flow_run_from_deployment(deployment.id)
+    wait_until(lambda: api.read_flow_run(asked.id).state.is_final())
+    ended = api.read_flow_run(asked.id)
+    assert (ended.state.name, ended.name) == ("Completed", "pooled, 3 configurations × 2 runs")
+    assert ended.state.message.endswith("; 6 runs executed, 0 from the store")
+
+
+def wait_until(condition):
+    deadline_s = time.monotonic() + END_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.3)

@@ -1,0 +1,125 @@
+"""Results on S3: a campaign directory is uploaded when it is finished, its `metadata.json` last."""
+
+import json
+import os
+import time
+
+import fsspec
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+from vastflow.flows.delivery import delivery_to
+from vastflow.flows.results import Results
+from vastflow.flows.summary import Summary
+from vastflow.tasks.local_store import open_local_store
+from vastflow.tasks.object_store import file_system
+from vastflow.tasks.store import StoreError
+
+CAMPAIGN = """
+version: 1
+metadata: {name: nothing}
+configuration: [{name: only}]
+execution: {scenario_file: nothing.osc, runs: 1, timeout: 5}
+"""
+NOTHING = """
+import osc.helpers
+
+scenario nothing:
+    do serial:
+        log("done")
+"""
+
+
+@pytest.fixture
+def store(tmp_path):
+    return open_local_store(tmp_path / "store")
+
+
+def written(folder):
+    """A campaign directory in `folder`, as far as a delivery looks at it."""
+    directory = folder / "hall-2026-11-22-000000"
+    (directory / "recordings").mkdir(parents=True)
+    (directory / "recordings" / "hall-1.parquet").write_bytes(b"recordings")
+    (directory / "report.html").write_text("<html>")
+    (directory / "metadata.json").write_text(json.dumps({"name": "hall", "counts": {"results": str(directory)}}))
+    summary = Summary(*[0] * 9, 0.0, 0.0, 0.0, str(directory), {})
+    return Results(directory, summary, (), ())
+
+
+def test_a_folder_is_where_the_directory_is_made(store, tmp_path):
+    found = delivery_to(tmp_path / "results", store)
+    assert (found.folder, found.address) == (tmp_path / "results", None)
+    results = written(found.folder)
+    assert found.delivered(results) is results
+
+
+def test_a_directory_is_uploaded_whole_and_says_where_it_is(store, shared_s3, s3_variables):
+    s3_variables(shared_s3)
+    found = delivery_to("s3://bucket/reports/", store)
+    results = found.delivered(written(found.folder))
+    address = "s3://bucket/reports/hall-2026-11-22-000000"
+    assert (results.summary.results, results.directory.parent) == (address, found.folder)
+    files, root = file_system(address)
+    assert {path.removeprefix(f"{root}/") for path in files.find(root)} == {
+        "metadata.json",
+        "recordings/hall-1.parquet",
+        "report.html",
+    }
+    assert json.loads(files.cat_file(f"{root}/metadata.json"))["counts"]["results"] == address
+
+
+def test_half_an_upload_is_no_campaign_directory_and_the_copy_here_is_named(
+    store, shared_s3, s3_variables, monkeypatch
+):
+    s3_variables(shared_s3)
+    found = delivery_to("s3://bucket/half", store)
+    system, root = file_system("s3://bucket/half")
+
+    def broken(*_, **__):
+        system.pipe_file(f"{root}/hall-2026-11-22-000000/report.html", b"<html>")
+        raise OSError("the network is away")
+
+    monkeypatch.setattr(system, "put", broken)
+    with pytest.raises(StoreError, match=r"results: can't use 's3://bucket/half' .*; the campaign directory is in "):
+        found.delivered(written(found.folder))
+    assert not system.exists(f"{root}/hall-2026-11-22-000000/metadata.json")
+    assert list(found.folder.glob("*/report.html"))
+
+
+def test_copies_of_earlier_days_go(store, shared_s3, s3_variables):
+    s3_variables(shared_s3)
+    folder = delivery_to("s3://bucket/old", store).folder
+    for name, age_s in (("old", 2 * 86400), ("new", 60)):
+        (folder / name).mkdir(parents=True)
+        os.utime(folder / name, (time.time() - age_s,) * 2)
+    delivery_to("s3://bucket/old", store)
+    assert [path.name for path in folder.iterdir()] == ["new"]
+
+
+@pytest.mark.parametrize(
+    ("address", "secret", "said"),
+    [
+        ("s3://bucket/x", "WRONG", "check the credentials"),
+        ("s3://no-such-bucket/x", None, "results: can't use 's3://no-such-bucket/x'"),
+        ("nowhere://x", None, "give a folder, or an address such as s3://bucket/prefix"),
+    ],
+)
+def test_an_address_that_can_not_be_written_is_found_before_anything_is_computed(
+    tmp_path, shared_s3, s3_variables, address, secret, said
+):
+    s3_variables(shared_s3, **({"secret": secret} if secret else {}))
+    (tmp_path / "nothing.vast").write_text(CAMPAIGN)
+    (tmp_path / "nothing.osc").write_text(NOTHING)
+    options = ["--results", address, "--store", str(tmp_path / "store")]
+    result = CliRunner().invoke(app, ["run", str(tmp_path / "nothing.vast"), *options])
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert said in result.stderr
+    assert "Traceback" not in result.stderr
+    assert not list((tmp_path / "store").glob("execute"))
+
+
+def test_fsspec_is_told_nothing_new_for_other_addresses(tmp_path):
+    files, root = file_system(f"memory://{tmp_path.name}")
+    assert isinstance(files, fsspec.get_filesystem_class("memory"))
+    assert root.endswith(tmp_path.name)
