@@ -7,6 +7,7 @@ imported inside the commands.
 import typer
 
 from vastflow.flows.bench_command import bench
+from vastflow.flows.compare_command import compare
 from vastflow.flows.coverage_command import coverage
 from vastflow.flows.deploy_command import deploy
 from vastflow.flows.execution_command import execution
@@ -14,6 +15,7 @@ from vastflow.flows.explain_command import explain
 from vastflow.flows.export_command import export
 from vastflow.flows.file_commands import schema, validate
 from vastflow.flows.floorplan_command import floorplan
+from vastflow.flows.paper_command import paper
 from vastflow.flows.params_command import params
 from vastflow.flows.preview_command import preview
 from vastflow.flows.replay_command import replay
@@ -30,7 +32,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # a fifth of a second for a frame round the help
 )
-for command in (run, resume, validate, preview, coverage, schema, params, show, explain, replay, export, deploy):
+for command in (
+    run,
+    resume,
+    validate,
+    preview,
+    coverage,
+    schema,
+    params,
+    show,
+    compare,
+    explain,
+    replay,
+    export,
+    paper,
+    deploy,
+):
     app.command()(command)
 app.add_typer(bench, name="bench")
 app.add_typer(execution, name="execution")

@@ -19,6 +19,7 @@ from vastflow.flows.kept_report import KeptReport
 from vastflow.flows.origin_code import code_row
 from vastflow.flows.report_key import report_key
 from vastflow.flows.results import Results, campaign_name, write_results
+from vastflow.flows.selection import Selection
 from vastflow.flows.session import Session
 from vastflow.flows.summary import Work
 from vastflow.oracles.oracle import Oracle
@@ -49,6 +50,8 @@ def run_campaign(
     store: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     only: str | Sequence[str] | None = None,
+    sample: int | None = None,
+    map_dir: str | os.PathLike[str] | None = None,
     observer: Observer | None = None,
     pool: "str | WorkPool | None" = None,
 ) -> CampaignResult:
@@ -66,6 +69,9 @@ def run_campaign(
             user cache folder.
         workers: Worker processes, else one a core.
         only: Names of families or configurations; nothing else is run.
+        sample: How many distinct configurations of these are run, at most: a sample that follows from their content and
+            the campaign's seed, spread over families, and contained in every larger one.
+        map_dir: Folder in which maps are looked for that are not beside the campaign file, by the same relative path.
         observer: Is shown the progress, from one thread.
         pool: A work pool of Prefect whose workers compute what is missing, else this process does. They must find the store.
 
@@ -79,11 +85,13 @@ def run_campaign(
     """
     if runs is not None and runs < 1:
         raise ValueError(f"runs is at least 1, got {runs}")
+    if sample is not None and sample < 1:
+        raise ValueError(f"sample is at least 1, got {sample}")
     clock = _Clock()
     created = datetime.now()
     tally = Tally()
     with ending.terminable(), few_collections(), Reporter(tally, observer):
-        campaign, oracles = read_campaign(Path(path))
+        campaign, oracles = read_campaign(Path(path), None if map_dir is None else Path(map_dir))
         if campaign.unexecutable:
             raise CampaignError(campaign.unexecutable)
         inputs = inputs_of(campaign, oracles)
@@ -94,8 +102,10 @@ def run_campaign(
         with chatter.own_log(log):
             tree = installed_tree()
             keys = campaign_keys(tree, campaign.seed, oracles)
-            selection = [only] if isinstance(only, str) else list(only or ())
-            asked = Asked(campaign.path.name, runs or campaign.runs, tuple(selection), inputs.places)
+            names = (only,) if isinstance(only, str) else tuple(only or ())
+            selection = Selection(names, sample, campaign.seed)
+            maps = str(map_dir) if campaign.borrowed_maps else None
+            asked = Asked(campaign.path.name, runs or campaign.runs, names, inputs.places, sample, maps)
             record = {"asked": asked.as_json(), **code_row(tree, campaign.families, oracles)}
             session = Session(
                 title=f"{name} {created:%Y-%m-%d %H:%M:%S}",

@@ -14,12 +14,16 @@ class Asked:
         runs: Of each configuration.
         only: Names of families or configurations; empty for all.
         places: File from outside of the campaign file's folder, relative to that, to its place below `inputs/`.
+        sample: How many distinct configurations, drawn from those; None for all.
+        map_dir: Folder of maps that were not beside the file; the maps themselves are among the inputs, beside it.
     """
 
     file: str
     runs: int
     only: tuple[str, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
+    sample: int | None = None
+    map_dir: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -36,4 +40,6 @@ def asked_of(metadata: Mapping[str, Any]) -> Asked:
         counts = metadata["counts"]
         return Asked(f"{metadata['name']}.vast".replace("/", "-"), counts["runs"] // counts["configurations"])
     said = metadata["asked"]
-    return Asked(said["file"], said["runs"], tuple(said["only"]), said["places"])
+    return Asked(
+        said["file"], said["runs"], tuple(said["only"]), said["places"], said.get("sample"), said.get("map_dir")
+    )

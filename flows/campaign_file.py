@@ -8,13 +8,16 @@ from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
 
 
-def read_campaign(path: Path) -> tuple[Campaign, tuple[Oracle[Any], ...]]:
+def read_campaign(path: Path, map_dir: Path | None = None) -> tuple[Campaign, tuple[Oracle[Any], ...]]:
     """The campaign at `path` and the oracles that judge it, `success` first.
+
+    Args:
+        map_dir: Folder of maps that are not beside the file.
 
     Raises:
         CampaignError: every fault of the file.
     """
-    campaign = load_campaign(path)
+    campaign = load_campaign(path, map_dir)
     base = campaign.path.parent
     faults = []
     for request in campaign.oracles:

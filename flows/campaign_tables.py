@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vastflow.flows.found import Found, block_rows, complete
+from vastflow.flows.found import Found, complete
 from vastflow.flows.tables import (
     CONFIGURATIONS,
     EXCLUSIONS,
@@ -34,6 +34,7 @@ from vastflow.oracles.verdict import Judgement, Verdict, run_judgement
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
 from vastflow.sim import archive
+from vastflow.sim.blocks import read_rows
 
 LOGS_FILE: Final = "logs/runs.jsonl"
 """A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""
@@ -81,7 +82,7 @@ class CampaignTables:
 
     def add(self, configuration: Configuration, found: Found) -> None:
         """Write what was found of a configuration; to be called in their order."""
-        rows = {row["run_index"]: row for block in found.recordings for row in block_rows(block)}
+        rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
         wanted = [rows[index] for index in sorted(rows) if index < self._runs]
         self._run_rows.add([run_table_row(configuration, row) for row in wanted])
         verdicts = complete(found, self._runs, self._oracles)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from vastflow.flows.interruptible import Interruptible
+from vastflow.flows.map_dir import MapDir
 from vastflow.flows.run_command import BAD_INPUT
 from vastflow.flows.show_command import wrong_directory
 
@@ -25,6 +26,7 @@ MOST_PAIRS: Final = 30
 
 def coverage(
     source: Annotated[Path, typer.Argument(metavar="FILE|RESULTS", help="A campaign file, or a campaign directory.")],
+    map_dir: MapDir = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
 ) -> None:
     """Show how much of the requested test space is realised.
@@ -32,7 +34,7 @@ def coverage(
     And what constraints exclude, what can't be built and why, by dimension and by pairs of producers.
     """
     with Interruptible("interrupted"):
-        found = _coverage(source)
+        found = _coverage(source, map_dir)
         if as_json:
             print(json.dumps(found, ensure_ascii=False))
             return
@@ -41,7 +43,7 @@ def coverage(
         printed(_text(found))
 
 
-def _coverage(source: Path) -> "Coverage":
+def _coverage(source: Path, map_dir: Path | None) -> "Coverage":
     """Of a campaign directory as it was written, of a campaign file by instantiating it."""
     from vastflow.flows.campaign_file import read_campaign
     from vastflow.oracles.coverage import read_coverage
@@ -61,7 +63,7 @@ def _coverage(source: Path) -> "Coverage":
                 wrong = f"{source}: damaged campaign directory: {error}"
     else:
         try:
-            return instantiate(read_campaign(source)[0]).coverage
+            return instantiate(read_campaign(source, map_dir)[0]).coverage
         except CampaignError as error:
             wrong = error
     print(wrong, file=sys.stderr)

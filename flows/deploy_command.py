@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from vastflow.flows.map_dir import MapDir
 from vastflow.flows.run_command import BAD_INPUT, OUR_FAULT
 from vastflow.flows.work_pool import NO_API
 from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
@@ -34,6 +35,11 @@ def deploy(
     only: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Only this family or configuration; may be repeated.")
     ] = None,
+    sample: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Only N distinct configurations of these, the same ones each time."),
+    ] = None,
+    map_dir: MapDir = None,
     results: Annotated[
         str | None, typer.Option(metavar="FOLDER", help="Where the worker makes the campaign directory.")
     ] = None,
@@ -71,7 +77,7 @@ def deploy(
     from vastflow.tasks.server import import_prefect
 
     try:
-        campaign, _ = read_campaign(file)
+        campaign, _ = read_campaign(file, map_dir)
         if campaign.unexecutable:
             raise CampaignError(campaign.unexecutable)
         description = described(campaign, context)
@@ -84,6 +90,8 @@ def deploy(
         "campaign": place,
         "runs": runs,
         "only": only,
+        "sample": sample,
+        "map_dir": None if map_dir is None else _place(map_dir, kind),
         "results": results or _results(kind),
         "store": store,
         "workers": workers or requested_cores(kind, campaign, context),
@@ -128,14 +136,17 @@ def _own_variables(kind: PoolType, image: str, queue: str) -> dict[str, Any]:
 
 
 def _place(file: Path, kind: PoolType) -> str:
-    """The campaign file as the worker finds it: in an image, below the folder that the image was built from."""
+    """The campaign file, or the folder of maps, as the worker finds it: in an image, below the folder it was built from."""
     if kind is PoolType.process:
         return str(file.resolve())
     try:
         return file.resolve().relative_to(Path.cwd()).as_posix()
     except ValueError:
         what = f"{file}: it is not below {Path.cwd()}"
-        print(f"{what}; call this from the folder that the image is built from, with the file in it", file=sys.stderr)
+        print(
+            f"{what}; call this from the folder that the image is built from, with all that it needs in it",
+            file=sys.stderr,
+        )
         raise typer.Exit(BAD_INPUT) from None
 
 

@@ -16,6 +16,7 @@ from vastflow.flows.members import members_of, narrowed
 from vastflow.flows.origin_code import code_row
 from vastflow.flows.past import Past, newest_past, past_of
 from vastflow.flows.results import campaign_name
+from vastflow.flows.selection import Selection
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.instantiation import Instantiated, Instantiator, ProducerFault
@@ -55,6 +56,7 @@ class DryRun:
         runs: Of each configuration.
         past: The campaign it was compared with.
         configurations: Of what was asked, duplicates included.
+        sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
         reused: Stage and family to what is in the store: runs, at `instantiate` evaluations.
         due: What is not.
         shelved: Configuration to what is in the store of it.
@@ -70,6 +72,7 @@ class DryRun:
     shelved: Mapping[str, Sequence[Shelved]] = field(repr=False)
     faults: Sequence[ProducerFault]
     keys: Keys = field(repr=False)
+    sampled_from: int | None = None
 
     def found(self, stage: Stage, family: str | None = None) -> int:
         """What is in the store of a stage, of one family or of all."""
@@ -92,6 +95,8 @@ def dry_run(
     results: Path = Path("results"),
     store: str | None = None,
     only: Sequence[str] = (),
+    sample: int | None = None,
+    map_dir: Path | None = None,
     since: Path | None = None,
 ) -> DryRun:
     """Find out what a run of the campaign at `file` would do with the same arguments.
@@ -106,7 +111,7 @@ def dry_run(
         NoPast: `since` is no campaign directory.
         StoreError: the store can't be used.
     """
-    campaign, oracles = read_campaign(file)
+    campaign, oracles = read_campaign(file, map_dir)
     if campaign.unexecutable:
         raise CampaignError(campaign.unexecutable)
     name = campaign_name(campaign)
@@ -121,7 +126,7 @@ def dry_run(
             overlay, ProducerReasons(past, origins, campaign.families, today["producers"]), Path(environments)
         )
         found = _instantiated(Instantiator(campaign, overlay, keys, tree), evaluator)
-    instantiation = narrowed(found.instantiation, only, campaign.path)
+    instantiation = narrowed(found.instantiation, Selection(only, sample, campaign.seed), campaign.path)
     members = members_of(instantiation, runs or campaign.runs)
     shelf = Shelf(overlay, keys)
     shelved = {member.name: shelf.shelved(member) for member in members}
@@ -130,7 +135,16 @@ def dry_run(
     for member in members:
         _count(member, shelved[member.name], reasons, reused, due)
     return DryRun(
-        name, runs or campaign.runs, past, instantiation.configurations, reused, due, shelved, found.faults, keys
+        name,
+        runs or campaign.runs,
+        past,
+        instantiation.configurations,
+        reused,
+        due,
+        shelved,
+        found.faults,
+        keys,
+        instantiation.sampled_from,
     )
 
 

@@ -17,6 +17,8 @@ def print_dry_run(
     results: Path,
     store: str | None,
     only: Sequence[str],
+    sample: int | None,
+    map_dir: Path | None,
     since: Path | None,
     as_json: bool,
 ) -> None:
@@ -28,7 +30,16 @@ def print_dry_run(
 
     with Interruptible("interrupted; nothing was written"):
         try:
-            found = dry_run(file, runs=runs, results=results, store=store, only=only, since=since)
+            found = dry_run(
+                file,
+                runs=runs,
+                results=results,
+                store=store,
+                only=only,
+                sample=sample,
+                map_dir=map_dir,
+                since=since,
+            )
         except NoPast as error:
             print(f"--since {error}", file=sys.stderr)
             raise typer.Exit(2) from None

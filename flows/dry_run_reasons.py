@@ -203,8 +203,10 @@ class RunReasons:
         now = configuration_row(configuration)
         if member.name in self._came_of:
             return scenario_reason(self._came_of[member.name], now)
-        if only := asked_of(past.metadata).only:
-            return Reason("new configuration", "the campaign before was only a selection", ", ".join(only))
+        asked = asked_of(past.metadata)
+        if asked.only or asked.sample is not None:
+            said = [*asked.only, *([] if asked.sample is None else [f"a sample of {asked.sample}"])]
+            return Reason("new configuration", "the campaign before was only a selection", ", ".join(said))
         known = self._known(past, member.family)
         if not known:
             return Reason("new configuration", f"family {member.family} is new")

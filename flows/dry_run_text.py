@@ -68,7 +68,8 @@ def dry_run_json(found: DryRun, file: Path) -> dict[str, Any]:
         "campaign": found.name,
         "file": str(file),
         "runs": found.runs,
-        "configurations": sum(each.duplicate_of is None for each in found.configurations),
+        "configurations": _distinct(found),
+        "sampled_from": found.sampled_from,
         "compared_with": None if found.past is None else str(found.past.directory),
         "stages": {stage: _counts(found, stage) for stage in STAGES},
         "families": {family: {stage: _counts(found, stage, family) for stage in STAGES} for family in found.families},
@@ -85,6 +86,10 @@ def dry_run_json(found: DryRun, file: Path) -> dict[str, Any]:
         ],
         "faults": [f"{fault.producer} of {fault.family}: {fault.error}" for fault in found.faults],
     }
+
+
+def _distinct(found: DryRun) -> int:
+    return sum(each.duplicate_of is None for each in found.configurations)
 
 
 def _counts(found: DryRun, stage: Stage, family: str | None = None) -> dict[str, int]:
@@ -105,6 +110,8 @@ def dry_run_text(found: DryRun) -> Iterator[RenderableType]:
             table.add_row(stage, family, f"{counts['reused']:,}", f"{counts['computed']:,}", f"{UNITS[stage]}s")
     yield table
     yield ""
+    if found.sampled_from is not None:
+        yield Text(f"a sample of {_distinct(found):,} of {found.sampled_from:,} distinct configurations")
     if found.past is None:
         yield Text("compared with nothing: no earlier campaign of this name in the folder of results", "dim")
     else:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from vastflow.flows.map_dir import MapDir
 from vastflow.flows.run_command import BAD_INPUT
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ def describe(
         str | None,
         typer.Option(metavar="NAME", help="Cluster whose resources count; else the first that the file names."),
     ] = None,
+    map_dir: MapDir = None,
 ) -> None:
     """Print the containers of a run as YAML.
 
@@ -53,7 +55,7 @@ def describe(
     from vastflow.tasks.execution.reading import describe as described
 
     try:
-        campaign = load_campaign(file)
+        campaign = load_campaign(file, map_dir)
         found = described(campaign, campaign_name(campaign), context)
     except CampaignError as error:
         print(error, file=sys.stderr)

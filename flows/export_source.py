@@ -46,10 +46,10 @@ class ExportSource:
             self.campaign = str(tables.metadata["name"])
             campaign_file = next(yaml.safe_load_all(tables.campaign))
             self._scenario_file = Path(campaign_file.get("execution", {}).get("scenario_file") or "").name
-            self.configurations = tables.configurations
-            self._rows = {(row["configuration"], row["run_index"]): row for row in tables.runs}
+            self.configurations = tables.configurations.rows()
+            self._rows = {(row["configuration"], row["run_index"]): row for row in tables.runs.to_pylist()}
             self._verdicts: dict[str, dict[int, list[Mapping[str, Any]]]] = {}
-            for verdict in tables.verdicts:
+            for verdict in tables.verdicts.rows():
                 runs = self._verdicts.setdefault(verdict["configuration"], {})
                 runs.setdefault(verdict["run_index"], []).append(verdict)
         self._files = KeptFiles(directory)

@@ -7,8 +7,12 @@ from typing import Annotated
 
 import typer
 
+from vastflow.flows.map_dir import MapDir
 
-def validate(file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")]) -> None:
+
+def validate(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")], map_dir: MapDir = None
+) -> None:
     """Check a campaign file.
 
     Every fault is said at once, with its place and what would be right.
@@ -18,7 +22,7 @@ def validate(file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign
     from vastflow.producers.faults import CampaignError
 
     try:
-        campaign, oracles = read_campaign(file)
+        campaign, oracles = read_campaign(file, map_dir)
     except CampaignError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(2) from None

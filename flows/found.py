@@ -1,17 +1,13 @@
 """What was found of one configuration: blocks of its runs, verdicts, logs, and why something is missing."""
 
-import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
-
-import pyarrow.parquet as pq
+from typing import Protocol
 
 from vastflow.oracles.trace import levelled
 from vastflow.oracles.verdict import Verdict, read_verdicts
-from vastflow.sim.blocks import ROWS_KEY, read_block, write_block
+from vastflow.sim.blocks import read_block, read_rows, write_block
 from vastflow.tasks.shelf import Shelved
 from vastflow.tasks.store import Store
 from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
@@ -136,17 +132,11 @@ class StoredResult:
 
 def one_block(blocks: Sequence[bytes], runs: int) -> bytes:
     """All runs below `runs` as one block in order: the same bytes however they were blocked; empty without any."""
-    if len(blocks) == 1 and all(row["run_index"] < runs for row in block_rows(blocks[0])):
+    if len(blocks) == 1 and all(row["run_index"] < runs for row in read_rows(blocks[0])):
         return blocks[0]
     found = {row["run_index"]: (row, columns) for block in blocks for row, columns in read_block(block)}
     wanted = [found[index] for index in sorted(found) if index < runs]
     return write_block([row for row, _ in wanted], levelled([columns for _, columns in wanted])) if wanted else b""
-
-
-def block_rows(block: bytes) -> list[dict[str, Any]]:
-    """The rows of a block's runs, without decoding the columns."""
-    rows: list[dict[str, Any]] = json.loads(pq.ParquetFile(io.BytesIO(block)).metadata.metadata[ROWS_KEY])
-    return rows
 
 
 def complete(result: Found, runs: int, oracles: Sequence[str]) -> list[Verdict]:

@@ -2,20 +2,22 @@
 
 import inspect
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
+from pydantic import BaseModel
 
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
+from vastflow.producers.floorplan.files import PlanFile, VariationFile
 from vastflow.sim.digest import FileContent, digest
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.sim.osc.reading import files_of
-from vastflow.tasks.evaluation import files_in
+from vastflow.tasks.evaluation import files_in, producers_in
 
 
 @dataclass(frozen=True)
@@ -25,9 +27,10 @@ class Inputs:
     Attributes:
         campaign: The campaign file.
         files: Place below `inputs/` to content: maps with their pictures, Nav2 parameter files, the scenario file and
-            what it imports, run files, plug-ins.
+            what it imports, floor plans and their variations, run files, plug-ins.
         maps: Digest to map.
-        places: File from elsewhere, relative to the campaign file's folder, to its place below `inputs/`.
+        places: File from elsewhere, relative to the campaign file's folder, to its place below `inputs/`. A map of the
+            user's folder of maps is kept as if it lay beside the campaign file, for there it is looked for first.
     """
 
     campaign: bytes = field(repr=False)
@@ -47,7 +50,8 @@ class Inputs:
 def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     """Read the files of `campaign`; to be called as soon as it is loaded."""
     base = campaign.path.parent
-    producers = [producer for family in campaign.families for producer in family.producers]
+    chain = [producer for family in campaign.families for producer in family.producers]
+    producers = [each for producer in chain for each in (producer, *producers_in(producer.parameters))]
     fixed = [dict(family.values) for family in campaign.families]
     parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
     map_files = files_in(*fixed, *(p.parameters for p in producers))
@@ -55,8 +59,13 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     places: dict[str, str] = {}
     for parameter_file in map(Path, parameter_files.values()):
         _keep(files, places, base, parameter_file)
-    for map_file in map(Path, map_files.values()):
-        _keep(files, places, base, map_file, _picture(map_file))
+    for path in map_files.values():
+        borrowed = campaign.borrowed_maps.get(path)
+        beside = Path(path) if borrowed is None else base / borrowed
+        picture = _picture(Path(path))
+        _keep(files, places, base, Path(path), Path(path).parent / picture, at=[beside, beside.parent / picture])
+    for plan_file in dict.fromkeys(name for producer in producers for name in _plan_files(producer.parameters)):
+        _keep(files, places, base, base / plan_file)
     if isinstance(campaign.abstract, FileContent):
         for scenario_file in files_of(Path(campaign.abstract.path)):
             _keep(files, places, base, scenario_file)
@@ -69,15 +78,28 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     return Inputs(campaign.path.read_bytes(), files, maps, places)
 
 
-def _picture(map_file: Path) -> Path:
-    return map_file.parent / str(yaml.load(map_file.read_bytes(), Loader=yaml.CSafeLoader)["image"])
+def _plan_files(parameters: BaseModel) -> Iterator[str]:
+    """Floor plans and their variations among a producer's parameters, as the campaign file names them."""
+    for field_name in type(parameters).model_fields:
+        value = getattr(parameters, field_name)
+        for each in value if isinstance(value, tuple) else (value,):
+            if isinstance(each, VariationFile):
+                yield from (each.name, each.plan.name)
+            elif isinstance(each, PlanFile):
+                yield each.name
 
 
-def _keep(files: dict[str, bytes], places: dict[str, str], base: Path, *together: Path) -> None:
-    """Keep files at their places below `base`; those from elsewhere, in a folder named by their content."""
+def _picture(map_file: Path) -> str:
+    return str(yaml.load(map_file.read_bytes(), Loader=yaml.CSafeLoader)["image"])
+
+
+def _keep(
+    files: dict[str, bytes], places: dict[str, str], base: Path, *together: Path, at: Sequence[Path] | None = None
+) -> None:
+    """Keep files at their places below `base`, or as if they lay `at` others; those elsewhere, in a folder named by content."""
     contents = [path.read_bytes() for path in together]
     elsewhere = digest([content.hex() for content in contents])[:12]
-    for path, content in zip(together, contents, strict=True):
+    for path, content in zip(at or together, contents, strict=True):
         inside = path.resolve().is_relative_to(base.resolve())
         name = path.resolve().relative_to(base.resolve()) if inside else Path(elsewhere, path.name)
         files[name.as_posix()] = content

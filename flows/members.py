@@ -1,16 +1,16 @@
 """A campaign's members: what of an instantiation is executed."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
+from vastflow.flows.selection import Selection, sampled
 from vastflow.producers.faults import CampaignError, Fault, did_you_mean
 from vastflow.producers.instantiate import Instantiation
 from vastflow.tasks.instantiation import UnknownName, selected
 from vastflow.tasks.shelf import Member
 
 
-def narrowed(instantiation: Instantiation, only: Sequence[str], file: Path) -> Instantiation:
-    """What remains with the families and configurations called `only`, all where that is empty.
+def narrowed(instantiation: Instantiation, selection: Selection, file: Path) -> Instantiation:
+    """What remains with the families and configurations that are selected by name, and then with the sample of these.
 
     Args:
         file: The campaign file, for the message.
@@ -18,13 +18,12 @@ def narrowed(instantiation: Instantiation, only: Sequence[str], file: Path) -> I
     Raises:
         CampaignError: nothing is called so.
     """
-    if not only:
-        return instantiation
     try:
-        return selected(instantiation, only)
+        found = selected(instantiation, selection.only) if selection.only else instantiation
     except UnknownName as error:
         fault = Fault(str(file), 1, 1, "only", str(error), did_you_mean(error.name, error.known))
         raise CampaignError([fault]) from None
+    return found if selection.sample is None else sampled(found, selection.sample, selection.seed)
 
 
 def members_of(instantiation: Instantiation, runs: int) -> list[Member]:

@@ -24,7 +24,10 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     yield _table(("family", "configurations"), [((name, str(n)), counts) for name, n, counts in rows])
     if len(tables.oracles) > 1:
         yield Text("  ".join(f"{name} {_share(evidence[name].campaign.counts)}" for name in tables.oracles), "dim")
-    if duplicates := sum(row["duplicate_of"] is not None for row in tables.configurations):
+    if sampled_from := tables.metadata.get("counts", {}).get("sampled_from"):
+        drawn = tables.metadata["counts"]["configurations"]
+        yield Text(f"a sample of {drawn:,} of {sampled_from:,} distinct configurations")
+    if duplicates := sum(name is not None for name in tables.configurations.duplicate_of):
         yield Text(f"{_number(duplicates, 'configuration')} equal to another, run once", "dim")
     if tables.rejections:
         yield Text(f"{_number(len(tables.rejections), 'instance')} rejected; the report says which and why", "yellow")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vastflow.flows.interruptible import Interruptible
+from vastflow.flows.map_dir import MapDir
 from vastflow.flows.run_command import BAD_INPUT, unwritable
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ def preview(
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Where pictures are written; else preview-NAME.")
     ] = None,
+    map_dir: MapDir = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
 ) -> None:
     """Show what a campaign would run, without running it.
@@ -37,7 +39,7 @@ def preview(
         from vastflow.producers.instantiate import instantiate
 
         try:
-            campaign, _ = read_campaign(file)
+            campaign, _ = read_campaign(file, map_dir)
             folder = out or Path(f"preview-{directory_name(campaign_name(campaign))}")
             if pictures and (wrong := unwritable(folder)):
                 print(f"--out {wrong}", file=sys.stderr)
@@ -70,7 +72,7 @@ def preview(
 def _drawn(configurations: "Sequence[Configuration]", folder: Path) -> list[Path]:
     """The pictures of these configurations; one that can't be drawn is named on standard error."""
     from vastflow.flows.preview import plan_view_of
-    from vastflow.oracles.figures import png
+    from vastflow.oracles.figures.picture import png
     from vastflow.oracles.plan_view import plan_view_figure
 
     written = []

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import pyarrow as pa
 
 from vastflow.flows.configurations import Configurations, faults_text, number
-from vastflow.flows.found import RunFault, block_rows
+from vastflow.flows.found import RunFault
 from vastflow.flows.tables import RUNS, run_table_row
+from vastflow.sim.blocks import read_rows
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.shelf import Block
 from vastflow.tasks.store import Lost, Store
@@ -80,7 +81,7 @@ class Recordings:
         """
         store, rows = self.configurations.opened.store, []
         for name, blocks in self.blocks.items():
-            found = {row["run_index"]: row for block in blocks for row in block_rows(store.read(block.key, RECORDINGS))}
+            found = {row["run_index"]: row for block in blocks for row in read_rows(store.read(block.key, RECORDINGS))}
             rows += [
                 run_table_row(self.configurations[name], found[index]) for index in sorted(found) if index < self.runs
             ]

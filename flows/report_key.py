@@ -41,6 +41,7 @@ def report_key(
     """
     hashed = hashlib.sha256()
     same = {name: metadata[name] for name in ("name", "vastflow", "versions", "notes")}
+    same["selection"] = [metadata.get("asked", {}).get("only"), instantiation.sampled_from]
     libraries = {name: importlib.metadata.version(name) for name in _LIBRARIES}
     for part in (
         [same, libraries, hashlib.sha256(campaign).hexdigest(), runs, oracles],

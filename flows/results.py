@@ -161,6 +161,7 @@ def summary_of(
         results=str(results),
         oracles=by_oracle,
         excluded_by=_excluded_by(instantiation),
+        sampled_from=instantiation.sampled_from,
     )
 
 

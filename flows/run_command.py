@@ -10,6 +10,7 @@ import typer
 
 from vastflow.flows.dry_run_command import print_dry_run
 from vastflow.flows.interruptible import Interruptible
+from vastflow.flows.map_dir import MapDir
 from vastflow.flows.show_command import wrong_directory
 
 if TYPE_CHECKING:
@@ -48,6 +49,11 @@ def run(
     only: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="Only this family or configuration; may be repeated.")
     ] = None,
+    sample: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Only N distinct configurations of these, the same ones each time."),
+    ] = None,
+    map_dir: MapDir = None,
     pool: PoolOption = None,
     shards: ShardsOption = None,
     pool_wait: PoolWaitOption = None,
@@ -69,10 +75,18 @@ def run(
         raise typer.Exit(BAD_INPUT)
     if dry_run:
         print_dry_run(
-            file, runs=runs, results=Path(results), store=store, only=only or (), since=since, as_json=as_json
+            file,
+            runs=runs,
+            results=Path(results),
+            store=store,
+            only=only or (),
+            sample=sample,
+            map_dir=map_dir,
+            since=since,
+            as_json=as_json,
         )
         return
-    run_and_show(file, runs, results, store, workers, only, as_json, pool_of(pool, shards, pool_wait))
+    run_and_show(file, runs, results, store, workers, only, as_json, pool_of(pool, shards, pool_wait), sample, map_dir)
 
 
 def _wrong_since(since: Path, dry_run: bool) -> str | None:
@@ -90,6 +104,8 @@ def run_and_show(
     only: list[str] | None,
     as_json: bool,
     pool: "WorkPool | None" = None,
+    sample: int | None = None,
+    map_dir: Path | None = None,
 ) -> None:
     """Run a campaign as the command line does: with a display, the outcome in words, and an exit code."""
     from vastflow.tasks.store import is_address
@@ -118,6 +134,8 @@ def run_and_show(
                     store=store,
                     workers=workers,
                     only=only,
+                    sample=sample,
+                    map_dir=map_dir,
                     observer=display,
                     pool=pool,
                 )

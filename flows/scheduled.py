@@ -34,6 +34,8 @@ def run_scheduled(
     campaign: Text,
     runs: Positive | None = None,
     only: list[Text] = [],  # noqa: B006 - as Prefect's form shows it
+    sample: Positive | None = None,
+    map_dir: Text | None = None,
     results: Text = "results",
     store: Text | None = None,
     workers: Positive | None = None,
@@ -46,6 +48,8 @@ def run_scheduled(
         campaign: Campaign file, as the worker finds it.
         runs: Runs of each configuration; the campaign file's if left out.
         only: Families or configurations to run, by name; all if left out.
+        sample: How many distinct configurations of these to run, the same ones each time; all if left out.
+        map_dir: Folder, as the worker finds it, of maps that are not beside the campaign file.
         results: Folder the campaign directory is made in.
         store: Where results are kept for the next time; the worker's VASTFLOW_STORE if left out.
         workers: Worker processes; one a core if left out.
@@ -57,7 +61,7 @@ def run_scheduled(
         CampaignFault: runs could not be judged because of faults of ours; the report has the rest.
     """
     log = get_run_logger()
-    name = campaign_name(load_campaign(Path(campaign)))
+    name = campaign_name(load_campaign(Path(campaign), None if map_dir is None else Path(map_dir)))
     page = Page(name, str(flow_run.id), log.info)
     with held():
         found = run_campaign(
@@ -67,6 +71,8 @@ def run_scheduled(
             store=store,
             workers=workers,
             only=only or None,
+            sample=sample,
+            map_dir=map_dir,
             observer=page,
             pool=pool,
         )

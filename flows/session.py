@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from vastflow.flows.computation import Computation, begin_executing, end_orphans, inside_flow_run
 from vastflow.flows.found import RunFault, StoredResult
 from vastflow.flows.members import members_of, narrowed
+from vastflow.flows.selection import Selection
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
@@ -41,7 +42,7 @@ class Session:
     Args:
         title: Name of Prefect's flow run.
         runs: Of each configuration.
-        only: Names of families or configurations; empty for all.
+        only: What of the campaign is run.
         workers: Worker processes.
         prefect_results: Folder for the results of Prefect's tasks.
         log: File for all that would be said on the terminal otherwise.
@@ -57,7 +58,7 @@ class Session:
         shelf: Shelf,
         oracles: Sequence[Oracle[Any]],
         runs: int,
-        only: Sequence[str],
+        only: Selection,
         workers: int,
         tally: Tally,
         prefect_results: Path,

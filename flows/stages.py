@@ -11,6 +11,7 @@ from vastflow.flows.configurations import Configurations
 from vastflow.flows.members import members_of, narrowed
 from vastflow.flows.opened import OpenCampaign, open_campaign
 from vastflow.flows.recordings import Recordings
+from vastflow.flows.selection import Selection
 from vastflow.flows.stage_call import stage_call
 from vastflow.flows.traces import ObservedBlock, Traces
 from vastflow.flows.verdicts import Verdicts
@@ -82,7 +83,7 @@ def execute(
     if runs is not None and runs < 1:
         raise ValueError(f"runs is at least 1, got {runs}")
     opened = configurations.opened
-    selection = [only] if isinstance(only, str) else list(only or ())
+    selection = Selection((only,) if isinstance(only, str) else tuple(only or ()))
     chosen = replace(configurations, instantiation=narrowed(configurations.instantiation, selection, opened.path))
     wanted = runs or opened.campaign.runs
     members = members_of(chosen.instantiation, wanted)

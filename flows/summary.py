@@ -41,6 +41,7 @@ class Summary:
         oracles: Name of an oracle to its judgements; the mission's own outcome is `success`.
         excluded: Instances that constraints exclude.
         excluded_by: Family to how many instances each constraint excludes.
+        sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
     """
 
     configurations: int
@@ -59,6 +60,7 @@ class Summary:
     oracles: Mapping[str, Counts]
     excluded: int = 0
     excluded_by: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    sampled_from: int | None = None
 
     def as_json(self) -> dict[str, object]:
         """Plain values, seconds rounded to milliseconds."""

@@ -1,13 +1,17 @@
 """Evidence: what the verdicts of a campaign add up to."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from statistics import median
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vastflow.oracles.rates import LEVEL, Counts, Interval, clustered, pooled
+from vastflow.oracles.statistics.intervals import wilson_intervals
 from vastflow.oracles.tables import Tables
+from vastflow.oracles.verdict_table import Metric
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +47,12 @@ class Evidence:
     Attributes:
         families, configurations: By name, in the order of the campaign file.
         members: Family to the names of its configurations that are no duplicates.
-        metrics: By name; empty for all oracles together.
     """
 
     campaign: Group
     families: Mapping[str, Group]
     configurations: Mapping[str, Counts]
     members: Mapping[str, Sequence[str]]
-    metrics: Mapping[str, Spread]
 
 
 def evidence_of(tables: Tables) -> dict[str | None, Evidence]:
@@ -58,14 +60,38 @@ def evidence_of(tables: Tables) -> dict[str | None, Evidence]:
     return {oracle: _evidence(tables, oracle) for oracle in (None, *tables.oracles)}
 
 
+def spreads_of(tables: Tables) -> dict[str, dict[str, Spread]]:
+    """Oracle to the spread of each of its metrics."""
+    return {
+        oracle: {name: _spread(metric) for name, metric in tables.verdicts.metrics(oracle).items()}
+        for oracle in tables.oracles
+    }
+
+
 def group_of(clusters: Sequence[Counts]) -> Group:
     """`clusters` together."""
     return Group(pooled(clusters), len(clusters), clustered(clusters))
 
 
-def evidence_json(tables: Tables, evidence: Mapping[str | None, Evidence]) -> str:
-    """`evidence.json`: counts, rates and intervals of the campaign, its families and its configurations."""
-    document = {
+def configuration_intervals(evidence: Evidence) -> NDArray[np.float64]:
+    """(m, 2) Wilson intervals of the rates of its configurations."""
+    found = evidence.configurations.values()
+    return wilson_intervals([counts.passed for counts in found], [counts.judged for counts in found], LEVEL)
+
+
+def evidence_json(
+    tables: Tables,
+    evidence: Mapping[str | None, Evidence],
+    spreads: Mapping[str, Mapping[str, Spread]],
+    findings: Mapping[str, Any],
+) -> str:
+    """`evidence.json`: counts, rates and intervals of the campaign, its families and its configurations.
+
+    Args:
+        spreads: As `spreads_of` gives them.
+        findings: What the statistics say, JSON-ready; stands under its own keys.
+    """
+    document: dict[str, Any] = {
         "campaign": tables.metadata["name"],
         "level": LEVEL,
         "intervals": {
@@ -73,61 +99,81 @@ def evidence_json(tables: Tables, evidence: Mapping[str | None, Evidence]) -> st
             "clustered": "Wilson interval at the effective sample size with configurations as clusters: what to "
             "expect of other configurations of the kind; null for fewer than two",
         },
-        "all_oracles": _document(evidence[None]),
-        "oracles": {oracle: _document(found) for oracle, found in evidence.items() if oracle is not None},
+        "all_oracles": _document(evidence[None], {}),
+        "oracles": {oracle: _document(evidence[oracle], spreads[oracle]) for oracle in tables.oracles},
         "rejected": len(tables.rejections),
-        "duplicates": {row["name"]: row["duplicate_of"] for row in tables.configurations if row["duplicate_of"]},
+        "duplicates": _duplicates(tables),
+        **findings,
     }
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return "".join(_lines(document)) + "\n"
 
 
 def _evidence(tables: Tables, oracle: str | None) -> Evidence:
-    found = tables.counts(oracle)
-    families = {
-        family: {name: found.get(name, Counts()) for name in members} for family, members in tables.families.items()
-    }
+    counts = [Counts(*map(int, row)) for row in tables.verdicts.counts(oracle).tolist()]
+    found = dict(zip(tables.configurations.names, counts, strict=True))
+    families = {family: {name: found[name] for name in members} for family, members in tables.families.items()}
     configurations = {name: counts for members in families.values() for name, counts in members.items()}
     return Evidence(
         group_of(list(configurations.values())),
         {family: group_of(list(members.values())) for family, members in families.items()},
         configurations,
         tables.families,
-        {} if oracle is None else _spreads(tables, oracle),
     )
 
 
-def _spreads(tables: Tables, oracle: str) -> dict[str, Spread]:
-    values: dict[str, list[float]] = {}
-    units: dict[str, str] = {}
-    for row in tables.verdicts:
-        if row["oracle"] == oracle:
-            for name, metric in row["metrics"].items():
-                units[name] = metric["unit"]
-                found = values.setdefault(name, [])
-                if metric["value"] is not None:
-                    found.append(metric["value"])
-    return {
-        name: Spread(units[name], len(v), min(v), median(v), max(v)) if v else Spread(units[name], 0, None, None, None)
-        for name, v in values.items()
-    }
+def _spread(metric: Metric) -> Spread:
+    values: NDArray[np.float64] = metric.values[np.isfinite(metric.values)]
+    if not values.size:
+        return Spread(metric.unit, 0, None, None, None)
+    return Spread(metric.unit, values.size, float(values.min()), float(np.median(values)), float(values.max()))
 
 
-def _document(evidence: Evidence) -> dict[str, Any]:
+def _duplicates(tables: Tables) -> dict[str, str]:
+    found = tables.configurations
+    return {name: of for name, of in zip(found.names, found.duplicate_of, strict=True) if of}
+
+
+def _document(evidence: Evidence, spreads: Mapping[str, Spread]) -> dict[str, Any]:
     return {
         "campaign": _group(evidence.campaign),
         "families": {name: _group(group) for name, group in evidence.families.items()},
-        "configurations": {name: _counts(counts) for name, counts in evidence.configurations.items()},
-        "metrics": {name: asdict(spread) for name, spread in evidence.metrics.items()},
+        "configurations": dict(zip(evidence.configurations, _all_counts(evidence), strict=True)),
+        "metrics": {name: asdict(spread) for name, spread in spreads.items()},
     }
 
 
 def _group(group: Group) -> dict[str, Any]:
     return {
-        **_counts(group.counts),
+        **_counts(group.counts, group.counts.interval.low, group.counts.interval.high),
         "configurations": group.configurations,
         "clustered": asdict(group.clustered) if group.clustered else None,
     }
 
 
-def _counts(counts: Counts) -> dict[str, Any]:
-    return {**asdict(counts), "rate": counts.rate, "interval": asdict(counts.interval)}
+def _all_counts(evidence: Evidence) -> Iterator[dict[str, Any]]:
+    ends = configuration_intervals(evidence).tolist()
+    for counts, (low, high) in zip(evidence.configurations.values(), ends, strict=True):
+        yield _counts(counts, low, high)
+
+
+def _counts(counts: Counts, low: float, high: float) -> dict[str, Any]:
+    return {
+        "passed": counts.passed,
+        "failed": counts.failed,
+        "not_judged": counts.not_judged,
+        "rate": counts.rate,
+        "interval": {"low": low, "high": high},
+    }
+
+
+def _lines(value: Any, depth: int = 1) -> Iterator[str]:
+    """`value` as JSON, a line each for what is three levels deep: short, and quick to write (`indent` is not)."""
+    if not isinstance(value, dict) or not value or depth > 3:
+        yield json.dumps(value, ensure_ascii=False, allow_nan=False)
+        return
+    separator = "{"
+    for key, item in value.items():
+        yield f"{separator}\n{' ' * depth}{json.dumps(key, ensure_ascii=False)}: "
+        yield from _lines(item, depth + 1)
+        separator = ","
+    yield "\n" + " " * (depth - 1) + "}"

@@ -37,9 +37,9 @@ def judge_block(
     if recorded != (traced := [row["run_index"] for row, _ in observed]):
         raise ValueError(f"recordings of runs {recorded} and traces of runs {traced} do not belong together")
     written = read_outputs(outputs) if outputs else {}
-    verdicts = []
-    for recording, (row, columns) in zip(recordings, observed, strict=True):
-        whole = replace(recording, outputs=written.get(recording.run.run_index, Outputs()))
-        trace = trace_of(whole, row, columns)
-        verdicts += [oracle.judge(trace, situation) for oracle in oracles]
-    return verdicts
+    traces = [
+        trace_of(replace(recording, outputs=written.get(recording.run.run_index, Outputs())), row, columns)
+        for recording, (row, columns) in zip(recordings, observed, strict=True)
+    ]
+    said = [oracle.judge_all(traces, situation) for oracle in oracles]
+    return [verdict for of_run in zip(*said, strict=True) for verdict in of_run]

@@ -5,7 +5,7 @@ Only what follows from recording and scenario together is stored; a trace is bot
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, TypeAlias
 
@@ -31,6 +31,9 @@ _CANDIDATES: Final = 9
 """Cells looked at for the nearest wall: the nearest square is among the nine nearest centres, or at most a
 fifth of a cell nearer than the best of them."""
 
+STANDING_MPS: Final = 0.01
+STANDING_RADPS: Final = 0.01
+"""A robot that is slower than both stands."""
 
 References: TypeAlias = Callable[[tuple[Obstacle, ...]], MaybeReference]
 """The reference path round some obstacles, see `vastflow.oracles.reference`."""
@@ -59,8 +62,10 @@ class Observer:
         `localization_error_mm`: distance of the estimated to the true position, at each row.
         `wall_clearance_mm`: distance of the robot's centre to the nearest occupied cell's square (unknown cells
         are no walls), 0 inside one. `deviation_mm`: distance of the robot's centre to the nearest point of
-        the reference path, `NOWHERE_MM` without one. `separation_mm/<size class>`: between the centres of robot and nearest
-        obstacle, where each is at that row; `NOWHERE_MM` where none is there.
+        the reference path, `NOWHERE_MM` without one. `stopped`: 1 where the robot stands, slower than `STANDING_MPS` and `STANDING_RADPS`.
+        Of obstacles where each is at that row, and `NOWHERE_MM` where none is there: `separation_mm/<size class>` between the
+        centres of robot and nearest obstacle; `static_clearance_mm` and `appearing_clearance_mm` from the robot's centre to the
+        nearest outline of those that are there from the run's start on, and of those that come later.
 
         Raises:
             ValueError: an event of an obstacle that the scenario does not have.
@@ -72,20 +77,16 @@ class Observer:
         x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
         estimated_x_m, estimated_y_m = si(recording.columns["estimated_x_mm"]), si(recording.columns["estimated_y_mm"])
         derived = {"localization_error_mm": _mm(np.hypot(estimated_x_m - x_m, estimated_y_m - y_m))}
+        slow = np.abs(si(recording.columns["speed_mmps"])) < STANDING_MPS
+        slow &= np.abs(si(recording.columns["yaw_rate_mradps"])) < STANDING_RADPS
+        derived["stopped"] = slow.astype(np.int32)
         if self.occupancy is not None and self.wall_cells is not None:
             derived["wall_clearance_mm"] = _mm(_clearance_m(self.occupancy, self.wall_cells, x_m, y_m))
         derived["deviation_mm"] = np.full(len(x_m), NOWHERE_MM, dtype=np.int32)  # runs of a block have the same columns
         if isinstance(reference, Reference):
             path = _line(reference.points_xy_m)
             derived["deviation_mm"] = _mm(shapely.distance(path, shapely.points(x_m, y_m)))
-        classes: dict[str, list[Whereabouts]] = {}
-        for whereabouts in obstacles:
-            classes.setdefault(whereabouts.obstacle.size_class, []).append(whereabouts)
-        for size_class in sorted(classes):
-            centres = np.stack([whereabouts.at(recording.columns["t_ms"]) for whereabouts in classes[size_class]])
-            apart = np.hypot(x_m - centres[..., 0], y_m - centres[..., 1])
-            derived[f"separation_mm/{size_class}"] = _mm(apart.min(axis=0))
-        return reference, derived
+        return reference, {**derived, **_apart(obstacles, recording.columns["t_ms"], np.column_stack((x_m, y_m)))}
 
 
 def observer_of(scenario: Scenario) -> Observer:
@@ -119,6 +120,19 @@ def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
         for recording, (reference, _) in zip(recordings, observed, strict=True)
     ]
     return write_block(rows, levelled([columns for _, columns in observed]))
+
+
+def _apart(
+    obstacles: Sequence[Whereabouts], t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]
+) -> dict[str, NDArray[np.int32]]:
+    """Clearances and separations of the robot's centre (N, 2), least over the obstacles of each kind and size class."""
+    apart_m: dict[str, list[NDArray[np.float64]]] = {}
+    for whereabouts in obstacles:
+        kind = "static" if whereabouts.was_there and whereabouts.appears_s is None else "appearing"
+        apart_m.setdefault(f"{kind}_clearance_mm", []).append(whereabouts.clearance_m(t_ms, xy_m))
+        centres_m = np.hypot(*(xy_m - whereabouts.at(t_ms)).T)
+        apart_m.setdefault(f"separation_mm/{whereabouts.obstacle.size_class}", []).append(centres_m)
+    return {name: _mm(np.min(apart_m[name], axis=0)) for name in sorted(apart_m, key=lambda name: ("/" in name, name))}
 
 
 def _wall_cells(occupancy: OccupancyMap) -> cKDTree | None:

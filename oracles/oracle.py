@@ -55,6 +55,10 @@ class Oracle(ABC, Generic[P]):
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
         """Judge one run with `passed`, `failed` or `not_judged`."""
 
+    def judge_all(self, traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
+        """Judge several runs of one configuration, in their order: what `judge` says of each, whichever others there are."""
+        return [self.judge(trace, situation) for trace in traces]
+
     def passed(self, trace: Trace, **metrics: float | None) -> Verdict:
         """The run did what this oracle asks."""
         return self._verdict(trace, "pass", "", metrics)
@@ -74,8 +78,9 @@ class Oracle(ABC, Generic[P]):
         return Verdict(self.name, trace.run.run_index, judgement, reason, values)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        # By name: a class of a plug-in file is in no module that another process could import.
-        return oracle_of, (self.name, self.parameters.model_dump(), self.base)
+        if _is_file(self.name):  # whose class is in no module that another process could import
+            return oracle_of, (self.name, self.parameters.model_dump(), self.base)
+        return type(self), (self.parameters, self.name, self.base)  # searching the entry points takes 10 ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +114,7 @@ def known_oracles() -> tuple[str, ...]:
 
 
 def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> Oracle[Any]:
-    """The oracle called `name` in the entry-point group, or `file.py:Class` relative to `base`.
+    """The oracle called `name` in the entry-point group, or `file.py:Class` or `notebook.ipynb` relative to `base`.
 
     Raises:
         OracleError: there is none of this name, or its parameters are wrong.
@@ -139,13 +144,14 @@ def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
     Raises:
         OracleError: there is none of this name.
     """
-    if ".py:" in name:
-        file_name, _, class_name = name.rpartition(":")
+    if _is_file(name):
+        file_name, _, class_name = name.rpartition(":") if ".py:" in name else (name, "", "")
         file = base / file_name
         if not file.is_file():
-            raise OracleError(
-                name, [OracleFault((), f"no file {str(file)!r}", "a Python file beside the campaign file")]
-            )
+            what = "a Python file" if class_name else "a notebook"
+            raise OracleError(name, [OracleFault((), f"no file {str(file)!r}", f"{what} beside the campaign file")])
+        if not class_name:
+            return _class_of_notebook(name, file)
         found = getattr(_module_of(file), class_name, None)
         if found is None:
             raise OracleError(name, [OracleFault((), f"{str(file)!r} has no class {class_name!r}", "file.py:Class")])
@@ -162,9 +168,27 @@ def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
     return found
 
 
+def _is_file(name: str) -> bool:
+    return ".py:" in name or name.endswith(".ipynb")
+
+
+def _module_name(file: Path) -> str:
+    """Of a plug-in's place and content, so that an edited file is never served stale."""
+    return f"vastflow_oracle_{digest(str(file.resolve()), file_digest(file))[:16]}"
+
+
+def _class_of_notebook(name: str, file: Path) -> type[Oracle[Any]]:
+    from vastflow.oracles.notebook import NotebookError, notebook_oracle  # which needs this module
+
+    try:
+        return notebook_oracle(file, _module_name(file))
+    except NotebookError as error:
+        raise OracleError(name, [OracleFault((), error.what, error.right)]) from None
+
+
 def _module_of(file: Path) -> Any:
-    """A plug-in's module under a name of its place and content, so that an edited file is never served stale."""
-    module_name = f"vastflow_oracle_{digest(str(file.resolve()), file_digest(file))[:16]}"
+    """A plug-in's module."""
+    module_name = _module_name(file)
     if module_name not in sys.modules:
         spec = importlib.util.spec_from_file_location(module_name, file)
         if spec is None or spec.loader is None:

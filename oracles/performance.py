@@ -31,7 +31,7 @@ class Performance(Oracle[PerformanceParameters]):
     RMSE = sqrt(1/N Σ |p_i - q_i|²) in m, with p_i on the true trajectory and q_i on the A* reference
     (`vastflow.oracles.reference`), both at fraction i / (N - 1) of their own arc length, i = 0..N-1. L is the reference's
     octile length in m and r the local costmap's robot radius in m; the paper compares L r (m²) with RMSE (m)
-    as numbers, which is a lax bound and grows with L.
+    as numbers, which is a lax bound and grows with L. Exactly L r passes.
 
     Every run with a recording is graded, as in the paper. A trajectory that ended early is compared with the
     whole reference, so that what was not driven counts as error; it may still be below the bound near the goal. Whether
@@ -65,7 +65,7 @@ class Performance(Oracle[PerformanceParameters]):
             "reference_length": reference.length_m,
             "length_ratio": float(arc_lengths_m(trace.xy_m)[-1]) / reference.length_m,
         }
-        if rmse_m > threshold:
+        if round(rmse_m - threshold, 9) > 0:
             reason = f"RMSE {rmse_m:.2f} m to the reference path, more than {threshold:.2f}"
             return self.failed(trace, reason, **metrics)
         return self.passed(trace, **metrics)

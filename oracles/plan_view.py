@@ -13,15 +13,8 @@ from matplotlib.patches import Circle, Patch, PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures import (
-    INK,
-    OBSTACLE_COLOUR,
-    OBSTACLE_EDGE,
-    draw_ends,
-    draw_obstacles,
-    legend,
-    map_figure,
-)
+from vastflow.oracles.figures.floor import draw_ends, draw_obstacles, legend, map_figure, obstacle_handle
+from vastflow.oracles.figures.palette import INK, OBSTACLE_COLOUR, OBSTACLE_EDGE
 from vastflow.oracles.situation import Situation
 from vastflow.sim.maps import OccupancyMap
 from vastflow.sim.obstacle import Obstacle
@@ -103,10 +96,7 @@ def _xy_m(poses: Sequence[Pose]) -> NDArray[np.float64]:
 
 
 def _obstacle_handles(standing: int, appearing: int) -> list[Any]:
-    handles: list[Any] = []
-    if standing:
-        label = f"obstacle, not on the robot's map ({standing})"
-        handles.append(Patch(facecolor=OBSTACLE_COLOUR, edgecolor=OBSTACLE_EDGE, alpha=0.7, label=label))
+    handles: list[Any] = [*obstacle_handle(standing)]
     if appearing:
         label = f"obstacle that appears when the robot enters the circle ({appearing})"
         look: dict[str, Any] = {"facecolor": OBSTACLE_COLOUR, "edgecolor": OBSTACLE_EDGE, "linestyle": _DASHES}

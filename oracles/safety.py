@@ -2,11 +2,14 @@
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.response import Braking, responses
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Verdict
@@ -21,11 +24,20 @@ class SafetyParameters(Parameters):
         robot_radius_m: Radius of the robot (m).
         max_speed_mps: v, its greatest speed (m/s).
         max_deceleration_mps2: a, its greatest deceleration (m/s²).
+        fail_on_contact: Contacts that fail a run whatever the separation: `none`, with an `obstacle`, or with `any` thing, walls too.
+        braking_mps: Speed that the robot loses where it brakes, and does not just drive unevenly (m/s): a fifth of its greatest. In
+            an open room the default controller never loses more than half of that.
+        braking_s: Time within which it loses that (s).
+        stopped_speed_mps: Speed up to which it stands (m/s).
     """
 
     robot_radius_m: float = Field(default=0.15, ge=0)
     max_speed_mps: float = Field(default=0.5, ge=0)
     max_deceleration_mps2: float = Field(default=2.5, gt=0)
+    fail_on_contact: Literal["none", "obstacle", "any"] = "obstacle"
+    braking_mps: float = Field(default=0.1, gt=0)
+    braking_s: float = Field(default=0.5, gt=0)
+    stopped_speed_mps: float = Field(default=0.02, ge=0)
 
 
 class Safety(Oracle[SafetyParameters]):
@@ -34,40 +46,100 @@ class Safety(Oracle[SafetyParameters]):
     d_min = r_obstacle + r_robot + v²/(2a), all in m, between centres, with r_obstacle the greatest distance from
     the obstacle's centre to its outline in the plane. 0.5 m cube: 0.354 + 0.15 + 0.05 = 0.554 m; 0.8 m cube:
     0.766 m. Separation is taken at the recording's rows, from where the obstacles are then; one that appears counts from
-    then on, and one that is pushed where it was pushed to. A run without obstacles passes. Contacts are counted, those with
-    walls too, and are no criterion of their own: one with an obstacle is closer than d_min anyway.
+    then on, and one that is pushed where it was pushed to. Exactly d_min passes. A run without obstacles passes.
+
+    The paper's other property is collision. One with an obstacle is closer than d_min, and fails the run whatever the robot's
+    radius is said to be; one with a wall is counted, and fails it where `fail_on_contact` is `any`.
+
+    How unsafe a run was is measured beside it, as the paper asks ("how close the robot comes to obstacles under safety
+    violations"). The time of the safety response, which it names without defining it, is that from an obstacle's
+    appearance in the robot's way until the robot begins to brake (`vastflow.oracles.response`): until it loses `braking_mps` within
+    `braking_s`, or comes to a stop.
 
     Metrics: `smallest_separation` (m), between centres; `margin` (m), the smallest of separation - d_min over
-    all obstacles; `contacts` (1). The first two have no value where no obstacle was ever there.
+    all obstacles; `violation_time` (s), for how long any of them was below 0; `violation_clearance` (m), the smallest distance
+    from the robot's rim to the outline of an obstacle during that time, negative where the disc of `robot_radius_m` overlaps it;
+    `response_time` (s), the longest where several obstacles appeared; `unanswered` (1), those that appeared and that it came nearer
+    to without braking; `contacts` and `obstacle_contacts` (1). All but the contacts have no value where no obstacle was
+    ever there, `violation_clearance` has none without a violation, and `response_time` none where nothing appeared or the robot
+    did not brake.
     """
 
     Parameters = SafetyParameters
-    metrics: ClassVar[Mapping[str, str]] = {"smallest_separation": "m", "margin": "m", "contacts": "1"}
+    metrics: ClassVar[Mapping[str, str]] = {
+        "smallest_separation": "m",
+        "margin": "m",
+        "violation_time": "s",
+        "violation_clearance": "m",
+        "response_time": "s",
+        "unanswered": "1",
+        "contacts": "1",
+        "obstacle_contacts": "1",
+    }
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
-        contacts = float(sum(event.kind == "contact" for event in trace.run.events))
-        obstacles = [whereabouts.obstacle for whereabouts in whereabouts_of(situation, trace.run)]
-        if obstacles and not len(trace):
-            return self.not_judged(trace, "the recording has no rows", contacts=contacts)
-        closest = {o.size_class: o for o in obstacles}  # of one class, so one required separation
-        smallest_m = {name: float(trace[f"separation_m/{name}"].min()) for name in closest}
-        separation_m = {name: apart_m for name, apart_m in smallest_m.items() if apart_m < math.inf}
-        if not separation_m:
-            return self.passed(trace, contacts=contacts)
-        margin_m = {name: apart_m - self.required_m(closest[name]) for name, apart_m in separation_m.items()}
-        worst = min(margin_m, key=lambda name: margin_m[name])
-        metrics = {
-            "smallest_separation": min(separation_m.values()),
-            "margin": margin_m[worst],
-            "contacts": contacts,
+        whereabouts = whereabouts_of(situation, trace.run)
+        names = {each.obstacle.name for each in whereabouts}
+        touched = [event.what for event in trace.events("contact")]
+        obstacles_touched = [what for what in touched if what in names]
+        metrics: dict[str, float | None] = {"contacts": len(touched), "obstacle_contacts": len(obstacles_touched)}
+        wrong = {"none": [], "obstacle": obstacles_touched, "any": touched}[self.parameters.fail_on_contact]
+        closest = {
+            each.obstacle.size_class: each.obstacle for each in whereabouts
+        }  # of one class, so one required separation
+        if closest and not len(trace):
+            return self.not_judged(trace, "the recording has no rows", **metrics)
+        if missing := [name for name in closest if f"separation_m/{name}" not in trace.columns]:
+            return self.not_judged(trace, f"the trace has no separation from a {missing[0]}", **metrics)
+        separation_m = {name: trace[f"separation_m/{name}"] for name in closest}
+        there = {name: apart_m for name, apart_m in separation_m.items() if apart_m.min() < math.inf}
+        if not there:
+            return self._kept(trace, wrong, metrics)
+        margins_m = {name: np.round(apart_m - self.required_m(closest[name]), 9) for name, apart_m in there.items()}
+        worst = min(margins_m, key=lambda name: float(margins_m[name].min()))
+        violated = np.any([margin_m < 0 for margin_m in margins_m.values()], axis=0)
+        metrics |= {
+            "smallest_separation": min(float(apart_m.min()) for apart_m in there.values()),
+            "margin": float(margins_m[worst].min()),
+            "violation_time": _duration_s(trace["t_s"], violated),
+            "violation_clearance": self._closest_m(trace, violated),
         }
-        if margin_m[worst] < 0:
-            required_m = self.required_m(closest[worst])
-            reason = f"{separation_m[worst]:.3f} m from the centre of a {worst}, less than {required_m:.3f} m"
+        if "speed_mps" in trace.columns:
+            metrics |= self._responses(trace, situation)
+        if margins_m[worst].min() < 0:
+            apart_m, required_m = float(there[worst].min()), self.required_m(closest[worst])
+            reason = f"{apart_m:.3f} m from the centre of a {worst}, less than {required_m:.3f} m"
             return self.failed(trace, reason, **metrics)
-        return self.passed(trace, **metrics)
+        return self._kept(trace, wrong, metrics)
 
     def required_m(self, obstacle: Obstacle) -> float:
         """d_min (m) between the centres of robot and `obstacle`."""
         p = self.parameters
         return obstacle.circumradius_m + p.robot_radius_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
+
+    def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:
+        """The verdict on a run that kept its separation, and that should not have touched what is `wrong`."""
+        if not wrong:
+            return self.passed(trace, **metrics)
+        more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        return self.failed(trace, f"touched {wrong[0]!r}{more}", **metrics)
+
+    def _closest_m(self, trace: Trace, violated: NDArray[np.bool_]) -> float | None:
+        kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
+        if not kinds or not violated.any():
+            return None
+        clearance_m = min(float(trace[name][violated].min()) for name in kinds)
+        return round(clearance_m - self.parameters.robot_radius_m, 9)
+
+    def _responses(self, trace: Trace, situation: Situation) -> dict[str, float | None]:
+        p = self.parameters
+        braking = Braking(p.braking_mps, p.braking_s, p.stopped_speed_mps)
+        found = list(responses(trace, situation, braking))
+        times_s = [response.time_s for response in found if response.time_s is not None]
+        return {"response_time": max(times_s, default=None), "unanswered": len(found) - len(times_s)}
+
+
+def _duration_s(t_s: NDArray[np.float64], is_so: NDArray[np.bool_]) -> float:
+    """For how long it is so, each row standing for half the steps on either side of it."""
+    steps_s = np.diff(t_s)
+    return round(float((0.5 * steps_s * (is_so[1:].astype(np.float64) + is_so[:-1])).sum()), 6)

@@ -1,46 +1,29 @@
 """Scenes: what happened in one environment, ready to be drawn."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vastflow.oracles.executed import KeptFiles, executed_scenario
 from vastflow.oracles.oracle import SUCCESS
-from vastflow.oracles.rates import Counts, counts_of
+from vastflow.oracles.rates import Counts
 from vastflow.oracles.situation import Situation, situation_of
-from vastflow.oracles.tables import RunKey, Tables
-from vastflow.oracles.verdict import Judgement
-from vastflow.oracles.whereabouts import spawned_by
-from vastflow.sim.blocks import ROWS_KEY
+from vastflow.oracles.statistics.failure_map import FailureMap, Grid, empty_map, failure_map, grid_over
+from vastflow.oracles.tables import Tables
+from vastflow.oracles.verdict_table import CODES, FAIL, NOT_JUDGED
+from vastflow.oracles.walk import Walks, read_walks
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.obstacle import Obstacle
-from vastflow.sim.recording import run_of, si
 
-MAX_TRAJECTORIES: Final = 500
-"""Trajectories drawn per judgement and environment; more hide each other (the paper draws 1,000)."""
-_STEP_M: Final = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """The true way of one run, (N, 2) in the map frame, a point every 5 cm."""
-
-    judgement: Judgement
-    xy_m: NDArray[np.float64] = field(repr=False)
-
-
-@dataclass(frozen=True, slots=True)
-class FinalPosition:
-    """Where a failed run ended; `mission_failed` is False where another oracle failed it."""
-
-    x_m: float
-    y_m: float
-    mission_failed: bool
+MAX_LINES: Final = 1000
+"""Trajectories drawn per judgement and environment, as in the paper; more hide each other."""
+MAX_SCENES: Final = 12
+"""Environments that are drawn; those with most failures where there are more."""
+CELL_M: Final = 0.25
+_POSITIONS: Final = 300_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,117 +33,170 @@ class Scene:
     Attributes:
         environment: Digest of the map.
         runs: All runs here, drawn or not.
-        trajectories: At most `MAX_TRAJECTORIES` of each judgement, evenly chosen.
+        lines: By judgement, true trajectories (N, 2) in the map frame: at most `MAX_LINES`, evenly chosen.
         starts_xy_m, goals_xy_m: (n, 2), without repetitions.
         obstacles: Those of all configurations and those that their scenarios spawned, without repetitions.
-        failed: Of every failed run that has a recording.
+        failed_xy_m: (F, 2) where each failed run that has a recording ended.
+        missed: (F,) whether its mission failed, and not only another oracle.
+        failures: Failed runs over visits, in cells of `CELL_M`.
     """
 
     environment: str
     occupancy: OccupancyMap
     runs: Counts
-    trajectories: Sequence[Trajectory] = field(repr=False)
+    lines: Mapping[int, Sequence[NDArray[np.float64]]] = field(repr=False)
     starts_xy_m: NDArray[np.float64]
     goals_xy_m: NDArray[np.float64]
-    obstacles: Sequence[Obstacle]
-    failed: Sequence[FinalPosition] = field(repr=False)
+    obstacles: Sequence[Obstacle] = field(repr=False)
+    failed_xy_m: NDArray[np.float64] = field(repr=False)
+    missed: NDArray[np.bool_] = field(repr=False)
+    failures: FailureMap = field(repr=False)
+
+
+def environment_counts(tables: Tables) -> dict[str, Counts]:
+    """The runs in each environment, in the order of the configurations."""
+    found = tables.configurations
+    counts = tables.verdicts.counts(None)
+    sums: dict[str, NDArray[np.int64]] = {}
+    for k in found.distinct:
+        if environment := found.environments[k]:
+            sums[environment] = sums.get(environment, 0) + counts[k]
+    return {environment: Counts(*map(int, total)) for environment, total in sums.items()}
 
 
 def scenes_of(tables: Tables) -> list[Scene]:
-    """The scene of each environment that was run in, in the order of the configurations."""
-    members: dict[str, list[dict[str, Any]]] = {}
-    for row in tables.configurations:
-        if row["environment"] is not None and row["duplicate_of"] is None:
-            members.setdefault(row["environment"], []).append(row)
+    """The scene of each environment that was run in, in the order of the configurations, at most `MAX_SCENES`."""
+    counts = environment_counts(tables)
+    drawn = {*sorted(counts, key=lambda environment: -counts[environment].failed)[:MAX_SCENES]}
     files = KeptFiles(tables.directory)
-    return [_scene(tables, environment, rows, files) for environment, rows in members.items()]
+    return [_scene(tables, environment, runs, files) for environment, runs in counts.items() if environment in drawn]
 
 
-def _scene(tables: Tables, environment: str, rows: Sequence[Mapping[str, Any]], files: KeptFiles) -> Scene:
-    names = {row["name"] for row in rows}
-    runs = {key: judgement for key, judgement in tables.judgements.items() if key[0] in names}
-    chosen, missed = _chosen(runs), _missed(tables)
-    situations = [_situation(row, files) for row in rows]
-    trajectories: list[Trajectory] = []
-    failed: list[FinalPosition] = []
-    for key, xy_m in _recorded(tables, {*chosen, *(key for key, judgement in runs.items() if judgement == "fail")}):
-        if key in chosen:
-            trajectories.append(Trajectory(runs[key], _thinned(xy_m)))
-        if runs[key] == "fail":
-            failed.append(FinalPosition(float(xy_m[-1, 0]), float(xy_m[-1, 1]), key in missed))
-    return Scene(
-        environment,
-        load_map(tables.directory / "environments" / environment / "map.yaml"),
-        counts_of(runs.values()),
-        trajectories,
-        _distinct([(s.start.x_m, s.start.y_m) for s in situations if s.start is not None]),
-        _distinct([(goal.x_m, goal.y_m) for s in situations for goal in s.goals]),
-        _distinct_obstacles([*(o for s in situations for o in s.obstacles), *_spawned_in(tables, sorted(names))]),
-        failed,
+def situation_at(tables: Tables, configuration: int, files: KeptFiles) -> Situation:
+    """The situation of the configuration at an index."""
+    found = tables.configurations
+    return situation_of(executed_scenario(found.abstracts[configuration], 0.0, found.contents[configuration], files))
+
+
+def known_extent_m(occupancy: OccupancyMap, margin_m: float) -> tuple[float, float, float, float]:
+    """x0, x1, y0, y1 of what is known of the map, with a margin."""
+    known = occupancy.cells >= 0
+    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not rows.size:
+        rows, columns = np.array([0, known.shape[0] - 1]), np.array([0, known.shape[1] - 1])
+    x, y = occupancy.origin_xy_m
+    resolution_m = occupancy.resolution_m
+    return (
+        float(x + columns[0] * resolution_m - margin_m),
+        float(x + (columns[-1] + 1) * resolution_m + margin_m),
+        float(y + rows[0] * resolution_m - margin_m),
+        float(y + (rows[-1] + 1) * resolution_m + margin_m),
     )
 
 
-def _situation(row: Mapping[str, Any], files: KeptFiles) -> Situation:
-    return situation_of(executed_scenario(row["abstract"], 0.0, row["scenario"], files))
+def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> Scene:
+    found = tables.configurations
+    members = np.array([k for k in found.distinct if found.environments[k] == environment], dtype=np.int64)
+    situations = [situation_at(tables, int(k), files) for k in members]
+    occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
+    grid = _grid_over(occupancy)
+    visitors = _Visitors(grid)
+    lines: dict[int, list[NDArray[np.float64]]] = {code: [] for code in CODES.values()}
+    spawned: list[Obstacle] = []
+    failed_xy_m, missed = [np.zeros((0, 2))], [np.zeros(0, dtype=np.bool_)]
+    chosen = _chosen(tables, members)
+    for walks, rows in _walked(tables, members):
+        judged = tables.verdicts.together[rows]
+        visitors.add(walks, judged)
+        failed_xy_m.append(walks.ends_xy_m[judged == FAIL])
+        missed.append(_missed(tables, rows[judged == FAIL]))
+        for run in np.flatnonzero(chosen[rows]):
+            lines[int(judged[run])].append(walks.line(int(run)))
+        spawned += walks.spawned
+    return Scene(
+        environment,
+        occupancy,
+        runs,
+        lines,
+        _distinct([(s.start.x_m, s.start.y_m) for s in situations if s.start is not None]),
+        _distinct([(goal.x_m, goal.y_m) for s in situations for goal in s.goals]),
+        distinct_obstacles([*(o for s in situations for o in s.obstacles), *spawned]),
+        np.concatenate(failed_xy_m),
+        np.concatenate(missed),
+        visitors.failures(),
+    )
+
+
+class _Visitors:
+    """Sums up who came where, some hundred thousand positions at a time."""
+
+    def __init__(self, grid: Grid) -> None:
+        self._found = empty_map(grid)
+        self._waiting: list[tuple[Walks, NDArray[np.int8]]] = []
+
+    def add(self, walks: Walks, judged: NDArray[np.int8]) -> None:
+        """Runs of one configuration and what was said of them (R,)."""
+        self._waiting.append((walks, judged))
+        if sum(len(walks.xy_m) for walks, _ in self._waiting) > _POSITIONS:
+            self._sum_up()
+
+    def failures(self) -> FailureMap:
+        """Of all that were added; runs that were not judged are in no count."""
+        self._sum_up()
+        return self._found
+
+    def _sum_up(self) -> None:
+        if self._waiting:
+            xy_m = np.concatenate([walks.xy_m for walks, _ in self._waiting])
+            lengths = np.concatenate([np.diff(walks.starts) for walks, _ in self._waiting])
+            judged = np.concatenate([said for _, said in self._waiting])
+            of = np.repeat(np.arange(len(self._waiting)), [len(said) for _, said in self._waiting])
+            known = judged != NOT_JUDGED
+            starts = np.r_[0, np.cumsum(lengths[known])]
+            self._found += failure_map(
+                self._found.grid, xy_m[np.repeat(known, lengths)], starts, judged[known] == FAIL, of[known]
+            )
+            self._waiting.clear()
+
+
+def _grid_over(occupancy: OccupancyMap) -> Grid:
+    x0, x1, y0, y1 = known_extent_m(occupancy, CELL_M)
+    return grid_over(x0, y0, x1, y1, CELL_M)
+
+
+def _walked(tables: Tables, members: NDArray[np.int64]) -> Iterator[tuple[Walks, NDArray[np.int64]]]:
+    """Walks of each configuration that has a recording, and the runs of the verdicts' table that they are of."""
+    verdicts = tables.verdicts
+    for k in members:
+        walks = read_walks(tables.directory, tables.configurations.names[k])
+        if walks is not None:
+            first, last = np.searchsorted(verdicts.configuration, (k, k + 1))
+            rows = first + np.searchsorted(verdicts.run_index[first:last], walks.run_index)
+            yield walks, rows
+
+
+def _chosen(tables: Tables, members: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(R,) the runs to draw, evenly spread over the configurations."""
+    verdicts = tables.verdicts
+    here = np.isin(verdicts.configuration, members)
+    chosen = np.zeros(len(verdicts), dtype=np.bool_)
+    for code in CODES.values():
+        alike = np.flatnonzero(here & (verdicts.together == code))
+        chosen[alike[np.unique(np.linspace(0, len(alike) - 1, min(len(alike), MAX_LINES)).astype(np.int64))]] = True
+    return chosen
+
+
+def _missed(tables: Tables, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether the missions of the runs at `rows` failed."""
+    if SUCCESS not in tables.oracles:
+        return np.zeros(len(rows), dtype=np.bool_)
+    return np.asarray(tables.verdicts.of(SUCCESS)[rows] == FAIL)
 
 
 def _distinct(points: list[tuple[float, float]]) -> NDArray[np.float64]:
     return np.array(list(dict.fromkeys(points)), dtype=np.float64).reshape(-1, 2)
 
 
-def _distinct_obstacles(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+def distinct_obstacles(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+    """`obstacles` without repetitions of pose, size and shape."""
     return list({(o.pose, o.length_m, o.width_m, o.shape): o for o in obstacles}.values())
-
-
-def _spawned_in(tables: Tables, configurations: Sequence[str]) -> Iterator[Obstacle]:
-    """What the scenarios themselves put into the world in any run, where they put it."""
-    for configuration in configurations:
-        file = tables.directory / "recordings" / f"{configuration}.parquet"
-        if file.is_file():
-            for row in json.loads(pq.read_schema(file).metadata[ROWS_KEY]):
-                yield from spawned_by(run_of(row))
-
-
-def _chosen(runs: Mapping[RunKey, Judgement]) -> set[RunKey]:
-    """The runs to draw, evenly spread over the configurations."""
-    chosen: set[RunKey] = set()
-    for wanted in ("pass", "not judged", "fail"):
-        keys = [key for key, judgement in runs.items() if judgement == wanted]
-        step = max(1, -(-len(keys) // MAX_TRAJECTORIES))
-        chosen.update(keys[::step])
-    return chosen
-
-
-def _missed(tables: Tables) -> set[RunKey]:
-    """Runs whose mission failed."""
-    return {
-        (row["configuration"], row["run_index"])
-        for row in tables.verdicts
-        if row["oracle"] == SUCCESS and row["judgement"] == "fail"
-    }
-
-
-def _recorded(tables: Tables, wanted: set[RunKey]) -> Iterator[tuple[RunKey, NDArray[np.float64]]]:
-    """True positions (N >= 1, 2) of the wanted runs that have a recording, in order."""
-    indices: dict[str, list[int]] = {}
-    for configuration, run_index in sorted(wanted):
-        indices.setdefault(configuration, []).append(run_index)
-    for configuration, run_indices in indices.items():
-        file = tables.directory / "recordings" / f"{configuration}.parquet"
-        if not file.is_file():  # every run of it was broken by a fault of ours
-            continue
-        table = pq.ParquetFile(file).read(columns=["run_index", "x_mm", "y_mm"])
-        # By DLPack, because pyarrow's own to_numpy imports pandas (0.35 s).
-        index, x_mm, y_mm = (np.asarray(np.from_dlpack(c.combine_chunks()), dtype=np.int32) for c in table.columns)
-        xy_m = np.column_stack((si(x_mm), si(y_mm)))
-        for run_index in run_indices:
-            start, end = np.searchsorted(index, [run_index, run_index + 1])
-            if end > start:
-                yield (configuration, run_index), xy_m[start:end]
-
-
-def _thinned(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    along_m = np.r_[0.0, np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))]
-    keep = np.r_[True, np.diff(np.floor(along_m / _STEP_M)) > 0]
-    keep[-1] = True
-    return xy_m[keep]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.process.tables import Columns
-from vastflow.sim.recording import Recording, Run, si
+from vastflow.sim.recording import Event, Recording, Run, si
 
 SI_SUFFIX: Mapping[str, str] = {
     "mmps": "mps",
@@ -57,10 +57,11 @@ class Trace:
         run: How the run ended.
         columns: Name to (N,) float64. From the recording: `t_s x_m y_m yaw_rad estimated_x_m estimated_y_m
             estimated_yaw_rad speed_mps yaw_rate_radps command_speed_mps command_yaw_rate_radps localized`.
-            Derived: `localization_error_m`, `wall_clearance_m` (robot centre to the nearest wall; absent without
-            walls), `deviation_m` (to the reference path; absent without one) and
-            `separation_m/<size class>` (robot centre to the nearest centre of obstacles of that class, where they are at that
-            time; infinite while none is there).
+            Derived: `localization_error_m`, `stopped` (1 where the robot stands), `wall_clearance_m` (robot centre to the nearest
+            wall; absent without walls), `deviation_m` (to the reference path; absent without one). To obstacles, where they are at
+            that time and infinite while none is there: `separation_m/<size class>` (robot centre to the nearest centre),
+            `static_clearance_m` and `appearing_clearance_m` (robot centre to the nearest outline of those that stand there from the
+            start, and of those that come later; absent without any).
         reference: The path the mission should take at best, past the obstacles that this run had, see
             `vastflow.oracles.reference`.
         tables: What the run's programs wrote as CSV or parquet: path below the run's folder, without its suffix, to column to
@@ -84,6 +85,19 @@ class Trace:
     def __len__(self) -> int:
         """Number of rows N; 0 without a robot."""
         return len(self.columns.get("t_s", ()))
+
+    @property
+    def update_errors_m(self) -> NDArray[np.float64]:
+        """(U,) localization error at each update of AMCL, the first pose among them.
+
+        AMCL sees a scan every 0.1 s at most, and the recording has a row as often, so that a row stands for one update. The error is
+        the row's, up to 0.1 s after the update; the estimate follows odometry between updates.
+        """
+        return np.asarray(self["localization_error_m"][self["localized"] > 0])
+
+    def events(self, kind: str) -> tuple[Event, ...]:
+        """What happened of one kind, such as `contact` or `recovery`, in order; see `vastflow.sim.recording.Event`."""
+        return tuple(event for event in self.run.events if event.kind == kind)
 
     @property
     def xy_m(self) -> NDArray[np.float64]:
@@ -138,6 +152,6 @@ def _signal(stored: str, column: NDArray[np.int32]) -> NDArray[np.float64]:
     name = signal_name(stored)
     if name == stored:
         return column.astype(np.float64)
-    if name.startswith("separation_m/"):
+    if name.startswith("separation_m/") or name in ("static_clearance_m", "appearing_clearance_m"):
         return np.where(column == NOWHERE_MM, np.inf, si(column))
     return si(column) * 1e-3 if name.endswith(("m2", "rad2")) else si(column)

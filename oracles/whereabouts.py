@@ -27,11 +27,20 @@ class Whereabouts:
         obstacle: Its shape, and the pose at which it stands first.
         since_ms: (K >= 1,) from when on it is at each place, in order; the first is before the run.
         xy_m: (K, 2) its centre; infinite where it is not there.
+        yaw_rad: (K,)
     """
 
     obstacle: Obstacle
     since_ms: NDArray[np.int64] = field(repr=False)
     xy_m: NDArray[np.float64] = field(repr=False)
+    yaw_rad: NDArray[np.float64] = field(repr=False)
+
+    @property
+    def appears_s(self) -> float | None:
+        """When it is there for the first time; None where it is there from the run's start on, or never."""
+        there = np.flatnonzero(np.isfinite(self.xy_m[:, 0]))
+        since_ms = int(self.since_ms[there[0]]) if there.size else 0
+        return since_ms / 1000.0 if since_ms > 0 else None
 
     @property
     def was_there(self) -> bool:
@@ -40,7 +49,23 @@ class Whereabouts:
 
     def at(self, t_ms: NDArray[np.int32]) -> NDArray[np.float64]:
         """Its centre (N, 2) at the times (N,) of rows; what happens at the time of a row has happened in it."""
-        return np.asarray(self.xy_m[np.searchsorted(self.since_ms, t_ms, side="right") - 1])
+        return np.asarray(self.xy_m[self._place(t_ms)])
+
+    def clearance_m(self, t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distances (N,) of points (N, 2) to its outline at the times (N,) of rows: 0 inside, infinite where it is not there."""
+        place = self._place(t_ms)
+        x_m, y_m = (xy_m - self.xy_m[place]).T
+        if self.obstacle.shape == "cylinder":
+            return np.asarray(np.maximum(np.hypot(x_m, y_m) - self.obstacle.length_m / 2, 0.0))
+        there = np.isfinite(x_m)
+        x_m, y_m = np.where(there, x_m, 0.0), np.where(there, y_m, 0.0)
+        c, s = np.cos(self.yaw_rad[place]), np.sin(self.yaw_rad[place])
+        beyond_x_m = np.maximum(np.abs(c * x_m + s * y_m) - self.obstacle.length_m / 2, 0.0)
+        beyond_y_m = np.maximum(np.abs(c * y_m - s * x_m) - self.obstacle.width_m / 2, 0.0)
+        return np.where(there, np.hypot(beyond_x_m, beyond_y_m), np.inf)
+
+    def _place(self, t_ms: NDArray[np.int32]) -> NDArray[np.int64]:
+        return np.searchsorted(self.since_ms, t_ms, side="right") - 1
 
 
 def whereabouts_of(situation: Situation, run: Run) -> tuple[Whereabouts, ...]:
@@ -84,15 +109,17 @@ class _Track:
         self.last = obstacle.pose.x_m, obstacle.pose.y_m
         self._since_ms = [_BEFORE_MS]
         self._xy_m = [self.last if self.there else _AWAY]
+        self._yaw_rad = [obstacle.pose.yaw_rad]
 
     def note(self, event: Event) -> None:
         self.there = event.kind != _DELETED
         self.last = event.x_m, event.y_m
         self._since_ms.append(round(event.t_s * 1000.0))
         self._xy_m.append(self.last if self.there else _AWAY)
+        self._yaw_rad.append(event.value)
 
     def whereabouts(self) -> Whereabouts:
-        return Whereabouts(self.obstacle, np.array(self._since_ms), np.array(self._xy_m))
+        return Whereabouts(self.obstacle, np.array(self._since_ms), np.array(self._xy_m), np.array(self._yaw_rad))
 
 
 def _meant(event: Event, named: Mapping[str, list[_Track]]) -> _Track:

@@ -33,7 +33,10 @@ def _when(metadata: Mapping[str, Any]) -> str:
 def _section(metadata: Mapping[str, Any]) -> str:
     counts = metadata.get("counts", {})
     lines = [("written", str(metadata["created"]).replace("T", " "))]
-    if "executed" in counts:
-        lines.append(("runs", f"{counts['executed']:,} executed for it, {counts['reused']:,} from the store"))
+    if {"executed", "reused"} <= counts.keys():
+        lines.append(("runs", f"{counts['executed']:,} executed, {counts['reused']:,} from the store"))
+    if {"cpu_s", "wall_s"} <= counts.keys():
+        lines += [("CPU time", f"{counts['cpu_s']:,.0f} s"), ("time", f"{counts['wall_s']:,.0f} s")]
     lines += [(f"host {key.replace('_', ' ')}", value) for key, value in metadata["host"].items()]
-    return "\n" + "".join(_LINE.format(name, value) for name, value in lines)
+    facts = "".join(_LINE.format(name, value) for name, value in lines)
+    return f'\n<section id="work">\n<h2>This call</h2>\n<dl>\n{facts}</dl>\n</section>\n'

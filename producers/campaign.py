@@ -12,9 +12,11 @@ from vastflow.producers.abstract_scenario import FROM_GOAL, abstract_scenario_of
 from vastflow.producers.document import Document, read_document
 from vastflow.producers.family import Family, FamilyReader
 from vastflow.producers.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, path_text
+from vastflow.producers.map_search import MapSearch
 from vastflow.producers.model_faults import faults_of
 from vastflow.producers.nav2_params import nav2_params_of
 from vastflow.producers.programs import programs_of
+from vastflow.producers.repetition import Sequential
 from vastflow.producers.spec import (
     DEFAULT_TIMEOUT_S,
     TOLERATED_IN_FAMILY,
@@ -49,12 +51,14 @@ class Campaign:
         path: The file as the user named it.
         abstract: `builtin:…`, a scenario file, or empty where each family's mission follows from its goal.
         programs: What the programs of a run are given; None where the scenario starts none.
-        runs: Repetitions of each configuration.
+        runs: Repetitions of each configuration, at most.
+        sequential: When they end before; None where each configuration has all of them.
         seed: Of the runs' noise.
         timeout_s: Simulated time after which a run ends as timed out.
         notes: Warnings, and keys that are not executed by this version; then what of the Nav2 parameter file is not
             modelled.
         unexecutable: Why this version can't run the campaign; empty where it can.
+        borrowed_maps: Path of each map that is not beside the file, to the name that the file has for it.
     """
 
     path: Path
@@ -63,22 +67,27 @@ class Campaign:
     abstract: str | FileContent
     programs: ProcessSetup | None
     runs: int
+    sequential: Sequential | None
     seed: int
     timeout_s: float
     oracles: tuple[OracleRequest, ...]
     notes: tuple[Note, ...]
     unexecutable: tuple[Fault, ...]
     document: Document = field(repr=False)
+    borrowed_maps: Mapping[str, str] = field(default_factory=dict)
 
     def fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> Fault:
         """A fault at a place of the file that was found elsewhere, such as in an oracle's parameters."""
         return self.document.fault(location, what, right, at)
 
 
-def load_campaign(path: str | Path) -> Campaign:
+def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
     """Read a campaign file, with its producers' parameters and its maps.
 
     Maps and `file.py:Class` are relative to the file.
+
+    Args:
+        map_dir: Folder in which maps are looked for that are not beside the file, by the same relative path.
 
     Raises:
         CampaignError: every fault of the file.
@@ -96,7 +105,8 @@ def load_campaign(path: str | Path) -> Campaign:
     programs, program_notes, program_faults = programs_of(document, path.parent, spec.execution, abstract or FROM_GOAL)
     faults += [*abstract_faults, *program_faults]
     nav2 = nav2_params_of(document, path.parent)
-    reader = FamilyReader(document, path.parent, abstract, nav2.system)
+    maps = MapSearch(path.parent, map_dir)
+    reader = FamilyReader(document, path.parent, abstract, nav2.system, maps)
     families = _families(document, data, reader)
     faults += [*reader.faults, *_family_set_faults(document), *_oracle_faults(document)]
     if faults or document.faults or nav2.faults:
@@ -110,19 +120,22 @@ def load_campaign(path: str | Path) -> Campaign:
     if spec.search:
         right = "scenario families under configuration"
         unexecutable.append(document.fault(("search",), f"search is {NOT_EXECUTED}", right, "key"))
+    runs = spec.execution.runs
     return Campaign(
         path=path,
         spec=spec,
         families=tuple(families),
         abstract=(abstract or FROM_GOAL).content,
         programs=programs,
-        runs=spec.execution.runs,
+        runs=runs.max if isinstance(runs, Sequential) else runs,
+        sequential=runs if isinstance(runs, Sequential) else None,
         seed=spec.execution.seed,
         timeout_s=spec.execution.timeout or DEFAULT_TIMEOUT_S,
         oracles=tuple(_oracles(spec)),
         notes=(*sorted([*document.notes, *notes], key=lambda note: (note.line, note.column)), *nav2.notes),
         unexecutable=tuple(unexecutable),
         document=document,
+        borrowed_maps=maps.borrowed,
     )
 
 

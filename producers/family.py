@@ -18,12 +18,12 @@ from vastflow.producers.design import CARTESIAN, Design, DesignSpec
 from vastflow.producers.document import Document
 from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, did_you_mean, path_text, shown
 from vastflow.producers.ground import MAP_KEY
+from vastflow.producers.map_search import MapSearch
 from vastflow.producers.model_faults import faults_of
 from vastflow.producers.producer import Producer, UnknownProducer, draws_of, find_producer
 from vastflow.producers.scenario_values import Complaint, combined_complaint, complaint_of, dimension_of, unread_keys
 from vastflow.producers.spec import TOLERATED_IN_FAMILY, FamilySpec
 from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.maps import map_content
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 
 MAX_CHECKED_VALUES: Final = 10_000
@@ -67,12 +67,14 @@ class FamilyReader:
         base: Path,
         abstract: AbstractScenario | None,
         system: Mapping[str, Value] | None = None,
+        maps: MapSearch | None = None,
     ) -> None:
         """Read families of `document`, whose file names are relative to `base`.
 
         Args:
             abstract: The abstract scenario of every family; None where it could not be read.
             system: Values of the system dimension that every family has.
+            maps: Where maps are; else below `base`.
         """
         self.faults: list[Fault] = []
         self.notes: list[Note] = []
@@ -80,6 +82,7 @@ class FamilyReader:
         self._base = base
         self._abstract = abstract
         self._system = system or {}
+        self._search = maps or MapSearch(base)
         self._maps: dict[str, FileContent] = {}
 
     def read(self, location: Location, name: str, dimensions: Mapping[str, Dimension]) -> Family:
@@ -147,7 +150,7 @@ class FamilyReader:
             return None
         if value not in self._maps:
             try:
-                self._maps[value] = map_content(self._base / value)
+                self._maps[value] = self._search.content(value)
             except ValueError as error:  # MapError; ValueError for a NUL in the path
                 what, _, right = str(error).partition("; ")
                 self._fault(location, what, right or "a map_server YAML file and its picture")
@@ -206,7 +209,9 @@ class FamilyReader:
             self._fault(location, f"found {shown(given)}", f"the parameters of {name} as a mapping")
             return None
         try:
-            producer = kind(kind.Parameters.model_validate(given or {}, context={"base": self._base}))
+            producer = kind(
+                kind.Parameters.model_validate(given or {}, context={"base": self._base, "maps": self._search})
+            )
             self._check_produced(location, producer, system)
         except ValidationError as error:
             self.faults += faults_of(self._document, location, kind.Parameters, error)

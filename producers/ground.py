@@ -13,9 +13,10 @@ from pydantic_core import PydanticCustomError
 from scipy import ndimage
 
 from vastflow.producers.configuration import Rejection
+from vastflow.producers.map_search import MapSearch
 from vastflow.sim import octile
 from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.maps import MapError, OccupancyMap, load_map, map_content
+from vastflow.sim.maps import MapError, OccupancyMap, load_map
 
 MAP_KEY: Final = "map_file"
 EIGHT_NEIGHBOURS: Final = np.ones((3, 3), dtype=np.int8)
@@ -91,7 +92,7 @@ def map_needed(parameter: FileContent | str | None) -> tuple[str, ...]:
 
 
 def map_value(value: Any, info: ValidationInfo) -> FileContent:
-    """Read a path, relative to the validation context's `base` (the campaign file's folder), as a map.
+    """Read a path as a map, by the validation context's `maps`, else relative to its `base`, the campaign file's folder.
 
     Raises:
         PydanticCustomError: no text, or no map there.
@@ -103,9 +104,15 @@ def map_value(value: Any, info: ValidationInfo) -> FileContent:
             "map_file", "found {found}; the path of a map_server YAML file", {"found": repr(value)}
         )
     try:
-        return map_content(Path((info.context or {}).get("base", "."), value))
+        return _search(info).content(value)
     except MapError as error:
         raise PydanticCustomError("map_file", "{error}", {"error": str(error)}) from None
+
+
+def _search(info: ValidationInfo) -> MapSearch:
+    context = info.context or {}
+    found = context.get("maps")
+    return found if isinstance(found, MapSearch) else MapSearch(Path(context.get("base", ".")))
 
 
 def _map_parameter(value: Any, info: ValidationInfo) -> FileContent | str | None:

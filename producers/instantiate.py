@@ -58,12 +58,14 @@ class Instantiation:
     Attributes:
         excluded: What constraints exclude; a partial configuration once, though more producers would have followed.
         coverage: How much of the requested test space was realised, see `vastflow.producers.coverage.coverage_of`.
+        sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
     """
 
     configurations: tuple[Configuration, ...]
     rejections: tuple[RejectedInstance, ...]
     excluded: tuple[ExcludedInstance, ...]
     coverage: Mapping[str, Any]
+    sampled_from: int | None = None
 
 
 def instantiate(campaign: Campaign) -> Instantiation:

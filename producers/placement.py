@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from shapely.geometry import Point, Polygon
+from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
 
 from vastflow.producers.ground import EIGHT_NEIGHBOURS, Ground
+from vastflow.producers.outline import Line, Outline
 from vastflow.sim.obstacle import Obstacle
-from vastflow.sim.pose import Pose
 
 MARGIN_M: Final = 0.05
 """Least gap between two obstacles, and between an obstacle and the robot at its stops."""
@@ -96,13 +96,14 @@ class _Layout:
         self.obstacles: list[Obstacle] = []
         self._site = site
         self._refusals = refusals
-        self._footprints = [obstacle.footprint() for obstacle in site.standing]
+        self._line = Line.along(site.path_xy_m)
+        self._outlines = [Outline(obstacle) for obstacle in site.standing]
         self._passable = passable
 
     def add(self, wanted: Wanted, rng: np.random.Generator) -> bool:
         """Place one more; False where no place was found."""
         for _ in range(MAX_TRIES):
-            obstacle = replace(wanted.pattern, pose=draw_pose(self._site.path_xy_m, wanted.max_distance_m, rng))
+            obstacle = replace(wanted.pattern, pose=self._line.draw(wanted.max_distance_m, rng))
             refusal = self._refusal(obstacle)
             if refusal is None:
                 self.obstacles.append(obstacle)
@@ -111,20 +112,21 @@ class _Layout:
         return False
 
     def _refusal(self, obstacle: Obstacle) -> str | None:
-        ground, stops, footprint = self._site.ground, self._site.stops_xy_m, obstacle.footprint()
-        if any(footprint.distance(Point(stop)) < ground.robot_diameter_m / 2 + MARGIN_M for stop in stops):
+        ground, stops = self._site.ground, self._site.stops_xy_m
+        outline = Outline(obstacle)
+        if any(outline.nearer_to(stop, ground.robot_diameter_m / 2 + MARGIN_M) for stop in stops):
             return "left no room for the robot at its start or goals"
-        if math.dist((obstacle.pose.x_m, obstacle.pose.y_m), stops[0]) < self._site.from_start_m:
+        if math.dist(outline.centre_m, stops[0]) < self._site.from_start_m:
             return f"lay within {self._site.from_start_m:g} m of the start"
-        if any(footprint.distance(other) < MARGIN_M for other in self._footprints):
+        if any(outline.nearer_than(MARGIN_M, other) for other in self._outlines):
             return "came too close to another obstacle"
-        covered = covered_cells(ground, footprint)
+        covered = None if outline.leaves(ground.occupancy) else covered_cells(ground, outline.footprint)
         if covered is None:
             return "lay on walls or unknown space"
         passable = without(self._passable, covered, _radius_cells(ground))
         if not _connected(self._site, passable):
             return "left no way to the goals"
-        self._footprints.append(footprint)
+        self._outlines.append(outline)
         self._passable = passable
         return None
 
@@ -144,23 +146,6 @@ def _joined(passable: NDArray[np.bool_], cells: NDArray[np.int64]) -> bool:
     labels, _ = ndimage.label(passable, EIGHT_NEIGHBOURS)
     numbers = labels[cells[:, 0], cells[:, 1]]
     return bool(numbers[0] > 0 and np.all(numbers == numbers[0]))
-
-
-def draw_pose(path_xy_m: NDArray[np.float64], max_distance_m: float, rng: np.random.Generator) -> Pose:
-    """A pose within `max_distance_m` of a polyline (N, 2), uniform along it, across it and in yaw."""
-    steps = np.diff(path_xy_m, axis=0)
-    along_m = np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
-    at_m = rng.uniform(0.0, along_m[-1])
-    across_m = rng.uniform(-max_distance_m, max_distance_m)
-    yaw_rad = rng.uniform(-math.pi, math.pi)
-    x_m, y_m = path_xy_m[0]
-    heading_rad = yaw_rad  # where the path is a single point
-    if along_m[-1] > 0.0:
-        i = min(int(np.searchsorted(along_m, at_m, side="right")) - 1, len(steps) - 1)
-        x_m, y_m = path_xy_m[i] + steps[i] * ((at_m - along_m[i]) / (along_m[i + 1] - along_m[i]))
-        heading_rad = math.atan2(steps[i, 1], steps[i, 0])
-    x_m, y_m = x_m - across_m * math.sin(heading_rad), y_m + across_m * math.cos(heading_rad)
-    return Pose(round(float(x_m), 6), round(float(y_m), 6), round(float(yaw_rad), 6))
 
 
 def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | None:

@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 from vastflow.producers.design import CARTESIAN, Design
 from vastflow.producers.faults import Location
 from vastflow.producers.quantities import Amount, Count, Positive, Seed
+from vastflow.producers.repetition import Repetitions
 from vastflow.producers.search import SearchSpec
 from vastflow.producers.section import EmptyIsList, EmptyIsMap, FreeForm, NamedSteps, Section, SingleKeys, Unexecuted
 from vastflow.sim.scenario import Dimension
@@ -114,8 +115,9 @@ class ExecutionSpec(Section):
 
     image: Annotated[str | None, Unexecuted("the simulator in this package runs every configuration")] = None
     """Container image of the system under test."""
-    runs: Count = 1
-    """Repetitions of each configuration."""
+    runs: Repetitions = 1
+    """Repetitions of each configuration: a number, or `{min, max, stop: {error, systematic, reliable}}`, with which they end when its
+    class is shown. A number is all that version 1 has elsewhere."""
     seed: Seed = 0
     """Seed of the runs' noise. Not part of version 1 elsewhere."""
     scenario_file: Annotated[str, AfterValidator(_inside)] | None = None

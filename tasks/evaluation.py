@@ -27,25 +27,28 @@ _PLUG_IN_MODULE: Final = "vastflow_plugin_"
 
 @dataclass(frozen=True, slots=True)
 class PackedProducer:
-    """A producer on its way to a worker, where the file of a plug-in has to be imported first."""
+    """A producer on its way to a worker, where the files of plug-ins have to be imported first."""
 
-    plug_in: str | None
+    plug_ins: tuple[str, ...]
     pickled: bytes
 
     def unpacked(self) -> Producer[Any]:
         """The producer, in any process."""
-        if self.plug_in is not None:
-            find_producer(self.plug_in, Path())
+        for plug_in in self.plug_ins:
+            find_producer(plug_in, Path())
         producer: Producer[Any] = pickle.loads(self.pickled)
         return producer
 
 
 def packed(producer: Producer[Any]) -> PackedProducer:
     """`producer` ready to be sent."""
-    kind = type(producer)
-    is_file = kind.__module__.startswith(_PLUG_IN_MODULE)
-    file = f"{sys.modules[kind.__module__].__file__}:{kind.__name__}" if is_file else None
-    return PackedProducer(file, pickle.dumps(producer))
+    kinds = (type(each) for each in (producer, *producers_in(producer.parameters)))
+    files = [
+        f"{sys.modules[kind.__module__].__file__}:{kind.__name__}"
+        for kind in kinds
+        if kind.__module__.startswith(_PLUG_IN_MODULE)
+    ]
+    return PackedProducer(tuple(dict.fromkeys(files)), pickle.dumps(producer))
 
 
 def evaluation_keys(
@@ -53,15 +56,18 @@ def evaluation_keys(
 ) -> dict[str, str]:
     """Digest of each restricted input to the key of its evaluation."""
     kind = type(producer)
-    source = "".join([tree.digest(*EVALUATE_SOURCE), tree.plug_in_digest(kind)])
+    kinds = dict.fromkeys(type(each) for each in (producer, *producers_in(producer.parameters)))
+    source = "".join([tree.digest(*EVALUATE_SOURCE), *map(tree.plug_in_digest, kinds)])
     parameters = content_of(producer.parameters)
     return {digest: keys.evaluation(source, kind.__name__, parameters, digest) for digest in inputs}
 
 
 def content_of(value: object) -> Value:
-    """A parameter model or any value in it as what it says, files by content."""
+    """A parameter model or any value in it as what it says, files by content, producers by name and parameters."""
     if value is None or isinstance(value, bool | int | float | str | FileContent):
         return value
+    if isinstance(value, Producer):
+        return {type(value).__name__: content_of(value.parameters)}
     if isinstance(value, BaseModel):
         return {name: content_of(getattr(value, name)) for name in type(value).model_fields}
     if dataclasses.is_dataclass(value):
@@ -71,6 +77,22 @@ def content_of(value: object) -> Value:
     if isinstance(value, Sequence):
         return [content_of(item) for item in value]
     return content_of(to_jsonable_python(value))
+
+
+def producers_in(value: object) -> Iterator[Producer[Any]]:
+    """Every producer in a parameter model, at any depth: the alternatives that another one offers."""
+    if isinstance(value, Producer):
+        yield value
+        yield from producers_in(value.parameters)
+    elif isinstance(value, BaseModel):
+        for name in type(value).model_fields:
+            yield from producers_in(getattr(value, name))
+    elif isinstance(value, Mapping):
+        for item in value.values():
+            yield from producers_in(item)
+    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        for item in value:
+            yield from producers_in(item)
 
 
 def write_evaluation(results: Sequence[Fragment | Rejection]) -> bytes:

@@ -184,7 +184,7 @@ class SourceTree:
     def _module(self, name: str, file: Path) -> Module:
         if file not in self._read or name == PLUG_IN:  # a user may be editing a plug-in
             package = name if file.name == "__init__.py" else name.rpartition(".")[0]
-            content = file.read_bytes()
+            content = _python(file)
             if (module := self._cache.find(content, package)) is None:
                 module = _module_of(content, package)
                 self._cache.add(content, package, module)
@@ -321,6 +321,15 @@ def _data_packages(nodes: Iterable[ast.AST]) -> Iterator[str]:
 def _with_parents(name: str) -> list[str]:
     parts = name.split(".")
     return [".".join(parts[: k + 1]) for k in range(len(parts))]
+
+
+def _python(file: Path) -> bytes:
+    """A module as it is written; of a notebook, the code cells."""
+    if file.suffix == ".ipynb":
+        from vastflow.oracles.notebook_file import notebook_code
+
+        return notebook_code(file).encode()
+    return file.read_bytes()
 
 
 def _text(content: bytes) -> str:

@@ -114,8 +114,8 @@ def test_everything_the_tests_import_is_declared_with_them():
 
 
 def test_every_declared_dependency_is_imported_or_has_a_reason():
-    # FastAPI is Prefect's: declared for its bound alone, see below.
-    assert set(declared()) - needed(*LAYERS) == {"fastapi"}
+    # Both are Prefect's: declared for their bounds alone, see pyproject.toml and below.
+    assert set(declared()) - needed(*LAYERS) == {"fastapi", "sqlalchemy"}
 
 
 def test_fastapi_is_bounded_because_prefects_server_does_not_start_with_newer_ones():
@@ -158,7 +158,7 @@ def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(tmp_path):
     assert {name.partition("/")[0] for name in names} == {"vastflow", stem}
     shipped = {f for folder in package_folders() for f in folder.iterdir() if f.suffix in (".py", ".j2", ".typed")}
     assert {f"vastflow/{file.relative_to(ROOT).as_posix()}" for file in shipped} <= set(names)
-    assert "vastflow/oracles/report.html.j2" in names
+    assert {f"vastflow/oracles/page/report.{kind}" for kind in ("html.j2", "css", "js")} <= {*names}
     assert {"vastflow/sim/osc/grammar.lark", "vastflow/sim/osc/library/nav2.osc"} <= set(names)
     scenarios = {f"vastflow/campaigns/scenarios/{name}.osc" for name in SHIPPED}
     assert {name for name in names if name.startswith("vastflow/campaigns/")} == scenarios

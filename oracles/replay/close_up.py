@@ -18,7 +18,7 @@ from matplotlib.patches import Patch as Area
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures import GOAL_COLOUR, INK, OBSTACLE_COLOUR
+from vastflow.oracles.figures.palette import GOAL_COLOUR, INK, OBSTACLE_COLOUR
 from vastflow.sim.maps import OccupancyMap
 from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.pose import Pose
@@ -29,7 +29,7 @@ BELIEF_COLOUR: Final = "#E69F00"
 INTENT_COLOUR: Final = "#6A3D9A"
 SCAN_COLOUR: Final = "#000000"
 _BELIEF: Final = (230, 159, 0)
-_WALL, _UNKNOWN, _FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)  # those of vastflow.oracles.figures
+_WALL, _UNKNOWN, _FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)  # those of vastflow.oracles.figures.floor
 _INFLATED, _INSCRIBED, _MARKED = (86, 180, 233), (172, 208, 232), (0, 96, 150)
 _FAINTEST, _STRONGEST = 0.03, 0.33
 _OBSTACLE_EDGE: Final = "#8F4A72"

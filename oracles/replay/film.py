@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from PIL import Image
 
-from vastflow.oracles.figures import COLOURS, GOAL_COLOUR, INK, OBSTACLE_COLOUR
+from vastflow.oracles.figures.palette import COLOURS, GOAL_COLOUR, INK, OBSTACLE_COLOUR
 from vastflow.oracles.replay.close_up import BELIEF_COLOUR, INTENT_COLOUR
 from vastflow.oracles.replay.still import still_images
 from vastflow.oracles.replay.story import Story

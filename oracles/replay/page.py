@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from vastflow.oracles.figures import COLOURS, GOAL_COLOUR, INK
+from vastflow.oracles.figures.palette import COLOURS, GOAL_COLOUR, INK
 from vastflow.oracles.replay.close_up import ground, legend_handles
 from vastflow.oracles.replay.story import Story
 from vastflow.sim.snapshot import Snapshot

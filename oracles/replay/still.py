@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from vastflow.oracles.figures import COLOURS
+from vastflow.oracles.figures.palette import COLOURS
 from vastflow.oracles.replay.caption import doing, numbers
 from vastflow.oracles.replay.close_up import draw_close_up
 from vastflow.oracles.replay.page import (

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures import COLOURS
+from vastflow.oracles.figures.palette import COLOURS
 from vastflow.oracles.replay.caption import happening
 from vastflow.oracles.replay.close_up import Way
 from vastflow.oracles.replay.highlights import tick_of

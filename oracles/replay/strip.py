@@ -6,7 +6,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from vastflow.oracles.figures import COLOURS
+from vastflow.oracles.figures.palette import COLOURS
 from vastflow.oracles.replay.caption import doing, numbers
 from vastflow.oracles.replay.close_up import draw_close_up
 from vastflow.oracles.replay.page import (

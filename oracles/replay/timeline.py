@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 
-from vastflow.oracles.figures import COLOURS, INK
+from vastflow.oracles.figures.palette import COLOURS, INK
 from vastflow.oracles.replay.caption import SLOW_S
 from vastflow.oracles.replay.close_up import BELIEF_COLOUR
 from vastflow.sim.nav.state import TICK_S

@@ -172,7 +172,7 @@ def test_the_campaign_runs_through_the_flow_and_is_reported_without_maps(tmp_pat
     )
     assert (results.faults, results.summary.passed, results.summary.failed) == ((), 1, 1)
     tables = read_tables(results.directory)
-    reasons = {row["configuration"]: row["reason"] for row in tables.verdicts if row["judgement"] == "fail"}
+    reasons = {row["configuration"]: row["reason"] for row in tables.verdicts.rows() if row["judgement"] == "fail"}
     assert reasons == {"growth-5-3": "1116, 12 % above the capacity of 1000"}
     report = (results.directory / "report.html").read_text()
     assert [words for words in ("Where it happened", "m driven", "missed goals") if words in report] == []

@@ -132,6 +132,21 @@ def test_the_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_sh
     assert deployment.enforce_parameter_schema
 
 
+def test_the_schedule_makes_flow_runs(api, place, deployed):
+    # What Prefect's own scheduler does every minute, which it can't with every release of SQLAlchemy.
+    code = "import asyncio\nfrom prefect.server.services.scheduler import schedule_deployments as s\nasyncio.run(s())"
+    environment = {**os.environ, "PREFECT_HOME": str(place / "prefect")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, timeout=WORKER_S, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    deployment = api.read_deployment_by_name(DEPLOYMENT)
+    asked = {"deployments": {"id": {"any_": [str(deployment.id)]}}, "limit": 50}
+    planned = [run for run in api.request("POST", "/flow_runs/filter", json=asked).json() if run["auto_scheduled"]]
+    assert len(planned) >= 3
+    assert all(run["expected_start_time"][11:16] == "02:00" for run in planned)
+
+
 def test_deploying_again_changes_the_same_deployment(api, place, deployed, monkeypatch):
     monkeypatch.chdir(place)
     before = api.read_deployment_by_name(DEPLOYMENT)

@@ -136,9 +136,7 @@ def finished(monkeypatch):
 def test_results_and_report_are_shown_on_the_page_of_a_flow_run_that_has_ended(client, finished):
     of = str(uuid4())
     outcome = publish(finished, "Two rooms", flow_run_id=of)
-    assert outcome == (
-        "2 configurations × 2 runs: 3 passed, 1 failed, 0 not judged; 4 runs executed, 0 from the store"
-    )
+    assert outcome == ("2 configurations × 2 runs: 3 passed, 1 failed, 0 not judged; 4 runs executed, 0 from the store")
     (_, table, rows, about), (_, link, text, _) = client.sent
     assert (table, json.loads(rows)) == ("two-rooms-results", [{"family": "room", "runs": 4}])
     assert about == f"**Two rooms**, {outcome}"

@@ -14,9 +14,9 @@ from vastflow.flows.dry_run import STAGES, dry_run
 from vastflow.flows.dry_run_reasons import parameter_changes, scenario_reason
 from vastflow.flows.dry_run_store import Overlay, untouched
 from vastflow.flows.dry_run_text import whys
-from vastflow.flows.found import block_rows
 from vastflow.flows.past import NoPast, newest_past
 from vastflow.producers.faults import CampaignError
+from vastflow.sim.blocks import read_rows
 from vastflow.tasks import source
 from vastflow.tasks.source import SourceTree, installed_tree
 from vastflow.tasks.store import Lost, StoreError
@@ -144,7 +144,7 @@ class Again:
         """Evaluations and runs in the store, stage by stage."""
         of_block = {"execute": ("*/*/*", "recordings.parquet"), "observe": ("*/*", "traces.parquet")}
         counts = {
-            stage: sum(len(block_rows(file.read_bytes())) for file in self.store.glob(f"{stage}/{level}/{name}"))
+            stage: sum(len(read_rows(file.read_bytes())) for file in self.store.glob(f"{stage}/{level}/{name}"))
             for stage, (level, name) in of_block.items()
         }
         manifests = [json.loads(m.read_text().partition("\n")[2]) for m in self.store.glob("judge/*/*/manifest")]

@@ -2,35 +2,47 @@
 
 import io
 
+import pyarrow as pa
 from rich.console import Console
 
 from vastflow.flows.outcome import details, outcome, rate_text, rejection_table
+from vastflow.flows.tables import CONFIGURATIONS, VERDICTS
+from vastflow.oracles.configuration_table import ConfigurationTable
 from vastflow.oracles.evidence import evidence_of
 from vastflow.oracles.rates import Counts
 from vastflow.oracles.tables import Tables
+from vastflow.oracles.verdict_table import verdict_table
 
 
-def tables(verdicts, rejections=(), faults=()):
+def tables(verdicts, rejections=(), faults=(), more=()):
     names = dict.fromkeys((family, name) for family, name, *_ in verdicts)
+    rows = [{"family": family, "name": name, "duplicate_of": None} for family, name in names] + list(more)
+    configurations = ConfigurationTable(pa.Table.from_pylist(rows, CONFIGURATIONS))
     return Tables(
         directory=None,
         metadata={"name": "c", "faults": list(faults)},
         campaign="",
-        configurations=[{"family": family, "name": name, "duplicate_of": None} for family, name in names],
+        configurations=configurations,
         rejections=list(rejections),
-        runs=[],
-        verdicts=[
-            {
-                "family": family,
-                "configuration": name,
-                "run_index": run,
-                "oracle": oracle,
-                "judgement": judgement,
-                "reason": "",
-                "metrics": {},
-            }
-            for family, name, run, oracle, judgement in verdicts
-        ],
+        runs=None,
+        verdicts=verdict_table(
+            pa.Table.from_pylist(
+                [
+                    {
+                        "family": family,
+                        "configuration": name,
+                        "run_index": run,
+                        "oracle": oracle,
+                        "judgement": judgement,
+                        "reason": "",
+                        "metrics": "{}",
+                    }
+                    for family, name, run, oracle, judgement in verdicts
+                ],
+                VERDICTS,
+            ),
+            configurations.names,
+        ),
     )
 
 
@@ -105,8 +117,7 @@ def test_our_own_faults_are_named_and_only_the_first_three_of_many():
 
 
 def test_duplicates_are_said():
-    found = tables(PASSES)
-    found.configurations.append({"family": "open", "name": "open-2", "duplicate_of": "open-1"})
+    found = tables(PASSES, more=[{"family": "open", "name": "open-2", "duplicate_of": "open-1"}])
     assert "1 configuration equal to another, run once" in text_of(found)
 
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.found import ConfigurationResult, RunFault, block_rows, complete, one_block
+from vastflow.flows.found import ConfigurationResult, RunFault, complete, one_block
 from vastflow.flows.inputs import inputs_of
 from vastflow.flows.results import write_results
 from vastflow.flows.summary import Work
@@ -19,7 +19,7 @@ from vastflow.oracles.tables import read_tables
 from vastflow.oracles.trace import NOWHERE_MM
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.blocks import read_block, read_recordings, write_block, write_recordings
+from vastflow.sim.blocks import read_block, read_recordings, read_rows, write_block, write_recordings
 from vastflow.sim.maps import load_map
 from vastflow.sim.recording import Event, Recording, Run
 from vastflow.tasks.keys import Keys
@@ -93,7 +93,7 @@ def test_traces_of_runs_that_met_other_classes_of_obstacles_become_one_block():
 
 def test_the_rows_of_a_block_are_read_without_its_columns():
     (block,) = blocks_of(range(2))
-    assert [row["run_index"] for row in block_rows(block)] == [0, 1]
+    assert [row["run_index"] for row in read_rows(block)] == [0, 1]
 
 
 def test_every_run_has_a_verdict_of_every_oracle_and_what_broke_says_why():
@@ -141,10 +141,10 @@ def test_the_directory_is_complete_when_the_campaigns_files_are_gone(small_room,
     directory = written(small_room, tmp_path / "results", lambda configuration: found_of(range(2))).directory
     shutil.rmtree(small_room.parent)
     tables = read_tables(directory)
-    assert [row["environment"] for row in tables.configurations] == [digest, digest]
+    assert tables.configurations.environments == [digest, digest]
     assert load_map(directory / "environments" / digest / "map.yaml").digest == digest
     assert len(read_recordings((directory / "recordings/room-1.parquet").read_bytes())) == 2
-    assert [(row["configuration"], row["run_index"], row["contacts"]) for row in tables.runs] == [
+    assert [(row["configuration"], row["run_index"], row["contacts"]) for row in tables.runs.to_pylist()] == [
         ("room-1", 0, 1),
         ("room-1", 1, 1),
         ("room-2", 0, 1),
@@ -210,7 +210,7 @@ def test_a_duplicate_is_listed_and_has_no_recordings_of_its_own(small_room, tmp_
     results = written(small_room, tmp_path, found)
     assert asked == ["room-1"]
     assert (results.summary.configurations, results.summary.duplicates, results.summary.runs) == (1, 1, 2)
-    assert [row["duplicate_of"] for row in read_tables(results.directory).configurations] == [None, "room-1"]
+    assert read_tables(results.directory).configurations.duplicate_of == [None, "room-1"]
 
 
 def test_the_report_is_made_before_the_directory_appears(small_room, tmp_path):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from datetime import datetime
+from pathlib import Path
 from types import SimpleNamespace
 
 import psutil
@@ -42,6 +43,22 @@ def tree():
     return installed_tree()
 
 
+FLOORPLANS = Path(__file__).parents[2] / "campaigns" / "floorplans"
+PLANS = """\
+metadata: {name: plans}
+configuration:
+  - name: both
+    parameters:
+      - start_pose: {x: 0.0, y: 0.0, yaw: 0.0}
+      - goal_pose: {x: 1.0, y: 0.0, yaw: 0.0}
+    variations:
+      - OneOfVariation:
+          variations:
+            - FloorplanVariation: {variation_files: [../floorplans/corridors.variation]}
+            - FloorplanGeneration: {floorplans: [../floorplans/nested_rooms.fpm]}
+"""
+
+
 @pytest.fixture
 def directory(small_room, tmp_path, tree):
     """A campaign directory without recordings, whose map lies outside of the campaign file's folder."""
@@ -53,10 +70,10 @@ def directory(small_room, tmp_path, tree):
     return written(small_room, tmp_path / "results", tree)
 
 
-def written(path, root, tree, only=()):
-    campaign, oracles = read_campaign(path)
+def written(path, root, tree, only=(), sample=None, map_dir=None):
+    campaign, oracles = read_campaign(path, map_dir)
     inputs, keys = inputs_of(campaign, oracles), campaign_keys(tree, campaign.seed, oracles)
-    asked = Asked(path.name, 3, tuple(only), inputs.places)
+    asked = Asked(path.name, 3, tuple(only), inputs.places, sample, map_dir and str(map_dir))
     return write_results(
         root,
         campaign,
@@ -108,6 +125,40 @@ def test_the_selection_that_was_asked_is_kept(small_room, tmp_path, tree, asked_
     result = resumed(written(small_room, tmp_path / "results", tree, only=["room-1"]))
     assert "3 runs of each configuration, only room-1" in result.stderr
     assert asked_again[0]["only"] == ["room-1"]
+
+
+def test_the_sample_that_was_asked_is_kept(small_room, tmp_path, tree, asked_again):
+    result = resumed(written(small_room, tmp_path / "results", tree, sample=7))
+    assert "3 runs of each configuration, a sample of 7" in result.stderr
+    assert asked_again[0]["sample"] == 7
+
+
+@pytest.mark.parametrize("name", ["halls/room.yaml", "../halls/room.yaml"])
+def test_maps_of_another_folder_are_kept_as_if_they_lay_beside_the_file(name, small_room, tmp_path, tree, asked_again):
+    maps = tmp_path / "somewhere" / "maps"
+    folder = (maps / name).resolve().parent
+    folder.mkdir(parents=True)
+    for moved in ("room.yaml", "room.pgm"):
+        shutil.move(small_room.with_name(moved), folder / moved)
+    small_room.write_text(small_room.read_text().replace("room.yaml", name))
+    maps.mkdir(exist_ok=True)
+    directory = written(small_room, tmp_path / "results", tree, map_dir=maps)
+    digests = [c.scenario.digest for c in instantiate(read_campaign(small_room, maps)[0]).configurations]
+    shutil.rmtree(tmp_path / "somewhere")
+    resumed(directory)
+    assert asked_again[0]["digests"] == digests
+
+
+def test_floor_plans_and_their_variations_are_among_the_inputs(tmp_path, tree, asked_again):
+    folder = tmp_path / "campaign"
+    folder.mkdir()
+    shutil.copytree(FLOORPLANS, tmp_path / "floorplans")
+    (folder / "plans.vast").write_text(PLANS)
+    directory = written(folder / "plans.vast", tmp_path / "results", tree)
+    shutil.rmtree(tmp_path / "floorplans")
+    shutil.rmtree(folder)
+    assert "damaged" not in resumed(directory).stderr
+    assert len(asked_again[0]["digests"]) == 2
 
 
 def test_the_copy_of_the_inputs_is_gone_afterwards(directory):

@@ -30,6 +30,7 @@ def test_the_json_summary_has_exactly_these_keys():
         "oracles",
         "excluded",
         "excluded_by",
+        "sampled_from",
     ]
 
 

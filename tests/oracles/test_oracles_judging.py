@@ -90,6 +90,11 @@ def test_the_bound_is_path_length_times_local_radius() -> None:
     assert (verdict.judgement, value(verdict, "threshold")) == ("pass", pytest.approx(2.2))
 
 
+@pytest.mark.parametrize(("offset_m", "judgement"), [(0.3, "pass"), (0.301, "fail")])
+def test_exactly_the_bound_passes(offset_m: float, judgement: str) -> None:
+    assert judged("performance", a_trace(along(offset_m)), local_robot_radius_m=0.03).judgement == judgement
+
+
 def test_a_way_beyond_the_bound_fails_and_says_by_how_much() -> None:
     verdict = judged("performance", a_trace(along(0.3)), local_robot_radius_m=0.029)
     assert verdict.judgement == "fail"

@@ -121,6 +121,44 @@ def test_an_obstacle_that_appears_and_is_pushed_is_separated_from_where_it_is_th
     np.testing.assert_allclose(trace["separation_m/box 0.5 x 0.5 m"], [np.inf, np.inf, 0.8, 0.7, 0.7], atol=5e-4)
 
 
+def test_clearance_is_told_apart_for_what_stands_and_for_what_appears(scenario_on, room, build) -> None:
+    appears, stands = build.box_at(3.0, 2.0), build.box_at(2.0, 3.0)
+    events = (Event(0.1, "spawned", 3.0, 2.0, appears["entity_name"]),)
+    recording = build.a_recording([(2.0, 2), (2.1, 2), (2.8, 2)], events=events)
+    trace = observed(scenario_on(room, obstacles=[appearing(appears), stands]), recording)
+    np.testing.assert_allclose(trace["static_clearance_m"], [0.75, 0.75, (0.55**2 + 0.75**2) ** 0.5], atol=5e-4)
+    np.testing.assert_allclose(trace["appearing_clearance_m"], [np.inf, 0.65, 0.0], atol=5e-4)
+
+
+def test_without_obstacles_of_a_kind_there_is_no_clearance_from_them(scenario_on, room, build) -> None:
+    trace = observed(scenario_on(room, obstacles=[build.box_at(3.0, 3.0)]), build.a_recording([(2, 2), (3, 2)]))
+    assert "static_clearance_m" in trace.columns
+    assert "appearing_clearance_m" not in trace.columns
+
+
+def test_the_error_at_each_update_is_that_of_its_row(scenario_on, room, build) -> None:
+    recording = build.a_recording([(1, 2), (2, 2), (3, 2)], error_xy_m=(0.3, 0.4))
+    recording.columns["localized"][1] = 0
+    np.testing.assert_allclose(observed(scenario_on(room), recording).update_errors_m, [0.5, 0.5])
+
+
+def test_a_robot_is_stopped_where_it_neither_drives_nor_turns(scenario_on, room, build) -> None:
+    recording = build.a_recording([(1, 2), (1, 2), (1, 2), (1, 2)])
+    recording.columns["speed_mmps"][:] = [0, 10, 9, 0]
+    recording.columns["yaw_rate_mradps"][:] = [0, 0, -9, -10]
+    np.testing.assert_array_equal(observed(scenario_on(room), recording)["stopped"], [1, 0, 1, 0])
+
+
+def test_events_of_a_kind_are_told_in_order(scenario_on, room, build) -> None:
+    events = (
+        Event(0.1, "contact", 0, 0, "wall"),
+        Event(0.2, "recovery", 0, 0, "spin"),
+        Event(0.3, "contact", 0, 0, "x"),
+    )
+    trace = observed(scenario_on(room), build.a_recording([(1, 2), (2, 2)], events=events))
+    assert [event.what for event in trace.events("contact")] == ["wall", "x"]
+
+
 def test_what_has_not_appeared_yet_hides_no_obstacle_of_its_class_that_stands(scenario_on, room, build) -> None:
     obstacles = [appearing(build.box_at(3.0, 2.0)), build.box_at(5.0, 2.0)]
     trace = observed(scenario_on(room, obstacles=obstacles), build.a_recording([(2, 2), (3, 2)]))
@@ -246,7 +284,7 @@ def test_a_trace_has_the_recordings_signals_in_si_units(scenario_on, room, build
 def test_a_block_stores_the_derived_columns_alone(scenario_on, room, build) -> None:
     block = observe_block(scenario_on(room), write_recordings([build.a_recording([(1, 2), (2, 2)])]))
     ((_, columns),) = read_block(block)
-    assert set(columns) == {"localization_error_mm", "wall_clearance_mm", "deviation_mm"}
+    assert set(columns) == {"localization_error_mm", "stopped", "wall_clearance_mm", "deviation_mm"}
 
 
 def test_a_run_is_observed_alike_alone_and_in_a_block(scenario_on, room, build) -> None:

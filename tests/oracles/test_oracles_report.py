@@ -5,13 +5,15 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import pytest
 from PIL import Image
 
 from vastflow.oracles.evidence import evidence_of
+from vastflow.oracles.page.words import number, percent, span
 from vastflow.oracles.rates import Interval
-from vastflow.oracles.report import number, percent, span, write_report
+from vastflow.oracles.report import write_report
 from vastflow.oracles.tables import read_tables
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
@@ -96,8 +98,10 @@ def test_every_tag_of_the_report_is_closed_in_order(page: Page) -> None:
 
 def test_the_report_fetches_nothing(page: Page, directory: Path) -> None:
     assert page.addresses
-    assert {address for address in page.addresses if not address.startswith(("data:image/png;base64,", "#"))} == set()
-    assert not re.search(r"@import|url\(|<script|<link", (directory / "report.html").read_text(encoding="utf-8"))
+    inside = ("data:image/png;base64,", "data:image/svg+xml;base64,", "#")
+    assert {address[:40] for address in page.addresses if not address.startswith(inside)} == set()
+    text = (directory / "report.html").read_text(encoding="utf-8")
+    assert not re.search(r"@import|url\(|<link|<script[^>]*src|fetch\(|XMLHttp|import\(", text)
 
 
 def test_links_within_the_report_lead_somewhere(page: Page) -> None:
@@ -105,16 +109,107 @@ def test_links_within_the_report_lead_somewhere(page: Page) -> None:
 
 
 def test_pictures_say_what_they_show(page: Page) -> None:
-    assert len(page.images) == 3
+    assert len(page.images) == 8  # rates, factors, four of the map, two configurations that failed
     assert all(image["alt"] for image in page.images)
 
 
-def test_figures_are_written_as_pictures_too(page: Page, directory: Path) -> None:
-    names = {re.sub(r"-[0-9a-f]{8}", "", file.stem) for file in (directory / "figures").iterdir()}
-    assert names == {"rates", "trajectories", "failures"}
-    for file in (directory / "figures").iterdir():
-        with Image.open(file) as picture:
-            assert picture.width == 1200
+def test_figures_are_written_as_png_and_svg_too(page: Page, directory: Path) -> None:
+    files = sorted((directory / "figures").iterdir())
+    names = {re.sub(r"-[0-9a-f]{8}$", "", file.stem) for file in files}
+    assert names == {
+        "rates",
+        "factors",
+        "final-poses",
+        "failure-rate",
+        "failed",
+        "passed",
+        "case-noisy-1",
+        "case-noisy-2",
+    }
+    for file in files:
+        if file.suffix == ".png":
+            with Image.open(file) as picture:
+                assert picture.width >= 600
+        else:
+            assert ElementTree.parse(file).getroot().tag == "{http://www.w3.org/2000/svg}svg"
+    assert [file.suffix for file in files] == [".png", ".svg"] * len(names)
+
+
+def test_the_worst_configurations_are_shown_with_the_command_that_replays_them(page: Page) -> None:
+    assert page.text.index("vastflow replay . noisy-2 0") < page.text.index("vastflow replay . noisy-1 3")
+
+
+def test_what_belongs_to_the_call_alone_stands_between_marks(directory: Path) -> None:
+    def rest() -> str:
+        write_report(directory)
+        page = (directory / "report.html").read_text(encoding="utf-8")
+        parts = re.split(r"<!-- when -->(.*?)<!-- /when -->|<!-- work -->(.*?)<!-- /work -->", page, flags=re.DOTALL)
+        assert "lab" in parts[5]
+        return parts[0] + parts[3] + parts[6]
+
+    first = rest()
+    metadata = json.loads((directory / "metadata.json").read_text())
+    metadata |= {"created": "2027-01-01T00:00:00", "host": {"name": "lab 2"}}
+    metadata["counts"] = {"executed": 7, "reused": 8, "cpu_s": 9.0, "wall_s": 10.0, "results": "/elsewhere"}
+    (directory / "metadata.json").write_text(json.dumps(metadata))
+    assert rest() == first
+
+
+def test_rows_of_a_table_are_data_that_a_script_can_read(directory: Path) -> None:
+    write_report(directory)
+    text = (directory / "report.html").read_text(encoding="utf-8")
+    (data,) = re.findall(r'<script type="application/json" id="data-configurations">(.*?)</script>', text)
+    assert json.loads(data)["kinds"][:4] == ["text", "choice", "class", "rate"]
+    assert [row[0] for row in json.loads(data)["rows"]] == ["noisy-2", "noisy-1", "quiet-1", "quiet-2"]
+    assert json.loads(data)["rows"][1][3][:3] == [3, 5, 0]
+
+
+def test_a_campaign_that_was_stopped_early_says_how_many_runs_that_saved(directory: Path) -> None:
+    metadata = json.loads((directory / "metadata.json").read_text())
+    (directory / "metadata.json").write_text(json.dumps({**metadata, "stopping": {"min": 3, "max": 20}}))
+    write_report(directory)
+    page = Page((directory / "report.html").read_text(encoding="utf-8"))
+    assert "60 of 80 runs were saved" in " ".join(page.text.split())
+
+
+def test_a_sample_and_a_selection_are_said_at_the_top(directory: Path) -> None:
+    metadata = json.loads((directory / "metadata.json").read_text())
+    metadata |= {"counts": {"sampled_from": 1234}, "asked": {"runs": 5, "sample": 4, "only": ["noisy*"]}}
+    (directory / "metadata.json").write_text(json.dumps(metadata))
+    write_report(directory)
+    words = " ".join(Page((directory / "report.html").read_text(encoding="utf-8")).text.split())
+    assert "A sample: 4 of 1,234 distinct configurations of the campaign" in words
+    assert "Of the campaign only this was asked for: noisy*." in words
+
+
+def test_duplicates_are_counted_beside_as_the_paper_counts_them(page: Page, directory: Path) -> None:
+    # noisy-3 is noisy-1: its 3 of 5 count twice, 5 + 2 · 3 + 0 of 5 + 2 · 5 + 5.
+    assert "55\u00a0% 11 of 20" in page.text
+    assert json.loads((directory / "evidence.json").read_text())["weighted"]["counts"]["passed"] == 11
+
+
+def test_evidence_has_classes_total_failures_and_factors(page: Page, directory: Path) -> None:
+    evidence = json.loads((directory / "evidence.json").read_text())
+    assert evidence["classes"]["configurations"]["noisy-2"] in ("systematic", "undecided")
+    assert evidence["total_failures"] | {"share": None} == {
+        "configurations": 1, "failures": 5, "of_failures": 7, "share": None
+    }  # fmt: skip
+    assert [factor["name"] for factor in evidence["factors"][0]["factors"]] == [
+        "family"
+    ]  # which divides them as noise does
+
+
+def test_every_basis_of_robustness_is_tabulated_beside_the_one_that_judges(synthetic_campaign, tmp_path, build) -> None:
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+    synthetic_campaign.add(
+        "a-1", "a", room, TASK, recordings=[build.a_recording(WAY)], oracles=[("robustness", {"basis": "maximum"})]
+    )
+    synthetic_campaign.metadata = {"oracles": [{"name": "robustness", "parameters": {"basis": "maximum"}}]}
+    directory = synthetic_campaign.write()
+    write_report(directory)
+    page = Page((directory / "report.html").read_text(encoding="utf-8"))
+    assert "maximum, judged by" in page.text
+    assert "sum over metres driven" in page.text
 
 
 def test_rejections_are_shown_with_their_reason_and_how_often(page: Page) -> None:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -102,3 +103,54 @@ def test_at_any_row_an_obstacle_is_where_the_last_event_before_it_says(moves: li
         before = [event for event in events if event.t_s <= t_s + 1e-9]
         last = before[-1] if before else Event(0.0, "obstacle_moved", 3.0, 0.0, "carton")
         assert xy_m == (NOWHERE if last.kind == "deleted" else (last.x_m, last.y_m))
+
+
+# clearance
+
+
+def clearances(obstacle: Obstacle, *events: Event, at: list[tuple[float, float]], t_s: float = 1.0) -> list[float]:
+    (whereabouts,) = found([obstacle], *events)
+    t_ms = np.full(len(at), round(t_s * 1000), dtype=np.int32)
+    return [float(value) for value in whereabouts.clearance_m(t_ms, np.array(at))]
+
+
+def test_clearance_of_a_box_is_to_its_outline_and_nought_inside() -> None:
+    at = [(2.0, 0.0), (3.0, 1.25), (3.25 + 0.3, 0.25 + 0.4), (3.1, 0.1)]
+    assert clearances(carton(appears=False), at=at) == pytest.approx([0.75, 1.0, 0.5, 0.0])
+
+
+def test_clearance_of_a_turned_box_is_to_its_corner() -> None:
+    turned = Obstacle("carton", "box", Pose(3.0, 0.0, math.pi / 4), 0.5, 0.5)
+    assert clearances(turned, at=[(2.0, 0.0)]) == pytest.approx([1.0 - 0.25 * math.sqrt(2)])
+
+
+def test_clearance_follows_a_box_that_is_pushed_and_turned() -> None:
+    events = [
+        Event(1.0, "spawned", 3.0, 0.0, "carton"),
+        Event(2.0, "obstacle_moved", 3.5, 0.0, "carton", math.pi / 4),
+    ]
+    assert clearances(carton(), *events, at=[(2.0, 0.0)], t_s=0.5) == [math.inf]
+    assert clearances(carton(), *events, at=[(2.0, 0.0)], t_s=1.0) == pytest.approx([0.75])
+    assert clearances(carton(), *events, at=[(2.0, 0.0)], t_s=2.0) == pytest.approx([1.5 - 0.25 * math.sqrt(2)])
+
+
+def test_clearance_of_a_cylinder_is_to_its_circle() -> None:
+    drum = Obstacle("drum", "cylinder", Pose(3.0, 0.0), 0.5, 0.5)
+    assert clearances(drum, at=[(2.4, 0.8), (3.1, 0.0)]) == pytest.approx([0.75, 0.0])
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(-3, 3), st.floats(-3, 3), st.sampled_from(["box", "cylinder"]))
+def test_clearance_is_the_distance_to_the_footprint(yaw_rad: float, x_m: float, y_m: float, shape: str) -> None:
+    width_m = 0.4 if shape == "box" else 0.8
+    obstacle = Obstacle("it", shape, Pose(0.5, -0.5, yaw_rad), 0.8, width_m)  # type: ignore[arg-type]
+    (clearance_m,) = clearances(obstacle, at=[(x_m, y_m)])
+    assert clearance_m == pytest.approx(obstacle.footprint().distance(shapely.Point(x_m, y_m)), abs=1e-3)
+
+
+def test_what_stands_from_the_start_never_appears() -> None:
+    at_start = Event(0.0, "spawned", 3.0, 0.0, "carton")
+    later = Event(2.0, "spawned", 3.0, 0.0, "carton")
+    assert found([carton(appears=False)])[0].appears_s is None
+    assert found([carton()], at_start)[0].appears_s is None
+    assert found([carton()], later)[0].appears_s == 2.0
+    assert found([carton()])[0].appears_s is None

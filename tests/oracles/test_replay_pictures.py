@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from vastflow.oracles.figures import COLOURS, GOAL_COLOUR, INK
+from vastflow.oracles.figures.palette import COLOURS, GOAL_COLOUR, INK
 from vastflow.oracles.replay.close_up import BELIEF_COLOUR, draw_close_up, ground
 from vastflow.oracles.replay.film import FRAME_MS, LAST_MS, write_film
 from vastflow.oracles.replay.page import ranges_text

@@ -14,8 +14,9 @@ from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
 from vastflow.producers.ground import ground_of
 from vastflow.producers.obstacle import ObstacleVariation
+from vastflow.producers.outline import Line
 from vastflow.producers.path import PathVariationRandom
-from vastflow.producers.placement import covered_cells, draw_pose, without
+from vastflow.producers.placement import covered_cells, without
 from vastflow.producers.producer import evaluate
 from vastflow.sim import octile
 from vastflow.sim.maps import load_map
@@ -136,13 +137,13 @@ def test_taking_cells_away_later_is_inflating_without_them(cells, radius_cells):
 @given(st.floats(0.0, 2.0), st.integers(0, 1000))
 def test_poses_are_drawn_within_max_distance_of_the_path(max_distance, seed):
     path = np.array([[0.0, 0.0], [3.0, 0.0], [4.0, 1.0], [4.0, 5.0]])
-    pose = draw_pose(path, max_distance, np.random.default_rng(seed))
+    pose = Line.along(path).draw(max_distance, np.random.default_rng(seed))
     assert LineString(path).distance(Point(pose.x_m, pose.y_m)) <= max_distance + 1e-5
     assert -math.pi <= pose.yaw_rad <= math.pi + 1e-6
 
 
 def test_a_path_of_a_single_point_has_obstacles_round_it():
-    pose = draw_pose(np.array([[1.0, 2.0]]), 0.5, np.random.default_rng(0))
+    pose = Line.along(np.array([[1.0, 2.0]])).draw(0.5, np.random.default_rng(0))
     assert math.dist((pose.x_m, pose.y_m), (1.0, 2.0)) <= 0.5 + 1e-5
 
 

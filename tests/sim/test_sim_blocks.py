@@ -1,13 +1,23 @@
 """Blocks of recordings: what is written is read back, and the same content is the same bytes."""
 
+import io
+
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from vastflow.sim.blocks import read_block, read_recordings, write_block, write_recordings
+from vastflow.sim.blocks import (
+    read_block,
+    read_columns,
+    read_recordings,
+    read_rows,
+    write_block,
+    write_recordings,
+)
 from vastflow.sim.recording import Event, Recording, Run, run_of, run_row, si
 
 TEXT = st.text(max_size=8)
@@ -91,11 +101,53 @@ def test_runs_of_one_block_have_the_same_columns():
         write_block([{"run_index": 0}, {"run_index": 1}], [{"a": np.zeros(1, np.int32)}, {"b": np.zeros(1, np.int32)}])
 
 
-def test_a_block_is_plain_parquet_that_others_can_read(tmp_path):
+def test_a_block_is_parquet_whose_differences_others_can_add_up(tmp_path):
     (tmp_path / "b.parquet").write_bytes(write_recordings([a_recording(3), a_recording(5, n=2)]))
     table = pq.read_table(tmp_path / "b.parquet")
-    assert table.column_names == ["run_index", "t_ms", "x_mm"]
+    assert table.column_names == ["run_index", "t_ms:d1", "x_mm:d2"]
     assert table["run_index"].to_pylist() == [3] * 50 + [5] * 2
+    code = np.array(table["x_mm:d2"])
+    differences = np.where(code % 2 == 0, code // 2, -(code + 1) // 2)
+    expected = [*(k * k for k in range(50)), 0, 1]
+    np.testing.assert_array_equal(np.cumsum(np.cumsum(differences)), expected)
+
+
+def test_a_rough_column_is_stored_as_it_is(tmp_path):
+    noise = np.random.default_rng(1).integers(-(2**31), 2**31 - 1, 50, dtype=np.int32)
+    (tmp_path / "b.parquet").write_bytes(write_recordings([a_recording(noise=noise)]))
+    np.testing.assert_array_equal(np.array(pq.read_table(tmp_path / "b.parquet")["noise"]), noise)
+
+
+def test_a_column_whose_name_looks_like_differences_is_read_back():
+    columns = {"a:d2": np.array([7, -7, 7, 2**31 - 1], dtype=np.int32), "b:d0": np.arange(4, dtype=np.int32)}
+    ((_, found),) = read_block(write_block([{"run_index": 0}], [columns]))
+    assert list(found) == ["a:d2", "b:d0"]
+    np.testing.assert_array_equal(found["a:d2"], columns["a:d2"])
+
+
+def test_some_columns_are_read_alone():
+    index, columns = read_columns(write_recordings([a_recording(3, n=2), a_recording(5, n=3)]), ["x_mm"])
+    assert (index.tolist(), {name: column.tolist() for name, column in columns.items()}) == (
+        [3, 3, 5, 5, 5],
+        {"x_mm": [0, 1, 0, 1, 4]},
+    )
+
+
+def test_a_column_that_a_block_does_not_have_is_an_error():
+    with pytest.raises(KeyError, match="y_mm"):
+        read_columns(write_recordings([a_recording()]), ["y_mm"])
+
+
+def test_a_block_of_an_older_form_is_refused():
+    out = io.BytesIO()
+    pq.write_table(pa.table({"run_index": [0]}, metadata={"vastflow.runs": "[{}]"}), out)
+    with pytest.raises(ValueError, match="a block that another version of vastflow wrote"):
+        read_block(out.getvalue())
+
+
+def test_rows_are_read_without_columns():
+    recordings = [a_recording(3), a_recording(5)]
+    assert read_rows(write_recordings(recordings)) == [run_row(recording.run) for recording in recordings]
 
 
 def test_a_smooth_column_takes_little_room():

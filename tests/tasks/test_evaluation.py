@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.one_of import OneOfVariation
 from vastflow.producers.parameter import ParameterVariationList
 from vastflow.producers.producer import evaluate, find_producer
 from vastflow.sim.digest import FileContent
@@ -111,6 +112,36 @@ def test_a_plug_in_can_be_sent_to_another_process(tmp_path):
 def test_a_packed_producer_yields_the_same(tmp_path):
     producer = own(tmp_path, values=(1.0, 2.0))
     assert evaluate(packed(producer).unpacked(), {}) == evaluate(producer, {})
+
+
+def one_of(*children):
+    return OneOfVariation(OneOfVariation.Parameters(variations=list(children)))
+
+
+def test_alternatives_are_what_their_producers_and_these_parameters_are(tmp_path):
+    alternatives = one_of(listed(name="a", values=(1, 2)), own(tmp_path, values=(1.0,)))
+    assert content_of(alternatives.parameters) == {
+        "dimension": None,
+        "variations": [
+            {"ParameterVariationList": {"dimension": None, "name": "a", "values": [1, 2]}},
+            {"Own": {"dimension": None, "values": [1.0]}},
+        ],
+    }
+
+
+def test_an_edited_alternative_of_ones_own_is_evaluated_again(tmp_path):
+    plain, edited = (
+        keys_of(one_of(own(tmp_path, text, values=(1.0,))), "1" * 64)
+        for text in (OWN, OWN.replace("value})", "value + 1})"))
+    )
+    assert plain != edited
+
+
+def test_alternatives_of_ones_own_can_be_sent_to_another_process(tmp_path):
+    sent = pickle.dumps(packed(one_of(one_of(own(tmp_path, values=(1.0, 2.0))))))
+    script = "import pickle, sys; print(pickle.loads(sys.stdin.buffer.read()).unpacked().children[0].children[0].parameters.values)"
+    done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=60, check=True)
+    assert done.stdout.decode().strip() == "(1.0, 2.0)"
 
 
 def test_a_parameter_model_is_what_its_fields_say():

@@ -1,0 +1,98 @@
+"""A comparison of two campaign directories."""
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from vastflow.oracles.environment_names import environment_names
+from vastflow.oracles.findings import named
+from vastflow.oracles.pairing import Pairing, pairing_of
+from vastflow.oracles.statistics.comparison import (
+    Change,
+    Difference,
+    LevelDifference,
+    by_level,
+    changes,
+    difference,
+)
+from vastflow.oracles.statistics.factors import factors_of
+from vastflow.oracles.tables import Tables
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What has changed.
+
+    Attributes:
+        oracle: The one it is about; None for all that judged both campaigns.
+        whole: All pairs together, by that.
+        oracles: Each oracle by itself, where it judged a pair both times.
+        changes: Configurations whose runs do not all end as before, the most certain first.
+        levels: The difference at each level of each factor of the later campaign.
+        margin: Loss that the gate allows.
+    """
+
+    before: Tables = field(repr=False)
+    after: Tables = field(repr=False)
+    pairing: Pairing
+    oracle: str | None
+    whole: Difference
+    oracles: dict[str, Difference]
+    changes: Sequence[Change]
+    levels: Sequence[LevelDifference]
+    margin: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether a loss of the margin or more is ruled out."""
+        return self.whole.non_inferior(self.margin)
+
+    def shown(self, *, worse: bool) -> list[Change]:
+        """Configurations that are shown to fail newly, or to pass newly."""
+        return [change for change in self.changes if change.shown and change.worse == worse]
+
+
+def compared(before: Tables, after: Tables, oracle: str | None = None, margin: float = 0.02) -> Compared:
+    """Compare two campaigns.
+
+    Raises:
+        ValueError: an unknown oracle, or no pair of runs that was judged both times; says what was found.
+    """
+    pairing = pairing_of(before, after)
+    if oracle is not None and oracle not in pairing.oracles:
+        near = difflib.get_close_matches(oracle, pairing.oracles, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"both have {', '.join(pairing.oracles) or 'none'}"
+        raise ValueError(f"--oracle {oracle}: did not judge both campaigns; {hint}")
+    pairs = pairing.pairs(oracle)
+    whole = difference(pairs)
+    if whole is None:
+        raise ValueError(f"{before.directory} and {after.directory}: nothing to compare: {_why(pairing)}")
+    each = {name: found for name in pairing.oracles if (found := difference(pairing.pairs(name))) is not None}
+    factors, _ = factors_of(_rows(after, [match.after for match in pairing.matches]))
+    return Compared(before, after, pairing, oracle, whole, each, changes(pairs), by_level(factors, pairs), margin)
+
+
+def _rows(tables: Tables, names: Sequence[str]) -> list[dict[str, Any]]:
+    """What varies over these configurations, their family among it."""
+    found = tables.configurations
+    places = {name: k for k, name in enumerate(found.names)}
+    maps = environment_names(tables.directory, dict.fromkeys(filter(None, found.environments)))
+    chosen = [places[name] for name in names]
+    return [
+        {"family": found.families[k], **{key: named(value, maps) for key, value in found.factors[k].items()}}
+        for k in chosen
+    ]
+
+
+def _why(pairing: Pairing) -> str:
+    if not pairing.matches:
+        return "no configuration of one has the environment, the task and the scenario of one of the other"
+    if not pairing.oracles:
+        return "no oracle judged both"
+    if not len(pairing.configuration):
+        return (
+            f"{len(pairing.matches)} configurations are in both, and none of their runs have a seed in common; "
+            "`execution.seed` must be the same"
+        )
+    return f"no run of {len(pairing.configuration)} pairs was judged both times"

@@ -1,0 +1,1 @@
+"""Figures: maps with what happened on them, success rates, factors."""

@@ -1,0 +1,67 @@
+"""The case figure: one configuration's runs on the part of the map where they drove."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from vastflow.oracles.figures.floor import DPI, draw_ends, draw_floor, draw_lines, draw_obstacles
+from vastflow.oracles.figures.palette import COLOURS, INK
+from vastflow.oracles.situation import Situation
+from vastflow.oracles.verdict import Judgement
+from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.obstacle import Obstacle
+
+_WIDTH_IN: Final = 5.0
+_HEIGHT_IN: Final = 3.4
+_MARGIN_M: Final = 1.2
+_LEAST_M: Final = 5.0
+
+
+def case_figure(
+    occupancy: OccupancyMap,
+    situation: Situation,
+    obstacles: Sequence[Obstacle],
+    ways: Sequence[tuple[Judgement, NDArray[np.float64]]],
+) -> Figure:
+    """Ways (N, 2) by judgement, failures on top with a cross where they ended."""
+    figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), dpi=DPI)
+    axes = figure.add_axes((0, 0, 1, 1))
+    draw_floor(axes, occupancy)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    draw_obstacles(axes, obstacles, alpha=0.7)
+    judgements: tuple[Judgement, ...] = ("pass", "not judged", "fail")
+    for judgement in judgements:
+        lines = [line for said, line in ways if said == judgement]
+        draw_lines(axes, lines, COLOURS[judgement], alpha=0.55 if len(lines) > 3 else 0.8)
+    ends = np.array([line[-1] for said, line in ways if said == "fail"]).reshape(-1, 2)
+    axes.plot(*ends.T, "X", ms=8, color=COLOURS["fail"], mec="white", mew=0.9)
+    if situation.start is not None:
+        start = np.array([(situation.start.x_m, situation.start.y_m)])
+        goals = np.array([(goal.x_m, goal.y_m) for goal in situation.goals]).reshape(-1, 2)
+        draw_ends(axes, start, goals)
+        points = np.concatenate([start, goals, *(line for _, line in ways)])
+    else:
+        points = np.concatenate([np.zeros((0, 2)), *(line for _, line in ways)])
+    if len(points):
+        (x0, y0), (x1, y1) = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+        metres = max(x1 - x0, (y1 - y0) * _WIDTH_IN / _HEIGHT_IN, _LEAST_M)
+        x, y = (x0 + x1) / 2, (y0 + y1) / 2
+        axes.set_xlim(x - metres / 2, x + metres / 2)
+        axes.set_ylim(y - metres / 2 * _HEIGHT_IN / _WIDTH_IN, y + metres / 2 * _HEIGHT_IN / _WIDTH_IN)
+        _draw_scale(axes, metres)
+    return figure
+
+
+def _draw_scale(axes: Axes, metres: float) -> None:
+    """A bar of 1 m in the lower left corner."""
+    pad: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "transform": axes.transAxes}
+    axes.add_patch(Rectangle((0.015, 0.02), max(1 / metres, 0.07) + 0.03, 0.115, zorder=4, **pad))
+    look: dict[str, Any] = {"color": INK, "transform": axes.transAxes, "zorder": 5}
+    axes.plot([0.03, 0.03 + 1 / metres], [0.045, 0.045], linewidth=2.5, solid_capstyle="butt", **look)
+    axes.text(0.03, 0.062, "1 m", fontsize=8, va="bottom", **look)

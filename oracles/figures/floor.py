@@ -1,0 +1,116 @@
+"""The floor: axes with an occupancy map, and what is drawn on every map."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+from PIL import Image
+
+from vastflow.oracles.figures.palette import GOAL_COLOUR, INK, LINE, OBSTACLE_COLOUR, OBSTACLE_EDGE, SOFT_INK
+from vastflow.oracles.scene import known_extent_m
+from vastflow.sim.maps import FREE, UNKNOWN, OccupancyMap
+from vastflow.sim.obstacle import Obstacle
+
+DPI: Final = 120
+_WALL, _UNKNOWN, _FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)
+_WIDTH_IN: Final = 10.0
+_HEIGHT_IN: Final = 9.0
+_MARGIN_M: Final = 0.4
+_MOST_PIXELS: Final = 1400
+
+
+def map_figure(
+    occupancy: OccupancyMap, legend_rows: int, top_in: float = 0.1, width_in: float = _WIDTH_IN, dpi: int = DPI
+) -> tuple[Figure, Axes]:
+    """A figure that fits what is known of the map, with room for axis labels and a legend below, and `top_in` above."""
+    x0, x1, y0, y1 = known_extent_m(occupancy, _MARGIN_M)
+    left_in, right_in, bottom_in = 0.55, 0.1, 0.5 + 0.24 * legend_rows
+    scale = min((width_in - left_in - right_in) / (x1 - x0), _HEIGHT_IN * width_in / _WIDTH_IN / (y1 - y0))
+    map_width_in, map_height_in = scale * (x1 - x0), scale * (y1 - y0)
+    # A tall map leaves room at its sides, so that the legend below always has the whole width.
+    left_in += (width_in - left_in - right_in - map_width_in) / 2
+    height_in = top_in + map_height_in + bottom_in
+    figure = Figure(figsize=(width_in, height_in), dpi=dpi)
+    axes = figure.add_axes(
+        (left_in / width_in, bottom_in / height_in, map_width_in / width_in, map_height_in / height_in)
+    )
+    draw_floor(axes, occupancy)
+    axes.set_xlabel("x (m)", fontsize=8, color=SOFT_INK, labelpad=1)
+    axes.set_ylabel("y (m)", fontsize=8, color=SOFT_INK, labelpad=1)
+    return figure, axes
+
+
+def draw_floor(axes: Axes, occupancy: OccupancyMap) -> None:
+    """Draw the map, and show what is known of it."""
+    extent = known_extent_m(occupancy, 0.0)
+    axes.imshow(_picture(occupancy, extent), origin="lower", extent=extent, aspect="auto")
+    x0, x1, y0, y1 = known_extent_m(occupancy, _MARGIN_M)
+    axes.set_xlim(x0, x1)
+    axes.set_ylim(y0, y1)
+    axes.set_facecolor(LINE)  # as unknown cells
+    axes.tick_params(labelsize=8, colors=SOFT_INK, length=2)
+    axes.spines[:].set_visible(False)
+
+
+def draw_lines(
+    axes: Axes, paths: Sequence[NDArray[np.float64]], colour: str, *, alpha: float | None = None, width: float = 1.5
+) -> None:
+    """Lines (N, 2) the fainter the more there are, so that what many share stands out."""
+    if alpha is None:
+        alpha = float(np.clip(4 / max(len(paths), 1) ** 0.5, 0.12, 0.8))
+    lines = LineCollection(paths, colors=colour, linewidths=width, alpha=alpha, capstyle="round")
+    lines.set_rasterized(True)
+    axes.add_collection(lines, autolim=False)
+
+
+def draw_ends(axes: Axes, starts_xy_m: NDArray[np.float64], goals_xy_m: NDArray[np.float64]) -> list[Line2D]:
+    """Mark starts (n, 2) and goals (m, 2); gives what the marks mean."""
+    shrink = 1.0 if len(starts_xy_m) + len(goals_xy_m) <= 60 else 0.6
+    alone: dict[str, Any] = {"linestyle": "none"}
+    start = {**alone, "marker": "o", "markersize": 6.5 * shrink, "color": "white", "markeredgecolor": INK}
+    goal = {**alone, "marker": "D", "markersize": 7.5 * shrink, "color": GOAL_COLOUR, "markeredgecolor": "white"}
+    axes.plot(*starts_xy_m.T, **start)
+    axes.plot(*goals_xy_m.T, **goal)
+    return [Line2D([], [], label="start", **start), Line2D([], [], label="goal", **goal)]
+
+
+def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], *, alpha: float) -> None:
+    """Fill the outlines of `obstacles`."""
+    outlines = [np.asarray(obstacle.footprint().exterior.coords) for obstacle in obstacles]
+    shapes = PolyCollection(outlines, facecolors=OBSTACLE_COLOUR, edgecolors=OBSTACLE_EDGE, linewidths=0.8, alpha=alpha)
+    axes.add_collection(shapes, autolim=False)
+
+
+def obstacle_handle(n: int) -> list[Patch]:
+    """What the outlines of `n` obstacles mean; nothing without any."""
+    if not n:
+        return []
+    label = f"obstacle, not on the robot's map ({n})"
+    return [Patch(facecolor=OBSTACLE_COLOUR, edgecolor=OBSTACLE_EDGE, alpha=0.7, label=label)]
+
+
+def legend(figure: Figure, handles: Sequence[Any]) -> None:
+    """Say below the axes what the marks mean."""
+    figure.legend(handles=list(handles), loc="lower center", ncols=min(len(handles), 4), frameon=False, fontsize=9,
+                  labelcolor=INK, handletextpad=0.5, columnspacing=1.6, borderpad=0.2)  # fmt: skip
+
+
+def _picture(occupancy: OccupancyMap, extent: tuple[float, float, float, float]) -> NDArray[np.uint8]:
+    """The part of the map in `extent`, with about as many pixels as a figure has at most."""
+    left, bottom = occupancy.origin_xy_m
+    column, end_column = (round((x - left) / occupancy.resolution_m) for x in extent[:2])
+    row, end_row = (round((y - bottom) / occupancy.resolution_m) for y in extent[2:])
+    cells = occupancy.cells[row:end_row, column:end_column]
+    picture = np.empty((*cells.shape, 3), dtype=np.uint8)
+    picture[:] = _WALL  # everything a robot can't be sure to drive on, but for unknown cells
+    picture[cells == UNKNOWN] = _UNKNOWN
+    picture[cells == FREE] = _FREE
+    if (fold := -(-max(cells.shape) // _MOST_PIXELS)) > 1:
+        return np.asarray(Image.fromarray(picture).reduce(fold))
+    return picture

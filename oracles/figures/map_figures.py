@@ -1,0 +1,221 @@
+"""Map figures: where failed runs ended, the ways of failed and of passed runs, and how often a place is failed at.
+
+The first three are the rows of the figure that the paper has of each map.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from vastflow.oracles.figures.floor import (
+    DPI,
+    draw_ends,
+    draw_floor,
+    draw_lines,
+    draw_obstacles,
+    legend,
+    map_figure,
+    obstacle_handle,
+)
+from vastflow.oracles.figures.palette import COLOURS, INK, RATES, SOFT_INK
+from vastflow.oracles.scene import Scene, known_extent_m
+from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, Grid, grid_over
+from vastflow.oracles.verdict import Judgement
+from vastflow.oracles.verdict_table import CODES
+from vastflow.sim.maps import OccupancyMap
+
+BLUR_M: Final = 0.2
+"""Standard deviation of the blur of final poses; the paper's blur radius."""
+MAX_OBSTACLES: Final = 150
+"""Obstacles drawn; more cover the floor and say nothing."""
+MAX_COLUMNS: Final = 6
+MAX_CROSSES: Final = 150
+_WIDTH_IN, _DPI = 7.0, 144  # two of them stand beside each other in the report
+_NEVER, _SELDOM = (0.86, 0.92, 0.96, 1.0), (0.88, 0.88, 0.88, 1.0)
+_LEAST_SHOWN: Final = 0.04
+"""Share of the greatest density below which the floor is left as it is."""
+
+
+def final_poses_figure(scene: Scene) -> Figure:
+    """Density of the places where failed runs ended, blurred with `BLUR_M`."""
+    figure, axes = map_figure(scene.occupancy, legend_rows=3, width_in=_WIDTH_IN, dpi=_DPI)
+    greatest = draw_final_poses(axes, scene)
+    _colour_bar(figure, axes, greatest, "failed runs that ended here, per m²")
+    legend(figure, _crosses(axes, scene))
+    return figure
+
+
+def ways_figure(scene: Scene, judgement: Judgement) -> Figure:
+    """The true ways of failed or of passed runs, from circle to cross, with the obstacles."""
+    figure, axes = map_figure(scene.occupancy, legend_rows=1, width_in=_WIDTH_IN, dpi=_DPI)
+    drawn = min(len(scene.obstacles), MAX_OBSTACLES)
+    draw_obstacles(axes, scene.obstacles[:drawn], alpha=0.45 if drawn < 40 else 0.2)
+    draw_ways(axes, scene, judgement)
+    lines = scene.lines[CODES[judgement]]
+    handles: list[Any] = [Line2D([], [], color=COLOURS[judgement], linewidth=2.5, label=_lines_label(scene, judgement))]
+    if len(lines) <= MAX_CROSSES:
+        handles += draw_ends(axes, scene.starts_xy_m, scene.goals_xy_m)
+    legend(figure, [*handles, *obstacle_handle(drawn)])
+    return figure
+
+
+def failure_rate_figure(scene: Scene) -> Figure:
+    """Failed runs over visits in each cell, the fainter the less sure; outlined where it is more than the map's mean."""
+    figure, axes = map_figure(scene.occupancy, legend_rows=3, width_in=_WIDTH_IN, dpi=_DPI)
+    most = draw_failure_rates(axes, scene)
+    _colour_bar(figure, axes, most, "share of the runs that came here and failed here", percent=True)
+    handles = [
+        Patch(facecolor=_NEVER, edgecolor="none", label="nobody failed"),
+        Patch(facecolor=_SELDOM, edgecolor="none", label=f"fewer than {MINIMUM_VISITS} visits"),
+        Patch(facecolor="none", edgecolor=INK, linewidth=1.2, label="above the map's rate (5 % error)"),
+    ]
+    legend(figure, handles)
+    return figure
+
+
+def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
+    """The paper's figure: a column for each map; final poses of failures, failed ways, passed ways below each other."""
+    shown = sorted(range(len(scenes)), key=lambda k: -scenes[k].runs.failed)[:MAX_COLUMNS]
+    columns = [scenes[k] for k in sorted(shown)]
+    aspects = [_aspect(scene.occupancy) for scene in columns]
+    row_in = min(3.2, 14.0 / sum(1 / aspect for aspect in aspects))
+    widths = [row_in / aspect for aspect in aspects]
+    size_in = (sum(widths) + 0.1 * (len(widths) + 1) + 0.3, 3 * row_in + 0.75)
+    figure = Figure(figsize=size_in, dpi=DPI)
+    left_in = 0.4
+    for scene, width_in, k in zip(columns, widths, sorted(shown), strict=True):
+        for row in range(3):
+            bottom_in = size_in[1] - 0.35 - (row + 1) * row_in - 0.1 * row
+            axes = figure.add_axes(
+                (left_in / size_in[0], bottom_in / size_in[1], width_in / size_in[0], row_in / size_in[1])
+            )
+            draw_floor(axes, scene.occupancy)
+            axes.set_xticks([])
+            axes.set_yticks([])
+            if row == 0:
+                draw_final_poses(axes, scene)
+                axes.set_title(titles[k], fontsize=10, color=INK, pad=5)
+            else:
+                draw_ways(axes, scene, ("fail", "pass")[row - 1], 0.55)
+            if left_in == 0.4:
+                axes.set_ylabel(("final poses", "failed", "passed")[row], fontsize=10, color=INK, labelpad=4)
+        left_in += width_in + 0.1
+    return figure
+
+
+def draw_final_poses(axes: Axes, scene: Scene) -> float:
+    """Draw the density over the floor; gives the greatest, in failed runs per m²."""
+    x0, x1, y0, y1 = known_extent_m(scene.occupancy, 0.0)
+    grid = grid_over(x0, y0, x1, y1, BLUR_M / 2)
+    density = _density(grid, scene.failed_xy_m)
+    greatest = float(density.max())
+    if greatest > 0:
+        share = density / greatest
+        picture = matplotlib.colormaps[RATES](share, alpha=np.clip((share - _LEAST_SHOWN) / 0.12, 0, 0.95), bytes=True)
+        axes.imshow(picture, origin="lower", extent=grid.extent_m, aspect="auto", interpolation="bilinear")
+    return greatest
+
+
+def draw_ways(axes: Axes, scene: Scene, judgement: Judgement, scale: float = 1.0) -> None:
+    """Draw ways with a circle where they start and a cross where they end; `scale` of lines and marks."""
+    lines = scene.lines[CODES[judgement]]
+    draw_lines(axes, lines, COLOURS[judgement], width=1.3 * scale)
+    if lines:
+        look: dict[str, Any] = {"linestyle": "none", "alpha": 0.7 if len(lines) <= MAX_CROSSES else 0.35}
+        (starts,) = axes.plot(
+            *np.array([line[0] for line in lines]).T, "o", ms=3.2 * scale, mfc="white", mec=INK, mew=0.7 * scale, **look
+        )
+        (ends,) = axes.plot(
+            *np.array([line[-1] for line in lines]).T, "x", ms=4.5 * scale, color=INK, mew=scale, **look
+        )
+        starts.set_rasterized(len(lines) > MAX_CROSSES)
+        ends.set_rasterized(len(lines) > MAX_CROSSES)
+
+
+def draw_failure_rates(axes: Axes, scene: Scene) -> float:
+    """Draw the rate in each cell that enough runs visited; gives the rate that has the darkest colour."""
+    found = scene.failures
+    rate = found.rate()
+    most = float(np.ceil(10 * max(np.nanmax(rate, initial=0.0), 0.1)) / 10)
+    low, high = np.moveaxis(found.intervals(), -1, 0)
+    known = np.isfinite(rate)
+    picture = matplotlib.colormaps[RATES](np.nan_to_num(rate) / most)
+    picture[..., 3] = np.where(known, np.clip(1.15 - (high - low), 0.25, 0.95), 0.0)
+    picture[known & (found.failures == 0)] = _NEVER
+    picture[(found.visits > 0) & ~known] = _SELDOM
+    extent = found.grid.extent_m
+    axes.imshow(picture, origin="lower", extent=extent, aspect="auto", interpolation="nearest")
+    _outline(axes, found.hot(), extent)
+    return most
+
+
+def _outline(axes: Axes, cells: NDArray[np.bool_], extent: tuple[float, float, float, float]) -> None:
+    """Lines round the cells that are True."""
+    padded = np.pad(cells, 1).astype(np.int8)
+    x0, x1, y0, y1 = extent
+    xs, ys = np.linspace(x0, x1, cells.shape[1] + 1), np.linspace(y0, y1, cells.shape[0] + 1)
+    across = np.argwhere(np.diff(padded[1:-1], axis=1))
+    along = np.argwhere(np.diff(padded[:, 1:-1], axis=0))
+    segments = [np.array([(xs[c], ys[r]), (xs[c], ys[r + 1])]) for r, c in across]
+    segments += [np.array([(xs[c], ys[r]), (xs[c + 1], ys[r])]) for r, c in along]
+    draw_lines(axes, segments, INK, alpha=1.0, width=1.1)
+
+
+def _density(grid: Grid, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(H, W) points per m², blurred; what is blurred out of the grid is lost."""
+    cells = grid.cells(xy_m)
+    counts = np.bincount(cells[cells >= 0], minlength=grid.shape[0] * grid.shape[1]).reshape(grid.shape)
+    return np.asarray(
+        gaussian_filter(counts.astype(np.float64), BLUR_M / grid.cell_m, mode="constant") / grid.cell_m**2
+    )
+
+
+def _aspect(occupancy: OccupancyMap) -> float:
+    x0, x1, y0, y1 = known_extent_m(occupancy, 0.4)
+    return (y1 - y0) / (x1 - x0)
+
+
+def _crosses(axes: Axes, scene: Scene) -> list[Line2D]:
+    """Single final poses, where they are few enough to be told apart: a cross, or a ring where the mission succeeded."""
+    if len(scene.failed_xy_m) > MAX_CROSSES:
+        return []
+    handles = []
+    for missed, marker, label in (
+        (True, "x", "mission failed"),
+        (False, "o", "mission succeeded, another oracle failed"),
+    ):
+        chosen = scene.failed_xy_m[scene.missed == missed]
+        if len(chosen):
+            look: dict[str, Any] = {"marker": marker, "ms": 5.5, "mfc": "none", "mec": INK, "mew": 1.2, "ls": "none"}
+            axes.plot(*chosen.T, **look)
+            handles.append(Line2D([], [], label=f"{label} ({len(chosen)})", **look))
+    return handles
+
+
+def _lines_label(scene: Scene, judgement: Judgement) -> str:
+    drawn = len(scene.lines[CODES[judgement]])
+    whole = {"pass": scene.runs.passed, "fail": scene.runs.failed, "not judged": scene.runs.not_judged}[judgement]
+    word = {"pass": "passed", "fail": "failed", "not judged": "not judged"}[judgement]
+    return f"{word} ({drawn})" if drawn == whole else f"{word} ({drawn} of {whole:,})"
+
+
+def _colour_bar(figure: Figure, axes: Axes, greatest: float, label: str, *, percent: bool = False) -> None:
+    """A bar below the axes from 0 to `greatest`."""
+    width_in, height_in = figure.get_size_inches()
+    bar = figure.add_axes(((width_in - 3.4) / width_in, 0.42 / height_in, 3.2 / width_in, 0.11 / height_in))
+    found = matplotlib.cm.ScalarMappable(Normalize(0, greatest or 1.0), RATES)
+    drawn = figure.colorbar(found, cax=bar, orientation="horizontal")
+    drawn.outline.set_visible(False)
+    ticks = np.array([0.0, 0.5, 1.0]) * (greatest or 1.0)
+    drawn.set_ticks(list(ticks), labels=[f"{100 * t:.0f} %" if percent else f"{t:.3g}" for t in ticks])
+    bar.tick_params(labelsize=7.5, colors=SOFT_INK, length=2)
+    bar.set_title(label, fontsize=8, color=SOFT_INK, pad=3, loc="right")

@@ -1,0 +1,130 @@
+"""The pair figure: one configuration in two campaigns, side by side."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from vastflow.oracles.figures.floor import (
+    DPI,
+    draw_ends,
+    draw_floor,
+    draw_lines,
+    draw_obstacles,
+    legend,
+    obstacle_handle,
+)
+from vastflow.oracles.figures.palette import COLOURS, INK
+from vastflow.oracles.situation import Situation
+from vastflow.oracles.verdict import Judgement
+from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.obstacle import Obstacle
+
+_PANEL_IN: Final = 5.0
+_LEGEND_IN: Final = 0.6
+_TITLE_IN: Final = 0.62
+_GAP_IN: Final = 0.12
+_MARGIN_M: Final = 1.2
+_LEAST_M: Final = 5.0
+_JUDGEMENTS: Final[tuple[Judgement, ...]] = ("pass", "not judged", "fail")
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """What one campaign's panel shows.
+
+    Attributes:
+        ways: (N, 2) true ways with their judgement; the one at `chosen` is drawn strong.
+    """
+
+    title: str
+    occupancy: OccupancyMap
+    situation: Situation
+    obstacles: Sequence[Obstacle]
+    ways: Sequence[tuple[Judgement, NDArray[np.float64]]] = field(repr=False)
+    chosen: int | None = None
+
+
+def pair_figure(title: str, sides: tuple[Side, Side]) -> Figure:
+    """Both sides on the same part of the map, the chosen pair of runs strong among the others."""
+    box = _box(sides)
+    height_in = float(np.clip(_PANEL_IN * (box[3] - box[1]) / (box[2] - box[0]), 2.5, 7.0))
+    width_in, whole_in = 2 * _PANEL_IN + 3 * _GAP_IN, height_in + _LEGEND_IN + _TITLE_IN
+    figure = Figure(figsize=(width_in, whole_in), dpi=DPI)
+    figure.text(_GAP_IN / width_in, 1 - 0.1 / whole_in, title, fontsize=11, fontweight="bold", color=INK, va="top")
+    marks: list[Line2D] = []
+    for k, side in enumerate(sides):
+        left = (_GAP_IN + k * (_PANEL_IN + _GAP_IN)) / width_in
+        axes = figure.add_axes((left, _LEGEND_IN / whole_in, _PANEL_IN / width_in, height_in / whole_in))
+        marks = _draw(axes, side)
+        axes.set_title(side.title, fontsize=9, color=INK, loc="left", pad=4)
+        _look_at(axes, box, height_in / _PANEL_IN)
+    legend(figure, [*marks, *_handles(sides)])
+    return figure
+
+
+def _draw(axes: Axes, side: Side) -> list[Line2D]:
+    draw_floor(axes, side.occupancy)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    draw_obstacles(axes, side.obstacles, alpha=0.7)
+    others = [way for k, way in enumerate(side.ways) if k != side.chosen]
+    for judgement in _JUDGEMENTS:
+        lines = [line for said, line in others if said == judgement]
+        draw_lines(axes, lines, COLOURS[judgement], alpha=0.22 if side.chosen is not None else None)
+    if side.chosen is not None:
+        said, line = side.ways[side.chosen]
+        draw_lines(axes, [line], COLOURS[said], alpha=1.0, width=2.6)
+    marks = draw_ends(axes, *_stops(side.situation)) if side.situation.start is not None else []
+    ends = np.array([line[-1] for said, line in side.ways if said == "fail"]).reshape(-1, 2)
+    axes.plot(*ends.T, **_cross())
+    return marks
+
+
+def _stops(situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    starts = [] if situation.start is None else [situation.start]
+    points = [np.array([(pose.x_m, pose.y_m) for pose in poses]).reshape(-1, 2) for poses in (starts, situation.goals)]
+    return points[0], points[1]
+
+
+def _box(sides: Sequence[Side]) -> tuple[float, float, float, float]:
+    """x0, y0, x1, y1 of all that happened on either side."""
+    points = np.concatenate(
+        [part for side in sides for part in (*_stops(side.situation), *(way for _, way in side.ways))]
+    )
+    if not len(points):
+        points = np.zeros((1, 2))
+    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
+    middle, half = (low + high) / 2, np.maximum((high - low) / 2, _LEAST_M / 2)
+    (x0, y0), (x1, y1) = middle - half, middle + half
+    return float(x0), float(y0), float(x1), float(y1)
+
+
+def _look_at(axes: Axes, box: tuple[float, float, float, float], shape: float) -> None:
+    """Show the box in a panel of height / width `shape`, a metre as long in both directions."""
+    x0, y0, x1, y1 = box
+    half_x = max(x1 - x0, (y1 - y0) / shape) / 2
+    x, y = (x0 + x1) / 2, (y0 + y1) / 2
+    axes.set_xlim(x - half_x, x + half_x)
+    axes.set_ylim(y - half_x * shape, y + half_x * shape)
+
+
+def _cross() -> dict[str, Any]:
+    look: dict[str, Any] = {"marker": "X", "markersize": 8, "color": COLOURS["fail"], "markeredgecolor": "white"}
+    return {**look, "markeredgewidth": 0.9, "linestyle": "none"}
+
+
+def _handles(sides: Sequence[Side]) -> list[Any]:
+    handles: list[Any] = []
+    words = {"pass": "passed", "fail": "failed", "not judged": "not judged"}
+    for judgement in _JUDGEMENTS:
+        if any(said == judgement for side in sides for said, _ in side.ways):
+            handles.append(Line2D([], [], color=COLOURS[judgement], linewidth=2.5, label=words[judgement]))
+    if any(said == "fail" for side in sides for said, _ in side.ways):
+        handles.append(Line2D([], [], label="where it failed", **_cross()))
+    return handles + obstacle_handle(max(len(side.obstacles) for side in sides))

@@ -1,0 +1,97 @@
+"""The rate figure: success rates with their intervals."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from vastflow.oracles.evidence import Evidence
+from vastflow.oracles.figures.palette import COLOURS, INK, LINE, SOFT_INK
+from vastflow.oracles.rates import Counts, Interval
+
+MAX_RATE_ROWS: Final = 60
+"""Rows of the rate figure; with more configurations it shows families alone, and with more families the worst of them."""
+_DPI: Final = 120
+_WIDTH_IN: Final = 10.0
+
+
+def rates_figure(evidence: Mapping[str | None, Evidence]) -> Figure:
+    """Success rate and 95 % interval of the campaign, each family and, where they are few, each configuration.
+
+    One panel for each entry: all oracles together under None, and single ones. Bars are Wilson intervals of
+    these configurations, thin black lines those for other configurations of the kind.
+    """
+    families = _shown_families(evidence[None])
+    labels = [label for label, _ in _rate_rows(evidence[None], families)]
+    panels = list(evidence)
+    height_in = 0.6 + 0.21 * len(labels)
+    figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=_DPI)
+    left = min(0.02 + 0.0075 * max(map(len, labels)), 0.4)
+    width = (0.99 - left) / len(panels)
+    for i, oracle in enumerate(panels):
+        axes = figure.add_axes((left + i * width, 0.3 / height_in, width - 0.025, 1 - 0.6 / height_in))
+        title = (oracle or "all oracles").rpartition(":")[2]  # of an oracle in a file the class: panels are narrow
+        axes.set_title(title, fontsize=10, color=INK, loc="left", fontweight="bold")
+        _draw_rates(axes, [bars for _, bars in _rate_rows(evidence[oracle], families)])
+        axes.set_ylim(len(labels) - 0.4, -0.6)
+        axes.set_yticks(range(len(labels)) if i == 0 else [], labels if i == 0 else [], fontsize=8)
+    for text, (_, bars) in zip(figure.axes[0].get_yticklabels(), _rate_rows(evidence[None], families), strict=True):
+        text.set_fontweight("bold" if bars.group else "normal")
+    return figure
+
+
+@dataclass(frozen=True, slots=True)
+class _Bars:
+    """A row of the rate figure: counts, the interval for other configurations, whether it is a group."""
+
+    counts: Counts
+    others: Interval | None
+    group: bool
+
+
+def _shown_families(evidence: Evidence) -> list[str]:
+    """All families in their order, or those of most failures."""
+    worst = sorted(evidence.families, key=lambda family: -evidence.families[family].counts.failed)
+    shown = {*worst[: MAX_RATE_ROWS - 1]}
+    return [family for family in evidence.families if family in shown]
+
+
+def _rate_rows(evidence: Evidence, families: Sequence[str]) -> Iterator[tuple[str, _Bars]]:
+    singles = len(evidence.configurations) + len(evidence.families) < MAX_RATE_ROWS
+    yield "whole campaign", _Bars(evidence.campaign.counts, evidence.campaign.clustered, True)
+    for family in families:
+        group = evidence.families[family]
+        yield family, _Bars(group.counts, group.clustered, True)
+        if singles:
+            for name in evidence.members[family]:
+                yield name, _Bars(evidence.configurations[name], None, False)
+
+
+def _draw_rates(axes: Axes, rows: Sequence[_Bars]) -> None:
+    colour = COLOURS["pass"]
+    judged = [(y, row) for y, row in enumerate(rows) if row.counts.rate is not None]
+    for group in (False, True):
+        at = [y for y, row in judged if row.group == group]
+        intervals = [row.counts.interval for _, row in judged if row.group == group]
+        low, high = [i.low for i in intervals], [i.high for i in intervals]
+        axes.hlines(at, low, high, color=colour, linewidth=5.0 if group else 2.6, alpha=0.75 if group else 0.4)
+    others = [(y, row.others) for y, row in judged if row.others is not None]
+    axes.hlines([y for y, _ in others], [i.low for _, i in others], [i.high for _, i in others], color=INK, linewidth=1)
+    for group, marker, fill in ((False, "o", colour), (True, "D", INK)):
+        points = [(r, y) for y, row in judged if row.group == group and (r := row.counts.rate) is not None]
+        axes.plot(
+            [rate for rate, _ in points], [y for _, y in points], marker, markersize=5, color=fill,
+            markeredgecolor="white", markeredgewidth=0.7,
+        )  # fmt: skip
+    for y, row in enumerate(rows):
+        if row.counts.rate is None:
+            text = "not judged" if row.counts.not_judged else "not run"
+            axes.text(0.5, y, text, ha="center", va="center", fontsize=7.5, color=SOFT_INK)
+    axes.set_xlim(-0.03, 1.03)
+    axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "25", "50", "75", "100 %"], fontsize=8)
+    axes.grid(axis="x", color=LINE, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.tick_params(length=0, colors=INK)
+    axes.spines[:].set_visible(False)

@@ -1,0 +1,149 @@
+"""Findings: what statistics say of a campaign beyond its rates."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.rates import Counts
+from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
+from vastflow.oracles.statistics.classes import Bounds, Classes, TotalFailures, classify, shares, total_failures
+from vastflow.oracles.statistics.dispersion import Dispersion, dispersion
+from vastflow.oracles.statistics.factors import blocks_of, factors_of
+from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_by, runs_saved
+from vastflow.oracles.tables import Tables
+from vastflow.oracles.weights import WeightedRate, weighted_rate, weights_of
+
+STOPPING: Final = "stopping"
+"""Key of `metadata.json` with the rule of a campaign whose runs were stopped one by one: `min`, `max`, and more or less `error`,
+`systematic`, `reliable`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Families in which the same things vary, and what matters in them."""
+
+    families: tuple[str, ...]
+    analysis: FactorAnalysis
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What all oracles together give cause to say.
+
+    Attributes:
+        names: The distinct configurations, of which `classes` are.
+        counts: (m, 3) their runs that passed, failed and were not judged.
+        dispersion: None where nothing was judged.
+        weighted: The rate with every duplicate counted; None where there are no duplicates.
+        savings: Runs saved by stopping early; None where the number of runs was fixed.
+    """
+
+    names: tuple[str, ...] = field(repr=False)
+    counts: NDArray[np.int64] = field(repr=False)
+    classes: Classes
+    total_failures: TotalFailures
+    dispersion: Dispersion | None
+    designs: tuple[Design, ...]
+    weighted: WeightedRate | None
+    savings: Savings | None
+
+
+def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -> Findings:
+    """The findings of a campaign.
+
+    Args:
+        environments: Names of maps by their digests, where they have names.
+    """
+    found = tables.configurations
+    names = [found.names[k] for k in found.distinct]
+    counts = tables.verdicts.counts(None)[found.distinct]
+    passed, judged = counts[:, 0], counts[:, 0] + counts[:, 1]
+    rule = stopping_rule(tables.metadata)
+    return Findings(
+        tuple(names),
+        counts,
+        classify(passed, judged) if rule is None else classes_by(rule, passed, judged),
+        total_failures(passed, judged),
+        dispersion(passed, judged),
+        tuple(_designs(tables, passed, judged, environments or {})),
+        _weighted(tables, names, counts),
+        None if rule is None else runs_saved(rule, counts.sum(axis=1)),
+    )
+
+
+def shape_of(findings: Findings) -> dict[str, int]:
+    """How many configurations passed in every judged run, failed in every one, or both ways."""
+    passed, failed = findings.counts[:, 0], findings.counts[:, 1]
+    always, never = int(((passed > 0) & (failed == 0)).sum()), int(((failed > 0) & (passed == 0)).sum())
+    return {"always": always, "never": never, "mixed": int(((passed > 0) & (failed > 0)).sum())}
+
+
+def stopping_rule(metadata: Mapping[str, Any]) -> StoppingRule | None:
+    """The rule by which the runs of each configuration ended; None where their number was fixed."""
+    said = metadata.get(STOPPING)
+    if not said:
+        return None
+    usual = Bounds()
+    bounds = Bounds(said.get("systematic", usual.systematic), said.get("reliable", usual.reliable))
+    return StoppingRule(said["min"], said["max"], bounds, said.get("error", 0.05))
+
+
+def findings_json(findings: Findings) -> dict[str, Any]:
+    """`findings` as JSON values."""
+    classes = findings.classes
+    return {
+        "classes": {
+            "controls": classes.controls,
+            "error": classes.error,
+            "counts": shares(classes.names),
+            "configurations": dict(zip(findings.names, classes.names, strict=True)),
+        },
+        "total_failures": {**asdict(findings.total_failures), "share": findings.total_failures.share},
+        "dispersion": _plain(findings.dispersion),
+        "factors": [{"families": list(design.families), **_plain(design.analysis)} for design in findings.designs],
+        "weighted": _plain(findings.weighted),
+        "saved": _plain(findings.savings),
+    }
+
+
+def named(value: Any, environments: Mapping[str, str]) -> Any:
+    """A file by the name that people know of it, or by the beginning of its digest."""
+    if isinstance(value, dict) and set(value) == {"file"}:
+        return environments.get(value["file"], str(value["file"])[:8])
+    return value
+
+
+def _plain(value: Any) -> Any:
+    return None if value is None else asdict(value)
+
+
+def _weighted(tables: Tables, names: Sequence[str], counts: NDArray[np.int64]) -> WeightedRate | None:
+    found = tables.configurations
+    if not any(found.duplicate_of):
+        return None
+    each = {name: Counts(*map(int, row)) for name, row in zip(names, counts.tolist(), strict=True)}
+    return weighted_rate(each, weights_of(zip(found.names, found.duplicate_of, strict=True)))
+
+
+def _designs(
+    tables: Tables, passed: NDArray[np.int64], judged: NDArray[np.int64], environments: Mapping[str, str]
+) -> Iterator[Design]:
+    """An analysis for the families that have the same keys: between others there is nothing to compare."""
+    found = tables.configurations
+    by_keys: dict[frozenset[str], list[int]] = {}
+    for place, k in enumerate(found.distinct):
+        by_keys.setdefault(frozenset(found.factors[k]), []).append(place)
+    for places in by_keys.values():
+        at = found.distinct[places]
+        families = tuple(dict.fromkeys(found.families[k] for k in at))
+        rows = [{key: named(value, environments) for key, value in found.factors[k].items()} for k in at]
+        if len(families) > 1:
+            rows = [{"family": found.families[k], **row} for k, row in zip(at, rows, strict=True)]
+        factors, dropped = factors_of(rows)
+        blocks = blocks_of([found.contents[k] for k in at])
+        analysis = factor_analysis(factors, passed[places], judged[places], blocks, dropped)
+        if analysis is not None:
+            yield Design(families, analysis)

@@ -1,0 +1,170 @@
+"""Notebooks as oracles: a Jupyter notebook that is given runs as tables and leaves verdicts."""
+
+import contextlib
+import io
+import math
+import sys
+import traceback
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar, Final, get_args
+
+from pydantic import create_model
+
+from vastflow.oracles.notebook_file import Cell, NotebookError, literals, read_cells
+from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.run_tables import RunTables, run_tables
+from vastflow.oracles.situation import Situation
+from vastflow.oracles.trace import Trace
+from vastflow.oracles.verdict import Judgement, Verdict
+
+__all__ = ["NotebookError", "NotebookOracle", "notebook_oracle"]
+
+METRICS: Final = "metrics"
+VERDICTS: Final = "verdicts"
+_OWN: Final = ("run_index", "judgement", "reason")
+
+
+class NotebookOracle(Oracle[Parameters]):
+    """A notebook's judgement; the notebook says of what.
+
+    Its code cells run in order, in a namespace of their own in this process: no kernel is started, and so nothing of IPython's is there. A
+    cell tagged `skip-execution` is for looking and is left out. One tagged `parameters` has the defaults of parameters, as literals;
+    those of the campaign file replace them after it. The notebook is given `traces`, `runs` and `situation`
+    (`vastflow.oracles.run_tables`), and leaves `metrics`, name to unit as a literal, and `verdicts`: a table or a list
+    of rows with `run_index`, `judgement`, `reason` where it is no pass, and the metrics.
+
+    The runs are those of one block of a configuration, any of them: what it says of a run must follow from that run alone.
+    """
+
+    cells: ClassVar[Sequence[Cell]]
+    file: ClassVar[Path]
+
+    def judge(self, trace: Trace, situation: Situation) -> Verdict:
+        return self.judge_all([trace], situation)[0]
+
+    def judge_all(self, traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
+        """The verdicts that the notebook leaves; a run without one is not judged.
+
+        Raises:
+            NotebookError: a cell failed, or what it left are no verdicts on these runs.
+        """
+        left = self._executed(run_tables(traces, situation))
+        if VERDICTS not in left:
+            raise NotebookError(f"{self.name}: it leaves no {VERDICTS!r}", "a table or list of rows, one for each run")
+        said: dict[int, Mapping[str, Any]] = {}
+        for row in _rows(left[VERDICTS]):
+            said[self._checked(row, said, traces)] = row
+        return [self._said(trace, said.get(trace.run.run_index)) for trace in traces]
+
+    def _executed(self, tables: RunTables) -> dict[str, Any]:
+        namespace: dict[str, Any] = {
+            "__name__": "__notebook__",
+            "traces": tables.traces,
+            "runs": tables.runs,
+            "situation": tables.situation,
+        }
+        for cell in self.cells:
+            try:
+                with contextlib.redirect_stdout(io.StringIO()):
+                    exec(compile(cell.code, f"{self.name} cell {cell.number}", "exec"), namespace)  # noqa: S102 - as a plug-in is
+            except Exception as error:
+                line = next(
+                    (
+                        f.lineno
+                        for f in reversed(traceback.extract_tb(error.__traceback__))
+                        if f.filename.startswith(self.name)
+                    ),
+                    None,
+                )
+                where = f"{self.name}: cell {cell.number}" + (f", line {line}" if line else "")
+                raise NotebookError(
+                    f"{where}: {type(error).__name__}: {error}", "a cell that runs on any runs"
+                ) from error
+            if cell.has_parameters:
+                namespace.update(self.parameters.model_dump())
+        return namespace
+
+    def _checked(self, row: Mapping[str, Any], said: Mapping[int, Any], traces: Sequence[Trace]) -> int:
+        indices = [trace.run.run_index for trace in traces]
+        index, judgement = row.get("run_index"), row.get("judgement")
+        wrong = f"{self.name}: verdict {len(said) + 1}: "
+        if index not in indices:
+            raise NotebookError(f"{wrong}found run_index {index!r}", f"one of the runs {indices}")
+        if index in said:
+            raise NotebookError(f"{wrong}a second one on run {index}", "one for each run")
+        if judgement not in get_args(Judgement):
+            raise NotebookError(
+                f"{wrong}found judgement {judgement!r}", f"one of {', '.join(map(repr, get_args(Judgement)))}"
+            )
+        if judgement != "pass" and not row.get("reason"):
+            raise NotebookError(f"{wrong}{judgement!r} without a reason", "a sentence with numbers in `reason`")
+        if unknown := sorted(set(row) - {*_OWN, *self.metrics}):
+            raise NotebookError(f"{wrong}found {unknown[0]!r}", f"name it with its unit in {METRICS!r}")
+        return int(index)
+
+    def _said(self, trace: Trace, row: Mapping[str, Any] | None) -> Verdict:
+        if row is None:
+            return self.not_judged(trace, "the notebook has no verdict on this run")
+        values = {name: _number(row.get(name)) for name in self.metrics}
+        reason = "" if row["judgement"] == "pass" else str(row["reason"])
+        return self._verdict(trace, row["judgement"], reason, values)
+
+
+def notebook_oracle(file: Path, module_name: str) -> type[NotebookOracle]:
+    """The oracle that a notebook is, as a class of a module called `module_name`.
+
+    Raises:
+        NotebookError: it can't be read, or has something in it that is not Python.
+    """
+    if module_name not in sys.modules:
+        cells = read_cells(file)
+        metrics = _metrics(cells, file)
+        found = [literals(cell, file) for cell in cells if cell.has_parameters]
+        defaults = {name: value for each in found for name, value in each.items()}
+        fields: dict[str, Any] = {name: (_type_of(value), value) for name, value in defaults.items()}
+        parameters = create_model("NotebookParameters", __base__=Parameters, __module__=module_name, **fields)
+        content = {
+            "Parameters": parameters,
+            "metrics": metrics,
+            "cells": cells,
+            "file": file,
+            "__module__": module_name,
+        }
+        module = ModuleType(module_name)
+        module.__file__ = str(file)
+        module.__dict__["Notebook"] = type("Notebook", (NotebookOracle,), {**content, "__doc__": None})
+        sys.modules[module_name] = module
+    oracle: type[NotebookOracle] = sys.modules[module_name].__dict__["Notebook"]
+    return oracle
+
+
+def _metrics(cells: Iterable[Cell], file: Path) -> dict[str, str]:
+    for cell in cells:
+        found = literals(cell, file, only=METRICS).get(METRICS)
+        if found is not None:
+            if not isinstance(found, dict) or not all(isinstance(part, str) for item in found.items() for part in item):
+                raise NotebookError(f"{file.name}: cell {cell.number}: found {METRICS} = {found!r}", "names and units")
+            return found
+    return {}
+
+
+def _type_of(value: object) -> Any:
+    return type(value) if isinstance(value, bool | int | float | str) else Any
+
+
+def _rows(table: Any) -> Iterable[Mapping[str, Any]]:
+    """Rows of a pyarrow, polars or pandas table, or of a list."""
+    if hasattr(table, "to_pylist"):
+        return list(table.to_pylist())
+    if hasattr(table, "to_dicts"):
+        return list(table.to_dicts())
+    if hasattr(table, "to_dict"):
+        return list(table.to_dict("records"))
+    return list(table)
+
+
+def _number(value: Any) -> float | None:
+    """A metric; what is missing in a table is not a number there."""
+    return None if value is None or math.isnan(value) else float(value)

@@ -1,0 +1,192 @@
+"""Pictures of the report: each figure as PNG and SVG, with the words that go with it."""
+
+import base64
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from vastflow.oracles.evidence import Evidence
+from vastflow.oracles.executed import KeptFiles
+from vastflow.oracles.figures.case_figure import case_figure
+from vastflow.oracles.figures.factor_figure import factor_figure, interaction_figure
+from vastflow.oracles.figures.map_figures import (
+    MAX_OBSTACLES,
+    all_maps_figure,
+    failure_rate_figure,
+    final_poses_figure,
+    ways_figure,
+)
+from vastflow.oracles.figures.picture import png, svg
+from vastflow.oracles.figures.rate_figure import rates_figure
+from vastflow.oracles.findings import Design
+from vastflow.oracles.scene import Scene, distinct_obstacles, situation_at
+from vastflow.oracles.tables import Tables
+from vastflow.oracles.verdict_table import CODES
+from vastflow.oracles.walk import read_walks
+from vastflow.sim.maps import load_map
+
+MAX_EMBEDDED: Final = 11_000_000
+"""Bytes of pictures within the page; those beyond are in `figures/` alone, so that the page stays below 20 MB."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure of the report.
+
+    Attributes:
+        name: File name below `figures/`, without ending.
+        title: Stands above it in the page; empty where a heading does.
+        alt: What it shows, for those who don't see it.
+        caption: What to read in it.
+        png, svg: The files' content; SVG may be empty.
+        drawn: Whether the page has the SVG, which stays sharp, and not the PNG.
+    """
+
+    name: str
+    title: str
+    alt: str
+    caption: str
+    png: bytes = field(repr=False)
+    svg: bytes = field(repr=False)
+    drawn: bool = False
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the PNG in pixels."""
+        width, height = (int.from_bytes(self.png[at : at + 4], "big") for at in (16, 20))
+        return width, height
+
+    @property
+    def source(self) -> str:
+        """The picture as a `data:` address."""
+        kind, content = ("svg+xml", self.svg) if self.drawn else ("png", self.png)
+        return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def rate_pictures(evidence: Mapping[str | None, Evidence]) -> Iterator[Picture]:
+    """Success rates of campaign, families and configurations."""
+    if evidence[None].configurations:
+        yield _picture(
+            "rates",
+            "",
+            "Success rates of the campaign, its families and configurations with their intervals",
+            "Point: share of passed runs. Bar: 95 % Wilson interval of these configurations. "
+            "Thin line: 95 % interval for other configurations of the kind.",
+            rates_figure(evidence),
+            drawn=True,
+        )
+
+
+def factor_pictures(designs: Sequence[Design]) -> dict[str, list[Picture]]:
+    """For each design, by its first family, the effects of its factors and of its pairs of factors."""
+    found: dict[str, list[Picture]] = {}
+    for k, design in enumerate(designs):
+        mine = found.setdefault(design.families[0], [])
+        ending = f"-{k + 1}" if len(designs) > 1 else ""
+        if design.analysis.factors:
+            mine.append(
+                _picture(
+                    f"factors{ending}",
+                    "",
+                    "Failure rate at each level of each factor, with intervals",
+                    "Diamond: failure rate adjusted for the other factors, with its 95 % interval; ring: the plain rate. "
+                    "Orange: the factor matters at the stated error rate; grey: it has not been shown to.",
+                    factor_figure(design.analysis.factors),
+                    drawn=True,
+                )
+            )
+        if pairs := [pair for pair in design.analysis.interactions if pair.significant]:
+            mine.append(
+                _picture(
+                    f"interactions{ending}",
+                    "",
+                    "Failure rate for each combination of levels of two factors that act together",
+                    "Failure rate of each combination. Framed: the effects of both factors alone don't add up to it.",
+                    interaction_figure(pairs),
+                    drawn=True,
+                )
+            )
+    return found
+
+
+def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
+    """Final poses of failures, failure rates, failed ways and passed ways on one map."""
+    end, runs = scene.environment[:8], scene.runs
+    if len(scene.failed_xy_m):
+        yield _picture(
+            f"final-poses-{end}",
+            "Where failed runs ended",
+            f"{name}: density of the final poses of {len(scene.failed_xy_m):,} failed runs",
+            "Final true poses of all failed runs, blurred with 0.2 m.",
+            final_poses_figure(scene),
+        )
+        yield _picture(
+            f"failure-rate-{end}",
+            "How often a place is failed at",
+            f"{name}: failed runs over visits in cells of 0.25 m",
+            "Of the runs that came through a cell, the share that failed within the last 0.5 m of their way there. "
+            "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
+            failure_rate_figure(scene),
+        )
+    hidden = len(scene.obstacles) - MAX_OBSTACLES
+    obstacles = (
+        f" {MAX_OBSTACLES} of {len(scene.obstacles):,} obstacles are drawn; each run met only its own."
+        if hidden > 0
+        else " Obstacles of all configurations are drawn; each run met only its own."
+        if scene.obstacles
+        else ""
+    )
+    if scene.lines[CODES["fail"]]:
+        yield _picture(
+            f"failed-{end}",
+            "Failed runs",
+            f"{name}: true trajectories of failed runs",
+            f"True trajectories of failed runs, from circle to cross.{obstacles}",
+            ways_figure(scene, "fail"),
+        )
+    if scene.lines[CODES["pass"]] or not runs.failed:
+        yield _picture(
+            f"passed-{end}",
+            "Passed runs",
+            f"{name}: true trajectories of passed runs",
+            f"True trajectories of passed runs, from circle to cross.{obstacles}",
+            ways_figure(scene, "pass"),
+        )
+
+
+def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
+    """All maps beside each other."""
+    return _picture(
+        "maps",
+        "",
+        "A column for each map: final poses of failed runs, failed trajectories, passed trajectories",
+        "Above: final poses of failed runs, blurred with 0.2 m, yellow few, purple many for the map. Middle: failed "
+        "trajectories. Below: passed trajectories, from circle to cross; at most 1,000 of each are drawn.",
+        all_maps_figure(scenes, names),
+    )
+
+
+def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Picture | None:
+    """The runs of the configuration at an index on its map; None where nothing was recorded."""
+    found = tables.configurations
+    name, environment = found.names[configuration], found.environments[configuration]
+    walks = read_walks(tables.directory, name) if environment else None
+    if walks is None or environment is None:
+        return None
+    verdicts = tables.verdicts
+    first, last = np.searchsorted(verdicts.configuration, (configuration, configuration + 1))
+    rows = first + np.searchsorted(verdicts.run_index[first:last], walks.run_index)
+    words = {code: judgement for judgement, code in CODES.items()}
+    ways = [(words[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
+    situation = situation_at(tables, configuration, files)
+    obstacles = distinct_obstacles([*situation.obstacles, *walks.spawned])
+    occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
+    figure = case_figure(occupancy, situation, obstacles, ways)
+    return _picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
+
+
+def _picture(name: str, title: str, alt: str, caption: str, figure: Figure, *, drawn: bool = False) -> Picture:
+    return Picture(name, title, alt, caption, png(figure), svg(figure), drawn)

@@ -1,0 +1,128 @@
+"use strict";
+// Sorts and filters the tables whose rows are in the page as JSON. Without it they are plain tables of their first rows.
+(() => {
+  const STEP = 50;
+  const COLLATOR = new Intl.Collator("en", { numeric: true, sensitivity: "base" });
+
+  const element = (name, attributes = {}, ...children) => {
+    const made = document.createElement(name);
+    for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+    made.append(...children);
+    return made;
+  };
+
+  const percent = (rate) => {
+    for (const digits of [0, 1, 2, 3]) {
+      const text = (100 * rate).toFixed(digits);
+      if (rate === 0 || rate === 1 || digits === 3 || (Number(text) !== 0 && Number(text) !== 100)) return `${text}\u00a0%`;
+    }
+  };
+
+  const number = (value) => {
+    if (value === null || value === undefined || value === "") return "–";
+    const rounded = Math.round(value * 1000) / 1000;
+    if (Math.abs(rounded) >= 100 || Number.isInteger(rounded)) return Math.round(rounded).toLocaleString("en-US");
+    return String(Number(rounded.toPrecision(3)));
+  };
+
+  const cell = {
+    text: (value, first) => element("td", first ? { class: "name" } : { class: String(value).length > 40 ? "long" : "" }, String(value ?? "")),
+    choice: (value) => element("td", { class: "name" }, String(value ?? "")),
+    code: (value) => element("td", {}, element("code", {}, value)),
+    number: (value) => element("td", { class: "n" }, number(value)),
+    class: (value) => element("td", {}, element("span", { class: "tag" }, element("i", { class: value }), value)),
+    rate: ([passed, judged, unjudged, low, high]) => {
+      if (!judged) return element("td", {}, "–", element("br"), element("small", {}, unjudged ? "not judged" : "not run"));
+      const style = `--l:${low / 10}%;--w:${(high - low) / 10}%;--a:${(100 * passed) / judged}%`;
+      const made = element("td", {}, percent(passed / judged), " ",
+        element("small", {}, `${passed.toLocaleString("en-US")} of ${judged.toLocaleString("en-US")}`),
+        element("span", { class: "bar", style, "aria-hidden": "true" }),
+        element("small", {}, `${Math.round(low / 10)}\u2060–\u2060${Math.round(high / 10)} %`));
+      if (unjudged) made.append(element("br"), element("small", {}, `${unjudged} not judged`));
+      return made;
+    },
+  };
+
+  const key = {
+    number: (value) => (typeof value === "number" ? value : null),
+    rate: ([passed, judged]) => (judged ? passed / judged : null),
+  };
+
+  // Nothing comes last, whichever way the rest goes.
+  const compare = (a, b, sign) => {
+    if (a === null || b === null) return (a === null) - (b === null);
+    return sign * (typeof a === "number" ? a - b : COLLATOR.compare(a, b));
+  };
+
+  const words = (row, kinds) => row.filter((_, k) => kinds[k] !== "rate").join(" ").toLowerCase();
+
+  function enhance(table) {
+    const { kinds, rows } = JSON.parse(document.getElementById(`data-${table.id}`).textContent);
+    const body = table.tBodies[0];
+    const heads = [...table.tHead.rows[0].cells];
+    const label = heads[0].textContent.trim();
+    const texts = new Map(rows.map((row) => [row, words(row, kinds)]));
+    const count = element("output", { "aria-live": "polite" });
+    const search = element("input", { type: "search", placeholder: "Filter by any word", "aria-label": `Filter ${label} rows by words` });
+    const tools = element("div", { class: "tools" }, search);
+    const more = element("button", { type: "button", class: "more" }, "Show more");
+    const choices = [];
+    let shown = STEP, order = rows, sorted = null;
+
+    kinds.forEach((kind, k) => {
+      const values = kind === "choice" || kind === "class" ? [...new Set(rows.map((row) => row[k]))] : [];
+      if (values.length < 2 || values.length > 300) return;
+      const select = element("select", { "aria-label": `Show only one ${heads[k].textContent.trim()}` },
+        element("option", { value: "" }, `${heads[k].textContent.trim()}: all`),
+        ...values.sort(COLLATOR.compare).map((value) => element("option", { value }, value)));
+      select.addEventListener("change", update);
+      choices.push([k, select]);
+      tools.append(select);
+    });
+    tools.append(count);
+
+    function wanted() {
+      const asked = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+      return order.filter((row) => asked.every((word) => texts.get(row).includes(word))
+        && choices.every(([k, select]) => !select.value || String(row[k]) === select.value));
+    }
+
+    function draw() {
+      const found = wanted();
+      const drawn = found.slice(0, shown);
+      body.replaceChildren(...drawn.map((row) => element("tr", {}, ...row.map((value, k) => cell[kinds[k]](value, k === 0)))));
+      const all = found.length === rows.length ? "" : ` (of ${rows.length.toLocaleString("en-US")})`;
+      count.textContent = `${drawn.length.toLocaleString("en-US")} of ${found.length.toLocaleString("en-US")} rows${all}`;
+      more.hidden = drawn.length === found.length;
+    }
+
+    function update() { shown = STEP; draw(); }
+
+    function sort(k) {
+      const kind = kinds[k];
+      // Words begin at A and numbers at the greatest; the second click turns that round.
+      const first = kind === "number" ? -1 : 1;
+      const sign = sorted && sorted[0] === k ? -sorted[1] : first;
+      sorted = [k, sign];
+      const of = key[kind] || ((value) => String(value));
+      order = rows.map((row) => [of(row[k]), row]).sort(([a], [b]) => compare(a, b, sign)).map(([, row]) => row);
+      heads.forEach((head, i) => head.setAttribute("aria-sort", i === k ? (sign > 0 ? "ascending" : "descending") : "none"));
+      update();
+    }
+
+    heads.forEach((head, k) => {
+      const button = element("button", { type: "button" }, head.textContent.trim());
+      button.addEventListener("click", () => sort(k));
+      head.replaceChildren(button);
+      head.setAttribute("aria-sort", "none");
+    });
+    search.addEventListener("input", update);
+    more.addEventListener("click", () => { shown += 4 * STEP; draw(); });
+    table.caption?.remove();
+    if (rows.length > 8) table.parentElement.before(tools);
+    table.parentElement.after(more);
+    draw();
+  }
+
+  document.querySelectorAll("table[data-rows]").forEach(enhance);
+})();

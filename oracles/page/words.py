@@ -1,0 +1,63 @@
+"""Words: rates, intervals, numbers and values as people read them."""
+
+import json
+from typing import Any
+
+from vastflow.oracles.rates import Interval
+
+
+def percent(rate: float | None) -> str:
+    """A rate for people: whole percent, more digits where they would round away the last pass or failure."""
+    if rate is None:
+        return "–"
+    for digits in (0, 1, 2, 3):
+        text = f"{100 * rate:.{digits}f}"
+        if rate in (0.0, 1.0) or float(text) not in (0.0, 100.0):
+            break
+    return f"{text}\N{NO-BREAK SPACE}%"
+
+
+def span(interval: Interval) -> str:
+    """An interval for people: `52–70 %`."""
+    low, high = percent(interval.low), percent(interval.high)
+    return f"{low[:-2]}\N{WORD JOINER}–\N{WORD JOINER}{high}"
+
+
+def points(difference: float) -> str:
+    """A difference of rates in percentage points, with its sign: `+12`."""
+    return f"{100 * difference:+.0f}".replace("-", "−")
+
+
+def chance(p_value: float | None) -> str:
+    """A p-value: `0.012`, `< 0.001`."""
+    if p_value is None:
+        return "–"
+    return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}" if p_value < 0.1 else f"{p_value:.2f}"
+
+
+def sentence(text: str) -> str:
+    """`text` with a capital letter and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}".rstrip(".") + "."
+
+
+def number(value: float | None) -> str:
+    """A measured number with three significant digits, none beyond the third decimal."""
+    if value is None:
+        return "–"
+    value = round(value, 3) + 0.0  # + 0.0 turns -0.0 into 0.0
+    return f"{value:,.0f}" if abs(value) >= 100 or value == int(value) else f"{value:.3g}"
+
+
+def short(value: Any) -> str:
+    """A value in a table's cell: of a pose where it is, of a list how many there are, of a file its digest."""
+    if isinstance(value, float):
+        return number(value)
+    if isinstance(value, list):
+        return f"{len(value)} of them" if len(value) != 1 else "one"
+    if isinstance(value, dict):
+        if isinstance(position := value.get("position", value), dict) and "x" in position:
+            return f"({position['x']:.2f}, {position['y']:.2f}) m"
+        if set(value) == {"file"}:
+            return str(value["file"])[:8]
+        return json.dumps(value, ensure_ascii=False)
+    return str(value)

@@ -1,0 +1,85 @@
+"""The page that puts results beside the paper's: figures from campaign directories, words from a template."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from jinja2 import Environment, StrictUndefined
+
+from vastflow.oracles import published
+from vastflow.oracles.paper_results import PaperResults
+from vastflow.oracles.rates import Counts, Interval
+from vastflow.oracles.statistics.classes import TotalFailures, total_failures
+from vastflow.oracles.weights import WeightedRate, weighted_counts, weighted_rate
+
+CORES: Final = 2
+"""For which the time of the whole campaigns is said."""
+_TEMPLATE: Final = Path(__file__).with_name("paper.md.j2")
+
+
+def paper_page(results: Sequence[PaperResults]) -> str:
+    """The page of one or several campaigns, in their order; the same results give the same text."""
+    environment = Environment(
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    environment.filters.update(percent=percent, rate=rate_text, span=span, number=number, speed=speed)
+    return environment.from_string(_TEMPLATE.read_text(encoding="utf-8")).render(
+        results=results,
+        published=published,
+        cores=CORES,
+        distinct=[weighted_rate(each.counts, {}) for each in results],
+        weighted=[weighted_rate(each.counts, each.weights) for each in results],
+        total=[_total(each.counts) for each in results],
+        weighted_total=[_total(weighted_counts(each.counts, each.weights)) for each in results],
+        runs_of_all=[each.requested.distinct * published.RUNS for each in results],
+        hours_of_all=[hours(each) for each in results],
+        together=_together(results),
+        least_runs=min((each.runs for each in results), default=0),
+        sampled=any(each.sampled_from is not None for each in results),
+        of_kind={each.kind: each for each in results},
+    )
+
+
+def hours(results: PaperResults) -> float:
+    """Simulated hours of the whole campaign, each distinct configuration as often as in the paper."""
+    return results.requested.distinct * published.RUNS * results.ways[0].simulated_s / 3600
+
+
+def _together(results: Sequence[PaperResults]) -> tuple[float, float] | None:
+    """CPU hours of all whole campaigns, by the speed of the simulation alone and by that of the calls; None for fewer than two."""
+    least = most = 0.0
+    for each in results:
+        if each.alone is None or each.call is None:
+            return None
+        least += hours(each) / each.alone
+        most += hours(each) / each.call
+    return (least, most) if len(results) > 1 else None
+
+
+def _total(counts: Mapping[str, Counts]) -> TotalFailures:
+    return total_failures([each.passed for each in counts.values()], [each.judged for each in counts.values()])
+
+
+def percent(share: float | None) -> str:
+    """`61.2 %`; a dash where there is none."""
+    return "–" if share is None else f"{100 * share:.1f} %"
+
+
+def span(interval: Interval | None) -> str:
+    """`[48.1, 85.5]`, in percent; a dash where there is none."""
+    return "–" if interval is None else f"[{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
+
+
+def rate_text(counts: Counts | WeightedRate) -> str:
+    """A rate with its interval."""
+    return "–" if counts.rate is None else f"{percent(counts.rate)} {span(counts.interval)}"
+
+
+def speed(times: float | None) -> str:
+    """`140`; a dash where it was not measured."""
+    return "–" if times is None else f"{times:,.0f}"
+
+
+def number(value: float, digits: int = 0) -> str:
+    """`1,816`, `17.1`."""
+    return f"{value:,.{digits}f}"

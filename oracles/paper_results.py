@@ -1,0 +1,340 @@
+"""A campaign directory of one of the paper's campaigns, reduced to the figures that the paper states of its own."""
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow.parquet as pq
+
+from vastflow.oracles.published import PUBLISHED, Kind, Published
+from vastflow.oracles.rates import Counts, counts_of, pooled
+from vastflow.oracles.verdict import Judgement, run_judgement
+from vastflow.oracles.weights import weights_of
+
+BASES: Final = ("update", "step", "metre", "mean", "maximum")
+"""Metrics of the oracle `robustness`, each a reading of "summed localization error"."""
+NAME: Final = "paper-"
+ORIGINAL_MAPS: Final = "-original-maps"
+DENSITIES_PER_M: Final = (0.2, 0.6)
+KEPT: Final = ("recordings", "traces", "behaviors", "logs")
+
+Row = Mapping[str, Any]
+RunKey = tuple[str, int]
+
+
+class NotThePapers(ValueError):
+    """A campaign directory that is none of the paper's campaigns, or lacks what is needed; says what was found."""
+
+
+@dataclass(frozen=True, slots=True)
+class Requested:
+    """What became of the configurations that the file asks for.
+
+    Attributes:
+        all: The product of all choices, or the size of a family's sample.
+        no_way: Without a way of the length on the map.
+        no_room: Without room for the obstacles.
+        duplicates: Equal to another.
+        distinct: What is left, each one once.
+    """
+
+    all: int
+    no_way: int
+    no_room: int
+    duplicates: int
+    distinct: int
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Some of the configurations, and what all oracles together say of their runs."""
+
+    name: str
+    configurations: int
+    counts: Counts
+
+
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """One reading of the robustness criterion.
+
+    Attributes:
+        alone: Runs by the localization error alone.
+        reached: Runs that pass only if the mission succeeded too.
+        median_m: Of the measured values; None where there are none.
+    """
+
+    name: str
+    alone: Counts
+    reached: Counts
+    median_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """Means over runs.
+
+    Attributes:
+        simulated_s: Simulated time (s).
+        distance_m: Way driven (m).
+    """
+
+    simulated_s: float
+    distance_m: float
+
+
+@dataclass(frozen=True)
+class PaperResults:
+    """One of the paper's campaigns as it was run here.
+
+    Attributes:
+        original_maps: Whether on the paper's maps, else on our own floor plans.
+        sampled_from: Distinct configurations of which those that were run are a sample; None where all were run.
+        runs: Of each configuration.
+        counts: Configuration to what all oracles together say of its runs.
+        weights: Configuration to how often the file asks for it.
+        oracles: Name to what each says of all runs.
+        reached: What the campaign's own oracle says of the runs whose mission succeeded.
+        parts: Of the configurations, by what the campaign varies.
+        bases: Of robustness; empty for other campaigns.
+        ways: Of the runs as they are, and weighted.
+        stored_bytes: Recordings, traces, behaviours, logs and tables, without report and pictures.
+        runs_cpu_s: CPU time of the simulation of all runs, by their logs.
+        executed, executed_s, cpu_s: Of the call that wrote the directory: runs, their simulated time, CPU time of all its processes.
+        cpus: Of its host.
+    """
+
+    kind: Kind
+    original_maps: bool
+    requested: Requested
+    sampled_from: int | None
+    runs: int
+    counts: Mapping[str, Counts]
+    weights: Mapping[str, int]
+    oracles: Mapping[str, Counts]
+    reached: Counts
+    parts: tuple[Part, ...]
+    bases: tuple[Basis, ...]
+    ways: tuple[Way, Way]
+    stored_bytes: int
+    runs_cpu_s: float
+    executed: int
+    executed_s: float
+    cpu_s: float
+    cpus: int
+
+    @property
+    def published(self) -> Published:
+        """The paper's own."""
+        return PUBLISHED[self.kind]
+
+    @property
+    def whole(self) -> Counts:
+        """All runs."""
+        return pooled(self.counts.values())
+
+    @property
+    def alone(self) -> float | None:
+        """Simulated time for a second of CPU, of the simulation alone."""
+        return self.ways[0].simulated_s * self.whole_runs / self.runs_cpu_s if self.runs_cpu_s else None
+
+    @property
+    def call(self) -> float | None:
+        """Simulated time for a second of CPU, of the whole call; None where it executed nothing."""
+        return self.executed_s / self.cpu_s if self.executed and self.cpu_s else None
+
+    @property
+    def whole_runs(self) -> int:
+        """Runs of all configurations."""
+        return self.configurations * self.runs
+
+    @property
+    def configurations(self) -> int:
+        """How many were run."""
+        return len(self.counts)
+
+    @property
+    def as_the_paper_counts(self) -> int:
+        """Configurations of the whole campaign, equal ones apart."""
+        return self.requested.distinct + self.requested.duplicates
+
+
+def paper_results(directory: Path) -> PaperResults:
+    """Read a campaign directory.
+
+    Raises:
+        NotThePapers: it is of another campaign.
+        OSError, ValueError, KeyError: it is damaged.
+    """
+    metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+    kind = _kind(directory, metadata["name"])
+    configurations = _rows(directory, "configurations", ["name", "duplicate_of", "factors", "provenance"])
+    runs = _rows(directory, "runs", ["configuration", "simulated_s", "distance_m"])
+    verdicts = _rows(directory, "verdicts", ["configuration", "run_index", "oracle", "judgement", "metrics"])
+    counts = metadata["counts"]
+    judgements = _judgements(verdicts)
+    by_configuration = _by_configuration(judgements)
+    weights = weights_of((row["name"], row["duplicate_of"]) for row in configurations)
+    distinct = [row for row in configurations if row["duplicate_of"] is None]
+    return PaperResults(
+        kind=kind,
+        original_maps=metadata["name"].endswith(ORIGINAL_MAPS),
+        requested=requested_of(json.loads((directory / "coverage.json").read_text(encoding="utf-8"))),
+        sampled_from=counts.get("sampled_from"),
+        runs=metadata["asked"]["runs"],
+        counts=by_configuration,
+        weights=weights,
+        oracles={name: Counts(**said) for name, said in counts["oracles"].items()},
+        reached=_reached(kind, verdicts),
+        parts=tuple(_parts(kind, distinct, by_configuration)),
+        bases=tuple(_bases(verdicts)) if kind == "robustness" else (),
+        ways=(_way(runs, {}), _way(runs, weights)),
+        stored_bytes=sum(_stored(directory)),
+        runs_cpu_s=sum(_cpu_s(directory)),
+        executed=counts["executed"],
+        executed_s=counts["simulated_s"],
+        cpu_s=counts["cpu_s"],
+        cpus=metadata["host"]["cpus"],
+    )
+
+
+def requested_of(coverage: Row) -> Requested:
+    """The sums over the families of `coverage.json`, in whole configurations.
+
+    What a producer rejects is counted there once, whatever else would have been combined with it; here as many times as that.
+    """
+    asked = no_way = 0
+    for family in coverage["families"].values():
+        design = family["design"]
+        if design["kind"] != "cartesian":
+            asked += design["size"]
+            continue
+        asked += design["product"]
+        ways = sum(by["count"] for name, by in family["unrealisable_by"].items() if name.startswith("PathVariation"))
+        no_way += ways * _later_choices(family["factors"])
+    duplicates, distinct = coverage["duplicate"], coverage["realised"]
+    return Requested(asked, no_way, asked - no_way - duplicates - distinct, duplicates, distinct)
+
+
+def _later_choices(factors: list[Row]) -> int:
+    """How many configurations there would be of each way."""
+    product, seen = 1, False
+    for factor in factors:
+        product *= factor["levels"] if seen else 1
+        seen = seen or "start_pose" in factor["name"]
+    return product
+
+
+def _kind(directory: Path, name: str) -> Kind:
+    for kind in PUBLISHED:
+        if name in (f"{NAME}{kind}", f"{NAME}{kind}{ORIGINAL_MAPS}"):
+            return kind
+    raise NotThePapers(f"{directory}: campaign {name!r} is none of the paper's; one of those in campaigns/paper")
+
+
+def _judgements(verdicts: list[Row]) -> dict[RunKey, Judgement]:
+    said: dict[RunKey, list[Judgement]] = defaultdict(list)
+    for row in verdicts:
+        said[row["configuration"], row["run_index"]].append(row["judgement"])
+    return {key: run_judgement(judgements) for key, judgements in said.items()}
+
+
+def _by_configuration(judgements: Mapping[RunKey, Judgement]) -> dict[str, Counts]:
+    said: dict[str, list[Judgement]] = defaultdict(list)
+    for (configuration, _), judgement in judgements.items():
+        said[configuration].append(judgement)
+    return {configuration: counts_of(judgements) for configuration, judgements in said.items()}
+
+
+def _reached(kind: Kind, verdicts: list[Row]) -> Counts:
+    succeeded = {
+        (row["configuration"], row["run_index"])
+        for row in verdicts
+        if row["oracle"] == "success" and row["judgement"] == "pass"
+    }
+    return counts_of(
+        row["judgement"]
+        for row in verdicts
+        if row["oracle"] == kind and (row["configuration"], row["run_index"]) in succeeded
+    )
+
+
+def _parts(kind: Kind, distinct: list[Row], counts: Mapping[str, Counts]) -> Iterator[Part]:
+    names: dict[str, list[Counts]] = defaultdict(list)
+    for row in distinct:
+        factors, provenance = json.loads(row["factors"]), json.loads(row["provenance"])
+        for name in _part_names(kind, factors, provenance):
+            names[name].append(counts.get(row["name"], Counts()))
+    for name in sorted(names):
+        yield Part(name, len(names[name]), pooled(names[name]))
+
+
+def _part_names(kind: Kind, factors: Row, provenance: Row) -> Iterator[str]:
+    if kind == "robustness":
+        yield f"loops {factors['number_of_loops']}"
+        yield f"noise {factors['laserscan_gaussian_noise_std_deviation']:.2f} m"
+        yield f"lost beams {100 * factors['laserscan_random_drop_percentage']:2.0f} %"
+        return
+    yield f"global radius {factors['global_costmap.robot_radius']:.3f} m"
+    if kind == "safety":
+        yield _obstacles_text(factors, provenance)
+
+
+def _obstacles_text(factors: Row, provenance: Row) -> str:
+    obstacles = factors.get("static_objects", [])
+    if "spawn_trigger_threshold" in factors:
+        return f"obstacle appears at {factors['spawn_trigger_threshold']:g} m"
+    if not obstacles:
+        return "no obstacles"
+    density = len(obstacles) / provenance["_path_length"]
+    return f"obstacles, {min(DENSITIES_PER_M, key=lambda per_m: abs(per_m - density)):g} for each metre"
+
+
+def _bases(verdicts: list[Row]) -> Iterator[Basis]:
+    reached: dict[RunKey, Judgement] = {}
+    measured: dict[RunKey, Row] = {}
+    for row in verdicts:
+        key = row["configuration"], row["run_index"]
+        if row["oracle"] == "success":
+            reached[key] = row["judgement"]
+        elif row["oracle"] == "robustness":
+            measured[key] = json.loads(row["metrics"])
+    for basis in BASES:
+        alone: list[Judgement] = []
+        both: list[Judgement] = []
+        values: list[float] = []
+        for key, metrics in measured.items():
+            value = metrics[basis]["value"]
+            judgement: Judgement = "not judged"
+            if value is not None:
+                values.append(value)
+                judgement = "pass" if value <= metrics["threshold"]["value"] else "fail"
+            alone.append(judgement)
+            both.append(run_judgement([judgement, reached[key]]))
+        median_m = sorted(values)[len(values) // 2] if values else None
+        yield Basis(basis, counts_of(alone), counts_of(both), median_m)
+
+
+def _way(runs: list[Row], weights: Mapping[str, int]) -> Way:
+    parts = [(weights.get(row["configuration"], 1), row["simulated_s"], row["distance_m"]) for row in runs]
+    whole = sum(weight for weight, _, _ in parts) or 1
+    return Way(sum(w * s for w, s, _ in parts) / whole, sum(w * m for w, _, m in parts) / whole)
+
+
+def _cpu_s(directory: Path) -> Iterator[float]:
+    for file in (directory / "logs").glob("*.json"):
+        yield from (row["cpu_s"] for row in json.loads(file.read_text(encoding="utf-8")))
+
+
+def _stored(directory: Path) -> Iterator[int]:
+    for folder in KEPT:
+        yield from (file.stat().st_size for file in (directory / folder).rglob("*") if file.is_file())
+    yield from (file.stat().st_size for file in directory.glob("*.parquet"))
+
+
+def _rows(directory: Path, table: str, columns: list[str]) -> list[Row]:
+    rows: list[Row] = pq.ParquetFile(directory / f"{table}.parquet").read(columns=columns).to_pylist()
+    return rows

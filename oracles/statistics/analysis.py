@@ -1,0 +1,179 @@
+"""Analysis of factors: which of them, and which pairs of them, change the failure rate, and how sure that is."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vastflow.oracles.statistics.contrast import contrasts_of
+from vastflow.oracles.statistics.effects import FactorEffect, factor_effect
+from vastflow.oracles.statistics.factors import Dropped, Factor
+from vastflow.oracles.statistics.interactions import InteractionEffect, interaction_effect
+from vastflow.oracles.statistics.intervals import Floats, counts
+from vastflow.oracles.statistics.margins import Margins, margins_of
+
+LEAST_DRAWS: Final = 999
+MOST_DRAWS: Final = 9999
+
+
+@dataclass(frozen=True, slots=True)
+class Variance:
+    """Where the outcome of a run comes from, as shares of its variance that sum to 1.
+
+    Attributes:
+        repetition: Runs of one configuration that differ.
+        factors: Configurations that differ by the factors, effects added up.
+        interactions: By the significant pairs beyond that.
+        unexplained: Configurations that differ otherwise.
+    """
+
+    repetition: float
+    factors: float
+    interactions: float
+    unexplained: float
+
+
+@dataclass(frozen=True, eq=False)
+class FactorAnalysis:
+    """All factors and pairs.
+
+    Attributes:
+        factors: Most certain first, of equals the largest difference.
+        interactions: Most certain first.
+        dropped: What varies and was not analysed.
+        configurations, blocks: That were analysed.
+        error: Probability of even one false `significant`, at most.
+    """
+
+    factors: tuple[FactorEffect, ...]
+    interactions: tuple[InteractionEffect, ...]
+    dropped: tuple[Dropped, ...]
+    variance: Variance = field(repr=False)
+    configurations: int
+    blocks: int
+    error: float
+
+
+def factor_analysis(
+    factors: Sequence[Factor],
+    passed: ArrayLike,
+    judged: ArrayLike,
+    blocks: ArrayLike | None = None,
+    dropped: Iterable[Dropped] = (),
+    error: float = 0.05,
+) -> FactorAnalysis | None:
+    """Analyse how factors change the failure rate; None for fewer than two configurations with judged runs.
+
+    The response is each configuration's share of failed runs, which counts once however many runs it has: the noise of repetition is
+    averaged there, and what a factor is measured against are the differences of configurations alike in it (analysis of cluster
+    means, Donner and Klar 2000, ch. 6). Effects are differences of failure rates, in a linear model with a column for each
+    level; unlike a logistic one it has an answer where a level always passes, and its effects are in the unit that is reported.
+    `Contrasts` has the tests: a factor beyond all other factors, a pair beyond all factors. All are adjusted together by Holm
+    (Scand. J. Statist. 6 (1979) 65), which needs no independence.
+
+    Effects that multiply, say a rate doubled from 0.1 to 0.2 here and from 0.4 to 0.8 there, do not add up and are an interaction.
+
+    Args:
+        factors: (m,) codes each, see `factors_of`.
+        passed, judged: (m,) counts.
+        blocks: (m,) equal numbers for configurations that are not independent, see `blocks_of`; by default each is a block.
+    """
+    x, n = counts(passed, judged)
+    some = n > 0
+    if some.sum() < 2:
+        return None
+    rates = 1.0 - x[some] / n[some]
+    block = np.arange(len(rates)) if blocks is None else np.asarray(blocks)[some]
+    present = [found for factor in factors if (found := _present(factor, some)) is not None]
+    pairs = list(combinations(present, 2))
+    draws = int(np.clip(2 * (len(present) + len(pairs)) / error, LEAST_DRAWS, MOST_DRAWS))
+    contrasts = contrasts_of(rates, block, draws)
+    columns = {factor.name: _columns(factor) for factor in present}
+    # Configurations without a factor are told apart from its levels, and are in no comparison of them.
+    missing = [(factor.codes < 0).astype(np.float64) for factor in present if (factor.codes < 0).any()]
+    constant = np.column_stack([np.ones(len(rates)), *missing])
+    model = np.column_stack([constant, *columns.values()])
+    margins = margins_of(model, rates, contrasts.blocks, n[some])
+    between = _between(rates, n[some])
+    mains: list[FactorEffect] = []
+    for factor in present:
+        others = np.column_stack([constant, *(found for name, found in columns.items() if name != factor.name)])
+        tested = contrasts.test(columns[factor.name], others)
+        mains.append(factor_effect(factor, tested, margins, columns, constant, between, error))
+    effects = [interaction_effect(*pair, contrasts, model, columns, margins.fitted, between) for pair in pairs]
+    adjusted = holm([*(effect.p_value for effect in mains), *(effect.p_value for effect in effects)])
+    for k, p in enumerate(adjusted[: len(mains)]):
+        mains[k] = replace(mains[k], adjusted=p, significant=p is not None and p <= error)
+    for k, p in enumerate(adjusted[len(mains) :]):
+        effects[k] = replace(effects[k], adjusted=p, significant=p is not None and p <= error)
+    lost = [Dropped(f.name, "has one level among the judged") for f in factors if _present(f, some) is None]
+    return FactorAnalysis(
+        tuple(sorted(mains, key=lambda effect: (_certainty(effect.p_value), -effect.difference))),
+        tuple(sorted(effects, key=lambda effect: (_certainty(effect.p_value), -abs(effect.departure)))),
+        (*dropped, *lost),
+        _variance(rates, n[some], between, margins, effects),
+        len(rates),
+        len(contrasts.sizes),
+        error,
+    )
+
+
+def holm(p_values: Sequence[float | None]) -> list[float | None]:
+    """p-values adjusted by Holm, over those that there are."""
+    order = sorted((p, k) for k, p in enumerate(p_values) if p is not None)
+    adjusted: list[float | None] = [None] * len(p_values)
+    least = 0.0
+    for rank, (p, k) in enumerate(order):
+        least = max(least, min(1.0, (len(order) - rank) * p))
+        adjusted[k] = least
+    return adjusted
+
+
+def _certainty(p_value: float | None) -> float:
+    return 2.0 if p_value is None else p_value
+
+
+def _present(factor: Factor, some: NDArray[np.bool_]) -> Factor | None:
+    """The factor among the judged configurations; None where it does not vary there."""
+    codes = factor.codes[some]
+    used = np.unique(codes[codes >= 0])
+    if len(used) < 2:
+        return None
+    levels = tuple(factor.levels[k] for k in used)
+    return Factor(factor.name, levels, np.where(codes >= 0, np.searchsorted(used, codes), -1).astype(np.int64))
+
+
+def _columns(factor: Factor) -> Floats:
+    """(m, L - 1) a column for each level but the first."""
+    columns: Floats = (factor.codes[:, None] == np.arange(1, len(factor.levels))).astype(np.float64)
+    return columns
+
+
+def _between(rates: Floats, n: Floats) -> float:
+    """Variance of the true rates of configurations, the noise of their repetitions taken out; 0 at least."""
+    noise = _repetition(rates, n) / n
+    return max(0.0, float(rates.var(ddof=1)) - float(noise.mean()))
+
+
+def _repetition(rates: Floats, n: Floats) -> Floats:
+    """Variance of one run of each configuration, unbiased; from a single run nothing is known, and all of it may be."""
+    unknown = float(rates.mean() * (1 - rates.mean()))
+    noise: Floats = np.where(n > 1, rates * (1 - rates) * n / np.maximum(n - 1, 1), unknown)
+    return noise
+
+
+def _variance(
+    rates: Floats, n: Floats, between: float, margins: Margins, pairs: Sequence[InteractionEffect]
+) -> Variance:
+    repetition = float(_repetition(rates, n).mean())
+    whole = repetition + between
+    if whole <= 0.0:
+        return Variance(0.0, 0.0, 0.0, 0.0)
+    by_factors = min(between, margins.explained)
+    by_pairs = min(between - by_factors, sum(pair.share for pair in pairs if pair.significant) * between)
+    return Variance(
+        repetition / whole, by_factors / whole, by_pairs / whole, max(0.0, between - by_factors - by_pairs) / whole
+    )

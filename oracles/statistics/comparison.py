@@ -1,0 +1,225 @@
+"""Comparison: what has changed between two campaigns whose runs are paired."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.statistics.analysis import holm
+from vastflow.oracles.statistics.classes import benjamini_hochberg
+from vastflow.oracles.statistics.factors import Factor
+from vastflow.oracles.statistics.intervals import LEVEL, Floats, normal_quantile
+
+Bools = NDArray[np.bool_]
+Codes = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Runs of two campaigns, one pair an entry: the same situation and the same noise, both judged.
+
+    Attributes:
+        configuration: (P,) number of the pair's configuration.
+        before, after: (P,) whether the run of each campaign passed.
+    """
+
+    configuration: Codes = field(repr=False)
+    before: Bools = field(repr=False)
+    after: Bools = field(repr=False)
+
+    def __post_init__(self) -> None:
+        if not len(self.configuration) == len(self.before) == len(self.after):
+            found = len(self.configuration), len(self.before), len(self.after)
+            raise ValueError(f"a pair has a configuration and two outcomes, got {found} of them")
+
+    def __len__(self) -> int:
+        return len(self.configuration)
+
+    def of(self, chosen: Bools) -> "Pairs":
+        """Some of the pairs."""
+        return Pairs(self.configuration[chosen], self.before[chosen], self.after[chosen])
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The success rate after less that before.
+
+    Attributes:
+        lost, gained: Pairs that passed before alone, and after alone.
+        before, after: Success rates.
+        interval: Of the difference, within -1..1.
+        mcnemar: p-value of McNemar's exact test, pairs taken as independent.
+        p_value: Of no difference, configurations as clusters; None for fewer than two configurations.
+    """
+
+    pairs: int
+    configurations: int
+    lost: int
+    gained: int
+    before: float
+    after: float
+    interval: tuple[float, float]
+    mcnemar: float
+    p_value: float | None
+
+    @property
+    def difference(self) -> float:
+        """After less before."""
+        return self.after - self.before
+
+    def non_inferior(self, margin: float) -> bool:
+        """Whether a loss of `margin` or more is ruled out: the lower end of the interval is above -margin."""
+        return self.interval[0] > -margin
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A configuration whose runs do not all end as before.
+
+    Attributes:
+        configuration: Its number.
+        before, after: Passes, of `pairs` each.
+        p_value: McNemar's exact test of its pairs.
+        adjusted: The same by Benjamini and Hochberg over all configurations.
+        shown: Whether `adjusted` is at most the error asked for.
+    """
+
+    configuration: int
+    pairs: int
+    before: int
+    after: int
+    lost: int
+    gained: int
+    p_value: float
+    adjusted: float
+    shown: bool
+
+    @property
+    def worse(self) -> bool:
+        """Whether it passes less often than before."""
+        return self.after < self.before
+
+
+@dataclass(frozen=True, slots=True)
+class LevelDifference:
+    """The difference at one level of a factor; `adjusted` is by Holm over all levels of all factors."""
+
+    factor: str
+    level: str
+    difference: Difference
+    adjusted: float | None
+
+
+def mcnemar(lost: int, gained: int, mid_p: bool = False) -> float:
+    """Two-sided p-value of McNemar's exact test: discordant pairs fall either way with probability 1/2.
+
+    The mid-p version counts what was observed half (Fagerland, Lydersen and Laake, BMC Med. Res. Methodol. 13 (2013) 91); it does not
+    guarantee its level and is less conservative. 1 without a discordant pair.
+    """
+    from scipy.stats import binom, binomtest
+
+    n = lost + gained
+    if n == 0:
+        return 1.0
+    exact, observed = float(binomtest(lost, n).pvalue), float(binom.pmf(lost, n, 0.5))
+    if not mid_p:
+        return exact
+    # At a tie both tails hold what was observed, and their sum is cut at 1.
+    return 1.0 - observed / 2 if lost == gained else exact - observed
+
+
+def difference(pairs: Pairs, level: float = LEVEL) -> Difference | None:
+    """The difference of all `pairs` together, each counting once; None without any.
+
+    With d = +1 for a pair gained, -1 for one lost and 0 else, D = Σ d / N. Runs of one configuration change together, so
+    configurations are clusters: V = m/(m - 1) Σ (d_i - D n_i)² / N² over the m configurations' sums d_i of n_i pairs (the ratio
+    estimator, Cochran 1977, §6.3), with Student's t at m - 1 degrees of freedom. Where hardly anything changed V says next to nothing:
+    the interval is never narrower than that of Agresti and Min for independent pairs (Statistics in Medicine 24 (2005) 729), which adds
+    half a pair to each of the four outcomes. With a single configuration that is all there is, and speaks of it alone.
+    """
+    n = len(pairs)
+    if n == 0:
+        return None
+    change = pairs.after.astype(np.float64) - pairs.before
+    lost, gained = int((change < 0).sum()), int((change > 0).sum())
+    d = float(change.mean())
+    _, at = np.unique(pairs.configuration, return_inverse=True)
+    sums, sizes = np.bincount(at, weights=change), np.bincount(at)
+    m = len(sizes)
+    variance = m / (m - 1) * float(((sums - d * sizes) ** 2).sum()) / n**2 if m > 1 else 0.0
+    adjusted_d = (gained - lost) / (n + 2)
+    independent = ((lost + gained + 1) / (n + 2) - adjusted_d**2) / (n + 2)
+    half = normal_quantile(level) * math.sqrt(independent)
+    p_value = None
+    if m > 1:
+        from scipy.special import stdtr, stdtrit
+
+        half = max(half, float(stdtrit(m - 1, (1 + level) / 2)) * math.sqrt(variance))
+        p_value = 2.0 * float(stdtr(m - 1, -abs(d) / math.sqrt(max(variance, independent))))
+    ends = max(-1.0, d - half), min(1.0, d + half)
+    return Difference(
+        n, m, lost, gained, float(pairs.before.mean()), float(pairs.after.mean()), ends, mcnemar(lost, gained), p_value
+    )
+
+
+def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
+    """The configurations with a discordant pair, the most certain first; of equals the largest change.
+
+    *Newly failing* and *newly passing* are those that are `shown`: McNemar's exact test of a configuration's own pairs, adjusted by
+    Benjamini and Hochberg over the configurations with enough discordant pairs to show anything (six at 5 %, see `classify`), so that
+    of those shown a share of `error` has not changed, at most, in expectation.
+    """
+    if not len(pairs):
+        return []
+    known, at = np.unique(pairs.configuration, return_inverse=True)
+    lost = np.bincount(at[pairs.before & ~pairs.after], minlength=len(known))
+    gained = np.bincount(at[~pairs.before & pairs.after], minlength=len(known))
+    sizes, before = np.bincount(at), np.bincount(at[pairs.before], minlength=len(known))
+    p_values = _mcnemar_of(lost, gained)
+    adjusted = np.ones_like(p_values)
+    able = 2.0 * 0.5 ** (lost + gained) <= error
+    if able.any():
+        adjusted[able] = benjamini_hochberg(p_values[able])
+    found = [
+        Change(
+            configuration=int(known[k]),
+            pairs=int(sizes[k]),
+            before=int(before[k]),
+            after=int(before[k] - lost[k] + gained[k]),
+            lost=int(lost[k]),
+            gained=int(gained[k]),
+            p_value=float(p_values[k]),
+            adjusted=float(adjusted[k]),
+            shown=bool(adjusted[k] <= error),
+        )
+        for k in np.flatnonzero(lost + gained > 0)
+    ]
+    return sorted(found, key=lambda one: (one.adjusted, one.p_value, -abs(one.after - one.before), one.configuration))
+
+
+def by_level(factors: Sequence[Factor], pairs: Pairs, level: float = LEVEL) -> list[LevelDifference]:
+    """The difference at each level of each factor, in their order.
+
+    Args:
+        factors: Codes (m,) by the numbers of the configurations.
+    """
+    found = [
+        (factor.name, name, found)
+        for factor in factors
+        for k, name in enumerate(factor.levels)
+        if (found := difference(pairs.of(factor.codes[pairs.configuration] == k), level)) is not None
+    ]
+    adjusted = holm([one.p_value for _, _, one in found])
+    return [LevelDifference(*row, p) for row, p in zip(found, adjusted, strict=True)]
+
+
+def _mcnemar_of(lost: Codes, gained: Codes) -> Floats:
+    """Exact two-sided p-values of many tables: twice the smaller tail, 1 at most."""
+    from scipy.special import bdtr
+
+    n = lost + gained
+    tail = bdtr(np.minimum(lost, gained).astype(np.float64), np.maximum(n, 1), 0.5)
+    p_values: Floats = np.where(n > 0, np.minimum(1.0, 2.0 * tail), 1.0)
+    return p_values

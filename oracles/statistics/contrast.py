@@ -1,0 +1,187 @@
+"""Contrasts: does a group of columns explain a response, beyond other columns and the noise of blocks."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.statistics.intervals import Floats
+
+_SEED: Final = 1949
+"""Of the orders that are drawn: the same data give the same p-values."""
+_TINY: Final = 1e-9
+_CHUNK: Final = 250
+_ENOUGH: Final = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Tested:
+    """What a test found.
+
+    Attributes:
+        p_value: None where it can't be tested, `why` says why.
+        degrees: Independent columns beyond the others.
+        variance: Of the response, that the columns explain beyond what as many of noise would.
+    """
+
+    p_value: float | None
+    degrees: int = 0
+    variance: float = 0.0
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Contrasts:
+    """Tests on one response whose values come in blocks that are not independent inside.
+
+    Every test is made in the stratum where its columns vary, as in the analysis of a split-plot design (Yates 1935): columns that
+    differ between blocks are tested on means of blocks, against the differences of like blocks; columns that differ within blocks are
+    tested on what is left when the blocks' means are taken out. With one value a block the two are the same.
+
+    The p-value is the larger of two, which fail in different places:
+
+    - The *permutation test* of F: residuals of the model without the columns in `draws` random orders (Freedman and Lane, J. Bus.
+      Econ. Statist. 1 (1983) 292), within the stratum. It needs no distribution, so few configurations, rare failures and levels that
+      always pass do no harm; it takes one variance for all, and is wrong where variances and sizes of groups differ together.
+    - The *robust Wald test*, Hotelling's F of the effects over their sandwich covariance, blocks as clusters (HC2 and its like for
+      clusters, Bell and McCaffrey 2002), or single values where there are too few blocks for so many columns. Every group has its own
+      variance; it is wrong where a small group happens to have none, because it always passes.
+
+    Attributes:
+        response: (m,).
+        blocks: (m,) block of each value, 0..G - 1.
+    """
+
+    response: Floats = field(repr=False)
+    blocks: NDArray[np.int64] = field(repr=False)
+    draws: int
+
+    def test(self, columns: Floats, others: Floats) -> Tested:
+        """Test `columns` (m, q) beside `others` (m, p), which hold the constant."""
+        last = 1 + columns.shape[1]
+        between, within = self._split(np.column_stack((self.response, columns, others)))
+        left_between, left_within = (_beyond(part[:, 1:last], part[:, last:])[0] for part in (between, within))
+        spread_between = float((self.sizes @ left_between**2).sum())
+        spread_within = float((left_within**2).sum())
+        if max(spread_between, spread_within) < _TINY * max(1.0, float((columns**2).sum())):
+            return Tested(None, why="can't be told from other factors")
+        if spread_between >= spread_within:
+            return self._tested(between, columns.shape[1], np.arange(len(between)), 0)
+        return self._tested(within, columns.shape[1], self.blocks, len(between))
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """(G,) values in each block."""
+        return np.bincount(self.blocks).astype(np.float64)
+
+    def _split(self, table: Floats) -> tuple[Floats, Floats]:
+        """Means of blocks (G, k), and what is left of each row (m, k)."""
+        sizes = self.sizes
+        means = np.zeros((len(sizes), table.shape[1]))
+        np.add.at(means, self.blocks, table)
+        means /= sizes[:, None]
+        return means, table - means[self.blocks]
+
+    def _tested(self, table: Floats, degrees: int, units: NDArray[np.int64], used: int) -> Tested:
+        y, columns, others = table[:, 0], table[:, 1 : 1 + degrees], table[:, 1 + degrees :]
+        beyond, basis = _beyond(columns, others)
+        tested = _basis(beyond)
+        q = tested.shape[1]
+        left = len(y) - used - basis.shape[1] - q
+        if left < 1:
+            return Tested(None, q, why="too few configurations")
+        residual = y - basis @ (basis.T @ y)
+        total, explained = float(residual @ residual), float(((tested.T @ residual) ** 2).sum())
+        if total <= _TINY:
+            return Tested(1.0, q)
+        orders = self._orders_within if used else self._orders_between
+        permuted = _permuted(residual, tested, basis, orders)
+        robust = _robust(y, residual, tested, basis, units, left)
+        noise = max(total - explained, 0.0) / left
+        return Tested(max(permuted, robust), q, max(0.0, explained - q * noise) / len(y))
+
+    @cached_property
+    def _orders_between(self) -> NDArray[np.int32]:
+        """(draws, G) orders of the blocks."""
+        return self._orders(np.zeros(len(self.sizes)))
+
+    @cached_property
+    def _orders_within(self) -> NDArray[np.int32]:
+        """(draws, m) orders of the values, each within its block."""
+        return self._orders(self.blocks.astype(np.float64))
+
+    def _orders(self, blocks: Floats) -> NDArray[np.int32]:
+        rng = np.random.default_rng(_SEED)
+        orders = np.empty((self.draws, len(blocks)), dtype=np.int32)
+        places = np.argsort(blocks, kind="stable")
+        for order in orders:
+            order[places] = np.argsort(blocks + rng.random(len(blocks)))
+        return orders
+
+
+def contrasts_of(response: Floats, blocks: NDArray[np.int64], draws: int) -> Contrasts:
+    """`Contrasts` of (m,) values; blocks are any numbers, equal for values of one block."""
+    _, numbers = np.unique(blocks, return_inverse=True)
+    return Contrasts(response, numbers.astype(np.int64), draws)
+
+
+def _permuted(residual: Floats, tested: Floats, basis: Floats, orders: NDArray[np.int32]) -> float:
+    """Share of the orders of `residual` with as large an F as its own, itself among them."""
+    total = float(residual @ residual)
+    whole = np.hstack((tested, basis)).astype(np.float32)
+    q = tested.shape[1]
+
+    def statistic(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        parts = (rows @ whole) ** 2
+        explained = parts[:, :q].sum(axis=1)
+        left = np.maximum(total - parts.sum(axis=1), 1e-6 * total)
+        return np.asarray(explained / left)
+
+    values = residual.astype(np.float32)
+    observed = statistic(values[None, :])[0] * (1 - 1e-5)
+    larger = drawn = 0
+    for k in range(0, len(orders), _CHUNK):
+        larger += int((statistic(values[orders[k : k + _CHUNK]]) >= observed).sum())
+        drawn = min(k + _CHUNK, len(orders))
+        if larger >= _ENOUGH:  # far from showing anything; more draws would tell the same (Besag and Clifford 1991)
+            break
+    return (1 + larger) / (1 + drawn)
+
+
+def _robust(y: Floats, residual: Floats, tested: Floats, basis: Floats, units: NDArray[np.int64], left: int) -> float:
+    """Hotelling's F of the effects over their sandwich covariance; `left` degrees of freedom remain for single values."""
+    from scipy.special import fdtrc
+
+    q, count = tested.shape[1], int(units.max()) + 1
+    clustered = 2 * q + 2 <= count < len(y)
+    effects = tested.T @ residual
+    errors = residual - tested @ effects
+    leverage = (tested**2).sum(axis=1) + (basis**2).sum(axis=1)
+    scores = tested * (errors / np.sqrt(np.maximum(1.0 - leverage, 0.05)))[:, None]
+    freedom = left + q - 1
+    if clustered:
+        sums = np.zeros((count, q))
+        np.add.at(sums, units, scores)
+        scores, freedom = sums * np.sqrt(count / (count - 1)), min(freedom, count - 1)
+    covariance = scores.T @ scores
+    # An effect without any variance is as sure as can be here; the permutations have the say then.
+    covariance += np.eye(q) * max(float(np.trace(covariance)), _TINY) * 1e-9
+    found = float(effects @ np.linalg.solve(covariance, effects))
+    remaining = freedom - q + 1
+    return float(fdtrc(q, remaining, found * remaining / (freedom * q)))
+
+
+def _beyond(columns: Floats, others: Floats) -> tuple[Floats, Floats]:
+    """What `columns` have beyond `others`, and an orthonormal basis of the latter."""
+    basis = _basis(others)
+    return columns - basis @ (basis.T @ columns), basis
+
+
+def _basis(columns: Floats) -> Floats:
+    """Orthonormal columns that span the same, fewer where some depend on others."""
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    keep = values > 1e-9 * max(float(values[-1]) if len(values) else 0.0, _TINY)
+    basis: Floats = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
+    return basis

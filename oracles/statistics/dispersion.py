@@ -1,0 +1,135 @@
+"""Over-dispersion: how much more configurations differ than repetitions of one of them."""
+
+import math
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vastflow.oracles.statistics.intervals import LEVEL, Floats, Interval, clustered_interval, counts
+
+_LEAST_SIZE: Final = 1e-6
+_LARGEST_SIZE: Final = 1e7
+"""Of alpha + beta in the fit; from there on it is a limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dispersion:
+    """How the success rates of configurations differ, as a beta distribution B(alpha, beta).
+
+    Attributes:
+        configurations: With judged runs.
+        mean: Success rate of all runs together.
+        alpha, beta: Of the beta-binomial fit; None where every configuration has the same rate or passes always or never,
+            which are limits of the distribution.
+        icc: Intraclass correlation 1 / (alpha + beta + 1) of that fit: 0 where runs do not depend on their configuration, 1 where
+            all runs of a configuration agree; None where no configuration has two judged runs.
+        icc_moments: The same by analysis of variance; negative where configurations differ less than chance would have them.
+        p_value: Of Tarone's test of no over-dispersion, one-sided.
+        design_effect: How much wider the variance of the mean is than with independent runs.
+        interval: Of the rate of other configurations of their kind; None for fewer than two configurations.
+    """
+
+    configurations: int
+    mean: float
+    alpha: float | None
+    beta: float | None
+    icc: float | None
+    icc_moments: float | None
+    p_value: float
+    design_effect: float | None
+    interval: Interval | None
+
+
+def dispersion(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL) -> Dispersion | None:
+    """Fit a beta-binomial distribution to configurations; None where nothing was judged.
+
+    The fit is by maximum likelihood (Skellam, JRSS B 10 (1948) 257), started at the moments; the intraclass correlation by moments
+    is that of analysis of variance (Ridout, Demétrio and Firth, Biometrics 55 (1999) 137); the test is Tarone's
+    (Biometrika 66 (1979) 585), Z = (S - Σ n_i) / sqrt(2 Σ n_i (n_i - 1)) with S = Σ (x_i - n_i p)² / p(1 - p). The design effect is
+    1 + (n - 1) icc with n = Σ n_i² / Σ n_i (Kish 1965).
+
+    Args:
+        passed, judged: (m,) counts, one entry a configuration.
+    """
+    x, n = counts(passed, judged)
+    x, n = x[n > 0], n[n > 0]
+    if not len(n):
+        return None
+    total = float(n.sum())
+    mean = float(x.sum()) / total
+    moments = _icc_by_moments(x, n)
+    alpha = beta = icc = effect = None
+    if moments is not None:
+        agree = bool(((x == 0) | (x == n)).all())  # with themselves, run for run
+        if mean in (0.0, 1.0):
+            icc = 0.0
+        elif agree:
+            icc = 1.0
+        elif (fit := _fitted(x, n, moments)) is None:
+            icc = 0.0
+        else:
+            alpha, beta = fit
+            icc = 1.0 / (alpha + beta + 1.0)
+        effect = 1.0 + (float((n * n).sum()) / total - 1.0) * icc
+    interval = clustered_interval(x, n, level)
+    return Dispersion(len(n), mean, alpha, beta, icc, moments, _tarone(x, n), effect, interval)
+
+
+def _icc_by_moments(x: Floats, n: Floats) -> float | None:
+    m, total = len(n), float(n.sum())
+    if m < 2 or total <= m:
+        return None
+    squares = float((x * x / n).sum())
+    between = (squares - float(x.sum()) ** 2 / total) / (m - 1)
+    within = (float(x.sum()) - squares) / (total - m)
+    size = (total - float((n * n).sum()) / total) / (m - 1)
+    variance = between + (size - 1) * within
+    return (between - within) / variance if variance > 0 else 0.0
+
+
+def _tarone(x: Floats, n: Floats) -> float:
+    p = float(x.sum() / n.sum())
+    spread = 2.0 * float((n * (n - 1)).sum())
+    if p in (0.0, 1.0) or spread == 0.0:
+        return 1.0
+    score = float(((x - n * p) ** 2).sum()) / (p * (1 - p))
+    return 1.0 - NormalDist().cdf((score - float(n.sum())) / math.sqrt(spread))
+
+
+def _fitted(x: Floats, n: Floats, start: float) -> tuple[float, float] | None:
+    """The most likely alpha and beta; None at the limit where configurations do not differ."""
+    from scipy.optimize import minimize
+
+    (x, n), times = np.unique(np.stack((x, n)), axis=1, return_counts=True)
+    mean, icc = float((times * x).sum() / (times * n).sum()), min(max(start, 1e-3), 0.9)
+    begin = np.array([math.log(mean / (1 - mean)), math.log(1 / icc - 1)])
+
+    def against(at: Floats) -> tuple[float, Floats]:
+        return _minus_log_likelihood(x, n, times, at)
+
+    limits = [(begin[0] - 6.0, begin[0] + 6.0), (math.log(_LEAST_SIZE), math.log(_LARGEST_SIZE))]
+    exactly = {"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000}
+    found = minimize(against, begin, jac=True, method="L-BFGS-B", bounds=limits, options=exactly)
+    without = against(np.array([begin[0], limits[1][1]]))[0]
+    if found.fun >= without - 1e-6:
+        return None
+    mu, size = 1 / (1 + math.exp(-found.x[0])), math.exp(found.x[1])
+    return mu * size, (1 - mu) * size
+
+
+def _minus_log_likelihood(x: Floats, n: Floats, times: NDArray[np.intp], at: Floats) -> tuple[float, Floats]:
+    """Beta-binomial, up to a constant, and its slopes, at the logit of the mean and the logarithm of alpha + beta."""
+    from scipy.special import betaln, psi
+
+    mu, size = 1 / (1 + math.exp(-at[0])), math.exp(at[1])
+    a, b = mu * size, (1 - mu) * size
+    value = betaln(x + a, n - x + b) - betaln(a, b)
+    both = psi(a + b) - psi(n + a + b)
+    by_a, by_b = psi(x + a) - psi(a) + both, psi(n - x + b) - psi(b) + both
+    slopes = np.array(
+        [(times * (by_a - by_b)).sum() * size * mu * (1 - mu), (times * (by_a * mu + by_b * (1 - mu))).sum() * size]
+    )
+    return -float((times * value).sum()), -slopes

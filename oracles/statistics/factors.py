@@ -1,0 +1,140 @@
+"""Factors: what varies over the configurations of a campaign, as categories."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_LEVELS: Final = 12
+BINS: Final = 4
+
+Codes = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """A key that varies, its values as levels.
+
+    Attributes:
+        levels: In natural order, each of at least one configuration.
+        codes: (m,) index of each configuration's level; -1 where it has no such key.
+    """
+
+    name: str
+    levels: tuple[str, ...]
+    codes: Codes = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Dropped:
+    """A key that is not analysed, and why."""
+
+    name: str
+    reason: str
+
+
+def factors_of(
+    rows: Sequence[Mapping[str, Any]], most_levels: int = MOST_LEVELS, bins: int = BINS
+) -> tuple[list[Factor], list[Dropped]]:
+    """The factors among the values of configurations, and what varies and is none.
+
+    Equal values are a level each. Numbers with more than `most_levels` values are binned at their quantiles into `bins` levels; of lists
+    of objects, obstacles say, their number counts. What has more kinds of values, or is a place, is dropped: it can hardly be
+    told from the configurations themselves. Of keys that divide the configurations alike the first stays.
+
+    Args:
+        rows: (m,) each configuration's values by key, as the column `factors` has them.
+    """
+    factors: list[Factor] = []
+    dropped: list[Dropped] = []
+    seen: dict[bytes, str] = {}
+    for key in dict.fromkeys(key for row in rows for key in row):
+        name, values = _comparable(key, [row.get(key) for row in rows])
+        kinds = list(dict.fromkeys(_text(value) for value in values if value is not None))
+        if len(kinds) < 2 and None not in values:
+            continue
+        factor = _factor(name, values, kinds, most_levels, bins)
+        if any((isinstance(value, Mapping) and set(value) != {"file"}) or isinstance(value, list) for value in values):
+            dropped.append(Dropped(name, "is a place or a list, and not one of a few values"))
+        elif factor is None:
+            dropped.append(Dropped(name, f"has {len(kinds)} different values, at most {most_levels} can be compared"))
+        elif len(factor.levels) < 2:
+            dropped.append(Dropped(name, "has one value where it is given at all"))
+        elif (same := seen.setdefault(_partition(factor.codes), name)) != name:
+            dropped.append(Dropped(name, f"divides the configurations as {same} does"))
+        else:
+            factors.append(factor)
+    return factors, dropped
+
+
+def blocks_of(scenarios: Iterable[Mapping[str, Any]]) -> Codes:
+    """(m,) numbers that are equal for configurations with one map and one task, whatever obstacles and system they have.
+
+    Producers draw paths once for each environment, and vary the rest over them: configurations on one path share how hard it is,
+    and must not count as independent where maps or lengths of paths are compared.
+
+    Args:
+        scenarios: The dimensions `environment`, `task` and `system` of each configuration, as the column `scenario` has them.
+    """
+    keys = [_text([row.get("environment", {}).get("map_file"), row.get("task", {})]) for row in scenarios]
+    numbers = {key: k for k, key in enumerate(dict.fromkeys(keys))}
+    # Without map and task, programs under test say, nothing is shared.
+    alone = _text([None, {}])
+    return np.array([len(keys) + k if key == alone else numbers[key] for k, key in enumerate(keys)], dtype=np.int64)
+
+
+def _comparable(key: str, values: list[Any]) -> tuple[str, list[Any]]:
+    """A key's values, or of lists of objects how many there are."""
+    given = [value for value in values if value is not None]
+    if given and all(isinstance(value, list) and all(isinstance(item, Mapping) for item in value) for value in given):
+        return f"number of {key}", [None if value is None else len(value) for value in values]
+    return key, values
+
+
+def _factor(name: str, values: Sequence[Any], kinds: Sequence[str], most_levels: int, bins: int) -> Factor | None:
+    numbers = all(value is None or _is_number(value) for value in values)
+    if len(kinds) > most_levels:
+        return _binned(name, values, bins) if numbers else None
+    known = {_text(value): value for value in values if value is not None}
+    levels = tuple(sorted(known, key=lambda kind: float(known[kind]))) if numbers else tuple(kinds)
+    codes = {level: k for k, level in enumerate(levels)}
+    at = np.array([-1 if value is None else codes[_text(value)] for value in values], dtype=np.int64)
+    return Factor(name, tuple(_level_text(known[level]) for level in levels), at)
+
+
+def _binned(name: str, values: Sequence[Any], bins: int) -> Factor:
+    numbers = np.array([np.nan if value is None else float(value) for value in values])
+    known = numbers[np.isfinite(numbers)]
+    edges = np.unique(np.quantile(known, np.linspace(0, 1, bins + 1)))
+    inner = edges[1:-1]
+    codes = np.where(np.isfinite(numbers), np.searchsorted(inner, numbers, side="right"), -1).astype(np.int64)
+    used = np.unique(codes[codes >= 0])
+    levels = tuple(
+        f"{known[(codes[np.isfinite(numbers)] == k)].min():.4g} to {known[(codes[np.isfinite(numbers)] == k)].max():.4g}"
+        for k in used
+    )
+    return Factor(name, levels, np.where(codes >= 0, np.searchsorted(used, codes), -1).astype(np.int64))
+
+
+def _partition(codes: Codes) -> bytes:
+    """Equal for codes that divide alike, whatever their levels are called."""
+    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
+    renamed: Codes = np.argsort(np.argsort(first))[inverse].astype(np.int64)
+    return renamed.tobytes()
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, ensure_ascii=False)
+
+
+def _level_text(value: Any) -> str:
+    if isinstance(value, Mapping):  # a file, by its content
+        return str(value["file"])[:12] if set(value) == {"file"} else _text(value)
+    return value if isinstance(value, str) else _text(value)

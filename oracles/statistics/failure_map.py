@@ -1,0 +1,207 @@
+"""Failure maps: in which places runs fail, as a rate of those that came by."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vastflow.oracles.statistics.classes import benjamini_hochberg
+from vastflow.oracles.statistics.intervals import LEVEL, Floats, wilson_intervals
+
+MINIMUM_VISITS: Final = 5
+"""Runs that a cell takes before it has a rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Square cells in the map frame.
+
+    Attributes:
+        origin_xy_m: The lowest corner of cell (0, 0).
+        shape: Rows (along y) and columns (along x).
+    """
+
+    origin_xy_m: tuple[float, float]
+    cell_m: float
+    shape: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        if not self.cell_m > 0.0 or min(self.shape) < 1:
+            raise ValueError(f"a grid has cells of more than 0 m, got {self.shape} of {self.cell_m} m")
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """x0, x1, y0, y1, as a picture of the cells is placed."""
+        (x0, y0), (rows, columns) = self.origin_xy_m, self.shape
+        return x0, x0 + columns * self.cell_m, y0, y0 + rows * self.cell_m
+
+    def cells(self, xy_m: Floats) -> NDArray[np.int64]:
+        """Index row · columns + column of the cell of each position (N, 2); -1 outside."""
+        rows, columns = self.shape
+        column, row = np.floor((xy_m - np.array(self.origin_xy_m)) / self.cell_m).astype(np.int64).T
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        return np.where(inside, row * columns + column, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class FailureMap:
+    """Visits and failures of each cell of a grid, (H, W) each.
+
+    A run that enters a cell visits it once, however often it comes back. A failed run is one failure in each cell of its last half
+    metre: the place where it ended, and a robot that struggles to and fro there fails there once. The rate of a cell is thus the
+    share of its visitors that failed there.
+
+    Runs of one configuration take the same way and fail together, so intervals have configurations as clusters: with the sums below
+    the effective number of visits is that of `clustered_interval`, cell by cell; one visiting configuration counts as one
+    observation. Maps of different configurations on one grid are added with `+`.
+
+    Attributes:
+        visits, failures: Runs.
+        configurations: That visited the cell.
+        squares: (3, H, W) sums over configurations of failures², failures · visits and visits².
+    """
+
+    grid: Grid
+    visits: NDArray[np.int64] = field(repr=False)
+    failures: NDArray[np.int64] = field(repr=False)
+    configurations: NDArray[np.int64] = field(repr=False)
+    squares: NDArray[np.int64] = field(repr=False)
+
+    def __add__(self, other: "FailureMap") -> "FailureMap":
+        """Both together; their runs belong to different configurations."""
+        if self.grid != other.grid:
+            raise ValueError(f"maps of different grids can't be added: {self.grid} and {other.grid}")
+        return FailureMap(
+            self.grid,
+            self.visits + other.visits,
+            self.failures + other.failures,
+            self.configurations + other.configurations,
+            self.squares + other.squares,
+        )
+
+    def rate(self, minimum_visits: int = MINIMUM_VISITS) -> Floats:
+        """Failures over visits (H, W); NaN where there are fewer visits than `minimum_visits`."""
+        known = self.visits >= max(minimum_visits, 1)
+        return np.where(known, self.failures / np.maximum(self.visits, 1), np.nan)
+
+    def effective_visits(self) -> Floats:
+        """Visits (H, W) that independent runs would need to tell as much; 0 where there are none."""
+        n, m = np.maximum(self.visits, 1).astype(np.float64), self.configurations.astype(np.float64)
+        p = self.failures / n
+        failures2, both, visits2 = self.squares.astype(np.float64)
+        spread = np.maximum(failures2 - 2 * p * both + p * p * visits2, 0.0)
+        variance = np.where(m > 1, m / np.maximum(m - 1, 1) * spread / n**2, 0.0)
+        varies = (variance > 1e-15) & (p > 0) & (p < 1)
+        agreeing = np.where((p > 0) & (p < 1) & (m > 1), n, m)  # at the same rate everywhere, or all or none
+        effective = np.where(varies, p * (1 - p) / np.where(varies, variance, 1.0), agreeing)
+        return np.where(self.visits > 0, np.minimum(effective, n), 0.0)
+
+    def intervals(self, level: float = LEVEL) -> Floats:
+        """Wilson intervals (H, W, 2) of the rates at the effective number of visits; 0..1 without visits."""
+        n = self.effective_visits()
+        return wilson_intervals(n * self.failures / np.maximum(self.visits, 1), n, level)
+
+    def hot(
+        self, above: float | None = None, error: float = 0.05, minimum_visits: int = MINIMUM_VISITS
+    ) -> NDArray[np.bool_]:
+        """Cells (H, W) whose failure rate is shown to be above `above`.
+
+        One-sided score tests at the effective number of visits, adjusted by Benjamini and Hochberg over all cells with
+        `minimum_visits`: of the cells that are marked, a share of `error` is marked wrongly at most, in expectation.
+
+        Args:
+            above: A rate; by default that of all visits of all cells.
+        """
+        visits = int(self.visits.sum())
+        if visits == 0 or (above is None and not self.failures.any()):
+            return np.zeros(self.grid.shape, dtype=bool)
+        usual = float(self.failures.sum()) / visits if above is None else above
+        from scipy.stats import norm
+
+        tested = self.visits >= max(minimum_visits, 1)
+        n, p = self.effective_visits()[tested], self.rate(1)[tested]
+        scores = (
+            (p - usual) / np.sqrt(usual * (1 - usual) / n) if 0 < usual < 1 else np.where(p > usual, np.inf, -np.inf)
+        )
+        found = np.zeros(self.grid.shape, dtype=bool)
+        found[tested] = benjamini_hochberg(norm.sf(scores)) <= error
+        return found
+
+
+def grid_over(x0_m: float, y0_m: float, x1_m: float, y1_m: float, cell_m: float = 0.25) -> Grid:
+    """The grid with its lowest corner at (x0, y0) that covers the rectangle up to (x1, y1)."""
+    columns, rows = (max(1, int(np.ceil((high - low) / cell_m - 1e-9))) for low, high in ((x0_m, x1_m), (y0_m, y1_m)))
+    return Grid((x0_m, y0_m), cell_m, (rows, columns))
+
+
+def empty_map(grid: Grid) -> FailureMap:
+    """A map without runs, to which others are added."""
+    zeros = np.zeros(grid.shape, dtype=np.int64)
+    return FailureMap(grid, zeros, zeros, zeros, np.zeros((3, *grid.shape), dtype=np.int64))
+
+
+def failure_map(
+    grid: Grid,
+    xy_m: Floats,
+    starts: ArrayLike,
+    failed: ArrayLike,
+    configurations: ArrayLike | None = None,
+    last_m: float = 0.5,
+) -> FailureMap:
+    """Count visits and failures.
+
+    Args:
+        xy_m: (N, 2) positions of all runs one after another, closer together than a cell.
+        starts: (R + 1,) where each run begins in them, and N. A run without positions visits nothing.
+        failed: (R,) whether the run failed. Runs that were not judged are to be left out.
+        configurations: (R,) number of each run's configuration; by default all are of one.
+        last_m: Way before the end that counts as where it failed.
+    """
+    begin = np.asarray(starts, dtype=np.int64)
+    bad = np.asarray(failed, dtype=bool)
+    runs = len(bad)
+    if len(begin) != runs + 1 or begin[0] != 0 or begin[-1] != len(xy_m) or (np.diff(begin) < 0).any():
+        raise ValueError(f"starts must rise from 0 to {len(xy_m)} in {runs + 1} steps, got {begin.tolist()[:5]}…")
+    of = np.zeros(runs, dtype=np.int64) if configurations is None else np.asarray(configurations, dtype=np.int64)
+    run = np.repeat(np.arange(runs), np.diff(begin))
+    cell = grid.cells(np.asarray(xy_m, dtype=np.float64))
+    steps = np.zeros(len(xy_m))
+    steps[1:] = np.hypot(*np.diff(xy_m, axis=0).T)
+    along = np.cumsum(steps)
+    left = along[np.maximum(begin[run + 1] - 1, 0)] - along if runs else along
+    ended = bad[run] & (left <= last_m) if runs else np.zeros(0, dtype=bool)
+    visits = _by_configuration(grid, run, cell, of)
+    failures = _by_configuration(grid, run[ended], cell[ended], of)
+    return _summed(grid, visits, failures)
+
+
+def _by_configuration(
+    grid: Grid, run: NDArray[np.int64], cell: NDArray[np.int64], of: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Runs in each (configuration, cell), as sorted keys configuration · cells + cell and how many."""
+    cells = grid.shape[0] * grid.shape[1]
+    stays = np.zeros(len(run), dtype=bool)
+    stays[1:] = (run[1:] == run[:-1]) & (cell[1:] == cell[:-1])
+    new = ~stays & (cell >= 0)
+    entered = np.unique(run[new] * cells + cell[new])
+    keys, times = np.unique(of[entered // cells] * cells + entered % cells, return_counts=True)
+    return keys, times.astype(np.int64)
+
+
+def _summed(
+    grid: Grid,
+    visits: tuple[NDArray[np.int64], NDArray[np.int64]],
+    failures: tuple[NDArray[np.int64], NDArray[np.int64]],
+) -> FailureMap:
+    cells = grid.shape[0] * grid.shape[1]
+    keys, came = visits
+    fell = np.zeros_like(came)
+    fell[np.searchsorted(keys, failures[0])] = failures[1]  # who failed in a cell has visited it
+    at = keys % cells
+
+    def total(values: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.bincount(at, weights=values, minlength=cells).astype(np.int64).reshape(grid.shape)
+
+    squares = np.stack([total(fell * fell), total(fell * came), total(came * came)])
+    return FailureMap(grid, total(came), total(fell), total(np.ones_like(came)), squares)

@@ -1,0 +1,121 @@
+"""Margins: means of a linear model at chosen points, with intervals that allow for blocks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.statistics.intervals import Floats, Interval, interval, normal_quantile, wilson_intervals
+
+
+@dataclass(frozen=True, eq=False)
+class MarginalMeans:
+    """Means of k points of a model of rates.
+
+    Attributes:
+        means: (k,) within 0..1.
+        covariance: (k, k), blocks as clusters.
+        units: (k,) blocks that a point's level has.
+        most: (k,) runs of them, which no effective number exceeds.
+    """
+
+    means: Floats
+    covariance: Floats = field(repr=False)
+    units: Floats
+    most: Floats
+
+    def intervals(self, level: float) -> list[Interval]:
+        """Wilson intervals at the number of independent runs that would be as sure.
+
+        That is p(1 - p)/V, reduced by (z/t)² for the few blocks that V is estimated from (Korn and Graubard, Survey Methodology 24
+        (1998) 193). Where a level always or never fails V is zero and says nothing: each block counts once.
+        """
+        from scipy.special import stdtrit
+
+        p, variance = self.means, np.diagonal(self.covariance)
+        inside = (p > 0) & (p < 1)
+        few = (normal_quantile(level) / stdtrit(np.maximum(self.units - 1, 1), (1 + level) / 2)) ** 2
+        known = inside & (variance > 1e-15)
+        effective = np.where(
+            known, p * (1 - p) / np.where(known, variance, 1.0) * few, np.where(inside, self.most, self.units)
+        )
+        n = np.minimum(effective, self.most)
+        return [interval(ends) for ends in wilson_intervals(n * p, n, level)]
+
+    def difference(self, a: int, b: int, level: float) -> tuple[float, float]:
+        """Interval of means[a] - means[b], from the intervals of both and their correlation (Newcombe 1998, method 10; Zou
+        and Donner, Statistics in Medicine 27 (2008) 1693)."""
+        one, two = (self.intervals(level)[k] for k in (a, b))
+        p, q = float(self.means[a]), float(self.means[b])
+        scale = float(np.sqrt(self.covariance[a, a] * self.covariance[b, b]))
+        together = float(np.clip(self.covariance[a, b] / scale, -1.0, 1.0)) if scale > 1e-15 else 0.0
+
+        def reach(first: float, second: float) -> float:
+            return float(np.sqrt(max(0.0, first**2 + second**2 - 2 * together * first * second)))
+
+        down, up = reach(p - one.low, two.high - q), reach(one.high - p, q - two.low)
+        return max(-1.0, p - q - down), min(1.0, p - q + up)
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """A linear model that was fitted by least squares.
+
+    Attributes:
+        response, fitted: (m,).
+        explained: Variance of `fitted`, beyond what as many columns of noise would have.
+    """
+
+    response: Floats = field(repr=False)
+    fitted: Floats = field(repr=False)
+    explained: float
+    _model: Floats = field(repr=False)
+    _inverse: Floats = field(repr=False)
+    _weighted: Floats = field(repr=False)
+    _blocks: NDArray[np.int64] = field(repr=False)
+    _runs: Floats = field(repr=False)
+
+    def at(self, points: Floats, groups: Sequence[NDArray[np.bool_]]) -> MarginalMeans:
+        """Means at `points` (k, columns); `groups` are the rows that have each point's level.
+
+        A point that the model can't tell, because its level comes with those of other factors alone, has the plain mean of its group.
+        """
+        ways = points @ self._inverse  # (k, columns)
+        told = np.abs(ways @ (self._model.T @ self._model) - points).max(axis=1) < 1e-6
+        weights = ways @ self._model.T  # (k, m): means are sums of these times responses
+        for k, group in enumerate(groups):
+            if not told[k]:
+                weights[k] = group / group.sum()
+        count = int(self._blocks.max()) + 1
+        sums = np.zeros((len(points), count))
+        for k in range(len(points)):
+            residual = self._weighted if told[k] else self.response - self.response[groups[k]].mean()
+            sums[k] = np.bincount(self._blocks, weights=weights[k] * residual, minlength=count)
+        covariance = sums @ sums.T * (count / max(count - 1, 1))
+        units = np.array([len(np.unique(self._blocks[group])) for group in groups], dtype=np.float64)
+        most = np.array([self._runs[group].sum() for group in groups])
+        means = np.clip(weights @ self.response, 0.0, 1.0)
+        means = np.where(means < 1e-9, 0.0, np.where(means > 1 - 1e-9, 1.0, means))  # rounding is no failure
+        return MarginalMeans(means, covariance, units, most)
+
+
+def margins_of(model: Floats, response: Floats, blocks: NDArray[np.int64], runs: Floats) -> Margins:
+    """Fit `response` (m,) by the columns of `model` (m, columns), which may depend on each other.
+
+    Residuals are scaled up by what the fit took of them (HC2, MacKinnon and White 1985).
+
+    Args:
+        blocks: (m,) 0..G - 1.
+        runs: (m,) behind each response.
+    """
+    inverse = np.linalg.pinv(model.T @ model, rcond=1e-10, hermitian=True).astype(np.float64)
+    fitted: Floats = model @ (inverse @ (model.T @ response))
+    leverage = np.einsum("ij,jk,ik->i", model, inverse, model, optimize=True)
+    residual: Floats = response - fitted
+    rank = round(float(leverage.sum()))
+    left = len(response) - rank
+    noise = float(residual @ residual) / left if left > 0 else float(response.var())
+    explained = max(0.0, float(fitted.var()) - (rank - 1) * noise / len(response))
+    weighted: Floats = residual / np.sqrt(np.maximum(1.0 - leverage, 0.05))
+    return Margins(response, fitted, explained, model, inverse, weighted, blocks, runs)

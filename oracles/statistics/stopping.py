@@ -1,0 +1,255 @@
+"""Sequential stopping: how many runs a configuration needs until its class is shown."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vastflow.oracles.statistics.classes import CLAIMS, Bounds, Classes, ClassName
+from vastflow.oracles.statistics.intervals import Floats, counts
+
+_OPEN: Final = -1
+"""No claim yet; others are indices in `CLAIMS`."""
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingCharacteristics:
+    """What a rule does with configurations of known success rates.
+
+    Attributes:
+        p: (k,) success rates.
+        systematic, flaky, reliable, undecided: (k,) probability of each end.
+        wrong: (k,) probability that a class is claimed that is not the true one.
+        expected_runs: (k,) mean number of runs.
+    """
+
+    p: Floats
+    systematic: Floats
+    flaky: Floats
+    reliable: Floats
+    undecided: Floats
+    wrong: Floats
+    expected_runs: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Savings:
+    """Runs that a rule made unnecessary.
+
+    Attributes:
+        runs: Runs that were done.
+        most: Runs if every configuration had its most.
+    """
+
+    runs: int
+    most: int
+
+    @property
+    def saved(self) -> int:
+        """Runs that were not needed."""
+        return self.most - self.runs
+
+    @property
+    def share(self) -> float:
+        """Share of `most` that was saved; 0 where nothing was asked."""
+        return self.saved / self.most if self.most else 0.0
+
+
+@dataclass(frozen=True)
+class StoppingRule:
+    """End the runs of a configuration when its class is decided.
+
+    Truncated sequential probability ratio tests (Wald, Sequential Analysis, 1947), two at each bound of the classes, put together to
+    three classes as by Sobel and Wald (Ann. Math. Statist. 20 (1949) 502). With x passes of n judged runs,
+    L(a, b) = x ln(b/a) + (n - x) ln((1 - b)/(1 - a)) is the evidence for the success rate b against a. Let s and r be the bounds and
+    m = (s + r) / 2. A configuration is called
+
+        systematic  where L(s, s/2) >= A,
+        reliable    where L(r, (1 + r)/2) >= B,
+        flaky       where L(s, m) >= C and L(r, m) >= C.
+
+    Wald's thresholds ln(1/error) hold for any number of runs, and with twenty of them leave nearly everything open. Here A, B and C
+    are the smallest values at which a false claim at the bound has a probability of `error` at most when looked at after every run
+    from `min_runs` to `max_runs`, found by exact dynamic programming over (n, x). Looking less often, as waves of runs do, makes
+    fewer errors.
+
+    Attributes:
+        min_runs: Nothing is decided before so many judged runs.
+        max_runs: What is open then is undecided.
+        bounds: Of the classes.
+        error: The largest probability of a claim that is false, whatever the success rate.
+    """
+
+    min_runs: int = 5
+    max_runs: int = 20
+    bounds: Bounds = field(default_factory=Bounds)
+    error: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.min_runs <= self.max_runs:
+            raise ValueError(f"1 <= min_runs <= max_runs must hold, got {self.min_runs} and {self.max_runs}")
+        if not 0.0 < self.error < 0.5:
+            raise ValueError(f"error must be between 0 and 0.5, got {self.error}")
+
+    def decision(self, passed: int, judged: int) -> ClassName | None:
+        """The class after `judged` runs; None while it is open and runs are left."""
+        return self.decisions([passed], [judged])[0]
+
+    def decisions(self, passed: ArrayLike, judged: ArrayLike) -> list[ClassName | None]:
+        """`decision` of many configurations, (m,) counts each."""
+        x, n = counts(passed, judged)
+        claims = np.where(n >= self.min_runs, self._claims(x, n, self.thresholds), _OPEN)
+        return [
+            CLAIMS[claim] if claim != _OPEN else "undecided" if runs >= self.max_runs else None
+            for claim, runs in zip(claims.tolist(), n.tolist(), strict=True)
+        ]
+
+    @cached_property
+    def decidable(self) -> tuple[ClassName, ...]:
+        """Classes that can be shown with `max_runs` at all; all pass or all fail takes 14 runs at the default bounds and 5 %."""
+        found = {claim for claims in self._lattice for claim in claims.tolist() if claim != _OPEN}
+        return tuple(CLAIMS[claim] for claim in sorted(found))
+
+    def operating_characteristics(self, p: ArrayLike, wave_runs: int = 1) -> OperatingCharacteristics:
+        """Exact probabilities of each end and the mean number of runs, for success rates `p` (k,).
+
+        Args:
+            wave_runs: Runs between two looks, the first after `min_runs`, the last after `max_runs`.
+        """
+        looks = frozenset((*range(self.min_runs, self.max_runs, wave_runs), self.max_runs))
+        rates = np.atleast_1d(np.asarray(p, dtype=np.float64))
+        return _characteristics(self._lattice, looks, rates, self.bounds)
+
+    @cached_property
+    def worst_error(self) -> float:
+        """The largest probability of a false claim over all success rates, looked at after every run."""
+        return self._worst_error(self._lattice)
+
+    @cached_property
+    def thresholds(self) -> Floats:
+        """(3,) A, C and B: the evidence that each of `CLAIMS` takes; infinite where `max_runs` can't show it."""
+        s, r = self.bounds.systematic, self.bounds.reliable
+        nominal = self.error
+        while True:
+            at = ((s,), (s, r), (r,))
+            found = np.array([self._calibrated(claim, nulls, nominal) for claim, nulls in enumerate(at)])
+            worst = self._worst_error(self._claims_by(found))
+            if worst <= self.error:
+                return found
+            nominal *= 0.95 * self.error / worst  # bounds so close that a configuration may err in both directions
+
+    def _worst_error(self, lattice: Sequence[NDArray[np.intp]]) -> float:
+        s, r, near = self.bounds.systematic, self.bounds.reliable, 1e-9
+        grid = np.concatenate((np.linspace(0.0, 1.0, 201), [s, s + near, r - near, r]))
+        looks = frozenset(range(self.min_runs, self.max_runs + 1))
+        return float(_characteristics(lattice, looks, grid, self.bounds).wrong.max())
+
+    @cached_property
+    def _lattice(self) -> list[NDArray[np.intp]]:
+        return self._claims_by(self.thresholds)
+
+    def _claims_by(self, thresholds: Floats) -> list[NDArray[np.intp]]:
+        """The claim at each (n, x), by n; entries x > n are open."""
+        x = np.arange(self.max_runs + 1.0)
+        return [
+            np.where(
+                (x <= n) & (n >= self.min_runs), self._claims(np.minimum(x, n), np.full_like(x, n), thresholds), _OPEN
+            )
+            for n in range(self.max_runs + 1)
+        ]
+
+    def _claims(self, x: Floats, n: Floats, thresholds: Floats) -> NDArray[np.intp]:
+        # Of two claims at once, which bounds close together allow, the one that exceeds its threshold more.
+        excess = self._evidence(x, n) - thresholds.reshape(-1, *[1] * x.ndim)
+        return np.where(excess.max(axis=0) >= 0.0, excess.argmax(axis=0), _OPEN)
+
+    def _evidence(self, x: Floats, n: Floats) -> Floats:
+        """Evidence for each of `CLAIMS`, (3, …)."""
+        s, r = self.bounds.systematic, self.bounds.reliable
+        middle = (s + r) / 2
+        flaky = np.minimum(_evidence(x, n, s, middle), _evidence(x, n, r, middle))
+        return np.stack((_evidence(x, n, s, s / 2), flaky, _evidence(x, n, r, (1 + r) / 2)))
+
+    def _calibrated(self, claim: int, nulls: Sequence[float], error: float) -> float:
+        """The smallest threshold that is reached with a probability of `error` at most at each of `nulls`."""
+        x = np.arange(self.max_runs + 1.0)
+        evidence = np.stack([self._evidence(np.minimum(x, n), np.full_like(x, n))[claim] for n in range(len(x))])
+        evidence[x[None, :] > x[:, None]] = -np.inf
+        evidence[: self.min_runs] = -np.inf
+        # Sums of logarithms that are equal on paper differ in the last digits.
+        candidates = np.unique(np.round(evidence[np.isfinite(evidence)], 9))
+        low, high = 0, len(candidates)  # the answer is candidates[low..high - 1], or none of them
+        while low < high:
+            middle = (low + high) // 2
+            if _reached(evidence, candidates[middle] - 1e-9, np.array(nulls)).max() <= error:
+                high = middle
+            else:
+                low = middle + 1
+        return float(candidates[low] - 1e-9) if low < len(candidates) else np.inf
+
+
+def classes_by(rule: StoppingRule, passed: ArrayLike, judged: ArrayLike) -> Classes:
+    """The classes of configurations whose runs were ended by `rule`; a test that knows nothing of the rule would not hold its error.
+
+    Those that were ended otherwise, before anything was shown, are undecided.
+    """
+    names = tuple(found or "undecided" for found in rule.decisions(passed, judged))
+    unknown = np.full(len(names), np.nan)
+    controls = (
+        f"of each configuration, a class that is not its own is claimed with a probability of at most {100 * rule.worst_error:.2g} % "
+        f"(sequential tests, {rule.min_runs} to {rule.max_runs} runs)"
+    )
+    return Classes(names, unknown, unknown, rule.error, controls)
+
+
+def runs_saved(rule: StoppingRule, runs: ArrayLike) -> Savings:
+    """What `rule` saved, with the (m,) numbers of runs that were done of each configuration."""
+    done = np.asarray(runs)
+    return Savings(int(done.sum()), int(done.size) * rule.max_runs)
+
+
+def _characteristics(
+    lattice: Sequence[NDArray[np.intp]], looks: frozenset[int], rates: Floats, bounds: Bounds
+) -> OperatingCharacteristics:
+    """Follow the probabilities of (n, x) through the claims `lattice`, looked at after `looks` runs."""
+    alive = np.zeros((len(rates), len(lattice)))
+    alive[:, 0] = 1.0
+    ends = np.zeros((len(CLAIMS), len(rates)))
+    expected = np.zeros(len(rates))
+    for n in range(1, len(lattice)):
+        expected += alive.sum(axis=1)
+        alive = _after_a_run(alive, rates)
+        if n in looks:
+            for claim in range(len(CLAIMS)):
+                there = np.flatnonzero(lattice[n] == claim)
+                ends[claim] += alive[:, there].sum(axis=1)
+                alive[:, there] = 0.0
+    wrong = ends.sum(axis=0) - ends[bounds.of(rates), np.arange(len(rates))]
+    return OperatingCharacteristics(rates, ends[0], ends[1], ends[2], alive.sum(axis=1), wrong, expected)
+
+
+def _evidence(x: Floats, n: Floats, null: float, alternative: float) -> Floats:
+    """Log likelihood ratio of `alternative` against `null`."""
+    return np.asarray(x * np.log(alternative / null) + (n - x) * np.log((1 - alternative) / (1 - null)))
+
+
+def _reached(evidence: Floats, threshold: float, rates: Floats) -> Floats:
+    """Probability (k,) that the evidence (N + 1, N + 1), by runs and passes, reaches `threshold` in N runs."""
+    runs = len(evidence) - 1
+    alive = np.zeros((len(rates), runs + 1))
+    alive[:, 0] = 1.0
+    for n in range(1, runs + 1):
+        alive = _after_a_run(alive, rates)
+        alive[:, evidence[n] >= threshold] = 0.0
+    left: Floats = alive.sum(axis=1)
+    return 1.0 - left
+
+
+def _after_a_run(alive: Floats, rates: Floats) -> Floats:
+    """Probabilities (k, N + 1) of each number of passes, one run later."""
+    after: Floats = alive * (1 - rates)[:, None]
+    after[:, 1:] += alive[:, :-1] * rates[:, None]
+    return after

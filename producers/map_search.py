@@ -1,0 +1,59 @@
+"""Where the maps are that a campaign file names: beside it, or in a folder that the user gives."""
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vastflow.producers.faults import did_you_mean
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import MapError, map_content
+
+
+@dataclass
+class MapSearch:
+    """Finds the maps of one campaign file.
+
+    A map is looked for below the file's folder first, then by the same relative path below `map_dir`. Where it was found is in no
+    digest: those cover what the maps hold.
+
+    Attributes:
+        base: The campaign file's folder.
+        map_dir: Folder of maps that are not beside the file.
+        borrowed: Path of each map that was found there, to its name in the campaign file; grows with `content`.
+    """
+
+    base: Path
+    map_dir: Path | None = None
+    borrowed: dict[str, str] = field(default_factory=dict)
+
+    def content(self, name: str) -> FileContent:
+        """The map that the campaign file calls `name`.
+
+        Raises:
+            MapError: it is in neither place, or no map.
+            ValueError: the name is none that a file can have.
+        """
+        path = self.base / name
+        if path.is_file():
+            return map_content(path)
+        if self.map_dir is None:
+            if Path(name).is_absolute() or path.exists():
+                return map_content(path)
+            raise MapError(
+                f"{path}: no such file; a map is a map_server YAML file, here or at this place in a folder that --map-dir names"
+            )
+        there = self.map_dir / name
+        if not there.is_file():
+            offered = self._offered()
+            right = did_you_mean(name, offered) if offered else f"another --map-dir; {self.map_dir} has no map"
+            raise MapError(f"{path}: no such file, and no {there}; {right}")
+        found = map_content(there)
+        self.borrowed[found.path] = name
+        return found
+
+    def _offered(self) -> list[str]:
+        """Names of what may be maps in `map_dir`, at most two folders deep: it may be a home folder by mistake."""
+        assert self.map_dir is not None
+        patterns = ("*.yaml", "*/*.yaml", "*/*/*.yaml")
+        found = [file for pattern in patterns for file in self.map_dir.glob(pattern)]
+        return sorted(Path(os.path.relpath(file, self.map_dir)).as_posix() for file in found)

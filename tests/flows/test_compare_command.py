@@ -1,0 +1,222 @@
+"""The command `compare`: pairs, changes, the gate, JUnit and what can't be compared."""
+
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+from vastflow.flows.tables import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
+
+
+def write(folder, configurations, *, oracles=("success",), seed="", created="2026-11-22T06:00:00"):
+    """A campaign directory without recordings.
+
+    Args:
+        configurations: Name to task, system, and a letter a run: p, f or n for not judged.
+    """
+    folder.mkdir(parents=True)
+    rows, runs, verdicts = [], [], []
+    for name, (task, system, said) in configurations.items():
+        content = {"environment": {}, "task": {"goal": task}, "system": {"noise": system}}
+        row = {
+            "name": name,
+            "family": "f",
+            "scenario_digest": f"{task} {system}",
+            "abstract": "builtin:navigate_to_pose",
+        }
+        rows.append(
+            {**row, "scenario": json.dumps(content), "factors": json.dumps({"noise": system}), "provenance": "{}"}
+        )
+        for k, letter in enumerate(said):
+            runs.append({"configuration": name, "run_index": k, "seed": f"{seed}{task}-{k}"})
+            for oracle in oracles:
+                judgement = {"p": "pass", "f": "fail", "n": "not judged"}[letter]
+                verdict = {"configuration": name, "family": "f", "run_index": k, "oracle": oracle, "metrics": "{}"}
+                verdicts.append({**verdict, "judgement": judgement, "reason": ""})
+    tables = {"configurations": (rows, CONFIGURATIONS), "runs": (runs, RUNS)}
+    tables |= {"verdicts": (verdicts, VERDICTS), "rejections": ([], REJECTIONS)}
+    for table, (content, schema) in tables.items():
+        pq.write_table(pa.Table.from_pylist(content, schema), folder / f"{table}.parquet")
+    (folder / "campaign.vast").write_text("version: 1\n")
+    (folder / "metadata.json").write_text(json.dumps({"name": folder.name, "created": created}))
+    return folder
+
+
+def same(said, system=0, configurations=12):
+    """Configurations alike."""
+    return {f"c{k}": (k, system, said) for k in range(configurations)}
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, ["compare", *map(str, arguments)], terminal_width=160)
+
+
+def as_json(*arguments):
+    result = called(*arguments, "--json")
+    return json.loads(result.stdout)
+
+
+@pytest.fixture
+def before(tmp_path):
+    return write(tmp_path / "before", same("p" * 10))
+
+
+@pytest.fixture
+def worse(tmp_path):
+    return write(tmp_path / "worse", {**same("p" * 10, system=1), "c3": (3, 1, "f" * 10)})
+
+
+def test_equal_campaigns_have_no_difference_and_hold_the_gate(before, tmp_path):
+    result = called(before, write(tmp_path / "after", same("p" * 10)), "--gate")
+    assert result.exit_code == 0, result.output
+    assert "12 configurations paired (all equal), 120 pairs of runs" in result.stdout
+    assert "gate holds: a loss of 2 points or more is ruled out" in result.stdout
+
+
+def test_a_configuration_that_fails_newly_is_named_and_the_gate_does_not_hold(before, worse):
+    result = called(before, worse, "--gate")
+    assert result.exit_code == 1
+    assert "12 configurations paired (12 of them with another system)" in result.stdout
+    assert "newly failing: 1 configuration" in result.stdout
+    assert "c3" in result.stdout and "10 of 10  0 of 10" in result.stdout
+    assert "gate does not hold" in result.stdout
+
+
+def test_without_gate_the_exit_code_says_nothing_of_the_result(before, worse):
+    assert called(before, worse).exit_code == 0
+
+
+def test_a_margin_that_is_wide_enough_lets_the_gate_hold(before, worse):
+    assert called(before, worse, "--gate", "--margin", 0.5).exit_code == 0
+
+
+def test_what_passes_newly_is_shown_as_such(before, worse):
+    assert "newly passing: 1 configuration" in called(worse, before).stdout
+    found = as_json(worse, before)
+    assert [(one["configuration"], one["shown"], one["worse"]) for one in found["changes"]] == [("c3", True, False)]
+
+
+def test_json_has_the_numbers_of_the_table(before, worse):
+    found = as_json(before, worse)
+    assert list(found["paired"].values()) == [12, 0, 12, 120, 120]
+    assert list(found["paired"]) == ["configurations", "equal", "other_system", "runs", "judged_both_times"]
+    assert found["difference"]["difference"] == pytest.approx(-10 / 120)
+    assert (found["difference"]["lost"], found["difference"]["gained"]) == (10, 0)
+    assert found["oracles"]["success"]["lost"] == 10
+
+
+def test_each_level_of_a_factor_has_its_row(tmp_path):
+    systems = {f"c{k}-{s}": (k, s, "p" * 8) for k in range(6) for s in (0, 1)}
+    lost = {name: (k, s, "f" * 8 if s else "p" * 8) for name, (k, s, _) in systems.items()}
+    found = as_json(write(tmp_path / "a", systems), write(tmp_path / "b", lost))
+    levels = {one["level"]: one["difference"] for one in found["levels"]}
+    assert levels == {"0": 0.0, "1": -1.0}
+
+
+def test_runs_that_were_not_judged_both_times_are_counted_and_in_no_rate(before, tmp_path):
+    found = as_json(before, write(tmp_path / "after", same("pppnnppppf")))
+    assert (found["paired"]["runs"], found["paired"]["judged_both_times"]) == (120, 96)
+    assert found["difference"]["lost"] == 12
+
+
+def test_configurations_and_runs_without_a_counterpart_are_counted_and_listed(tmp_path):
+    before = write(tmp_path / "a", {"old": (90, 0, "pp"), "both": (1, 0, "pppp")})
+    after = write(tmp_path / "b", {"both": (1, 1, "pp"), "new": (91, 0, "pp")})
+    result = called(before, after)
+    assert "not paired: 1 configuration only in A: old" in result.stdout
+    assert "not paired: 1 configuration only in B: new" in result.stdout
+    assert "not paired: 2 runs of A with a seed that the other has not" in result.stdout
+
+
+def test_a_renamed_configuration_is_paired_by_its_content(tmp_path):
+    before = write(tmp_path / "a", {"old": (1, 0, "pppp"), "same": (2, 0, "pppp")})
+    after = write(tmp_path / "b", {"new": (1, 7, "ffff"), "same": (2, 0, "pppp")})
+    found = as_json(before, after)
+    assert [(one["configuration"], one["was"]) for one in found["changes"]] == [("new", "old")]
+
+
+def test_several_systems_on_one_task_are_paired_by_name_or_not_at_all(tmp_path):
+    before = write(tmp_path / "a", {"slow": (1, 1, "pp"), "fast": (1, 2, "pp"), "third": (1, 3, "pp")})
+    after = write(tmp_path / "b", {"slow": (1, 4, "pp"), "quick": (1, 5, "pp"), "fourth": (1, 6, "pp")})
+    found = as_json(before, after)
+    assert found["paired"]["configurations"] == 1
+    assert found["unpaired"]["ambiguous"] == ["quick", "fourth"]
+    assert found["unpaired"]["only_before"] == ["fast", "third"]
+
+
+def test_only_the_oracles_that_judged_both_count(tmp_path):
+    before = write(tmp_path / "a", same("pp"), oracles=("success",))
+    after = write(tmp_path / "b", same("pp"), oracles=("success", "safety"))
+    assert list(as_json(before, after)["oracles"]) == ["success"]
+
+
+def test_one_oracle_can_be_compared_alone(tmp_path):
+    before = write(tmp_path / "a", same("pp"), oracles=("success", "safety"))
+    assert as_json(before, before, "--oracle", "safety")["oracle"] == "safety"
+
+
+def test_an_oracle_that_is_not_there_is_answered_with_the_nearest(before):
+    result = called(before, before, "--oracle", "sucess")
+    assert result.exit_code == 2
+    assert "--oracle sucess: did not judge both campaigns; did you mean 'success'?" in result.stderr
+
+
+def test_campaigns_without_a_common_configuration_are_bad_input(before, tmp_path):
+    result = called(before, write(tmp_path / "other", {"x": (99, 0, "pp")}), "--gate")
+    assert result.exit_code == 2
+    assert "nothing to compare: no configuration of one has the environment" in result.stderr
+
+
+def test_other_seeds_are_bad_input_that_names_the_key(before, tmp_path):
+    result = called(before, write(tmp_path / "other", same("p" * 10), seed="7-"))
+    assert result.exit_code == 2
+    assert "none of their runs have a seed in common; `execution.seed` must be the same" in result.stderr
+
+
+def test_what_is_no_campaign_directory_is_bad_input(before, tmp_path):
+    result = called(before, tmp_path / "nowhere")
+    assert result.exit_code == 2
+    assert "no such folder" in result.stderr
+
+
+def test_a_damaged_directory_is_bad_input(before, worse):
+    (worse / "verdicts.parquet").write_bytes(b"")
+    result = called(before, worse)
+    assert result.exit_code == 2
+    assert "damaged campaign directory" in result.stderr
+
+
+def test_the_junit_file_has_the_gate_and_every_configuration(before, worse, tmp_path):
+    called(before, worse, "--junit", tmp_path / "compare.xml")
+    gate, configurations = ElementTree.parse(tmp_path / "compare.xml").getroot()
+    assert (gate.get("name"), gate.get("failures")) == ("gate", "1")
+    assert (configurations.get("tests"), configurations.get("failures")) == ("12", "1")
+    (failed,) = [case for case in configurations if case.find("failure") is not None]
+    assert failed.get("name") == "c3"
+    assert failed.find("failure").get("message") == "newly failing: 10 of 10 before, 0 after"
+
+
+def test_a_junit_file_that_cant_be_written_is_bad_input(before, worse, tmp_path):
+    result = called(before, worse, "--junit", tmp_path / "no" / "compare.xml")
+    assert result.exit_code == 2
+    assert "can't be written" in result.stderr
+
+
+def test_a_configuration_without_a_map_is_named_and_not_drawn(before, worse):
+    result = called(before, worse)
+    assert "not drawn: c3: it has no map" in result.stderr
+    assert not (worse / "comparisons").exists()
+
+
+def test_the_options_are_all_described():
+    page = (Path(__file__).parents[2] / "docs" / "compare-campaigns.md").read_text()
+    described = set(re.findall(r"^\| `(--[a-z]+)", page, re.MULTILINE))
+    command = get_command(app).commands["compare"]
+    assert described == {name for option in command.params for name in option.opts if name.startswith("--")}

@@ -1,0 +1,103 @@
+"""The selection of a campaign: by name, and as a sample."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.flows.api import run_campaign
+from vastflow.flows.members import narrowed
+from vastflow.flows.selection import EVERYTHING, Selection, sampled
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.instantiate import Instantiation, mark_duplicates
+from vastflow.sim.scenario import scenario_of
+
+FILE = Path("campaign.vast")
+
+
+def instantiation(**families: list[int]) -> Instantiation:
+    """Configurations of these families; equal numbers are equal content."""
+    configurations = [
+        Configuration(
+            f"{family}-{k}", family, scenario_of({"number": number}, {}, abstract="", timeout_s=1.0), {}, {}, ()
+        )
+        for family, numbers in families.items()
+        for k, number in enumerate(numbers, 1)
+    ]
+    return Instantiation(tuple(mark_duplicates(configurations)), (), (), {})
+
+
+def names(found: Instantiation) -> list[str]:
+    return [each.name for each in found.configurations]
+
+
+def distinct(found: Instantiation) -> set[str]:
+    return {each.name for each in found.configurations if each.duplicate_of is None}
+
+
+LARGE = instantiation(a=list(range(60)), b=list(range(100, 130)), c=list(range(200, 210)))
+
+
+@given(st.integers(1, 110), st.integers(1, 110), st.integers(0, 3))
+def test_a_larger_sample_contains_a_smaller_one(one, other, seed):
+    small, large = sorted((one, other))
+    assert distinct(sampled(LARGE, small, seed)) <= distinct(sampled(LARGE, large, seed))
+
+
+@given(st.integers(1, 100), st.integers(0, 3))
+def test_each_family_has_its_share_to_the_nearest_whole_number(size, seed):
+    shares = Counter(each.family for each in sampled(LARGE, size, seed).configurations)
+    for family, of in (("a", 60), ("b", 30), ("c", 10)):
+        assert abs(shares[family] - size * of / 100) <= 1
+
+
+def test_the_sample_follows_from_content_and_seed_and_not_from_names_or_order():
+    renamed = instantiation(z=list(reversed(range(60))))
+    plain = instantiation(a=list(range(60)))
+
+    def digests(found):
+        return {each.scenario.digest for each in found.configurations}
+
+    assert digests(sampled(renamed, 20, 1)) == digests(sampled(plain, 20, 1)) != digests(sampled(plain, 20, 2))
+
+
+def test_a_new_configuration_moves_only_itself_into_a_sample():
+    before, after = instantiation(a=list(range(60))), instantiation(a=[*range(60), 99])
+    assert len(distinct(sampled(before, 20, 1)) - distinct(sampled(after, 20, 1))) <= 1
+
+
+def test_a_sample_keeps_the_order_and_the_duplicates_of_what_is_in_it():
+    found = sampled(instantiation(a=[5, 6, 7, 5, 6, 5]), 1, 0)
+    assert len(distinct(found)) == 1
+    (first, *others) = found.configurations
+    assert {each.duplicate_of for each in others} <= {first.name}
+    assert len(names(found)) == {"a-1": 3, "a-2": 2, "a-3": 1}[first.name]
+    assert found.sampled_from == 3
+
+
+def test_a_sample_of_more_than_there_are_is_all():
+    assert names(sampled(LARGE, 1000, 0)) == names(LARGE)
+
+
+def test_a_sample_is_drawn_from_what_is_selected_by_name():
+    found = narrowed(LARGE, Selection(["b"], 7, 0), FILE)
+    assert (len(names(found)), found.sampled_from) == (7, 30)
+    assert {each.family for each in found.configurations} == {"b"}
+
+
+def test_without_a_selection_everything_is_there_and_is_no_sample():
+    assert narrowed(LARGE, EVERYTHING, FILE) is LARGE
+    assert LARGE.sampled_from is None
+
+
+def test_an_unknown_name_is_refused_with_the_nearest():
+    with pytest.raises(CampaignError, match="no family or configuration 'aa'"):
+        narrowed(LARGE, Selection(["aa"], 5), FILE)
+
+
+def test_a_sample_of_none_is_a_mistake_of_the_caller(tmp_path):
+    with pytest.raises(ValueError, match="sample is at least 1, got 0"):
+        run_campaign(tmp_path / "none.vast", sample=0)

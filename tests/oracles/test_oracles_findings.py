@@ -1,0 +1,65 @@
+"""What is found of a synthetic campaign directory."""
+
+import json
+
+import pytest
+
+from vastflow.oracles.findings import findings_json, findings_of, named, shape_of, stopping_rule
+from vastflow.oracles.tables import read_tables
+
+TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
+WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
+
+
+@pytest.fixture
+def found(synthetic_campaign, tmp_path, build):
+    """Twelve configurations of two families with the same keys, where noise does harm; and one family with others."""
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+
+    def add(name, family, factors, failed):
+        runs = [build.a_recording(WAY, run_index=i, outcome="aborted" if i < failed else "succeeded") for i in range(4)]
+        synthetic_campaign.add(name, family, room, TASK, recordings=runs, factors=factors)
+
+    for k in range(12):
+        family = ("east", "west")[k % 2]
+        add(f"{family}-{k}", family, {"noise": (0.0, 0.4)[k // 2 % 2]}, 4 * (k // 2 % 2))
+    for k in range(2):
+        add(f"other-{k}", "other", {"boxes": k}, k)
+    return findings_of(read_tables(synthetic_campaign.write()))
+
+
+def test_families_in_which_the_same_varies_are_compared_with_each_other_and_no_others(found):
+    assert [design.families for design in found.designs] == [("east", "west"), ("other",)]
+    names = {factor.name for factor in found.designs[0].analysis.factors}
+    assert names == {"family", "noise"}
+
+
+def test_the_factor_that_does_harm_comes_first(found):
+    noise = found.designs[0].analysis.factors[0]
+    assert (noise.name, noise.highest, noise.lowest, noise.difference) == ("noise", "0.4", "0.0", 1.0)
+
+
+def test_configurations_that_always_and_never_and_sometimes_fail_are_counted(found):
+    assert shape_of(found) == {"always": 7, "never": 6, "mixed": 1}
+    assert (found.total_failures.failures, found.total_failures.of_failures) == (24, 25)
+
+
+def test_findings_are_json(found):
+    said = json.loads(json.dumps(findings_json(found), allow_nan=False))
+    assert set(said) == {"classes", "total_failures", "dispersion", "factors", "weighted", "saved"}
+    assert (said["weighted"], said["saved"]) == (None, None)
+
+
+def test_a_fixed_number_of_runs_has_no_stopping_rule():
+    assert stopping_rule({}) is None
+
+
+def test_a_stopping_rule_is_read_with_what_the_campaign_says_of_it():
+    rule = stopping_rule({"stopping": {"min": 4, "max": 30, "reliable": 0.9}})
+    assert (rule.min_runs, rule.max_runs, rule.bounds.reliable, rule.bounds.systematic) == (4, 30, 0.9, 0.2)
+
+
+def test_a_file_is_called_by_its_name_where_there_is_one():
+    assert named({"file": "abcdef0123"}, {"abcdef0123": "office"}) == "office"
+    assert named({"file": "abcdef0123"}, {}) == "abcdef01"
+    assert named(0.4, {}) == 0.4

@@ -1,0 +1,200 @@
+"""Notebooks as oracles."""
+
+import json
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vastflow.oracles.conformance import CHECKS
+from vastflow.oracles.notebook_file import NotebookError
+from vastflow.oracles.oracle import Oracle, OracleError, oracle_of
+from vastflow.oracles.run_tables import SIGNALS, run_tables
+from vastflow.oracles.sample_runs import SampleRun, sample_runs
+from vastflow.tasks.source import installed_tree
+
+EXAMPLE = Path(__file__).parents[2] / "campaigns" / "notebook"
+
+LEAVES = """\
+metrics = {"distance": "m"}
+verdicts = [
+    {"run_index": run["run_index"], "judgement": "pass", "distance": run["distance_m"]} for run in runs.to_pylist()
+]
+"""
+
+
+def cell(code: str, *tags: str, kind: str = "code") -> dict[str, Any]:
+    return {"cell_type": kind, "metadata": {"tags": list(tags)}, "source": code.splitlines(True)}
+
+
+def written(folder: Path, *cells: dict[str, Any] | str, nbformat: int = 4) -> Path:
+    whole = [cell(each) if isinstance(each, str) else each for each in cells]
+    (folder / "judge.ipynb").write_text(json.dumps({"cells": whole, "metadata": {}, "nbformat": nbformat}))
+    return folder
+
+
+def notebook(folder: Path, *cells: dict[str, Any] | str, **parameters: Any) -> Oracle[Any]:
+    return oracle_of("judge.ipynb", parameters, written(folder, *cells))
+
+
+def run_called(name: str) -> SampleRun:
+    (found,) = (run for run in sample_runs() if run.name == name)
+    return found
+
+
+CORRIDOR = run_called("an empty corridor")
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_the_worked_example_keeps_the_contract(check) -> None:
+    check(oracle_of("lost.ipynb", {"max_error_m": 0.025}, EXAMPLE), sample_runs())
+
+
+def test_the_worked_example_counts_the_time_that_a_robot_drives_while_lost() -> None:
+    # The sample's error is 0.02 + 0.01 sin(k) m at row k, and it drives at all rows but the last.
+    rows = sum(math.sin(k) > 0.5 for k in range(1, 100))
+    verdict = oracle_of("lost.ipynb", {"max_error_m": 0.025}, EXAMPLE).judge(CORRIDOR.trace, CORRIDOR.situation)
+    assert verdict.metrics["lost_time"].value == pytest.approx(0.1 * rows) == 3.4
+    assert verdict.reason == "drove for 3.4 s more than 0.025 m from where it believed to be"
+
+
+def test_a_notebook_judges_a_block_of_runs_at_once(tmp_path) -> None:
+    oracle = notebook(tmp_path, LEAVES)
+    verdicts = oracle.judge_all([CORRIDOR.trace], CORRIDOR.situation)
+    assert [(v.oracle, v.run_index, v.judgement, v.metrics["distance"].value) for v in verdicts] == [
+        ("judge.ipynb", 3, "pass", 5.0)
+    ]
+
+
+def test_parameters_of_the_campaign_file_replace_those_of_the_notebook(tmp_path) -> None:
+    parameters = cell("limit = 1.5\nword: str = 'slow'", "parameters")
+    fails = "verdicts = [{'run_index': 3, 'judgement': 'fail', 'reason': f'{word} {limit}'}]"
+    assert notebook(tmp_path, parameters, fails).judge(CORRIDOR.trace, CORRIDOR.situation).reason == "slow 1.5"
+    said = notebook(tmp_path, parameters, fails, limit=2).judge(CORRIDOR.trace, CORRIDOR.situation)
+    assert said.reason == "slow 2.0"
+
+
+def test_an_unknown_parameter_of_a_notebook_names_the_nearest(tmp_path) -> None:
+    with pytest.raises(OracleError, match=r"judge\.ipynb\.limt: unknown key 'limt'; did you mean 'limit'"):
+        notebook(tmp_path, cell("limit = 1.5", "parameters"), LEAVES, limt=2)
+
+
+def test_cells_for_looking_and_prose_are_left_out(tmp_path) -> None:
+    oracle = notebook(
+        tmp_path, cell("%matplotlib inline", "skip-execution"), cell("Some words.", kind="markdown"), LEAVES
+    )
+    assert oracle.judge(CORRIDOR.trace, CORRIDOR.situation).judgement == "pass"
+
+
+def test_what_a_notebook_prints_is_not_shown(tmp_path, capsys) -> None:
+    notebook(tmp_path, "print('hello')", LEAVES).judge(CORRIDOR.trace, CORRIDOR.situation)
+    assert capsys.readouterr().out == ""
+
+
+def test_a_run_that_the_notebook_leaves_out_is_not_judged(tmp_path) -> None:
+    verdict = notebook(tmp_path, "verdicts = []").judge(CORRIDOR.trace, CORRIDOR.situation)
+    assert (verdict.judgement, verdict.reason) == ("not judged", "the notebook has no verdict on this run")
+
+
+def test_verdicts_may_be_a_table(tmp_path) -> None:
+    table = "import pyarrow as pa\nverdicts = pa.table({'run_index': [3], 'judgement': ['pass'], 'd': [float('nan')]})"
+    verdict = notebook(tmp_path, "metrics = {'d': 'm'}", table).judge(CORRIDOR.trace, CORRIDOR.situation)
+    assert (verdict.judgement, verdict.metrics["d"].value) == ("pass", None)
+
+
+@pytest.mark.parametrize(
+    ("left", "message"),
+    [
+        ("pass", "judge.ipynb: it leaves no 'verdicts'; a table or list of rows, one for each run"),
+        ("verdicts = [{'run_index': 8}]", r"verdict 1: found run_index 8; one of the runs \[3\]"),
+        (
+            "verdicts = [{'run_index': 3, 'judgement': 'ok'}]",
+            "found judgement 'ok'; one of 'pass', 'fail', 'not judged'",
+        ),
+        ("verdicts = [{'run_index': 3, 'judgement': 'fail'}]", "verdict 1: 'fail' without a reason"),
+        (
+            "verdicts = 2 * [{'run_index': 3, 'judgement': 'pass'}]",
+            "verdict 2: a second one on run 3; one for each run",
+        ),
+        ("verdicts = [{'run_index': 3, 'judgement': 'pass', 'x': 1}]", "found 'x'; name it with its unit in 'metrics'"),
+        ("a = 1\nb = a / 0", "judge.ipynb: cell 2, line 2: ZeroDivisionError: division by zero"),
+    ],
+)
+def test_a_notebook_that_gives_no_verdicts_is_broken_and_says_where(tmp_path, left: str, message: str) -> None:
+    oracle = notebook(tmp_path, "first = 1", left)
+    with pytest.raises(NotebookError, match=message):
+        oracle.judge(CORRIDOR.trace, CORRIDOR.situation)
+
+
+@pytest.mark.parametrize(
+    ("cells", "message"),
+    [
+        (
+            ["%matplotlib inline"],
+            "cell 1, line 1: found '%matplotlib inline'; Python alone; .* tagged 'skip-execution'",
+        ),
+        ([cell("import numpy", "parameters")], "cell 1, line 1: found 'import numpy'; name = literal"),
+        ([cell("a = b", "parameters")], "cell 1, line 1: found 'a = b'; name = literal"),
+        (["metrics = {'a': 1}"], r"cell 1: found metrics = \{'a': 1\}; names and units"),
+    ],
+)
+def test_a_notebook_that_cannot_judge_is_a_fault_of_the_request(tmp_path, cells: list[Any], message: str) -> None:
+    with pytest.raises(OracleError, match=message):
+        notebook(tmp_path, *cells)
+
+
+def test_what_is_no_notebook_is_a_fault_of_the_request(tmp_path) -> None:
+    with pytest.raises(OracleError, match="found nbformat 3; a notebook of format 4"):
+        oracle_of("judge.ipynb", {}, written(tmp_path, LEAVES, nbformat=3))
+    (tmp_path / "judge.ipynb").write_text("not JSON")
+    with pytest.raises(OracleError, match=r"judge\.ipynb: it can't be read: JSONDecodeError"):
+        oracle_of("judge.ipynb", {}, tmp_path)
+    with pytest.raises(OracleError, match=r"no file .*absent\.ipynb'; a notebook beside the campaign file"):
+        oracle_of("absent.ipynb", {}, tmp_path)
+
+
+def test_a_notebook_s_error_can_be_sent_to_another_process() -> None:
+    error = pickle.loads(pickle.dumps(NotebookError("found this", "that")))
+    assert (str(error), error.what) == ("found this; that", "found this")
+
+
+# What a judgement follows from
+
+
+def source_of(folder: Path, *cells: dict[str, Any] | str) -> str:
+    return installed_tree().plug_in_digest(type(notebook(folder, *cells)))
+
+
+def test_code_changes_the_source_digest_of_a_notebook_and_nothing_else_does(tmp_path) -> None:
+    prose, look = cell("words", kind="markdown"), cell("%time 1", "skip-execution")
+    before = source_of(tmp_path, LEAVES)
+    assert source_of(tmp_path, prose, look, {**cell(LEAVES), "outputs": [1], "execution_count": 7}) == before
+    assert source_of(tmp_path, f"# a comment\n{LEAVES}") == before
+    assert source_of(tmp_path, f"x = 1\n{LEAVES}") != before
+
+
+def test_the_cell_of_the_parameters_is_part_of_a_notebook_s_code(tmp_path) -> None:
+    assert source_of(tmp_path, "a = 1", LEAVES) != source_of(tmp_path, cell("a = 1", "parameters"), LEAVES)
+
+
+# Tables
+
+
+def test_tables_have_a_row_for_each_row_and_each_run() -> None:
+    late = run_called("an obstacle that appears late")
+    tables = run_tables([CORRIDOR.trace, late.trace], late.situation)
+    assert tables.traces.num_rows == len(CORRIDOR.trace) + len(late.trace)
+    assert tables.traces["appearing_clearance_m"].null_count == len(CORRIDOR.trace)
+    assert tables.runs["outcome"].to_pylist() == ["succeeded", "timed_out"]
+    assert tables.runs["events"][1].as_py() == [
+        {"t_s": 5.0, "kind": "spawned", "x_m": 3.5, "y_m": 0.0, "what": "carton", "value": 0.0}
+    ]
+
+
+def test_tables_of_no_robot_and_of_no_runs_have_their_columns() -> None:
+    for traces in ([run_called("no robot").trace], []):
+        tables = run_tables(traces, CORRIDOR.situation)
+        assert tables.traces.column_names == ["run_index", *SIGNALS]
+        assert (tables.traces.num_rows, tables.runs.num_rows) == (0, len(traces))

@@ -1,0 +1,202 @@
+"""Results of the paper's campaigns beside the paper's own."""
+
+import json
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from vastflow.oracles.paper_page import paper_page
+from vastflow.oracles.paper_results import NotThePapers, Requested, paper_results, requested_of
+from vastflow.oracles.published import ALL_RUNS, PUBLISHED
+from vastflow.oracles.rates import Counts
+
+RADIUS = "global_costmap.robot_radius"
+
+
+def family(kind="cartesian", *, rows, product, realised, duplicate=0, rejected=None, factors=()):
+    return {
+        "design": {"kind": kind, "rows": rows, "product": product, "size": rows},
+        "realised": realised,
+        "duplicate": duplicate,
+        "unrealisable_by": {name: {"count": n} for name, n in (rejected or {}).items()},
+        "factors": [{"name": name, "levels": levels} for name, levels in factors],
+    }
+
+
+def coverage(*families):
+    return {
+        "families": {str(i): each for i, each in enumerate(families)},
+        "duplicate": sum(each["duplicate"] for each in families),
+        "realised": sum(each["realised"] for each in families),
+    }
+
+
+def written(directory, name, configurations, runs, verdicts, found=None, *, asked=2, **counts):
+    """A campaign directory with what the page reads.
+
+    Args:
+        configurations: Name, duplicate_of, factors, provenance.
+        runs: Configuration, simulated time, distance.
+        verdicts: Configuration, run index, oracle, judgement, metrics.
+    """
+    directory.mkdir()
+    said = {}
+    for _, _, oracle, judgement, _ in verdicts:
+        each = said.setdefault(oracle, {"passed": 0, "failed": 0, "not_judged": 0})
+        each[{"pass": "passed", "fail": "failed", "not judged": "not_judged"}[judgement]] += 1
+    counts = {"executed": len(runs), "simulated_s": 100.0, "cpu_s": 20.0, "oracles": said, **counts}
+    metadata = {"name": name, "asked": {"runs": asked}, "counts": counts, "host": {"cpus": 2}}
+    (directory / "metadata.json").write_text(json.dumps(metadata))
+    (directory / "coverage.json").write_text(json.dumps(found or coverage(family(rows=2, product=2, realised=2))))
+    tables = {
+        "configurations": (("name", "duplicate_of", "factors", "provenance"), configurations),
+        "runs": (("configuration", "simulated_s", "distance_m"), runs),
+        "verdicts": (("configuration", "run_index", "oracle", "judgement", "metrics"), verdicts),
+    }
+    for table, (names, rows) in tables.items():
+        columns = {
+            key: [json.dumps(v) if isinstance(v, dict) else v for v in c]
+            for key, c in zip(names, zip(*rows, strict=True), strict=True)
+        }
+        pq.write_table(pa.table(columns), directory / f"{table}.parquet")
+    (directory / "logs").mkdir()
+    (directory / "logs" / "a-1.json").write_text(json.dumps([{"cpu_s": 0.25}] * len(runs)))
+    return directory
+
+
+@pytest.fixture
+def safety(tmp_path):
+    """Without obstacles everything passes, and thrice; with boxes one run reaches the goal too near to one."""
+    configurations = [
+        ("a-1", None, {RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        ("a-2", "a-1", {RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        ("a-3", "a-1", {RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        ("a-4", None, {RADIUS: 0.175, "static_objects": [{}] * 5}, {"_path_length": 9.6}),
+    ]
+    runs = [("a-1", 20.0, 10.0), ("a-1", 20.0, 10.0), ("a-4", 60.0, 20.0), ("a-4", 60.0, 20.0)]
+    verdicts = [
+        *((name, i, oracle, "pass", {}) for name, i in (("a-1", 0), ("a-1", 1)) for oracle in ("success", "safety")),
+        *(("a-4", 0, oracle, judgement, {}) for oracle, judgement in (("success", "pass"), ("safety", "fail"))),
+        *(("a-4", 1, oracle, judgement, {}) for oracle, judgement in (("success", "fail"), ("safety", "pass"))),
+    ]
+    found = coverage(family(rows=4, product=4, realised=2, duplicate=2))
+    return written(tmp_path / "safety", "paper-safety-original-maps", configurations, runs, verdicts, found)
+
+
+@pytest.fixture
+def robustness(tmp_path):
+    factors = {
+        "number_of_loops": 0,
+        "laserscan_gaussian_noise_std_deviation": 0.05,
+        "laserscan_random_drop_percentage": 0.1,
+    }
+    measured = [(1.0, 9.0, 0.3, 0.02, 0.3), (0.2, 5.0, 0.1, 0.01, 0.31)]
+    names = ("update", "step", "metre", "mean", "maximum")
+    verdicts = []
+    for i, values in enumerate(measured):
+        metrics = {name: {"value": value, "unit": "m"} for name, value in zip(names, values, strict=True)}
+        judgement = "pass" if values[0] <= 0.3 else "fail"
+        verdicts += [
+            ("a-1", i, "success", "pass" if i == 0 else "fail", {}),
+            ("a-1", i, "robustness", judgement, {**metrics, "threshold": {"value": 0.3, "unit": "m"}}),
+        ]
+    runs = [("a-1", 30.0, 10.0)] * 2
+    return written(
+        tmp_path / "robustness", "paper-robustness", [("a-1", None, factors, {})], runs, verdicts, sampled_from=1792
+    )
+
+
+def test_the_papers_figures_are_consistent():
+    assert ALL_RUNS == 109_600
+    assert {kind: round(100 * each.rate, 2) for kind, each in PUBLISHED.items()} == {
+        "performance": 98.12,
+        "robustness": 82.8,
+        "safety": 61.24,
+    }
+    assert {kind: each.not_started for kind, each in PUBLISHED.items()} == {
+        "performance": 3997,
+        "robustness": 4390,
+        "safety": 11474,
+    }
+
+
+def test_a_way_that_is_not_there_stands_for_all_that_would_have_followed():
+    """The rooms of the paper's safety campaign: 3 of 9 ways, 24 settings, 2 radii; 6 placements find no room."""
+    factors = (("start_pose, goal_pose", 9), ("static_objects", 24), (RADIUS, 2))
+    rooms = family(
+        rows=132,
+        product=432,
+        realised=102,
+        duplicate=30,
+        rejected={"PathVariationRandom": 6, "OneOfVariation": 6},
+        factors=factors,
+    )
+    assert requested_of(coverage(rooms)) == Requested(432, 288, 12, 30, 102)
+
+
+def test_of_a_family_that_is_a_sample_its_size_was_requested():
+    raster = family("sample", rows=100, product=1262, realised=100, rejected={"PathVariationRasterized": 4})
+    assert requested_of(coverage(raster)) == Requested(100, 0, 0, 0, 100)
+
+
+def test_a_campaign_directory_is_reduced_to_its_figures(safety):
+    found = paper_results(safety)
+    assert (found.kind, found.original_maps, found.runs, found.sampled_from) == ("safety", True, 2, None)
+    assert found.counts == {"a-1": Counts(2, 0), "a-4": Counts(0, 2)}
+    assert found.weights == {"a-1": 3, "a-4": 1}
+    assert found.oracles["safety"] == Counts(3, 1)
+    assert found.reached == Counts(2, 1)
+    assert [(way.simulated_s, way.distance_m) for way in found.ways] == [(40.0, 15.0), (30.0, 12.5)]
+    assert (found.runs_cpu_s, found.alone, found.call) == (1.0, 160.0, 5.0)
+    assert {part.name: part.counts for part in found.parts} == {
+        "global radius 0.220 m": Counts(2, 0),
+        "global radius 0.175 m": Counts(0, 2),
+        "no obstacles": Counts(2, 0),
+        "obstacles, 0.6 for each metre": Counts(0, 2),
+    }
+
+
+def test_every_basis_of_robustness_is_tabulated(robustness):
+    bases = {basis.name: (basis.alone, basis.reached) for basis in paper_results(robustness).bases}
+    assert bases == {
+        "update": (Counts(1, 1), Counts(0, 2)),
+        "step": (Counts(0, 2), Counts(0, 2)),
+        "metre": (Counts(2, 0), Counts(1, 1)),
+        "mean": (Counts(2, 0), Counts(1, 1)),
+        "maximum": (Counts(1, 1), Counts(1, 1)),
+    }
+
+
+def test_the_page_has_rates_over_distinct_configurations_and_weighted_as_the_paper_counts(safety):
+    page = paper_page([paper_results(safety)])
+    (row,) = (line for line in page.splitlines() if line.startswith("| safety | 2 | 2 |"))
+    assert "| 50.0 % [15.0, 85.0] |" in row
+    assert "| 75.0 % [" in row
+    assert row.endswith("| 61.2 % |")
+
+
+def test_the_page_says_whether_it_is_of_a_sample(safety, robustness):
+    assert "Every distinct configuration was run." in paper_page([paper_results(safety)])
+    assert "A sample of so many configurations was run" in paper_page([paper_results(robustness)])
+
+
+def test_the_same_results_give_the_same_page(safety, robustness):
+    assert paper_page([*map(paper_results, (safety, robustness))]) == paper_page(
+        [*map(paper_results, (safety, robustness))]
+    )
+
+
+def test_a_page_of_nothing_is_only_words():
+    assert "Side by side with the paper" in paper_page([])
+
+
+def test_a_campaign_that_is_none_of_the_papers_is_refused(tmp_path, safety):
+    other = tmp_path / "other"
+    safety.rename(other)
+    metadata = json.loads((other / "metadata.json").read_text())
+    (other / "metadata.json").write_text(json.dumps({**metadata, "name": "quickstart"}))
+    with pytest.raises(
+        NotThePapers, match="campaign 'quickstart' is none of the paper's; one of those in campaigns/paper"
+    ):
+        paper_results(other)

@@ -1,0 +1,101 @@
+"""Walks and scenes of a synthetic campaign directory."""
+
+import json
+
+import numpy as np
+import pytest
+
+from vastflow.oracles import scene as scenes
+from vastflow.oracles.environment_names import environment_names
+from vastflow.oracles.scene import scenes_of
+from vastflow.oracles.tables import read_tables
+from vastflow.oracles.verdict_table import CODES, FAIL, PASS
+from vastflow.oracles.walk import read_walks
+
+TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
+WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
+
+
+@pytest.fixture
+def directory(synthetic_campaign, tmp_path, build):
+    """Ten runs of which the last three end at x = 2.9 m, and a configuration without a recording."""
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+    runs = [build.a_recording(WAY, run_index=i) for i in range(7)]
+    runs += [build.a_recording(WAY[:20], run_index=i, outcome="aborted", reason="stuck") for i in (7, 8, 9)]
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=runs, obstacles=[build.box_at(3.0, 3.0)])
+    synthetic_campaign.add("a-2", "a", room, TASK, fault="our own fault: MemoryError", runs=2)
+    return synthetic_campaign.write()
+
+
+def test_a_walk_is_the_true_way_of_each_run(directory):
+    walks = read_walks(directory, "a-1")
+    assert walks.run_index.tolist() == list(range(10))
+    assert walks.ends_xy_m[[0, 9]].tolist() == pytest.approx(np.array([[5.0, 2.0], [2.9, 2.0]]))
+    line = walks.line(9)
+    assert line[0].tolist() == [1.0, 2.0] and line[-1].tolist() == pytest.approx([2.9, 2.0])
+    assert len(line) == 20
+
+
+def test_a_configuration_without_a_recording_has_no_walks(directory):
+    assert read_walks(directory, "a-2") is None
+
+
+def test_a_scene_has_where_failed_runs_ended_and_how_many_there_were(directory):
+    (scene,) = scenes_of(read_tables(directory))
+    assert (scene.runs.passed, scene.runs.failed, scene.runs.not_judged) == (7, 3, 2)
+    assert scene.failed_xy_m == pytest.approx(np.array([[2.9, 2.0]] * 3))
+    assert scene.missed.tolist() == [True, True, True]
+    assert (len(scene.lines[PASS]), len(scene.lines[FAIL])) == (7, 3)
+    assert scene.starts_xy_m.tolist() == [[1.0, 2.0]]
+    assert len(scene.obstacles) == 1
+
+
+def test_failures_are_counted_over_the_runs_that_came_by(directory):
+    failures = scenes_of(read_tables(directory))[0].failures
+
+    def at(x_m, y_m):
+        column, row = ((np.array([x_m, y_m]) - failures.grid.origin_xy_m) / failures.grid.cell_m).astype(int)
+        return int(failures.failures[row, column]), int(failures.visits[row, column])
+
+    assert at(1.3, 2.01) == (0, 10)
+    assert at(2.88, 2.01) == (3, 10)
+    assert at(4.8, 2.01) == (0, 7)
+    assert at(4.8, 3.5) == (0, 0)
+
+
+def test_of_many_runs_evenly_chosen_ones_are_drawn(directory, monkeypatch):
+    monkeypatch.setattr(scenes, "MAX_LINES", 3)
+    (scene,) = scenes_of(read_tables(directory))
+    assert [len(scene.lines[code]) for code in CODES.values()] == [3, 3, 0]
+    assert scene.runs.passed == 7
+
+
+def test_of_many_maps_those_with_most_failures_are_drawn(synthetic_campaign, tmp_path, build, monkeypatch):
+    for k in range(3):
+        room = build.write_map(tmp_path / f"room{k}", build.walled_room(6.0 + k, 4.0))
+        outcome = {"outcome": "aborted", "reason": "stuck"} if k == 1 else {}
+        synthetic_campaign.add(f"a-{k}", "a", room, TASK, recordings=[build.a_recording(WAY, **outcome)])
+    tables = read_tables(synthetic_campaign.write())
+    monkeypatch.setattr(scenes, "MAX_SCENES", 1)
+    assert [scene.environment for scene in scenes_of(tables)] == [tables.configurations.environments[1]]
+
+
+def test_maps_are_called_by_the_names_of_their_files(directory, tmp_path):
+    environment = read_tables(directory).configurations.environments[0]
+    assert environment_names(directory, [environment]) == {environment: environment[:8]}
+    (directory / "inputs").mkdir()
+    for file in (tmp_path / "room").iterdir() if (tmp_path / "room").is_dir() else tmp_path.glob("room*"):
+        (directory / "inputs" / file.name.replace(".yaml", "_of_mine.yaml")).write_bytes(file.read_bytes())
+    assert environment_names(directory, [environment])[environment].endswith("_of_mine")
+
+
+def test_maps_of_one_floor_plan_are_numbered(synthetic_campaign, tmp_path, build):
+    for k in range(2):
+        room = build.write_map(tmp_path / f"room{k}", build.walled_room(6.0 + k, 4.0))
+        synthetic_campaign.add(f"a-{k}", "a", room, TASK, recordings=[build.a_recording(WAY)])
+    directory = synthetic_campaign.write()
+    environments = read_tables(directory).configurations.environments
+    for k, environment in enumerate(environments):
+        text = json.dumps({"file": "plans/office_wing.fpm", "seed": k})
+        (directory / "environments" / environment / "provenance.json").write_text(text)
+    assert list(environment_names(directory, environments).values()) == ["office_wing 1", "office_wing 2"]

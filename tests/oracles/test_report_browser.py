@@ -1,0 +1,211 @@
+"""The report in a real browser: nothing on its console, tables that sort and filter, plain tables without its script."""
+
+import json
+import re
+import shutil
+import subprocess
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.sync.client import connect
+
+from vastflow.oracles.report import write_report
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+QUIET = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage"),
+    *("--no-first-run", "--remote-debugging-port=0", "--remote-allow-origins=*"),
+)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
+
+
+class Browser:
+    """A page in Chromium, by its debugging protocol."""
+
+    def __init__(self, address: str) -> None:
+        self._socket = connect(address, max_size=None)
+        self._next = 0
+        self.complaints: list[str] = []
+
+    def ask(self, method: str, **parameters: Any) -> Any:
+        """Send a command and wait for its answer; what the page complains of meanwhile is kept."""
+        self._next += 1
+        self._socket.send(json.dumps({"id": self._next, "method": method, "params": parameters}))
+        while True:
+            message = json.loads(self._socket.recv(timeout=60))
+            self._note(message)
+            if message.get("id") == self._next:
+                return message["result"]
+
+    def value(self, expression: str) -> Any:
+        """Value of an expression of JavaScript in the page."""
+        found = self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
+
+    def open(self, file: Path) -> None:
+        """Load a page, and wait until it is loaded with all its pictures."""
+        self.ask("Page.navigate", url=file.as_uri())
+        until = time.monotonic() + 60
+        while self.value("document.readyState + location.protocol") != "completefile:":
+            assert time.monotonic() < until, "the page was not loaded within a minute"
+            time.sleep(0.05)
+
+    def _note(self, message: dict[str, Any]) -> None:
+        told = message.get("params", {})
+        if message.get("method") == "Runtime.exceptionThrown":
+            self.complaints.append(str(told["exceptionDetails"]))
+        elif message.get("method") == "Log.entryAdded" and told["entry"]["level"] in ("error", "warning"):
+            self.complaints.append(told["entry"]["text"])
+        elif message.get("method") == "Runtime.consoleAPICalled" and told["type"] in ("error", "warning", "assert"):
+            self.complaints.append(str(told["args"]))
+
+
+@pytest.fixture(scope="module")
+def debugged(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Where a Chromium listens."""
+    profile = tmp_path_factory.mktemp("chromium")
+    process = subprocess.Popen(
+        [CHROMIUM, *QUIET, f"--user-data-dir={profile}", "about:blank"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        port = profile / "DevToolsActivePort"
+        until = time.monotonic() + 60
+        while not (port.is_file() and port.read_text().count("\n")):
+            assert process.poll() is None and time.monotonic() < until, "Chromium did not start"
+            time.sleep(0.05)
+        with urllib.request.urlopen(f"http://127.0.0.1:{port.read_text().splitlines()[0]}/json") as answer:
+            pages = [page for page in json.load(answer) if page["type"] == "page"]
+        yield pages[0]["webSocketDebuggerUrl"]
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+@pytest.fixture
+def browser(debugged: str) -> Iterator[Browser]:
+    browser = Browser(debugged)
+    for domain in ("Page", "Runtime", "Log"):
+        browser.ask(f"{domain}.enable")
+    yield browser
+    browser.ask("Emulation.setScriptExecutionDisabled", value=False)
+    browser.ask("Emulation.clearDeviceMetricsOverride")
+    browser.ask("Page.navigate", url="about:blank")
+
+
+@pytest.fixture
+def report(synthetic_campaign, tmp_path: Path, build) -> Path:
+    """A report of 70 configurations in two families; the k-th fails k mod 4 of its three runs."""
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+    task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
+    way = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
+    for k in range(70):
+        lost = min(k % 5, 3)
+        runs = [
+            build.a_recording(way[:20], run_index=i, outcome="aborted", reason="stuck </script>") for i in range(lost)
+        ]
+        runs += [build.a_recording(way, run_index=i) for i in range(lost, 3)]
+        family = ("quiet", "noisy")[k % 2]
+        synthetic_campaign.add(
+            f"{family}-{k + 1}", family, room, task, recordings=runs, factors={"noise": 0.1 * (k % 7), "way": k % 3}
+        )
+    directory = synthetic_campaign.write()
+    write_report(directory)
+    return directory / "report.html"
+
+
+ROWS = (
+    "[...document.querySelectorAll('#configurations tbody tr')].map(row => [...row.cells].map(cell => cell.innerText))"
+)
+COUNT = "document.querySelector('#all .tools output').value"
+
+
+def click(head: str) -> str:
+    return f"[...document.querySelectorAll('#configurations th button')].find(b => b.innerText === {head!r}).click()"
+
+
+def chosen(element: str, value: str, event: str) -> str:
+    return f"{{const it = document.querySelector({element!r}); it.value = {value!r}; it.dispatchEvent(new Event({event!r}))}}"
+
+
+def test_the_browser_has_nothing_to_complain_of(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    pictures = "[...document.images].filter(image => { image.loading = 'eager'; return true }).length"
+    assert browser.value(pictures) > 5
+    loaded = "Promise.all([...document.images].map(image => image.decode())).then(() => 'all')"
+    found = browser.ask("Runtime.evaluate", expression=loaded, awaitPromise=True, returnByValue=True)
+    assert found["result"]["value"] == "all"
+    assert browser.complaints == []
+
+
+def test_a_click_on_a_head_sorts_and_a_second_one_turns_the_order_round(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    browser.value(click("Configuration"))
+    names = [row[0] for row in browser.value(ROWS)]
+    assert names[:3] == ["noisy-2", "noisy-4", "noisy-6"]  # by the numbers in them, not noisy-10 before noisy-2
+    browser.value(click("Configuration"))
+    assert browser.value(ROWS)[0][0] == "quiet-69"
+    assert browser.value("document.querySelector('#configurations th').ariaSort") == "descending"
+    browser.value(click("noise"))
+    assert [float(row[-2]) for row in browser.value(ROWS)][:11] == [0.6] * 10 + [0.5]
+
+
+def test_words_and_choices_filter_the_rows_and_the_count_says_so(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    assert browser.value(COUNT) == "50 of 70 rows"
+    browser.value(chosen("#all input", "QUIET-1 undecided", "input"))
+    assert {row[0] for row in browser.value(ROWS)} == {
+        "quiet-1",
+        "quiet-11",
+        "quiet-13",
+        "quiet-15",
+        "quiet-17",
+        "quiet-19",
+    }
+    assert browser.value(COUNT) == "6 of 6 rows (of 70)"
+    browser.value(chosen("#all input", "", "input"))
+    browser.value(chosen("#all select", "noisy", "change"))
+    assert {row[1] for row in browser.value(ROWS)} == {"noisy"}
+
+
+def test_more_rows_are_shown_when_they_are_asked_for(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    assert len(browser.value(ROWS)) == 50
+    browser.value("document.querySelector('#all .more').click()")
+    assert len(browser.value(ROWS)) == 70
+    assert browser.value("document.querySelector('#all .more').hidden") is True
+
+
+def test_heads_can_be_reached_and_pressed_by_keyboard(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    browser.value("document.querySelector('#configurations th button').focus()")
+    for kind in ("rawKeyDown", "char", "keyUp"):
+        browser.ask("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13, text="\r")
+    assert browser.value("document.querySelector('#configurations th').ariaSort") == "ascending"
+
+
+def test_the_worst_come_first_and_a_plain_table_has_them_without_the_script(browser: Browser, report: Path) -> None:
+    browser.ask("Emulation.setScriptExecutionDisabled", value=True)
+    browser.open(report)
+    rows = browser.value(ROWS)
+    assert len(rows) == 40
+    assert rows[0][3].startswith("0\u00a0%")
+    assert browser.value("document.querySelector('#configurations caption').innerText").startswith("The first 40 of 70")
+    assert browser.value("document.querySelectorAll('.tools').length") == 0
+
+
+def test_a_phone_shows_the_page_without_scrolling_sideways(browser: Browser, report: Path) -> None:
+    browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=2, mobile=True)
+    browser.open(report)
+    assert browser.value("document.documentElement.scrollWidth") <= 390
+
+
+def test_what_a_run_says_ends_no_script(report: Path) -> None:
+    page = report.read_text(encoding="utf-8")
+    assert len(re.findall(r"</script>", page)) == len(re.findall(r"<script", page))

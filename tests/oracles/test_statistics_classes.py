@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from vastflow.oracles.statistics.classes import Bounds, classify, runs_for_a_claim, shares, total_failures
+
+
+def test_a_configuration_that_passes_all_of_20_runs_is_reliable_and_one_that_passes_none_systematic() -> None:
+    found = classify([20, 0, 10], [20, 20, 20])
+    assert found.names == ("reliable", "systematic", "flaky")
+
+
+def test_the_p_values_are_binomial_tails_at_the_bounds() -> None:
+    found = classify([19, 1, 9], [20, 20, 20])
+    flaky = max(binom.sf(8, 20, 0.2), binom.cdf(9, 20, 0.8))
+    assert found.p_values == pytest.approx([binom.sf(18, 20, 0.8), binom.cdf(1, 20, 0.2), flaky])
+    assert found.p_values[0] == pytest.approx(0.0692, abs=5e-5)  # 0.8^20 + 20 · 0.2 · 0.8^19, by hand
+
+
+def test_19_of_20_do_not_show_a_rate_of_four_in_five() -> None:
+    assert classify([19], [20]).names == ("undecided",)
+
+
+def test_claims_are_adjusted_by_benjamini_and_hochberg() -> None:
+    # One of ten has p = 0.8^20 = 0.0115: times ten it is above 5 %; seven of ten have 0.0115 · 10 / 7.
+    assert classify([20] + [17] * 9, [20] * 10).count("reliable") == 0
+    found = classify([20] * 7 + [17] * 3, [20] * 10)
+    assert found.count("reliable") == 7
+    assert found.adjusted[0] == pytest.approx(0.8**20 * 10 / 7)
+
+
+def test_without_judged_runs_a_configuration_is_undecided_and_costs_the_others_nothing() -> None:
+    found = classify([20, 0, 0, 2], [20, 0, 0, 2])
+    assert found.names == ("reliable", "undecided", "undecided", "undecided")
+    assert found.adjusted[0] == pytest.approx(0.8**20)
+
+
+def test_nothing_can_be_claimed_of_two_runs_each() -> None:
+    assert set(classify([2, 0, 1], [2, 2, 2]).names) == {"undecided"}
+
+
+def test_no_configurations_have_no_classes() -> None:
+    assert classify([], []).names == ()
+
+
+def test_fourteen_runs_that_agree_are_the_least_for_reliable_and_systematic() -> None:
+    # 0.8^13 = 0.055, 0.8^14 = 0.044.
+    assert runs_for_a_claim() == {"systematic": 14, "flaky": 10, "reliable": 14}
+    assert runs_for_a_claim(Bounds(0.5, 0.9), error=0.05)["reliable"] == 29  # 0.9^28 = 0.052, 0.9^29 = 0.047
+
+
+def test_bounds_that_leave_no_room_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"0 < systematic < reliable < 1 must hold, got 0\.8 and 0\.2"):
+        Bounds(0.8, 0.2)
+
+
+def test_total_failures_are_counted_as_the_paper_counts_them() -> None:
+    found = total_failures([0, 0, 10, 20, 0], [20, 20, 20, 20, 0])
+    assert (found.configurations, found.failures, found.of_failures) == (2, 40, 50)
+    assert found.share == pytest.approx(0.8)
+
+
+def test_without_a_failure_there_is_no_share_of_failures() -> None:
+    assert total_failures([5, 5], [5, 5]).share is None
+
+
+def test_shares_name_every_class() -> None:
+    assert shares(["flaky", "flaky", "undecided"]) == {"systematic": 0, "flaky": 2, "reliable": 0, "undecided": 1}
+
+
+def test_wrong_claims_stay_rare_where_every_configuration_is_on_a_bound() -> None:
+    rng = np.random.default_rng(5)
+    wrong = 0
+    for _ in range(400):
+        names = classify(rng.binomial(30, [0.2] * 20 + [0.8] * 20), np.full(40, 30)).names
+        wrong += any(name not in ("systematic", "undecided") for name in names[:20]) or any(
+            name not in ("reliable", "undecided") for name in names[20:]
+        )
+    assert wrong / 400 <= 0.05 + 4 * (0.05 * 0.95 / 400) ** 0.5

@@ -1,0 +1,122 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest, t
+
+from vastflow.oracles.statistics.comparison import Pairs, by_level, changes, difference, mcnemar
+from vastflow.oracles.statistics.factors import factors_of
+
+
+def pairs(*configurations: tuple[int, int, int, int]) -> Pairs:
+    """Of each configuration, how many pairs passed both times, before alone, after alone, never."""
+    number, before, after = [], [], []
+    for k, counts in enumerate(configurations):
+        for (then, now), times in zip(((1, 1), (1, 0), (0, 1), (0, 0)), counts, strict=True):
+            number += [k] * times
+            before += [then] * times
+            after += [now] * times
+    return Pairs(np.array(number, dtype=np.int64), np.array(before, dtype=bool), np.array(after, dtype=bool))
+
+
+def test_mcnemars_exact_test_is_the_published_one_of_approval_ratings() -> None:
+    # A. Agresti, Categorical Data Analysis, table 10.1: 794, 150, 86, 570.
+    assert mcnemar(150, 86) == pytest.approx(3.716e-5, abs=5e-9)
+
+
+def test_the_mid_p_value_is_the_published_one_of_airway_hyper_responsiveness() -> None:
+    # Fagerland, Lydersen and Laake 2013: 1 and 7 discordant pairs.
+    assert mcnemar(1, 7) == pytest.approx(0.0703, abs=5e-5)
+    assert mcnemar(1, 7, mid_p=True) == pytest.approx(0.0391, abs=5e-5)
+
+
+def test_pairs_that_agree_show_nothing() -> None:
+    assert mcnemar(0, 0) == 1.0
+    assert mcnemar(3, 3) == 1.0
+    assert mcnemar(3, 3, mid_p=True) == pytest.approx(1 - math.comb(6, 3) / 2**6 / 2)
+
+
+def test_the_difference_of_approval_ratings_has_the_published_interval() -> None:
+    # Agresti: -0.04 with a standard error of 0.0095, -0.059 to -0.021; each person is a cluster.
+    found = difference(pairs(*[(1, 0, 0, 0)] * 794, *[(0, 1, 0, 0)] * 150, *[(0, 0, 1, 0)] * 86, *[(0, 0, 0, 1)] * 570))
+    assert found is not None
+    assert found.difference == pytest.approx(-0.04)
+    assert found.interval == pytest.approx((-0.059, -0.021), abs=5e-4)
+
+
+def test_runs_of_one_configuration_change_together() -> None:
+    # Four configurations of ten pairs, one of which lost all: D = -1/4, deviations -7.5, 2.5, 2.5, 2.5;
+    # V = 4/3 · 75 / 1600 = 1/16, t with 3 degrees of freedom.
+    found = difference(pairs((0, 10, 0, 0), *[(10, 0, 0, 0)] * 3))
+    assert found is not None
+    half = float(t.ppf(0.975, 3)) / 4
+    assert found.interval == pytest.approx((max(-1.0, -0.25 - half), -0.25 + half))
+    assert found.p_value == pytest.approx(2 * float(t.sf(1.0, 3)))
+    assert found.mcnemar == pytest.approx(2 / 2**10)
+
+
+def test_pairs_without_a_change_leave_the_interval_of_agresti_and_min() -> None:
+    # (0 + 0 + 1) / 102² of variance.
+    found = difference(pairs(*[(10, 0, 0, 0)] * 10))
+    assert found is not None
+    assert found.interval == pytest.approx((-1.96 / 102, 1.96 / 102), abs=1e-5)
+
+
+def test_one_configuration_speaks_of_itself() -> None:
+    found = difference(pairs((5, 5, 0, 10)))
+    assert found is not None
+    assert (found.configurations, found.p_value, found.mcnemar) == (1, None, pytest.approx(2 / 2**5))
+
+
+def test_without_a_pair_there_is_no_difference() -> None:
+    assert difference(pairs()) is None
+    assert changes(pairs()) == []
+
+
+def test_a_loss_is_ruled_out_where_the_whole_interval_is_above_it() -> None:
+    found = difference(pairs(*[(10, 0, 0, 0)] * 10))
+    assert found is not None
+    assert found.non_inferior(0.02)
+    assert not found.non_inferior(0.019)
+
+
+def test_configurations_that_fail_newly_are_shown_first_and_chance_is_not() -> None:
+    found = changes(pairs((18, 1, 1, 0), (0, 20, 0, 0), (20, 0, 0, 0), (5, 0, 15, 0)))
+    assert [(one.configuration, one.shown, one.worse) for one in found] == [
+        (1, True, True),
+        (3, True, False),
+        (0, False, False),
+    ]
+    assert (found[0].before, found[0].after, found[0].pairs) == (20, 0, 20)
+    assert found[0].p_value == pytest.approx(binomtest(20, 20).pvalue)
+
+
+def test_changes_are_adjusted_for_all_that_could_have_shown_any() -> None:
+    # Three of six discordant pairs, p = 2/64, and one of twenty: Benjamini and Hochberg over four.
+    found = changes(pairs(*[(14, 6, 0, 0)] * 3, (0, 20, 0, 0), *[(19, 1, 0, 0)] * 30))
+    assert [one.adjusted for one in found[:4]] == pytest.approx([4 * 2 / 2**20, *[2 / 64] * 3])
+    assert sum(one.shown for one in found) == 4
+
+
+def test_five_discordant_pairs_can_never_show_a_change() -> None:
+    (found,) = changes(pairs((0, 5, 0, 0)))
+    assert not found.shown and found.adjusted == 1.0
+
+
+def test_each_level_of_each_factor_has_its_difference() -> None:
+    factors, _ = factors_of([{"noise": k % 2} for k in range(8)])
+    losing = pairs(*[(8, 0, 0, 2), (2, 6, 0, 2)] * 4)
+    quiet, loud = by_level(factors, losing)
+    assert (quiet.level, quiet.difference.difference) == ("0", 0.0)
+    assert (loud.level, loud.difference.difference) == ("1", pytest.approx(-0.6))
+    assert loud.adjusted is not None and loud.adjusted < 0.05
+
+
+def test_a_level_without_pairs_is_left_out() -> None:
+    factors, _ = factors_of([{"noise": 0}, {"noise": 1}])
+    assert [one.level for one in by_level(factors, pairs((5, 0, 0, 0)))] == ["0"]
+
+
+def test_a_pair_has_both_outcomes() -> None:
+    with pytest.raises(ValueError, match="a pair has a configuration and two outcomes"):
+        Pairs(np.zeros(2, dtype=np.int64), np.zeros(2, dtype=bool), np.zeros(1, dtype=bool))

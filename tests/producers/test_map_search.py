@@ -1,0 +1,92 @@
+"""Maps beside a campaign file, and in a folder that the user names."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.map_search import MapSearch
+from vastflow.sim.maps import MapError
+
+CAMPAIGN = """\
+configuration:
+  - name: room
+    parameters:
+      - map_file: halls/map.yaml
+    variations:
+      - PathVariationRandom: {path_length: 1.0, path_length_tolerance: 0.3, robot_diameter: 0.2, min_distance: 0.1}
+  - name: rooms
+    variations:
+      - ParameterVariationList: {name: map_file, values: [halls/map.yaml, beside.yaml]}
+      - PathVariationRandom: {path_length: 1.0, path_length_tolerance: 0.3, robot_diameter: 0.2, min_distance: 0.1}
+      - OneOfVariation:
+          variations:
+            - ObstacleVariation: {map_file: halls/map.yaml, obstacle_configs: [{amount: 0, max_distance: 0.1}]}
+"""
+
+
+@pytest.fixture
+def places(tmp_path, drawn_map):
+    """A campaign file whose maps lie partly beside it, and the folder of the others."""
+    one, other = drawn_map(*["." * 40] * 40), drawn_map(*["." * 50] * 30)
+    base, maps = tmp_path / "campaign", tmp_path / "maps"
+    (maps / "halls").mkdir(parents=True)
+    base.mkdir()
+    for content, folder, name in ((one, maps / "halls", "map"), (other, base, "beside")):
+        source = Path(content.path)
+        shutil.copy(source.with_suffix(".pgm"), folder / f"{name}.pgm")
+        (folder / f"{name}.yaml").write_text(source.read_text().replace("map.pgm", f"{name}.pgm"))
+    (base / "two.vast").write_text(CAMPAIGN)
+    return base, maps
+
+
+def test_a_map_that_is_not_beside_the_file_is_found_in_the_folder_of_maps(places):
+    base, maps = places
+    search = MapSearch(base, maps)
+    found = search.content("halls/map.yaml")
+    assert found.path == str(maps / "halls" / "map.yaml")
+    assert search.borrowed == {found.path: "halls/map.yaml"}
+
+
+def test_a_map_beside_the_file_comes_before_one_in_the_folder_of_maps(places):
+    base, maps = places
+    shutil.copytree(maps / "halls", base / "halls")
+    search = MapSearch(base, maps)
+    assert search.content("halls/map.yaml").path == str(base / "halls" / "map.yaml")
+    assert search.borrowed == {}
+
+
+def test_without_a_folder_of_maps_the_option_is_named(places):
+    base, _ = places
+    with pytest.raises(CampaignError, match=r"4:19: .*halls/map\.yaml: no such file; .* --map-dir names"):
+        load_campaign(base / "two.vast")
+
+
+def test_a_map_in_neither_place_says_both_and_the_nearest_there_is(places):
+    base, maps = places
+    with pytest.raises(MapError, match=r"hall/map\.yaml: no such file, and no .*; did you mean 'halls/map\.yaml'\?"):
+        MapSearch(base, maps).content("hall/map.yaml")
+
+
+def test_a_folder_without_maps_says_so(places, tmp_path):
+    base, _ = places
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(MapError, match=r"another --map-dir; .*empty has no map"):
+        MapSearch(base, tmp_path / "empty").content("map.yaml")
+
+
+def test_where_maps_were_found_is_in_no_digest(places):
+    base, maps = places
+    apart = instantiate(load_campaign(base / "two.vast", maps))
+    shutil.copytree(maps / "halls", base / "halls")
+    beside = instantiate(load_campaign(base / "two.vast"))
+    assert apart.configurations
+    assert [c.scenario.digest for c in apart.configurations] == [c.scenario.digest for c in beside.configurations]
+
+
+def test_maps_of_producers_and_of_alternatives_are_looked_for_likewise(places):
+    base, maps = places
+    assert set(load_campaign(base / "two.vast", maps).borrowed_maps.values()) == {"halls/map.yaml"}

@@ -1,0 +1,60 @@
+"""Outlines of obstacles answer as their polygons do."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely.geometry import Point
+
+from vastflow.producers.ground import ground_of
+from vastflow.producers.outline import Line, Outline
+from vastflow.producers.placement import covered_cells
+from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.pose import Pose
+
+near = st.floats(-1.5, 1.5).map(lambda value: round(value, 6))
+sizes = st.sampled_from([0.1, 0.3, 0.5, 0.8])
+poses = st.builds(Pose, near, near, st.floats(-math.pi, math.pi).map(lambda value: round(value, 6)))
+boxes = st.builds(lambda pose, length, width: Obstacle("o", "box", pose, length, width), poses, sizes, sizes)
+cylinders = st.builds(lambda pose, diameter: Obstacle("o", "cylinder", pose, diameter, diameter), poses, sizes)
+obstacles = boxes | cylinders
+distances = st.sampled_from([0.05, 0.225, 0.4])
+
+
+@given(obstacles, near, near, distances)
+def test_it_is_nearer_to_a_point_where_its_polygon_is(obstacle, x, y, distance):
+    found = Outline(obstacle).nearer_to((x, y), distance)
+    assert found == (obstacle.footprint().distance(Point(x, y)) < distance)
+
+
+@given(obstacles, obstacles, distances)
+def test_two_are_nearer_to_each_other_where_their_polygons_are(one, other, distance):
+    found = Outline(one).nearer_than(distance, Outline(other))
+    assert found == (one.footprint().distance(other.footprint()) < distance)
+
+
+@pytest.fixture(scope="module")
+def ground(drawn_map):
+    """A room of 2 m x 2 m round the origin with walls in it and an unknown corner."""
+    rows = ["." * 40] * 10 + ["." * 20 + "#" * 3 + "." * 17] * 20 + ["." * 30 + "?" * 10] * 10
+    return ground_of(drawn_map(*rows), 0.2)
+
+
+@given(obstacles)
+def test_what_it_says_leaves_the_free_cells_does(ground, obstacle):
+    moved = Obstacle(
+        "o",
+        obstacle.shape,
+        Pose(obstacle.pose.x_m, obstacle.pose.y_m - 1.0, obstacle.pose.yaw_rad),
+        obstacle.length_m,
+        obstacle.width_m,
+    )
+    if Outline(moved).leaves(ground.occupancy):
+        assert covered_cells(ground, moved.footprint()) is None
+
+
+def test_a_line_of_one_point_is_drawn_round_it():
+    pose = Line.along(np.array([[1.0, 2.0]])).draw(0.5, np.random.default_rng(0))
+    assert math.dist((pose.x_m, pose.y_m), (1.0, 2.0)) <= 0.5

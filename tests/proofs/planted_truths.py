@@ -1,0 +1,246 @@
+"""Planted truths are found, and nothing is found where nothing was planted.
+
+Campaigns are drawn with known success rates, and the statistics of `vastflow.oracles.statistics` are asked for what was put in:
+
+- *classes*: of configurations of known rates, how many claims are wrong, and how many are found;
+- *factors*: a harmful factor and an interaction in a campaign of paths, maps and settings, whose configurations differ and share paths; how
+  often they are found, whether intervals hold the truth, and how often something is found that is not there;
+- *pooled*: how often the pooled interval holds the mean rate of the kind;
+- *stopping*: errors and runs of the sequential rule, drawn, beside those that are computed;
+- *comparison*: how often a campaign against itself, with other noise, looks changed, and how often a loss is found.
+
+    python tests/proofs/planted_truths.py [--campaigns 1000]
+
+Prints a table; exit code 1 where a rate of errors is above what is stated, by more than four standard errors of the simulation.
+"""
+
+import argparse
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
+from vastflow.oracles.statistics.classes import CLAIMS, Bounds, classify
+from vastflow.oracles.statistics.comparison import Pairs, changes, difference
+from vastflow.oracles.statistics.factors import factors_of
+from vastflow.oracles.statistics.intervals import clustered_interval
+from vastflow.oracles.statistics.stopping import StoppingRule
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One rate of the simulation.
+
+    Attributes:
+        of: What it is a share of.
+        most: What it must not exceed, beyond simulation noise; None for what is only told.
+        least: What it must reach, likewise.
+    """
+
+    what: str
+    times: float
+    of: int
+    most: float | None = None
+    least: float | None = None
+
+    @property
+    def rate(self) -> float:
+        return self.times / self.of if self.of else 0.0
+
+    @property
+    def good(self) -> bool:
+        def noise(p: float) -> float:
+            return 4 * math.sqrt(max(p * (1 - p), 0.0) / max(self.of, 1))
+
+        low_enough = self.most is None or self.rate <= self.most + noise(self.most)
+        return low_enough and (self.least is None or self.rate >= self.least - noise(self.least))
+
+    def __str__(self) -> str:
+        bound = "" if self.most is None else f"at most {self.most:.3f}"
+        bound += "" if self.least is None else f"at least {self.least:.3f}"
+        return f"{self.what:76}{self.rate:8.4f} of {self.of:<7}{bound:18}{'' if self.good else '  NOT GOOD'}"
+
+
+def classes(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """Campaigns of 400 configurations of six rates, 20 runs each."""
+    rates = np.repeat([0.0, 0.1, 0.3, 0.5, 0.9, 1.0], [60, 40, 60, 60, 80, 100])
+    true = Bounds().of(rates)
+    shares = []
+    found = np.zeros((len(CLAIMS), 2))
+    for _ in range(campaigns):
+        passed = rng.binomial(20, rates)
+        names = classify(passed, np.full(len(rates), 20)).names
+        claims = np.array([CLAIMS.index(name) if name in CLAIMS else -1 for name in names])
+        made = claims >= 0
+        shares.append((made & (claims != true)).sum() / max(made.sum(), 1))
+        for k in range(len(CLAIMS)):
+            planted = np.isin(rates, ([0.0], [0.5], [1.0])[k])
+            found[k] += (claims[planted] == k).sum(), planted.sum()
+    yield Finding("classes: share of claims that are wrong", float(np.sum(shares)), campaigns, most=0.05)
+    for name, (times, of), least in zip(CLAIMS, found, (1.0, 0.45, 1.0), strict=True):
+        yield Finding(f"classes: {name} at its clearest (rates 0, 0.5, 1) is called so", times, int(of), least=least)
+    wrong = 0
+    for _ in range(campaigns):
+        names = classify(rng.binomial(20, np.full(50, 0.2)), np.full(50, 20)).names
+        wrong += any(name in ("flaky", "reliable") for name in names)
+    yield Finding("classes: any wrong claim where all are on a bound", wrong, campaigns, most=0.05)
+
+
+def a_campaign(
+    rng: np.random.Generator, harm: float, together: float, spread: float
+) -> tuple[list[dict[str, Any]], Floats, NDArray[np.int64], NDArray[np.int64]]:
+    """Levels, failure rates and failures of 4 maps × 4 paths × 3 obstacle counts × 2 noises × 2 speeds, 10 runs each.
+
+    `harm` is added to the failure rate at 3 obstacles, `together` at the high noise with the high speed; paths and configurations
+    differ by beta distributions whose spread is `spread`.
+    """
+    rows, blocks = [], []
+    for k, (where, _) in enumerate(product("ABCD", range(4))):
+        for obstacles, noise, speed in product((0, 1, 3), (0.0, 0.1), (0.2, 0.5)):
+            rows.append({"map": where, "obstacles": obstacles, "noise": noise, "speed": speed})
+            blocks.append(k)
+    planted = np.array(
+        [0.15 + harm * (r["obstacles"] == 3) + together * (r["noise"] * r["speed"] == 0.05) for r in rows]
+    )
+    block = np.array(blocks)
+    path_rate = rng.beta(0.5 * (1 - spread) / spread, 0.5 * (1 - spread) / spread, block.max() + 1)[block]
+    mixed = np.clip(planted + 0.3 * planted * (1 - planted) * (2 * path_rate - 1), 1e-6, 1 - 1e-6)
+    size = (1 - spread) / spread
+    rates = rng.beta(mixed * size, (1 - mixed) * size)
+    return rows, planted, rng.binomial(10, rates), block
+
+
+def analysed(rows: list[dict[str, Any]], failed: NDArray[np.int64], block: NDArray[np.int64]) -> FactorAnalysis:
+    found = factor_analysis(factors_of(rows)[0], 10 - failed, np.full(len(rows), 10), block)
+    assert found is not None
+    return found
+
+
+def factors(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """Campaigns with a harmful factor and an interaction, and with nothing."""
+    planted, pair = frozenset({"obstacles", "noise", "speed"}), {"noise", "speed"}
+    harmful = interacting = false = held = 0
+    for _ in range(campaigns):
+        rows, truth, failed, block = a_campaign(rng, harm=0.25, together=0.35, spread=0.2)
+        found = analysed(rows, failed, block)
+        significant = {effect.name: effect for effect in found.factors if effect.significant}
+        pairs = [set(effect.names) for effect in found.interactions if effect.significant]
+        harmful += "obstacles" in significant
+        interacting += pair in pairs
+        false += bool(set(significant) - planted) or any(names != pair for names in pairs)
+        level = next(effect for effect in found.factors if effect.name == "obstacles").levels[2]
+        there = np.array([row["obstacles"] == 3 for row in rows])
+        held += level.interval.low <= float(truth[there].mean()) <= level.interval.high
+    yield Finding("factors: the harmful factor (+0.25) is found", harmful, campaigns, least=0.9)
+    yield Finding("factors: the interaction (+0.35 in one of four cells) is found", interacting, campaigns, least=0.9)
+    yield Finding("factors: something else is found, beside what was planted", false, campaigns, most=0.05)
+    yield Finding("factors: the interval of the harmful level holds its rate", held, campaigns, least=0.93)
+    for spread, words in ((0.05, "alike"), (0.2, "different"), (0.6, "all or nothing")):
+        nothing = 0
+        for _ in range(campaigns):
+            rows, _, failed, block = a_campaign(rng, harm=0.0, together=0.0, spread=spread)
+            found = analysed(rows, failed, block)
+            nothing += any(effect.significant for effect in (*found.factors, *found.interactions))
+        yield Finding(
+            f"factors: anything is found where nothing is, configurations {words}", nothing, campaigns, most=0.05
+        )
+
+
+def rare(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """Nothing planted, few failures, levels of very different size: where tests by themselves go wrong."""
+    rows = [{"a": "small" if k < 30 else "large", "b": k % 3} for k in range(600)]
+    false = 0
+    for _ in range(campaigns):
+        failed = np.where(rng.random(len(rows)) < 0.015, rng.integers(1, 11, len(rows)), 0)
+        found = analysed(rows, failed, np.arange(len(rows)))
+        false += any(effect.significant for effect in (*found.factors, *found.interactions))
+    yield Finding(
+        "factors: anything is found where failures are rare and a level is small", false, campaigns, most=0.05
+    )
+
+
+def pooled(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """The pooled interval over configurations that are themselves a sample."""
+    for m, a, b in ((30, 6.0, 2.0), (200, 0.3, 0.2), (60, 4.0, 0.5)):
+        held = 0
+        for _ in range(campaigns):
+            interval = clustered_interval(rng.binomial(20, rng.beta(a, b, m)), np.full(m, 20))
+            held += interval is not None and interval.low <= a / (a + b) <= interval.high
+        yield Finding(f"pooled: {m} configurations of B({a:g}, {b:g}) hold the mean", held, campaigns, least=0.93)
+
+
+def stopping(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """The sequential rule against its computed characteristics."""
+    rule, configurations = StoppingRule(5, 40), 20
+    for p in (0.02, 0.2, 0.2001, 0.5, 0.8, 0.97):
+        expected = rule.operating_characteristics([p])
+        true = CLAIMS[int(Bounds().of(np.array([p]))[0])]
+        wrong, runs = 0, 0
+        for _ in range(campaigns * configurations):
+            passed = np.cumsum(rng.random(rule.max_runs) < p)
+            said = rule.decisions(passed, np.arange(1, rule.max_runs + 1))
+            end = next(n for n, name in enumerate(said, 1) if name is not None)
+            wrong += said[end - 1] not in (true, "undecided")
+            runs += end
+        of = campaigns * configurations
+        computed = f"computed {expected.wrong[0]:.4f}, runs {runs / of:.2f} for {expected.expected_runs[0]:.2f}"
+        yield Finding(f"stopping: a wrong class at p = {p:g} ({computed})", wrong, of, most=0.05)
+
+
+def comparison(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """A campaign of 100 configurations × 20 runs against itself with other noise, and against one that lost something."""
+    configuration = np.repeat(np.arange(100), 20)
+    held = passed_gate = false = found = of = wrong_gate = 0
+    for _ in range(campaigns):
+        rates = rng.beta(4.0, 0.5, 100)
+        before, after = (rng.random(2000) < rates[configuration] for _ in range(2))
+        same = difference(Pairs(configuration, before, after))
+        assert same is not None
+        held += same.interval[0] <= 0.0 <= same.interval[1]
+        passed_gate += same.non_inferior(0.05)
+        false += any(change.shown for change in changes(Pairs(configuration, before, after)))
+        lost = rates - np.where(np.arange(100) < 10, 0.95 * rates, 0.0)
+        after = rng.random(2000) < lost[configuration]
+        shown = {change.configuration for change in changes(Pairs(configuration, before, after)) if change.shown}
+        found, of = found + len(shown & set(range(10))), of + 10
+        margin = float((rates - lost).mean())
+        worse = difference(Pairs(configuration, before, after))
+        assert worse is not None
+        wrong_gate += worse.non_inferior(margin)
+    yield Finding("comparison: the interval holds no difference", held, campaigns, least=0.95)
+    yield Finding("comparison: a gate of 5 points holds without a loss", passed_gate, campaigns, least=0.9)
+    yield Finding("comparison: any configuration seems changed where none is", false, campaigns, most=0.05)
+    yield Finding("comparison: configurations that lost 95 % of their rate are found", found, of, least=0.75)
+    yield Finding("comparison: the gate holds at a margin that was lost", wrong_gate, campaigns, most=0.025)
+
+
+PARTS: tuple[Callable[[int, np.random.Generator], Iterator[Finding]], ...] = (
+    *(classes, factors, rare),
+    *(pooled, stopping, comparison),
+)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--campaigns", type=int, default=1000, metavar="N", help="of each kind")
+    options = parser.parse_args()
+    good = True
+    for k, part in enumerate(PARTS):
+        began = time.process_time()
+        for finding in part(options.campaigns, np.random.default_rng([7, k])):
+            print(finding, flush=True)
+            good = good and finding.good
+        print(f"{part.__name__}: {time.process_time() - began:.0f} s CPU\n", flush=True)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,326 @@
+"""Evidence and report of a synthetic campaign of the paper's size: CPU time, memory and size of the report.
+
+Two campaign directories are written as `vastflow run` would: one of a robot on the five shipped floor plans, with four
+oracles and recordings of a minute each, and one of scenarios without a robot, with one oracle. Each one's report is made in a process of
+its own. Exit code 1 where a limit of issue 7 is not met; the limits are those of the whole size.
+
+    python tests/proofs/report_scale.py [--configurations 5480] [--runs 20] [--keep FOLDER]
+"""
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, gaussian_filter1d
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from vastflow.flows.tables import CONFIGURATIONS, EXCLUSIONS, REJECTIONS, RUNS, VERDICTS, write_table
+from vastflow.producers.floorplan.files import read_plan_file
+from vastflow.producers.floorplan.grid import grid_of
+from vastflow.sim.blocks import write_block
+from vastflow.sim.maps import load_map
+
+PLANS = Path(__file__).parents[2] / "campaigns" / "floorplans"
+NAMES = ("corridors", "hospital_lobby", "nested_rooms", "office_wing", "university")
+WAYS = 8
+"""Different ways on each map."""
+LOST = (0, 1, 4, 12, 20)
+"""Runs of 20 that end early, in the blocks that are written."""
+ROWS = 600
+STEP_CELLS = 5
+MOST_CPU_S, MOST_MEMORY_MB, MOST_REPORT_MB, MOST_IDLE_CPU_S = 90.0, 2000.0, 20.0, 6.0
+
+MOVING = ("x_mm", "y_mm", "yaw_mrad")
+COLUMNS = (
+    *("t_ms", *MOVING, "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad", "speed_mmps", "yaw_rate_mradps"),
+    *("command_speed_mmps", "command_yaw_rate_mradps", "localized"),
+)
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way on a map, (N, 2) in metres, a point every 2 cm."""
+
+    xy_m: np.ndarray
+
+
+def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bool = True) -> None:
+    """Write a campaign directory of `configurations` × `runs` runs; the same arguments give the same bytes."""
+    rng = np.random.default_rng(7)
+    for folder in ("recordings", "traces", "environments"):
+        (directory / folder).mkdir(parents=True)
+    places = [_place(directory, name, runs, rng) for name in NAMES] if robot else []
+    rows: dict[str, list[dict[str, Any]]] = {"configurations": [], "runs": [], "verdicts": []}
+    for k in range(configurations):
+        configuration = _configuration(k, places)
+        rows["configurations"].append(configuration)
+        lost, block = _outcome(configuration, places, k, rng, runs)
+        if block is not None:
+            for folder in ("recordings", "traces"):
+                os.link(block, directory / folder / f"{configuration['name']}.parquet")
+        for run_index in range(runs):
+            early = run_index < lost
+            rows["runs"].append(_run(configuration, run_index, early))
+            rows["verdicts"] += _verdicts(configuration, run_index, early, robot, rng)
+    for table, schema in (("configurations", CONFIGURATIONS), ("runs", RUNS), ("verdicts", VERDICTS)):
+        write_table(directory / f"{table}.parquet", schema, rows[table])
+    write_table(directory / "rejections.parquet", REJECTIONS, [_rejection(k) for k in range(40)])
+    write_table(directory / "exclusions.parquet", EXCLUSIONS, [])
+    (directory / "campaign.vast").write_text("version: 1\nmetadata: {name: synthetic}\n")
+    (directory / "metadata.json").write_text(json.dumps(_metadata(configurations, runs)))
+
+
+def _place(directory: Path, name: str, runs: int, rng: np.random.Generator) -> dict[str, Any]:
+    """A map of the directory with ways on it and blocks of runs along them."""
+    grid = grid_of(read_plan_file(PLANS / f"{name}.fpm").building())
+    folder = directory / "environments" / "made"
+    folder.mkdir()
+    (folder / "map.yaml").write_bytes(grid.header("map.pgm"))
+    (folder / "map.pgm").write_bytes(grid.picture())
+    (folder / "provenance.json").write_text(json.dumps({"file": f"{name}.fpm"}))
+    occupancy = load_map(folder / "map.yaml")
+    folder.rename(folder.with_name(occupancy.digest))
+    ways = list(_ways(occupancy, rng))
+    blocks = directory / "blocks"
+    blocks.mkdir(exist_ok=True)
+    files = {}
+    for w, way in enumerate(ways):
+        for lost in LOST:
+            file = blocks / f"{name}-{w}-{lost}.parquet"
+            file.write_bytes(_block(way, min(lost, runs), runs, rng))
+            files[w, lost] = file
+    return {"name": name, "digest": occupancy.digest, "ways": ways, "files": files}
+
+
+def _ways(occupancy: Any, rng: np.random.Generator) -> Iterator[Way]:
+    clear = distance_transform_edt(occupancy.free) * occupancy.resolution_m
+    coarse = clear[::STEP_CELLS, ::STEP_CELLS]
+    open_cells = np.argwhere(coarse > 0.35)
+    number = np.full(coarse.shape, -1)
+    number[tuple(open_cells.T)] = np.arange(len(open_cells))
+    links: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        there = open_cells + np.array([dr, dc])
+        inside = ((there >= 0) & (there < coarse.shape)).all(axis=1)
+        to = np.where(inside, number[tuple(np.where(inside[:, None], there, 0).T)], -1)
+        links.append((np.flatnonzero(to >= 0), to[to >= 0], np.full((to >= 0).sum(), np.hypot(dr, dc))))
+    a, b, length = (np.concatenate(parts) for parts in zip(*links, strict=True))
+    graph = coo_array((length, (a, b)), shape=(len(open_cells),) * 2).tocsr()
+    step_m = STEP_CELLS * occupancy.resolution_m
+    made = 0
+    while made < WAYS:
+        far, before = dijkstra(graph, directed=False, indices=rng.integers(len(open_cells)), return_predecessors=True)
+        ends = np.flatnonzero((far * step_m > 8) & (far * step_m < 22))
+        if not len(ends):
+            continue
+        at = rng.choice(ends)
+        cells = []
+        while at >= 0:
+            cells.append(open_cells[at])
+            at = before[at]
+        yx_m = np.array(cells[::-1]) * step_m
+        xy_m = gaussian_filter1d(yx_m[:, ::-1] + occupancy.origin_xy_m, 1.5, axis=0, mode="nearest")
+        along = np.r_[0, np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))]
+        dense = np.arange(0, along[-1], 0.02)
+        yield Way(np.column_stack([np.interp(dense, along, xy_m[:, i]) for i in (0, 1)]))
+        made += 1
+
+
+def _block(way: Way, lost: int, runs: int, rng: np.random.Generator) -> bytes:
+    """A block of `runs` runs along `way`, of which the first `lost` stop before its end."""
+    rows, columns = [], []
+    for run_index in range(runs):
+        n = ROWS if run_index >= lost else int(ROWS * rng.uniform(0.3, 0.8))
+        at = np.linspace(0, len(way.xy_m) * n / ROWS - 1, n).astype(int)
+        sway = gaussian_filter1d(rng.normal(0, 1.2, (n, 2)), 25, axis=0, mode="nearest")
+        xy_m = way.xy_m[at] + np.clip(sway, -0.3, 0.3)
+        yaw = np.unwrap(np.arctan2(*np.gradient(xy_m, axis=0).T[::-1]))
+        true = np.column_stack([xy_m, yaw]) * 1000
+        estimated = true + gaussian_filter1d(rng.normal(0, 60, (n, 3)), 8, axis=0)
+        speed = np.hypot(*np.gradient(xy_m, axis=0).T) * 1e4
+        turn = np.gradient(yaw) * 1e4
+        found = [np.arange(n) * 100, *true.T, *estimated.T, speed, turn, speed, turn, np.arange(n) % 5 == 0]
+        columns.append({name: np.asarray(c).round().astype(np.int32) for name, c in zip(COLUMNS, found, strict=True)})
+        rows.append({**_mission(run_index, run_index < lost), "events": [], "entities": []})
+    return write_block(rows, columns)
+
+
+def _mission(run_index: int, early: bool) -> dict[str, Any]:
+    return {
+        "run_index": run_index,
+        "seed": f"1:{run_index}",
+        "outcome": "aborted" if early else "succeeded",
+        "error_code": 104 if early else 0,
+        "reason": "no valid control" if early else "",
+        "simulated_s": 60.0,
+        "distance_m": 12.5,
+        "recoveries": 3 if early else 0,
+        "missed_goals": 0,
+    }
+
+
+def _configuration(k: int, places: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    if not places:
+        return {
+            "name": f"idle-{k + 1}", "family": "idle", "scenario_digest": f"{k:064x}", "abstract": "builtin:idle",
+            "timeout_s": 1.0, "scenario": '{"environment":{},"task":{},"system":{}}', "factors": json.dumps({"k": k}),
+            "provenance": "{}", "steps": "[]",
+        }  # fmt: skip
+    place = places[k % len(places)]
+    way: Way = place["ways"][k // 5 % WAYS]
+    kind = ("performance", "robustness", "safety")[k // 40 % 3]
+    poses = {
+        f"{end}_pose": {"position": {"x": round(float(x), 3), "y": round(float(y), 3)}, "orientation": {"yaw": 0.0}}
+        for end, (x, y) in (("start", way.xy_m[0]), ("goal", way.xy_m[-1]))
+    }
+    system = {
+        "laserscan_gaussian_noise_std_deviation": (0.0, 0.1, 0.2, 0.4)[k // 120 % 4],
+        "laserscan_random_drop_percentage": (0.0, 0.3, 0.6)[k // 480 % 3],
+        "robot_radius": (0.22, 0.3)[k // 1440 % 2],
+    }
+    environment: dict[str, Any] = {"map_file": {"file": place["digest"]}}
+    if kind == "safety":
+        x, y = way.xy_m[len(way.xy_m) // 2].round(3).tolist()
+        pose = {"position": {"x": x, "y": y}, "orientation": {"yaw": 0.3}}
+        environment["static_objects"] = [
+            {"entity_name": "box", "model": "box", "xacro_arguments": "width:=0.5, length:=0.5", "spawn_pose": pose}
+        ]
+    family = f"{kind}-{place['name']}"
+    return {
+        "name": f"{family}-{k + 1}", "family": family, "scenario_digest": f"{k:064x}",
+        "environment": place["digest"], "abstract": "builtin:navigate_to_pose", "timeout_s": 120.0,
+        "scenario": json.dumps({"environment": environment, "task": poses, "system": system}),
+        "factors": json.dumps({**environment, **poses, **system}),
+        "provenance": json.dumps({"_path": way.xy_m[::20].round(3).tolist(), "_path_length": 15.0}), "steps": "[]",
+    }  # fmt: skip
+
+
+def _outcome(
+    configuration: Mapping[str, Any], places: Sequence[Mapping[str, Any]], k: int, rng: np.random.Generator, runs: int
+) -> tuple[int, Path | None]:
+    """How many runs end early, and the block that has them; noise and drop-outs do harm, most together."""
+    if not places:
+        return 0, None
+    system = json.loads(configuration["scenario"])["system"]
+    noise, drop = system["laserscan_gaussian_noise_std_deviation"], system["laserscan_random_drop_percentage"]
+    chance = min(rng.beta(0.3, 2.5) + noise * drop * 2.0 + 0.3 * noise, 1.0)
+    lost = min(LOST, key=lambda n: abs(n - 20 * chance))
+    return min(lost, runs), places[k % len(places)]["files"][k // 5 % WAYS, lost]
+
+
+def _run(configuration: Mapping[str, Any], run_index: int, early: bool) -> dict[str, Any]:
+    names = {"configuration": configuration["name"], "family": configuration["family"]}
+    return {**names, **_mission(run_index, early), "contacts": 0}
+
+
+def _verdicts(
+    configuration: Mapping[str, Any], run_index: int, early: bool, robot: bool, rng: np.random.Generator
+) -> Iterator[dict[str, Any]]:
+    wrong = rng.random(4) < (0.0, 0.003, 0.005, 0.002)
+    value = rng.random(8).round(6).tolist()
+    of = {"configuration": configuration["name"], "family": configuration["family"], "run_index": run_index}
+    for k, (oracle, names) in enumerate(MEASURED.items() if robot else [("success", {"time": "s"})]):
+        failed = early if oracle == "success" else bool(wrong[k]) and robot
+        metrics = {name: {"value": value[i % 8], "unit": unit} for i, (name, unit) in enumerate(names.items())}
+        if early and "response_time" in metrics:
+            metrics["response_time"]["value"] = None
+        yield {
+            **of,
+            "oracle": oracle,
+            "judgement": "fail" if failed else "pass",
+            "reason": f"{oracle}: {value[0]:.3f} is too much" if failed else "",
+            "metrics": json.dumps(metrics, separators=(",", ":")),
+        }
+
+
+MEASURED = {
+    "success": {"distance": "m", "final_distance": "m", "missed_goals": "1", "recoveries": "1", "time": "s"},
+    "performance": {"length_ratio": "1", "reference_length": "m", "rmse": "m", "threshold": "m"},
+    "robustness": {"update": "m", "step": "m", "metre": "m", "mean": "m", "maximum": "m", "updates": "1", "threshold": "m"},
+    "safety": {"smallest_separation": "m", "margin": "m", "contacts": "1", "response_time": "s", "violation_time": "s"},
+}  # fmt: skip
+
+
+def _rejection(k: int) -> dict[str, Any]:
+    return {
+        "family": "performance-corridors",
+        "parent": "performance-corridors",
+        "producer": "PathVariationRandom",
+        "reason": f"no goal at {20 + k % 8} m ± 0.5 m",
+        "requested": json.dumps({"path_length": 20.0 + k % 8}),
+        "inputs": "{}",
+    }
+
+
+def _metadata(configurations: int, runs: int) -> dict[str, Any]:
+    return {
+        "name": "synthetic",
+        "created": "2026-11-21T06:00:00",
+        "vastflow": "0.1.0",
+        "versions": {"python": "3.11", "numpy": "2.4"},
+        "host": {"name": "lab", "machine": "x86_64", "cpus": 2},
+        "asked": {"file": "synthetic.vast", "runs": runs},
+        "counts": {"configurations": configurations, "runs": configurations * runs, "executed": 0, "cpu_s": 1.0},
+        "notes": [],
+        "faults": [],
+    }
+
+
+def measured(directory: Path) -> dict[str, float]:
+    """Make the report of `directory` in a process of its own: CPU time (s), greatest memory (MB), size of the report (MB)."""
+    # Not ru_maxrss, in which Linux keeps what the parent had before the program began.
+    program = (
+        "import pathlib, sys\nfrom vastflow.oracles.report import write_report\n"
+        "write_report(pathlib.Path(sys.argv[1]))\n"
+        "print(next(l for l in pathlib.Path('/proc/self/status').read_text().splitlines() if l.startswith('VmHWM')).split()[1])\n"
+    )
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(directory)], check=True, stdout=subprocess.PIPE, text=True
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return {
+        "cpu_s": round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, 2),
+        "memory_mb": round(float(done.stdout) / 1000, 1),
+        "report_mb": round((directory / "report.html").stat().st_size / 1e6, 2),
+    }
+
+
+def main() -> int:
+    """Write, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--configurations", type=int, default=5480)
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--keep", type=Path)
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        root: Path = arguments.keep or Path(temporary)
+        found = {}
+        for name in ("robot", "idle"):
+            if not (root / name).exists():
+                write_campaign(root / name, arguments.configurations, arguments.runs, robot=name == "robot")
+            found[name] = measured(root / name)
+            print(name, json.dumps(found[name]), flush=True)
+    robot, idle = found["robot"], found["idle"]
+    kept = (
+        robot["cpu_s"] <= MOST_CPU_S
+        and robot["memory_mb"] <= MOST_MEMORY_MB
+        and robot["report_mb"] <= MOST_REPORT_MB
+        and idle["cpu_s"] <= MOST_IDLE_CPU_S
+    )
+    print("within the limits" if kept else "NOT within the limits")
+    return 0 if kept else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
