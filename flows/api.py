@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from vastflow.flows.asked import Asked
+from vastflow.flows.asked import SEQUENTIAL, Asked
 from vastflow.flows.campaign_file import read_campaign
 from vastflow.flows.campaign_keys import campaign_keys
 from vastflow.flows.computation import cores
@@ -37,6 +37,7 @@ from vastflow.tasks.store import Lost, StoreError, open_store, store_address
 
 if TYPE_CHECKING:
     from vastflow.flows.spread import Spread
+    from vastflow.flows.stopping import Stopping
     from vastflow.flows.work_pool import WorkPool
 
 CampaignResult: TypeAlias = Results
@@ -62,7 +63,7 @@ def run_campaign(
 
     Args:
         path: The campaign file.
-        runs: Runs of each configuration, instead of the file's.
+        runs: Runs of each configuration, instead of the file's: so many of all, whatever the file's rule would have decided.
         results: Folder the campaign directory is made in, `results` if not given; or an address such as `s3://bucket/prefix`,
             to which it is uploaded when it is finished, while a copy stays on this machine for a day.
         store: Folder of the store or address such as `s3://bucket/prefix`, else the variable `VASTFLOW_STORE`, else a
@@ -106,7 +107,9 @@ def run_campaign(
             selection = Selection(names, sample, campaign.seed)
             maps = str(map_dir) if campaign.borrowed_maps else None
             asked = Asked(campaign.path.name, runs or campaign.runs, names, inputs.places, sample, maps)
-            record = {"asked": asked.as_json(), **code_row(tree, campaign.families, oracles)}
+            stopping = _stopping(campaign) if runs is None and campaign.sequential is not None else None
+            rule = {} if stopping is None else {SEQUENTIAL: stopping.as_json}
+            record = {"asked": asked.as_json(), **rule, **code_row(tree, campaign.families, oracles)}
             session = Session(
                 title=f"{name} {created:%Y-%m-%d %H:%M:%S}",
                 instantiator=Instantiator(campaign, kept, keys, tree),
@@ -118,6 +121,7 @@ def run_campaign(
                 tally=tally,
                 prefect_results=kept.local / "prefect",
                 log=log,
+                stopping=stopping,
                 spread=_spread(pool, campaign, name, oracles, keys, workers, tally) if pool is not None else None,
             )
 
@@ -139,7 +143,7 @@ def run_campaign(
             def kept_report(metadata: Mapping[str, Any]) -> KeptReport:
                 names = [oracle.name for oracle in oracles]
                 found = report_key(
-                    keys, tree, inputs.campaign, metadata, instantiation, session.contents(), asked.runs, names
+                    keys, tree, inputs.campaign, metadata, instantiation, session.contents(), session.runs, names
                 )
                 return KeptReport(kept, found)
 
@@ -195,6 +199,12 @@ def _spread(
 
     chosen = WorkPool(pool) if isinstance(pool, str) else pool
     return Spread(chosen, campaign, name, oracles, keys, workers, tally.notice)
+
+
+def _stopping(campaign: Campaign) -> "Stopping | None":
+    from vastflow.flows.stopping import stopping_of  # imports statistics, which take a moment
+
+    return stopping_of(campaign.sequential)
 
 
 class _Clock:

@@ -94,7 +94,7 @@ class Page:
         self._noticed = len(progress.notices)
         if not self._named and progress.runs_total:
             self._named = True
-            size = size_text(progress.configurations_total, progress.runs_total)
+            size = size_text(progress.configurations_total, progress.runs_total, progress.at_most)
             self._say(f"{size}; {progress.reused} runs are in the store")
             self._send(lambda: _rename(self._flow_run_id, f"{self._name}, {size}"))
         new_phase = progress.phase != self._phase
@@ -154,13 +154,16 @@ def result_rows(found: Results) -> list[dict[str, Any]]:
 def progress_text(progress: Progress) -> str:
     """Runs done and their verdicts."""
     verdicts = f"{progress.passed} passed, {progress.failed} failed, {progress.not_judged} not judged"
-    return f"{progress.runs_done} of {progress.runs_total} runs done; {verdicts}"
+    total = f"{'at most ' * progress.at_most}{progress.runs_total}"
+    return f"{progress.runs_done} of {total} runs done; {verdicts}"
 
 
-def size_text(configurations: int, runs: int) -> str:
-    """Such as `24 configurations × 5 runs`."""
-    each = runs // configurations if configurations else 0
-    return f"{configurations} configuration{'s'[: configurations != 1]} × {each} run{'s'[: each != 1]}"
+def size_text(configurations: int, runs: int, at_most: bool = False) -> str:
+    """Such as `24 configurations × 5 runs`; `24 configurations, 341 runs` where they have different numbers of them."""
+    said = f"{configurations} configuration{'s'[: configurations != 1]}"
+    each, rest = divmod(runs, configurations) if configurations else (0, 0)
+    most = "at most " * at_most
+    return f"{said}, {most}{runs} runs" if rest or at_most else f"{said} × {each} run{'s'[: each != 1]}"
 
 
 def key_of(name: str) -> str:

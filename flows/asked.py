@@ -2,7 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Final
+
+SEQUENTIAL: Final = "sequential"
+"""Key of `metadata.json` with the rule by which the runs of each configuration ended, if they did."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -11,11 +14,12 @@ class Asked:
 
     Attributes:
         file: Name of the campaign file.
-        runs: Of each configuration.
+        runs: Of each configuration, at most where they end by a rule.
         only: Names of families or configurations; empty for all.
         places: File from outside of the campaign file's folder, relative to that, to its place below `inputs/`.
         sample: How many distinct configurations, drawn from those; None for all.
         map_dir: Folder of maps that were not beside the file; the maps themselves are among the inputs, beside it.
+        sequential: Whether they end by the file's rule.
     """
 
     file: str
@@ -24,10 +28,17 @@ class Asked:
     places: Mapping[str, str] = field(default_factory=dict)
     sample: int | None = None
     map_dir: str | None = None
+    sequential: bool = False
+
+    @property
+    def fixed_runs(self) -> int | None:
+        """Runs to ask for instead of the file's; None where the file's rule ended them."""
+        return None if self.sequential else self.runs
 
     def as_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return {**asdict(self), "only": list(self.only)}
+        """Plain values; the rule is elsewhere in `metadata.json`."""
+        plain = {key: value for key, value in asdict(self).items() if key != "sequential"}
+        return {**plain, "only": list(self.only)}
 
 
 def asked_of(metadata: Mapping[str, Any]) -> Asked:
@@ -41,5 +52,11 @@ def asked_of(metadata: Mapping[str, Any]) -> Asked:
         return Asked(f"{metadata['name']}.vast".replace("/", "-"), counts["runs"] // counts["configurations"])
     said = metadata["asked"]
     return Asked(
-        said["file"], said["runs"], tuple(said["only"]), said["places"], said.get("sample"), said.get("map_dir")
+        said["file"],
+        said["runs"],
+        tuple(said["only"]),
+        said["places"],
+        said.get("sample"),
+        said.get("map_dir"),
+        bool(metadata.get(SEQUENTIAL)),
     )

@@ -7,7 +7,7 @@ from prefect import flow, get_run_logger, unmapped
 from prefect.futures import PrefectFuture, wait
 
 from vastflow.flows.task_log import quiet_task_runs
-from vastflow.flows.task_runs import entered, evaluator, log_known, settle, show_ending, show_progress
+from vastflow.flows.task_runs import catch_up, entered, evaluator, log_known, runs_shown, settle, shards_shown
 from vastflow.tasks import stages
 from vastflow.tasks.instantiation import Evaluator
 from vastflow.tasks.progress import Progress
@@ -22,23 +22,26 @@ Plan = Callable[[Evaluator], Sequence[Member]]
 class Job:
     """What a campaign's flow is about. A plain object: neither Prefect nor its API looks into it."""
 
-    __slots__ = ("bench", "incomplete", "plan", "progress", "running")
+    __slots__ = ("bench", "incomplete", "more", "plan", "progress", "running")
 
     def __init__(
         self,
         bench: Bench,
         plan: Plan,
         incomplete: Callable[[], Container[str]],
+        more: Callable[[], Sequence[Member]],
         running: Callable[[], None],
         progress: Callable[[], Progress] | None = None,
     ) -> None:
         """`incomplete` gives, after `plan`, the names of members of which something is missing in the store.
 
+        `more` gives, when all that was submitted has ended, the members that want more runs by what was judged: the next wave.
         `progress` is for the flow run's page; None where the page of a flow run round this one has it.
         """
         self.bench = bench
         self.plan = plan
         self.incomplete = incomplete
+        self.more = more
         self.running = running
         self.progress = progress
 
@@ -66,22 +69,38 @@ def campaign(title: str, job: Job) -> None:
 
 def _campaign(title: str, job: Job) -> None:
     futures: list[PrefectFuture[Any]] = []
+    ended: dict[str, list[PrefectFuture[Any]]] = {"execute": [], "observe": [], "judge": []}
+    recorded = 0
     try:
-        members = job.plan(evaluator(job.bench, futures))
+        wave = job.plan(evaluator(job.bench, futures))
         job.running()
-        shards = missing_shards(members, job.incomplete())
-        bench = unmapped(job.bench)
-        recorded = stages.stored_in(job.bench, stages.execute).map(shards, bench=bench)
-        observed = stages.stored_in(job.bench, stages.observe).map(shards, recorded, bench=bench)
-        judged = stages.stored_in(job.bench, stages.judge).map(shards, observed, bench=bench)
-        futures += [*recorded, *observed, *judged]
         name = title.rsplit(" ", 2)[0]
-        if job.progress is None:
-            show_ending(name, judged, "judged")
-        else:
-            show_progress(name, judged, job.progress)
+        show = shards_shown(name, "judged") if job.progress is None else runs_shown(name, job.progress)
+        incomplete = job.incomplete()
+        while wave:
+            begun = _through(job.bench, missing_shards(wave, incomplete))
+            for stage, of_stage in begun.items():
+                ended[stage] += of_stage
+                futures += of_stage
+            show(begun["judge"])
+            wait(futures)
+            if not all(future.state.is_completed() for future in futures):
+                break
+            wave = job.more()
+            incomplete = {member.name for member in wave}
+            if wave:
+                recorded = catch_up(futures, recorded)
     finally:
         wait(futures)
-    for stage, ended in (("execute", recorded), ("observe", observed), ("judge", judged)):
-        log_known(stage, ended)
+    for stage, of_stage in ended.items():
+        log_known(stage, of_stage)
     settle(futures)
+
+
+def _through(bench: Bench, shards: Sequence[Shard]) -> "dict[str, list[PrefectFuture[Any]]]":
+    """Stage to the task runs in which shards go through it."""
+    same = unmapped(bench)
+    recorded = stages.stored_in(bench, stages.execute).map(shards, bench=same)
+    observed = stages.stored_in(bench, stages.observe).map(shards, recorded, bench=same)
+    judged = stages.stored_in(bench, stages.judge).map(shards, observed, bench=same)
+    return {"execute": recorded, "observe": observed, "judge": judged}

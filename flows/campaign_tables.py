@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vastflow.flows.found import Found, complete
+from vastflow.flows.members import Runs, runs_of
 from vastflow.flows.tables import (
     CONFIGURATIONS,
     EXCLUSIONS,
@@ -46,11 +47,11 @@ class CampaignTables:
     """Writes `runs.parquet`, `verdicts.parquet`, `behaviors.parquet` and the run logs into a campaign directory, and counts.
 
     Args:
-        runs: Runs asked for of each configuration: indices 0 to runs - 1.
+        runs: Of each configuration.
         oracles: Names of the oracles, in order.
     """
 
-    def __init__(self, place: Path, runs: int, oracles: Sequence[str]) -> None:
+    def __init__(self, place: Path, runs: Runs, oracles: Sequence[str]) -> None:
         self._runs = runs
         self._oracles = oracles
         self._together: Counter[Judgement] = Counter()
@@ -82,13 +83,14 @@ class CampaignTables:
 
     def add(self, configuration: Configuration, found: Found) -> None:
         """Write what was found of a configuration; to be called in their order."""
+        runs = runs_of(self._runs, configuration.name)
         rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
-        wanted = [rows[index] for index in sorted(rows) if index < self._runs]
+        wanted = [rows[index] for index in sorted(rows) if index < runs]
         self._run_rows.add([run_table_row(configuration, row) for row in wanted])
-        verdicts = complete(found, self._runs, self._oracles)
+        verdicts = complete(found, runs, self._oracles)
         self._verdict_rows.add([verdict_row(configuration, verdict) for verdict in verdicts])
         self._count(verdicts)
-        self._behaviors.add(configuration.name, found, self._runs)
+        self._behaviors.add(configuration.name, found, runs)
         self._logs.add(configuration.name, found.logs)
 
     def _count(self, verdicts: Sequence[Verdict]) -> None:

@@ -41,7 +41,7 @@ def view(progress: Progress, pace: Pace) -> Group:
         bar = Table.grid(padding=(0, 2))
         bar.add_row(
             ProgressBar(total=progress.runs_total, completed=progress.runs_done, width=30),
-            _of(progress.runs_done, progress.runs_total, "runs"),
+            _runs(progress),
             _of(progress.configurations_done, progress.configurations_total, "configurations"),
         )
         verdicts = Text("  ").join(Text(f"{n} {said}", style if n else "dim") for n, said, style in _verdicts(progress))
@@ -54,7 +54,7 @@ def plain_line(progress: Progress, pace: Pace) -> str:
     words = [phase_text(progress, pace)]
     if progress.runs_total:
         words += [
-            _of(progress.runs_done, progress.runs_total, "runs"),
+            _runs(progress),
             _of(progress.configurations_done, progress.configurations_total, "configurations"),
             *pace_words(progress, pace),
         ]
@@ -81,7 +81,7 @@ def pace_words(progress: Progress, pace: Pace) -> list[str]:
     if pace.runs_per_s is not None and pace.times_real_time is not None:
         words += [f"{pace.runs_per_s:.3g} runs/s", f"{_rounded(pace.times_real_time)} × real time"]
     if pace.left_s is not None and progress.runs_done < progress.runs_total:
-        words.append(f"about {duration_text(pace.left_s)} left")
+        words.append(f"{'at most' if progress.at_most else 'about'} {duration_text(pace.left_s)} left")
     return words
 
 
@@ -186,6 +186,10 @@ def _verdicts(progress: Progress) -> list[tuple[int, str, str]]:
 
 def _rounded(factor: float) -> str:
     return f"{factor:,.0f}" if factor >= 10 else f"{factor:.2g}"
+
+
+def _runs(progress: Progress) -> str:
+    return _of(progress.runs_done, progress.runs_total, "runs at most" if progress.at_most else "runs")
 
 
 def _of(done: int, total: int, what: str) -> str:

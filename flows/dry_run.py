@@ -17,6 +17,7 @@ from vastflow.flows.origin_code import code_row
 from vastflow.flows.past import Past, newest_past, past_of
 from vastflow.flows.results import campaign_name
 from vastflow.flows.selection import Selection
+from vastflow.flows.stopping import Stopping, stopping_of
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.instantiation import Instantiated, Instantiator, ProducerFault
@@ -54,6 +55,7 @@ class DryRun:
     Attributes:
         name: The campaign's.
         runs: Of each configuration.
+        sequential: Whether that is the most: what is due of those whose class is not decided is then what they may want.
         past: The campaign it was compared with.
         configurations: Of what was asked, duplicates included.
         sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
@@ -73,6 +75,7 @@ class DryRun:
     faults: Sequence[ProducerFault]
     keys: Keys = field(repr=False)
     sampled_from: int | None = None
+    sequential: bool = False
 
     def found(self, stage: Stage, family: str | None = None) -> int:
         """What is in the store of a stage, of one family or of all."""
@@ -129,6 +132,9 @@ def dry_run(
     instantiation = narrowed(found.instantiation, Selection(only, sample, campaign.seed), campaign.path)
     members = members_of(instantiation, runs or campaign.runs)
     shelf = Shelf(overlay, keys)
+    stopping = stopping_of(campaign.sequential) if runs is None else None
+    if stopping is not None:
+        members = [_ending(stopping, shelf, member) for member in members]
     shelved = {member.name: shelf.shelved(member) for member in members}
     reasons = RunReasons(past, origins, found.instantiation.configurations)
     reused, due = _evaluations(evaluator.evaluated.values())
@@ -145,7 +151,15 @@ def dry_run(
         found.faults,
         keys,
         instantiation.sampled_from,
+        stopping is not None,
     )
+
+
+def _ending(stopping: Stopping, shelf: Shelf, member: Member) -> Member:
+    """A member with the runs at which its class is decided, or with the most as long as it is not."""
+    wanted, shelved = stopping.shelved(shelf, member)
+    whole = all(each.verdicts for each in shelved) and not missing([each.block for each in shelved], wanted.runs)
+    return wanted if whole else member
 
 
 def _instantiated(instantiator: Instantiator, evaluator: HereEvaluator) -> Instantiated:

@@ -174,8 +174,9 @@ class RunReasons:
         return _all_of(self._origins.reasons(stage)) or _lost(self._past)
 
     def _run(self, past: Past, origins: Origins, row: Row, member: Member, run: int) -> Reason:
-        if run >= past.runs:
-            return Reason("more runs", "more runs are asked", f"{past.runs} before, now {member.runs}")
+        before = past.runs_of(row["name"])
+        if run >= before:
+            return Reason("more runs", "more runs are asked", f"{before} before, now {member.runs}")
         if changed := _all_of(origins.reasons("execute")):
             return changed
         if (row["name"], run) in past.recorded:

@@ -68,6 +68,7 @@ def dry_run_json(found: DryRun, file: Path) -> dict[str, Any]:
         "campaign": found.name,
         "file": str(file),
         "runs": found.runs,
+        "at_most": found.sequential,
         "configurations": _distinct(found),
         "sampled_from": found.sampled_from,
         "compared_with": None if found.past is None else str(found.past.directory),
@@ -112,6 +113,10 @@ def dry_run_text(found: DryRun) -> Iterator[RenderableType]:
     yield ""
     if found.sampled_from is not None:
         yield Text(f"a sample of {_distinct(found):,} of {found.sampled_from:,} distinct configurations")
+    if found.sequential:
+        yield Text(
+            "runs end when a configuration's class is decided: there is no more to compute than this, but maybe less"
+        )
     if found.past is None:
         yield Text("compared with nothing: no earlier campaign of this name in the folder of results", "dim")
     else:

@@ -141,7 +141,7 @@ def _today(past: Past, name: str, store: str | None) -> tuple[DryRun | None, str
     asked = asked_of(past.metadata)
     try:
         with replica(past.directory, asked) as file:
-            return dry_run(file, runs=asked.runs, store=store, only=[name], since=past.directory), ""
+            return dry_run(file, runs=asked.fixed_runs, store=store, only=[name], since=past.directory), ""
     except NotReplicable as error:
         return None, str(error)
     except CampaignError as error:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.flows.found import Found, one_block
+from vastflow.flows.members import Runs, runs_of
 from vastflow.producers.configuration import Configuration
 from vastflow.sim.archive import one_archive
 
@@ -20,14 +21,14 @@ def written(
     place: Path,
     configurations: Iterable[Configuration],
     found: Callable[[Configuration], Found],
-    runs: int,
+    runs: Runs,
     threads: int,
 ) -> Iterator[tuple[Configuration, Found]]:
     """Write the files of configurations into a campaign directory; gives each, in order, once its files are there.
 
     Args:
         found: What was found of a configuration; called from any thread.
-        runs: Runs asked for of each: indices 0 to runs - 1.
+        runs: Of each.
         threads: How many read at a time.
     """
     for folder in FOLDERS:
@@ -35,7 +36,7 @@ def written(
 
     def write(configuration: Configuration) -> tuple[Configuration, Found]:
         result = found(configuration)
-        _write(place, configuration.name, result, runs)
+        _write(place, configuration.name, result, runs_of(runs, configuration.name))
         return configuration, result
 
     if threads == 1:

@@ -1,12 +1,22 @@
 """A campaign's members: what of an instantiation is executed."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeAlias
 
 from vastflow.flows.selection import Selection, sampled
 from vastflow.producers.faults import CampaignError, Fault, did_you_mean
 from vastflow.producers.instantiate import Instantiation
 from vastflow.tasks.instantiation import UnknownName, selected
 from vastflow.tasks.shelf import Member
+
+Runs: TypeAlias = int | Mapping[str, int]
+"""Runs of each configuration that is no duplicate: indices 0 to this number - 1. The same of all, or by name."""
+
+
+def runs_of(runs: Runs, name: str) -> int:
+    """Those of one configuration."""
+    return runs if isinstance(runs, int) else runs[name]
 
 
 def narrowed(instantiation: Instantiation, selection: Selection, file: Path) -> Instantiation:

@@ -7,6 +7,7 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from vastflow.flows.asked import SEQUENTIAL
 from vastflow.oracles.evidence import Evidence
 from vastflow.oracles.rates import LEVEL, Counts
 from vastflow.oracles.tables import Tables
@@ -22,6 +23,12 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
     if len(rows) > 1:
         rows.append(("all", sum(configurations for _, configurations, _ in rows), whole.campaign.counts))
     yield _table(("family", "configurations"), [((name, str(n)), counts) for name, n, counts in rows])
+    if rule := tables.metadata.get(SEQUENTIAL):
+        counts = tables.metadata["counts"]
+        runs, most = counts["runs"], counts["configurations"] * rule["max"]
+        yield Text(
+            f"{runs:,} runs of at most {most:,}, {most - runs:,} saved: they end when a configuration's class is decided"
+        )
     if len(tables.oracles) > 1:
         yield Text("  ".join(f"{name} {_share(evidence[name].campaign.counts)}" for name in tables.oracles), "dim")
     if sampled_from := tables.metadata.get("counts", {}).get("sampled_from"):

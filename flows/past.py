@@ -52,8 +52,20 @@ class Past:
 
     @property
     def runs(self) -> int:
-        """Runs that were asked of each configuration."""
+        """Runs that were asked of each configuration, at most where they end by a rule."""
         return asked_of(self.metadata).runs
+
+    def runs_of(self, name: str) -> int:
+        """Runs that were wanted of a configuration that is no duplicate."""
+        return self._wanted.get(name, 0) if asked_of(self.metadata).sequential else self.runs
+
+    @cached_property
+    def _wanted(self) -> Mapping[str, int]:
+        rows = _rows(self.directory / "verdicts.parquet", "configuration", "run_index")
+        wanted: dict[str, int] = {}
+        for row in rows:
+            wanted[row["configuration"]] = max(wanted.get(row["configuration"], 0), row["run_index"] + 1)
+        return wanted
 
     def check(self) -> None:
         """Read all that is asked later.

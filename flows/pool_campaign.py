@@ -61,7 +61,7 @@ def pool_campaign(title: str, job: PoolJob) -> None:
             lambda: workshop.closed,
         )
         try:
-            members = job.job.plan(evaluator(job.job.bench, futures))
+            wave = job.job.plan(evaluator(job.job.bench, futures))
         finally:
             wait(futures)
         job.job.running()
@@ -70,7 +70,10 @@ def pool_campaign(title: str, job: PoolJob) -> None:
         taken_s = TAKEN_S if service.kind is PoolType.process else None
         driver = Driver(service, packer.packed, workshop, job.tally, spread.pool, spread.say, taken_s=taken_s)
         try:
-            driver.run(members, _Shown(spread, members))
+            show = _Shown(spread, wave)
+            while wave:
+                driver.run(wave, show)
+                wave = job.job.more()
         except ParcelError as error:
             raise WorkPoolError(f"--pool: {error}") from None
         settle(futures)

@@ -121,6 +121,7 @@ class Driver:
         self._waiting: deque[Part] = deque()
         self._open: dict[str, _Run] = {}
         self._known: dict[str, frozenset[int]] = {}
+        self._wanted: dict[str, int] = {}
         self._broken: set[str] = set()
         self._look_at_s = 0.0
         self._shards = 0
@@ -128,6 +129,8 @@ class Driver:
 
     def run(self, members: Sequence[Member], show: Callable[[int, int], None] = lambda done, total: None) -> None:
         """Return when every member is complete in the store or has a fault in the workshop.
+
+        Called again for members that want more runs than before, it goes on counting.
 
         Args:
             show: Is given how many shards are done, and of how many.
@@ -141,9 +144,11 @@ class Driver:
         for member in members:
             blocks = self._shelf.blocks(member)
             absent = frozenset(missing(blocks, member.runs))
-            self._known[member.name] = frozenset(range(member.runs)) - absent
+            known, before = self._known.get(member.name, frozenset()), self._wanted.get(member.name, 0)
+            self._known[member.name] = known | frozenset(range(before, member.runs)) - absent
+            self._wanted[member.name] = member.runs
         self._waiting.extend(self._parts(self._incomplete(members)))
-        self._shards = len(self._waiting)
+        self._shards += len(self._waiting)
         try:
             self._drive(show)
         finally:
@@ -151,7 +156,7 @@ class Driver:
                 self._service.cancel(self._open)
 
     def _parts(self, members: Sequence[Member]) -> list[Part]:
-        runs = sum(member.runs - len(self._known[member.name]) for member in members)
+        runs = sum(len(missing(self._shelf.blocks(member), member.runs)) for member in members)
         count = shard_count(self._pool, len(members), max(runs, len(members)))
         parts = chunks([member.scenario.digest for member in members], count) if members else []
         return [Part(tuple(members[i] for i in part)) for part in parts]

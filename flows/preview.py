@@ -44,8 +44,14 @@ def preview_json(coverage: Coverage, runs: int, estimate: Estimate, pictures: li
     }
 
 
-def preview_text(coverage: Coverage, runs: int, estimate: Estimate) -> Iterator[RenderableType]:
-    """The same for people."""
+def preview_text(
+    coverage: Coverage, runs: int, estimate: Estimate, least: int | None = None
+) -> Iterator[RenderableType]:
+    """The same for people.
+
+    Args:
+        least: Runs that each configuration has at least, where `runs` is the most.
+    """
     table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column("family", overflow="fold")
     for name in _counts(coverage, runs):
@@ -58,8 +64,10 @@ def preview_text(coverage: Coverage, runs: int, estimate: Estimate) -> Iterator[
     yield from _lost("rejected: can't be built", list(unrealisable(coverage)))
     yield from _lost("excluded by constraints", list(excluded(coverage)))
     yield ""
+    if least is not None:
+        yield Text(f"runs at most: a configuration has {least} to {runs}, and ends when its class is decided")
     yield Text(
-        f"estimate: about {duration_text(estimate.wall_s)} for {duration_text(estimate.simulated_s)} of simulated time "
+        f"estimate: {'about' if least is None else 'at most about'} {duration_text(estimate.wall_s)} for {duration_text(estimate.simulated_s)} of simulated time "
         f"({estimate.how})"
     )
 

@@ -51,10 +51,11 @@ def preview(
         for fault in campaign.unexecutable:
             print(f"not to be run by this version: {fault}", file=sys.stderr)
         estimate = estimate_of(found.configurations, campaign.runs, campaign.timeout_s, cores_here())
+        least = None if campaign.sequential is None else campaign.sequential.min
         if not as_json:
             from vastflow.flows.outcome import printed
 
-            printed(preview_text(found.coverage, campaign.runs, estimate))
+            printed(preview_text(found.coverage, campaign.runs, estimate, least))
         distinct = [configuration for configuration in found.configurations if configuration.duplicate_of is None]
         try:
             written = _drawn(distinct[:pictures], folder)

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from vastflow.flows import campaign_tables, found, tables
+from vastflow.flows.asked import SEQUENTIAL
+from vastflow.flows.members import Runs
 from vastflow.producers.instantiate import Instantiation
 from vastflow.sim.digest import FileContent
 from vastflow.tasks.keys import Keys
@@ -26,7 +28,7 @@ def report_key(
     metadata: Mapping[str, Any],
     instantiation: Instantiation,
     contents: Iterable[Sequence[Any]],
-    runs: int,
+    runs: Runs,
     oracles: Sequence[str],
 ) -> str:
     """Key under which the store has the report of a campaign without faults.
@@ -36,12 +38,14 @@ def report_key(
         metadata: What `metadata.json` says; of it what is the same for every call with these results.
         contents: Of each configuration that is no duplicate, in order: the keys of its verdicts, which follow from its scenario and
             its recordings, and what is in them.
-        runs: Of each configuration.
+        runs: Of each configuration; `metadata` has the rule, where they ended by one.
         oracles: Their names.
     """
     hashed = hashlib.sha256()
     same = {name: metadata[name] for name in ("name", "vastflow", "versions", "notes")}
     same["selection"] = [metadata.get("asked", {}).get("only"), instantiation.sampled_from]
+    if SEQUENTIAL in metadata:
+        same[SEQUENTIAL] = metadata[SEQUENTIAL]
     libraries = {name: importlib.metadata.version(name) for name in _LIBRARIES}
     for part in (
         [same, libraries, hashlib.sha256(campaign).hexdigest(), runs, oracles],

@@ -21,6 +21,7 @@ from vastflow.flows.found import Found, RunFault
 from vastflow.flows.inputs import Inputs
 from vastflow.flows.kept_report import KeptReport, renew_work
 from vastflow.flows.member_files import written
+from vastflow.flows.members import Runs, runs_of
 from vastflow.flows.notes import terminal_lines
 from vastflow.flows.origin import origin_row
 from vastflow.flows.summary import Summary, Work
@@ -59,7 +60,7 @@ def write_results(
     instantiation: Instantiation,
     found: Callable[[Configuration], Found],
     *,
-    runs: int,
+    runs: Runs,
     oracles: Sequence[str],
     keys: Keys,
     record: Mapping[str, Any] | None = None,
@@ -78,7 +79,7 @@ def write_results(
         instantiation: What is in the directory, that is, after `only` has been applied.
         found: Reads one configuration's artifacts; called once for each that is no duplicate, from `threads` threads and few ahead,
             so that only a few configurations' recordings are in memory.
-        runs: Runs asked for of each configuration: indices 0 to runs - 1.
+        runs: Of each configuration.
         oracles: Names of the requested oracles, `success` first. A run without a verdict of one of them
             gets `not judged` with the fault as the reason.
         keys: Of the artifacts that `found` reads; name the code and the numeric class they follow from.
@@ -139,7 +140,7 @@ def write_results(
 
 
 def summary_of(
-    instantiation: Instantiation, counts: Counts, by_oracle: Mapping[str, Counts], runs: int, work: Work, results: Path
+    instantiation: Instantiation, counts: Counts, by_oracle: Mapping[str, Counts], runs: Runs, work: Work, results: Path
 ) -> Summary:
     """A campaign in numbers.
 
@@ -148,14 +149,13 @@ def summary_of(
         by_oracle: Of runs, by what each oracle says.
         runs: Of each configuration.
     """
-    duplicates = sum(c.duplicate_of is not None for c in instantiation.configurations)
-    configurations = len(instantiation.configurations) - duplicates
+    distinct = [c.name for c in instantiation.configurations if c.duplicate_of is None]
     return Summary(
-        configurations=configurations,
+        configurations=len(distinct),
         rejected=len(instantiation.rejections),
         excluded=len(instantiation.excluded),
-        duplicates=duplicates,
-        runs=configurations * runs,
+        duplicates=len(instantiation.configurations) - len(distinct),
+        runs=sum(runs_of(runs, name) for name in distinct),
         **asdict(counts),
         **asdict(work),
         results=str(results),

@@ -41,12 +41,13 @@ def resume(
         _end(f"{directory}: damaged campaign directory: {' '.join(str(error).split())}")
     only = f", only {', '.join(asked.only)}" if asked.only else ""
     only += "" if asked.sample is None else f", a sample of {asked.sample}"
-    runs = f"{asked.runs} run{'' if asked.runs == 1 else 's'} of each configuration"
+    runs = f"{asked.runs} run{'' if asked.runs == 1 else 's'} of each configuration{' at most' * asked.sequential}"
     print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
     try:
         with replica(directory, asked) as file:
             selected = list(asked.only)
-            run_and_show(file, asked.runs, directory.parent, store, workers, selected, as_json, chosen, asked.sample)
+            runs_asked = asked.fixed_runs
+            run_and_show(file, runs_asked, directory.parent, store, workers, selected, as_json, chosen, asked.sample)
     except NotReplicable as error:
         _end(str(error))
 

@@ -2,13 +2,13 @@
 
 import pickle
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from vastflow.flows.computation import Computation, begin_executing, end_orphans, inside_flow_run
 from vastflow.flows.found import RunFault, StoredResult
-from vastflow.flows.members import members_of, narrowed
+from vastflow.flows.members import Runs, members_of, narrowed
 from vastflow.flows.selection import Selection
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.configuration import Configuration
@@ -22,6 +22,7 @@ from vastflow.tasks.workshop import MemberFault, Workshop, block_size, judgement
 
 if TYPE_CHECKING:
     from vastflow.flows.spread import Spread
+    from vastflow.flows.stopping import Stopping
     from vastflow.tasks.stages import Bench
 
 WAVES: Final = 3
@@ -41,11 +42,12 @@ class Session:
 
     Args:
         title: Name of Prefect's flow run.
-        runs: Of each configuration.
+        runs: Of each configuration, at most.
         only: What of the campaign is run.
         workers: Worker processes.
         prefect_results: Folder for the results of Prefect's tasks.
         log: File for all that would be said on the terminal otherwise.
+        stopping: Says how many runs a configuration wants; None for all of them.
 
     Attributes:
         flow_run_id: Of the flow run on whose page the campaign's results belong, if there is one.
@@ -64,8 +66,10 @@ class Session:
         prefect_results: Path,
         log: Path,
         spread: "Spread | None" = None,
+        stopping: "Stopping | None" = None,
     ) -> None:
-        self.runs = runs
+        self._runs = runs
+        self._stopping = stopping
         self._title = title
         self._instantiator = instantiator
         self._shelf = shelf
@@ -85,6 +89,11 @@ class Session:
         self._flow_fault: CampaignFault | None = None
         self._unavailable: PrefectUnavailable | None = None
         self.flow_run_id: str | None = None
+
+    @property
+    def runs(self) -> Runs:
+        """Of each configuration: all of them, or as many as `complete` found to be wanted."""
+        return self._runs if self._stopping is None else {name: member.runs for name, member in self._members.items()}
 
     @property
     def campaign_faults(self) -> list[CampaignFault]:
@@ -157,27 +166,57 @@ class Session:
     def _instantiate(self, instantiated: Instantiated) -> None:
         instantiation = narrowed(instantiated.instantiation, self._only, self._instantiator.campaign.path)
         self._instantiated = Instantiated(instantiation, instantiated.faults)
-        self._members = {member.name: member for member in members_of(instantiation, self.runs)}
-        self._tally.expect(dict.fromkeys(self._members, self.runs))
+        self._members = {member.name: member for member in members_of(instantiation, self._runs)}
+        if self._stopping is not None:
+            first = self._stopping.wanted({})
+            self._members = {name: replace(member, runs=first) for name, member in self._members.items()}
+        self._tally.expect({name: member.runs for name, member in self._members.items()})
 
     def _scanned(self, names: Collection[str]) -> set[str]:
         """Look what is in the store of members and count it; give the names of those that are not complete."""
         self._tally.begin("scanning")
+        return self._looked_at(names)
+
+    def _looked_at(self, names: Collection[str]) -> set[str]:
+        """As `_scanned`, in whatever phase; the members then want as many runs as their verdicts ask for."""
         members = [member for name, member in self._members.items() if name in names]
+        broken = {fault.member for fault in self._faults}
         self._incomplete = set()
         self._missing_runs = 0
-        for member in members:
-            shelved = self._shelf.shelved(member)
-            for each in shelved:
-                self._tally.reuse(member.name, range(each.block.start, each.block.stop))
-                if each.verdicts:
-                    self._tally.judge(member.name, judgements(each.verdicts))
-            absent = missing([each.block for each in shelved], member.runs)
+        for each in members:
+            member, shelved = self._wanting(each)
+            absent = missing([found.block for found in shelved], member.runs)
             self._missing_runs += len(absent)
-            if absent or not all(each.verdicts for each in shelved):
+            if absent or not all(found.verdicts for found in shelved):
                 self._incomplete.add(member.name)
-            self._shelved[member.name] = shelved
+            if self._stopping is not None:
+                goes_on = member.name in self._incomplete and member.name not in broken
+                most = self._runs if goes_on else member.runs
+                self._tally.want(member.name, member.runs, most)
+            for found in shelved:
+                self._tally.reuse(member.name, range(found.block.start, found.block.stop))
+                if found.verdicts:
+                    self._tally.judge(member.name, judgements(found.verdicts))
+            self._members[member.name], self._shelved[member.name] = member, shelved
         return self._incomplete
+
+    def _wanting(self, member: Member) -> tuple[Member, list[Shelved]]:
+        """A member with the runs that are wanted of it by now, and what the store has of these."""
+        if self._stopping is None:
+            return member, self._shelf.shelved(member)
+        return self._stopping.shelved(self._shelf, member)
+
+    def _more(self, workshop: Workshop) -> list[Member]:
+        """Members that want more runs now that those of a wave are judged; one that lacks something of the wave does not go on."""
+        if self._stopping is None:
+            return []
+        before = {name: self._members[name].runs for name in self._incomplete}
+        self._faults = workshop.faults
+        self._looked_at(before)
+        broken = {fault.member for fault in self._faults}
+        workshop.block_runs = block_size(self._missing_runs, self._workers)
+        going_on = [name for name in before if name in self._incomplete and self._members[name].runs > before[name]]
+        return [self._members[name] for name in going_on if name not in broken]
 
     def _compute(self) -> None:
         """One run of the flow."""
@@ -221,6 +260,7 @@ class Session:
             bench,
             plan=lambda evaluator: self._plan(bench.workshop, evaluator),
             incomplete=lambda: self._incomplete,
+            more=lambda: self._more(bench.workshop),
             running=lambda: self._tally.begin("running"),
             progress=None if inside_flow_run() else self._tally.progress,
         )

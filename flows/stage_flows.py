@@ -9,7 +9,7 @@ from prefect.runtime import flow_run
 
 from vastflow.flows.artifacts import tag, tolerated
 from vastflow.flows.task_log import quiet_task_runs
-from vastflow.flows.task_runs import entered, evaluator, log_known, settle, show_ending
+from vastflow.flows.task_runs import entered, evaluator, log_known, settle, shards_shown
 from vastflow.tasks import stages
 from vastflow.tasks.instantiation import Evaluator
 from vastflow.tasks.stages import Bench, Shard
@@ -81,7 +81,7 @@ def _through(done: str, job: StageJob, stage: "Task[Any, Any]", *upstream: Seque
             get_run_logger().info(
                 "%d configurations in %d shards", sum(len(shard.members) for shard in job.shards), len(job.shards)
             )
-            show_ending(job.name, futures, done)
+            shards_shown(job.name, done)(futures)
         finally:
             wait(futures)
         log_known(stage.name, futures)

@@ -70,7 +70,7 @@ def execute(
     A run that can't be executed because of a fault of ours is in `faults` of the result, and raises nothing.
 
     Args:
-        runs: Of each configuration, instead of the file's.
+        runs: Of each configuration, instead of the file's. Where these end by a rule it is their most, for nothing is judged here.
         only: Names of families or configurations; nothing else is executed.
         workers: Worker processes, else one a core.
         observer: Is shown the progress, from one thread.

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final, TypeAlias
 
 from prefect import get_run_logger, unmapped
 from prefect.futures import PrefectFuture
@@ -36,6 +36,10 @@ def held() -> Iterator[None]:
         ledger.leave(str(flow_run.id))
 
 
+MOST_UNRECORDED: Final = 1000
+"""Task runs that may have ended without Prefect's server having recorded it; of thousands at a time it loses some silently."""
+
+
 class TaskFailed(RuntimeError):
     """A task failed as a whole: a fault of ours in Prefect's shell, not in a member."""
 
@@ -56,39 +60,54 @@ def evaluator(bench: Bench, futures: "list[PrefectFuture[Any]]") -> Evaluator:
     return evaluate
 
 
-def show_ending(name: str, last: "Sequence[PrefectFuture[Any]]", done: str) -> None:
-    """Show on the flow run's page how many shards are through, until all are.
+Show: TypeAlias = Callable[["Sequence[PrefectFuture[Any]]"], None]
+"""Shows how far shards are until all are through; takes of each the last task run. Called for one wave after another."""
+
+
+def shards_shown(name: str, done: str) -> Show:
+    """Shows on the flow run's page how many shards are through.
 
     Args:
         name: The campaign's; tag of the flow run and part of the bar's key.
-        last: Of each shard the last task run.
         done: What a shard is then, such as `judged`.
     """
     run = str(flow_run.id)
     bar = ProgressBar(f"{key_of(name)}-shards", run)
+    through = 0
     with tolerated():
         tag(run, name)
-        for count, future in enumerate(last):
-            bar.show(count / len(last), f"{count} of {len(last)} shards {done}")
-            future.wait()
-        bar.show(1.0, f"{len(last)} shards {done}")
+
+    def show(last: "Sequence[PrefectFuture[Any]]") -> None:
+        nonlocal through
+        before, through = through, through + len(last)
+        with tolerated():
+            for count, future in enumerate(last, before):
+                bar.show(count / through, f"{count} of {through} shards {done}")
+                future.wait()
+            bar.show(1.0, f"{through} shards {done}")
+
+    return show
 
 
-def show_progress(name: str, last: "Sequence[PrefectFuture[Any]]", progress: Callable[[], Progress]) -> None:
-    """Show on the flow run's page how many runs are done, and in its name how many there are, until all shards are through.
+def runs_shown(name: str, progress: Callable[[], Progress]) -> Show:
+    """Shows on the flow run's page how many runs are done, and in its name how many there are.
 
     Args:
-        name, last: As `show_ending` has them.
+        name: As `shards_shown` has it.
     """
     run = str(flow_run.id)
     page = Page(name, run, get_run_logger().info)
     with tolerated():
         tag(run, name)
-    page.update(progress())
-    for future in last:
-        while not _ends_within(future, INTERVAL_S):
-            page.update(progress())
-    page.update(progress())
+
+    def show(last: "Sequence[PrefectFuture[Any]]") -> None:
+        page.update(progress())
+        for future in last:
+            while not _ends_within(future, INTERVAL_S):
+                page.update(progress())
+        page.update(progress())
+
+    return show
 
 
 def _ends_within(future: "PrefectFuture[Any]", timeout_s: float) -> bool:
@@ -102,6 +121,21 @@ def log_known(stage: str, ended: "Sequence[PrefectFuture[Any]]") -> None:
     """Say in the flow run's log how many of a stage's shards Prefect knew already."""
     known = sum(future.state.name == "Cached" for future in ended)
     get_run_logger().info("%s: %d shards, %d of them known already", stage, len(ended), known)
+
+
+def catch_up(futures: "Sequence[PrefectFuture[Any]]", recorded: int) -> int:
+    """Wait for the server where there are many ended task runs that it may not have recorded.
+
+    Args:
+        recorded: How many of `futures`, the first ones, are known to be recorded.
+
+    Returns:
+        How many are now.
+    """
+    if len(futures) - recorded < MOST_UNRECORDED:
+        return recorded
+    drain(str(flow_run.id), sum(future.state.is_final() for future in futures))
+    return len(futures)
 
 
 def settle(futures: "Sequence[PrefectFuture[Any]]") -> None:

@@ -16,7 +16,7 @@ from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_
 from vastflow.oracles.tables import Tables
 from vastflow.oracles.weights import WeightedRate, weighted_rate, weights_of
 
-STOPPING: Final = "stopping"
+STOPPING: Final = "sequential"
 """Key of `metadata.json` with the rule of a campaign whose runs were stopped one by one: `min`, `max`, and more or less `error`,
 `systematic`, `reliable`."""
 

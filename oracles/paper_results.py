@@ -149,7 +149,7 @@ class PaperResults:
     @property
     def whole_runs(self) -> int:
         """Runs of all configurations."""
-        return self.configurations * self.runs
+        return sum(each.judged + each.not_judged for each in self.counts.values())
 
     @property
     def configurations(self) -> int:

@@ -13,7 +13,7 @@ from vastflow.oracles.environment_names import environment_names
 from vastflow.oracles.evidence import Evidence, evidence_json, evidence_of, spreads_of
 from vastflow.oracles.executed import KeptFiles
 from vastflow.oracles.figures.palette import CLASS_COLOURS
-from vastflow.oracles.findings import Findings, findings_json, findings_of, shape_of
+from vastflow.oracles.findings import Findings, findings_json, findings_of, shape_of, stopping_rule
 from vastflow.oracles.page import rows
 from vastflow.oracles.page.pictures import (
     MAX_EMBEDDED,
@@ -140,6 +140,7 @@ def _html(
     gallery: Gallery = found["gallery"]
     embedded = _embedded(gallery.pictures)
     said = tables.verdicts.reasons("fail")
+    rule = stopping_rule(tables.metadata)
     return environment.from_string((_PAGE / "report.html.j2").read_text(encoding="utf-8")).render(
         name=tables.metadata["name"],
         about=_about(tables.campaign),
@@ -152,7 +153,7 @@ def _html(
         class_names=list(CLASS_COLOURS),
         shape=shape_of(findings),
         most_runs=int(findings.counts[:, :2].sum(axis=1).max(initial=0)),
-        least_runs=min(runs_for_a_claim().values()),
+        least_runs=0 if rule is not None and rule.decidable else min(runs_for_a_claim().values()),
         totals=rows.totals(tables),
         group=evidence[None].campaign,
         family_table=rows.family_table(evidence),

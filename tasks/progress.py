@@ -17,6 +17,7 @@ class Progress:
 
     Attributes:
         configurations_total, runs_total: 0 until they are known.
+        at_most: Whether there may be fewer runs than `runs_total`, for configurations end when their class is decided.
         configurations_done, runs_done: Judged, or found to be broken by our own fault.
         executed, reused: Runs simulated now, and runs whose recordings were in the store.
         passed, failed, not_judged: Of the runs that are done.
@@ -36,6 +37,7 @@ class Progress:
     not_judged: int = 0
     simulated_s: float = 0.0
     notices: tuple[str, ...] = ()
+    at_most: bool = False
 
 
 class Observer(Protocol):
@@ -72,7 +74,15 @@ class Tally:
         """Set what there is to do, before anything of it is told: member to number of runs."""
         with self._lock:
             known = self._members
-            self._members = {member: known.get(member) or _Member(runs) for member, runs in wanted.items()}
+            self._members = {member: known.get(member) or _Member(runs, runs) for member, runs in wanted.items()}
+
+    def want(self, member: str, runs: int, most: int) -> None:
+        """Let a member want `runs` by now and `most` at the most; it is done with that many."""
+        with self._lock:
+            if (of := self._members.get(member)) is not None:
+                was_done = of.done == of.most
+                of.runs, of.most = max(of.runs, runs), most
+                self._members_done += (of.done == most) - was_done
 
     def reuse(self, member: str, runs: Iterable[int]) -> None:
         """Runs whose recordings were found; those executed by this call stay executed."""
@@ -112,7 +122,7 @@ class Tally:
                 self._judgements[judgement] += bits.bit_count()
             done, was_done = sum(theirs.bit_count() for theirs in of.judged.values()), of.done
             self._judged += done - was_done
-            self._members_done += (done == of.runs) - (was_done == of.runs)
+            self._members_done += (done == of.most) - (was_done == of.most)
             of.done = done
 
     def progress(self) -> Progress:
@@ -123,7 +133,7 @@ class Tally:
                 configurations_done=self._members_done,
                 configurations_total=len(self._members),
                 runs_done=self._judged,
-                runs_total=sum(of.runs for of in self._members.values()),
+                runs_total=sum(of.most for of in self._members.values()),
                 executed=self._executed,
                 reused=self._reused,
                 passed=self._judgements["pass"],
@@ -131,6 +141,7 @@ class Tally:
                 not_judged=self._judgements["not judged"],
                 simulated_s=self._simulated_s,
                 notices=self._notices,
+                at_most=any(of.most > of.runs for of in self._members.values()),
             )
 
 
@@ -140,12 +151,14 @@ class _Member:
 
     Attributes:
         runs: Wanted; a block may hold runs that nobody asked for this time.
+        most: Wanted at the most.
         simulated_s: Of the runs that were executed.
         judged: Judgement to the runs of which it was said.
         done: How many were judged.
     """
 
     runs: int
+    most: int
     reused: int = 0
     executed: int = 0
     simulated_s: dict[int, float] = field(default_factory=dict)

@@ -74,7 +74,7 @@ class Workshop:
         self._oracles = oracles
         self._lock = threading.Lock()
         self._warm: Future[Any] | None = None
-        self._executing: dict[str, list[_Job]] = {}
+        self._executing: dict[tuple[str, int], list[_Job]] = {}
         self._faults: list[MemberFault] = []
 
     @property
@@ -115,16 +115,17 @@ class Workshop:
         self._warm = self._submit(Priority.EVALUATE, work.compile_kernels)
 
     def start_executing(self, member: Member) -> list["_Job"]:
-        """Hand the missing runs of a member to the pool, once."""
+        """Hand the missing runs of a member to the pool, once for each number of runs that is wanted of it."""
         if self._warm is not None:
             self._answer(self._warm)
         with self._lock:
-            if member.name not in self._executing:
+            key = member.name, member.runs
+            if key not in self._executing:
                 wanted = missing(self.shelf.blocks(member), member.runs)
-                self._executing[member.name] = [
+                self._executing[key] = [
                     self._start(member, start, stop) for start, stop in stretches(wanted, self.block_runs)
                 ]
-            return self._executing[member.name]
+            return self._executing[key]
 
     def _start(self, member: Member, start: int, stop: int) -> "_Job":
         keys = self.shelf.keys

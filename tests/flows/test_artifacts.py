@@ -168,6 +168,13 @@ def test_one_is_not_many():
     )
 
 
+def test_different_numbers_of_runs_are_counted_together():
+    assert size_text(4, 58) == "4 configurations, 58 runs"
+    assert size_text(4, 80, at_most=True) == "4 configurations, at most 80 runs"
+    progress = Progress("running", runs_total=80, runs_done=6, passed=6, at_most=True)
+    assert progress_text(progress).startswith("6 of at most 80 runs done")
+
+
 def test_progress_in_words():
     progress = Progress("running", runs_total=8, runs_done=6, passed=3, failed=2, not_judged=1)
     assert progress_text(progress) == "6 of 8 runs done; 3 passed, 2 failed, 1 not judged"

@@ -202,3 +202,8 @@ def test_last_words_are_written_once_and_nothing_after_them():
         display.close("again")
         display.update(progress())
     assert stream.getvalue() == "interrupted\n"
+
+
+def test_runs_that_may_not_be_needed_are_shown_as_the_most():
+    line = plain_line(progress(at_most=True), Pace(10.0, 9.0, 2.0, 30.0, 52.0))
+    assert "16/120 runs at most" in line and "at most 52 s left" in line

@@ -92,7 +92,7 @@ def test_a_kept_report_says_the_facts_of_the_call_that_asks(written):
     results, _ = written(second=2, executed=0)
     report = (results.directory / "report.html").read_text()
     assert "2026-11-21 06:05:02" in report and "06:05:01" not in report
-    assert "0 executed for it, 4 from the store" in report
+    assert "0 executed, 4 from the store" in report
     metadata = json.loads((results.directory / "metadata.json").read_text())
     assert (metadata["counts"]["executed"], metadata["counts"]["passed"]) == (0, 4)
     assert metadata["created"] == "2026-11-21T06:05:02" and metadata["report"] == KEY

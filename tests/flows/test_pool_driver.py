@@ -4,6 +4,7 @@ import itertools
 import json
 import threading
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
@@ -25,21 +26,22 @@ from vastflow.tasks.workshop import MemberFault, Workshop
 
 KEYS = Keys("numeric", "a", "b", "c", 0, [])
 RUNS = 2
+FINISHED = Seen("ended", "Completed", "", "")
 
 
 def member(k):
     return Member(f"hall-{k}", "hall", k, Scenario("builtin:navigate_to_pose", 1.0, {}, {"k": k}, {}), RUNS)
 
 
-def compute(store, each):
+def compute(store, each, start=0, stop=RUNS):
     """What a worker leaves in the store of a member."""
     shelf = Shelf(store, KEYS)
     home = KEYS.recordings(each.scenario.digest)
-    info = {"runs": [[run, 2.0] for run in range(RUNS)]}
-    recorded = store.put(f"{home}/0-{RUNS}", {RECORDINGS: each.name.encode()}, info)
-    block = shelf.block(each, 0, RUNS, recorded.content)
+    info = {"runs": [[run, 2.0] for run in range(start, stop)]}
+    recorded = store.put(f"{home}/{start}-{stop}", {RECORDINGS: f"{each.name} {start}-{stop}".encode()}, info)
+    block = shelf.block(each, start, stop, recorded.content)
     trace = store.put(shelf.trace_key(each, block), {TRACES: b"trace"})
-    said = {"runs": [[run, "pass"] for run in range(RUNS)]}
+    said = {"runs": [[run, "pass"] for run in range(start, stop)]}
     store.put(shelf.verdicts_key(each, block, trace.content), {VERDICTS: b"[]"}, said)
 
 
@@ -139,6 +141,33 @@ def test_what_the_store_has_is_not_asked_for(drive, members):
     progress, _, workers, _ = drive(done, members)
     assert [names for _, names in workers.tried] == [["hall-8"]]
     assert progress.executed == RUNS
+
+
+def test_members_that_want_more_runs_go_to_the_workers_again_for_these_alone(tmp_path, members):
+    store = open_local_store(tmp_path / "store")
+    tally, pool = Tally(), Pool(1)
+    tally.expect({each.name: RUNS for each in members})
+    workshop = Workshop(Shelf(store, KEYS), pool, tally, b"")
+    workers, shown = Workers(store, done), []
+    driver = Driver(workers, workers.packed, workshop, tally, WorkPool("lab", shards=1), print, poll_s=0.0)
+    compute(store, members[0], 2, 4)  # of an earlier campaign: the first two runs of it are missing
+    try:
+        for each in members:
+            tally.want(each.name, RUNS, 5)
+        driver.run(members, lambda *shards: shown.append(shards))
+        more = [replace(each, runs=5) for each in members[:3]]
+        for each in members:
+            tally.want(each.name, 5 if each in members[:3] else RUNS, 5 if each in members[:3] else RUNS)
+        tally.reuse("hall-1", range(2, 4))
+        workers.act = lambda workers, flow_run, some: [compute(store, each, RUNS, 5) for each in some] and FINISHED
+        driver.run(more, lambda *shards: shown.append(shards))
+    finally:
+        pool.close()
+    progress = tally.progress()
+    assert [names for _, names in workers.tried] == [[each.name for each in members], ["hall-1", "hall-2", "hall-3"]]
+    assert (progress.runs_done, progress.runs_total, progress.at_most) == (16 + 9, 16 + 9, False)
+    assert (progress.executed, progress.reused) == (16 + 9 - 2, 2)
+    assert shown[-1] == (2, 2)
 
 
 def test_a_shard_is_called_by_its_places(drive, members):

@@ -55,7 +55,7 @@ def test_a_fixed_number_of_runs_has_no_stopping_rule():
 
 
 def test_a_stopping_rule_is_read_with_what_the_campaign_says_of_it():
-    rule = stopping_rule({"stopping": {"min": 4, "max": 30, "reliable": 0.9}})
+    rule = stopping_rule({"sequential": {"min": 4, "max": 30, "reliable": 0.9}})
     assert (rule.min_runs, rule.max_runs, rule.bounds.reliable, rule.bounds.systematic) == (4, 30, 0.9, 0.2)
 
 

@@ -166,7 +166,7 @@ def test_rows_of_a_table_are_data_that_a_script_can_read(directory: Path) -> Non
 
 def test_a_campaign_that_was_stopped_early_says_how_many_runs_that_saved(directory: Path) -> None:
     metadata = json.loads((directory / "metadata.json").read_text())
-    (directory / "metadata.json").write_text(json.dumps({**metadata, "stopping": {"min": 3, "max": 20}}))
+    (directory / "metadata.json").write_text(json.dumps({**metadata, "sequential": {"min": 3, "max": 20}}))
     write_report(directory)
     page = Page((directory / "report.html").read_text(encoding="utf-8"))
     assert "60 of 80 runs were saved" in " ".join(page.text.split())

@@ -131,7 +131,17 @@ def test_a_family_may_not_be_called(tmp_path: Path, name: str) -> None:
         ("execution:\n  runs: five", "2:9: execution.runs: found 'five'; a whole number"),
         ("execution:\n  runs: 0", "2:9: execution.runs: found 0; 1 or more"),
         ("execution:\n  runs: yes", "2:9: execution.runs: found true; a whole number"),
-        ("execution:\n  runs: {min: 2}", "2:9: execution.runs: found {'min': 2}; a whole number"),
+        (
+            "execution:\n  runs: {min: 2, stop: {}}",
+            "2:3: execution.runs: no 'max'; max: runs after which a configuration is undecided",
+        ),
+        ("execution:\n  runs: {max: 9}", "2:3: execution.runs: no 'stop'; stop: when a class counts as shown"),
+        ("execution:\n  runs: {min: 5, max: 3, stop: {}}", "2:3: execution.runs: min is 5 and max 3; min of max or less"),
+        ("execution:\n  runs: {max: 20, stop: {error: 0.7}}", "2:33: execution.runs.stop.error: found 0.7; less than 0.5"),
+        ("execution:\n  runs: {max: 20, stop: {systematic: 0.8, reliable: 0.2}}", "2:19: execution.runs.stop: systematic is 0.8 and reliable 0.2; systematic below reliable"),
+        ("execution:\n  runs: {max: 20, stop: {}, most: 3}", "2:29: execution.runs: unknown key 'most'; known: max, min, stop"),
+        ("execution:\n  runs: {max: none, stop: {}}", "2:15: execution.runs.max: found 'none'; a whole number"),
+        ("execution:\n  runs: {max: 20, stop: 0.05}", "2:25: execution.runs.stop: found 0.05; a mapping"),
         ("execution:\n  seed: -1", "2:9: execution.seed: found -1; 0 or more"),
         ("execution:\n  timeout: 0", "2:12: execution.timeout: found 0; greater than 0"),
         ("execution: 3", "1:12: execution: found 3; a mapping"),
@@ -220,5 +230,7 @@ def test_every_reference_in_the_schema_leads_somewhere() -> None:
 
 def test_the_schema_describes_keys_in_words_and_marks_those_without_effect() -> None:
     execution = campaign_schema()["$defs"]["ExecutionSpec"]["properties"]
-    assert execution["runs"]["description"] == "Repetitions of each configuration."
+    assert execution["runs"]["description"].startswith(
+        "Repetitions of each configuration: a number, or `{min, max, stop:"
+    )
     assert execution["image"]["$comment"] == "not executed by this version"

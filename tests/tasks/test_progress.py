@@ -127,3 +127,24 @@ def test_without_an_observer_nothing_is_shown():
 
 def test_progress_is_a_value():
     assert Progress(phase="running") == Progress(phase="running")
+
+
+def test_runs_that_may_be_wanted_count_until_it_is_known_that_they_are_not():
+    counted = Tally()
+    counted.expect({"a": 2, "b": 2})
+    for member in "ab":
+        counted.want(member, 2, 5)
+        counted.judge(member, {0: "pass", 1: "pass", 2: "pass"})
+    open_ones = counted.progress()
+    assert (open_ones.runs_done, open_ones.runs_total, open_ones.configurations_done, open_ones.at_most) == (
+        4,
+        10,
+        0,
+        True,
+    )
+    counted.want("a", 2, 2)
+    counted.want("b", 5, 5)
+    counted.judge("b", {2: "fail", 3: "pass", 4: "pass"})
+    done = counted.progress()
+    assert (done.runs_done, done.runs_total, done.configurations_done, done.at_most) == (7, 7, 2, False)
+    assert (done.passed, done.failed) == (6, 1)

@@ -1,0 +1,124 @@
+"""Sequential stopping of a campaign: how many runs a configuration wants next, by the judgements of its first runs alone."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Final
+
+from vastflow.oracles.statistics.classes import Bounds
+from vastflow.oracles.statistics.stopping import StoppingRule
+from vastflow.producers.repetition import Sequential
+from vastflow.tasks.shelf import Member, Shelf, Shelved
+from vastflow.tasks.workshop import judgements
+
+MOST_WAVES: Final = 16
+"""Between two looks there are as many runs as let these many suffice, and one where they do: up to 21 runs from a minimum of 5.
+
+A run more of every configuration costs a campaign more than a wave, which is some hundred task runs and a moment in which workers
+wait for the last run. So there are few runs between two looks; but not a wave for every run of hundreds.
+"""
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """Looks at a configuration's first runs, and says whether it wants more.
+
+    Looks are on a fixed grid, and each uses the runs before it alone. So the number of runs follows from the judgements, whatever
+    else the store holds, whoever computed it and in which order.
+
+    Attributes:
+        rule: Decides at each look.
+    """
+
+    rule: StoppingRule
+
+    @property
+    def most(self) -> int:
+        """Runs that no configuration exceeds."""
+        return self.rule.max_runs
+
+    @property
+    def as_json(self) -> dict[str, Any]:
+        """The rule as `metadata.json` has it; `vastflow.oracles.findings.stopping_rule` reads it."""
+        rule = self.rule
+        return {
+            "min": rule.min_runs,
+            "max": rule.max_runs,
+            "error": rule.error,
+            "systematic": rule.bounds.systematic,
+            "reliable": rule.bounds.reliable,
+        }
+
+    @cached_property
+    def looks(self) -> tuple[int, ...]:
+        """Numbers of runs after which it is looked, in order: from the rule's least to its most."""
+        least, most = self.rule.min_runs, self.rule.max_runs
+        wave = max(1, -(-(most - least) // MOST_WAVES))
+        return (*range(least, most, wave), most)
+
+    def wanted(self, judgements: Mapping[int, str]) -> int:
+        """How many runs a configuration wants by what is known of them: indices 0 to `wanted` - 1.
+
+        Where all of these are among `judgements` it wants no more. A look at which nothing could be decided, however the runs before
+        it end, is passed over: that saves a wave and changes no outcome.
+
+        Args:
+            judgements: Run index to `pass`, `fail` or `not judged`, which is no evidence; any other runs, later ones too.
+        """
+        runs = passed = judged = 0
+        while True:
+            look = self._next(runs, passed, judged)
+            for run in range(runs, look):
+                said = judgements.get(run)
+                if said is None:
+                    return look
+                passed += said == "pass"
+                judged += said != "not judged"
+            runs = look
+            if runs >= self.most or self._decided[judged][passed]:
+                return runs
+
+    def shelved(self, shelf: Shelf, member: Member) -> tuple[Member, list[Shelved]]:
+        """A member with the runs that are wanted of it by what the store has, and what the store has of these."""
+        there = shelf.shelved(replace(member, runs=self.most))
+        known = {run: said for each in there if each.verdicts for run, said in judgements(each.verdicts).items()}
+        wanted = replace(member, runs=self.wanted(known))
+        return wanted, [each for each in there if each.block.start < wanted.runs]
+
+    def _next(self, runs: int, passed: int, judged: int) -> int:
+        """The next look, after `runs`, at which something may be decided."""
+        key = runs, passed, judged
+        if key not in self._found:
+            later = (look for look in self.looks if look > runs)
+            self._found[key] = next(
+                look for look in later if look >= self.most or self._may_decide(passed, judged, look - runs)
+            )
+        return self._found[key]
+
+    def _may_decide(self, passed: int, judged: int, more: int) -> bool:
+        """Whether `more` runs can decide."""
+        return any(any(self._decided[judged + k][passed : passed + k + 1]) for k in range(more + 1))
+
+    @cached_property
+    def _found(self) -> dict[tuple[int, int, int], int]:
+        """Next looks that were found; thousands of configurations come by the same few."""
+        return {}
+
+    @cached_property
+    def _decided(self) -> list[list[bool]]:
+        """Whether a class is decided, by judged runs and passes."""
+        return [
+            [
+                found not in (None, "undecided")
+                for found in self.rule.decisions(range(judged + 1), [judged] * (judged + 1))
+            ]
+            for judged in range(self.most + 1)
+        ]
+
+
+def stopping_of(sequential: Sequential | None) -> Stopping | None:
+    """The stopping that a campaign file asks for; None where the number of runs is fixed."""
+    if sequential is None:
+        return None
+    stop = sequential.stop
+    return Stopping(StoppingRule(sequential.min, sequential.max, Bounds(stop.systematic, stop.reliable), stop.error))

@@ -1,0 +1,276 @@
+"""Campaigns whose runs end when a class is decided, with a real Prefect: how many runs, in which order, and what is written."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+
+import pyarrow.parquet as pq
+import pytest
+
+from vastflow.flows import api, computation, run_campaign
+from vastflow.flows.dry_run import dry_run
+from vastflow.flows.dry_run_text import dry_run_json, dry_run_text
+from vastflow.flows.past import past_of
+from vastflow.tasks.source import installed_tree
+
+pytestmark = pytest.mark.timeout(280)
+
+CAMPAIGN = """
+version: 1
+metadata: {name: kinds}
+configuration:
+  - name: kind
+    variations:
+      - ParameterVariationList: {name: kind, values: KINDS}
+execution: {scenario_file: kind.osc, run_files: [kind.sh], runs: RUNS, timeout: 30}
+evaluation:
+  oracles:
+    - own.py:Kind: {}
+"""
+SCENARIO = """
+import osc.helpers
+
+scenario kind:
+    timeout(30s)
+    kind: string = "passes"
+    do serial:
+        run_process("sh kind.sh " + kind)
+"""
+ORACLE = """
+from vastflow.oracles.oracle import Oracle, Parameters
+
+
+class KindParameters(Parameters):
+    pass
+
+
+class Kind(Oracle[KindParameters]):
+    Parameters = KindParameters
+    metrics = {}
+
+    def judge(self, trace, situation):
+        kind, run = str(trace.tables["kind"]["kind"][0]), trace.run.run_index
+        if kind == "breaks":
+            raise ZeroDivisionError("no verdict")
+        if kind == "silent":
+            return self.not_judged(trace, "nothing to say")
+        good = {"passes": True, "fails": False, "flaky": run % 2 == 0, "open": run % 5 != 4}[kind]
+        return self.passed(trace) if good else self.failed(trace, "so it is")
+"""
+KINDS = ("passes", "fails", "flaky", "open")
+ENDS = {"passes": 14, "fails": 14, "flaky": 10, "open": 20}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kinds")
+    (folder / "campaign").mkdir()
+    (folder / "campaign" / "kind.osc").write_text(SCENARIO)
+    (folder / "campaign" / "kind.sh").write_text("printf 'kind\\n%s\\n' \"$1\" > kind.csv\n")
+    (folder / "campaign" / "own.py").write_text(ORACLE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PREFECT_HOME", str(folder / "prefect"))
+        patch.delenv("PREFECT_API_URL", raising=False)
+        tree = installed_tree()  # an edit of the checkout while this runs is not what is tested
+        patch.setattr(api, "installed_tree", lambda: tree)
+        yield folder
+
+
+def file_of(place, runs, kinds=KINDS):
+    file = place / "campaign" / "kinds.vast"
+    file.write_text(CAMPAIGN.replace("KINDS", json.dumps(list(kinds))).replace("RUNS", runs))
+    return file
+
+
+SEQUENTIAL = "{min: 5, max: 20, stop: {}}"
+
+
+@pytest.fixture(scope="module")
+def run(place):
+    def run(runs=SEQUENTIAL, store="store", kinds=KINDS, **options):
+        file = file_of(place, runs, kinds)
+        return run_campaign(file, results=place / "results", store=place / store, **{"workers": 2, **options})
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def first(run):
+    return run()
+
+
+@pytest.fixture
+def no_prefect(monkeypatch):
+    def refuse(*_):
+        raise AssertionError("Prefect was started")
+
+    monkeypatch.setattr(computation.Computation, "run", refuse)
+
+
+def metadata_of(result):
+    return json.loads((result.directory / "metadata.json").read_text())
+
+
+def runs_of(result, table="runs"):
+    """Kind to how many runs a table has of it; every one from 0 on, once."""
+    rows = pq.read_table(result.directory / f"{table}.parquet", columns=["configuration", "run_index"]).to_pylist()
+    configurations = pq.read_table(result.directory / "configurations.parquet", columns=["name", "factors"]).to_pylist()
+    kinds = {row["name"]: json.loads(row["factors"])["kind"] for row in configurations}
+    indices = {}
+    for row in sorted({(row["configuration"], row["run_index"]) for row in rows}):
+        indices.setdefault(kinds[row[0]], []).append(row[1])
+    assert all(found == list(range(len(found))) for found in indices.values())
+    return {kind: len(found) for kind, found in indices.items()}
+
+
+def judgements_of(result):
+    """What every oracle says of every run: a program's recordings may differ in bytes between two stores."""
+    rows = pq.read_table(result.directory / "verdicts.parquet").to_pylist()
+    return [tuple(row[key] for key in ("configuration", "run_index", "oracle", "judgement")) for row in rows]
+
+
+def content(result):
+    """What a directory has of its runs, byte for byte."""
+    parts = ("recordings/", "traces/", "runs.", "verdicts.", "evidence")
+    files = [(file, file.relative_to(result.directory).as_posix()) for file in sorted(result.directory.rglob("*"))]
+    return {name: file.read_bytes() for file, name in files if file.is_file() and name.startswith(parts)}
+
+
+def test_each_configuration_ends_where_the_rule_says(first):
+    assert first.faults == ()
+    assert runs_of(first) == runs_of(first, "verdicts") == ENDS
+    assert (first.summary.runs, first.summary.executed, first.summary.reused) == (58, 58, 0)
+    assert first.summary.passed + first.summary.failed == 58
+
+
+def test_metadata_has_the_rule_and_the_most(first):
+    said = metadata_of(first)
+    assert said["sequential"] == {"min": 5, "max": 20, "error": 0.05, "systematic": 0.2, "reliable": 0.8}
+    assert (said["asked"]["runs"], said["counts"]["runs"]) == (20, 58)
+
+
+def test_the_report_has_the_classes_of_the_rule_and_what_was_saved(first):
+    evidence = json.loads((first.directory / "evidence.json").read_text())
+    assert Counter(evidence["classes"]["configurations"].values()) == Counter(
+        ["reliable", "systematic", "flaky", "undecided"]
+    )
+    assert evidence["saved"] == {"runs": 58, "most": 80}
+    report = " ".join((first.directory / "report.html").read_text().split())
+    assert "22 of 80 runs were saved" in report
+
+
+def test_again_nothing_is_computed_and_prefect_does_not_start(first, run, no_prefect):
+    again = run()
+    assert (again.summary.executed, again.summary.reused, again.summary.runs) == (0, 58, 58)
+    assert metadata_of(again)["report"] == metadata_of(first)["report"]
+    assert content(again) == content(first)
+
+
+def test_one_worker_gives_the_same_as_two(first, run):
+    alone = run(store="alone", workers=1)
+    assert alone.summary.executed == 58
+    assert judgements_of(alone) == judgements_of(first)
+
+
+def test_a_store_with_all_runs_of_a_fixed_campaign_gives_the_same(first, run, monkeypatch):
+    fixed = run("20", store="fixed")
+    assert (fixed.summary.runs, fixed.summary.executed) == (80, 80)
+    assert "sequential" not in metadata_of(fixed)
+    with monkeypatch.context() as patch:
+        patch.setattr(computation.Computation, "run", lambda *_: pytest.fail("Prefect was started"))
+        ended = run(store="fixed")
+    assert (ended.summary.executed, ended.summary.reused, ended.summary.runs) == (0, 58, 58)
+    assert judgements_of(ended) == judgements_of(first)
+    assert runs_of(ended) == ENDS
+
+
+def test_runs_of_the_command_line_are_a_fixed_number_and_the_rule_goes_on_from_them(first, place):
+    file = file_of(place, SEQUENTIAL)
+    fixed = run_campaign(file, runs=3, results=place / "results", store=place / "few", workers=2)
+    assert runs_of(fixed) == dict.fromkeys(KINDS, 3)
+    assert "sequential" not in metadata_of(fixed)
+    found = run_campaign(file, results=place / "results", store=place / "few", workers=2)
+    assert (found.summary.executed, found.summary.reused) == (58 - 12, 12)
+    assert judgements_of(found) == judgements_of(first)
+
+
+def test_a_larger_most_goes_on_and_a_smaller_one_computes_nothing(run, first):
+    larger = run("{min: 5, max: 40, stop: {}}")
+    ends = runs_of(larger)
+    assert ends["open"] > 20 and all(ends[kind] >= ENDS[kind] for kind in KINDS)
+    assert larger.summary.executed == sum(ends.values()) - 58
+    smaller = run()
+    assert smaller.summary.executed == 0
+    assert content(smaller) == content(first)
+
+
+def test_a_configuration_without_verdicts_has_the_most_runs_and_one_with_a_fault_of_ours_does_not_go_on(run):
+    found = run(store="faulty", kinds=("silent", "breaks"))
+    assert runs_of(found, "verdicts") == {"silent": 20, "breaks": 10}
+    assert {fault.configuration for fault in found.faults} == {"kind-2"}
+    assert found.summary.not_judged == found.summary.runs
+
+
+def test_a_dry_run_says_what_it_may_come_to(place, run, first):
+    options = {"results": place / "results"}
+    file = file_of(place, SEQUENTIAL)
+    untouched = dry_run(file, store=str(place / "nothing"), **options)
+    assert (untouched.computed("execute"), untouched.sequential) == (80, True)
+    assert any("maybe less" in str(part) for part in dry_run_text(untouched))
+    decided = dry_run(file, store=str(place / "store"), **options)
+    assert (decided.computed("execute"), decided.found("judge"), decided.due) == (0, 58, [])
+    assert dry_run_json(decided, file)["at_most"] is True
+    fixed = dry_run(file, runs=2, store=str(place / "store"), **options)
+    assert (fixed.found("judge"), fixed.sequential) == (8, False)
+
+
+def test_the_past_knows_how_many_runs_each_configuration_had(first):
+    past = past_of(first.directory)
+    assert [past.runs_of(name) for name in past.by_name] == list(ENDS.values())
+    assert past.runs == 20
+
+
+SCRIPT = """
+import signal
+import sys
+
+from vastflow.flows import run_campaign
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell ignores it
+run_campaign(sys.argv[1], results=sys.argv[2], store=sys.argv[3], workers=2)
+"""
+
+
+def test_an_interrupted_campaign_goes_on_where_it_was(place, run, first):
+    file = file_of(place, SEQUENTIAL)
+    store = place / "interrupted"
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, str(file), str(place / "results"), str(store)],
+        env={**os.environ},
+        stderr=subprocess.PIPE,
+    )
+    until_s = time.monotonic() + 120
+    while not list((store / "judge").rglob("manifest")) and time.monotonic() < until_s and process.poll() is None:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    gone_on = run(store="interrupted")
+    assert gone_on.summary.executed + gone_on.summary.reused == 58
+    assert gone_on.summary.reused > 0
+    assert judgements_of(gone_on) == judgements_of(first)
+
+
+def test_resume_ends_by_the_same_rule(place, first, no_prefect, capsys):
+    from typer.testing import CliRunner
+
+    from vastflow.flows.__main__ import app
+
+    answer = CliRunner().invoke(app, ["resume", str(first.directory), "--store", str(place / "store")])
+    assert answer.exit_code == 0, answer.output
+    assert "20 runs of each configuration at most" in answer.output
+    assert re.search(r"58 runs of at most 80, 22 saved", answer.output)

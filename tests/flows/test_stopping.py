@@ -1,0 +1,113 @@
+"""How many runs a configuration wants by what is known of them."""
+
+import json
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vastflow.flows.asked import SEQUENTIAL
+from vastflow.flows.stopping import MOST_WAVES, Stopping, stopping_of
+from vastflow.oracles.findings import STOPPING, stopping_rule
+from vastflow.oracles.statistics.classes import Bounds
+from vastflow.oracles.statistics.stopping import StoppingRule
+from vastflow.producers.repetition import Sequential, Stop
+
+USUAL = Stopping(StoppingRule())
+RULES = [USUAL, Stopping(StoppingRule(2, 40)), Stopping(StoppingRule(1, 12, Bounds(0.4, 0.6), 0.3))]
+
+SAID = st.sampled_from(["pass", "fail", "not judged"])
+RUNS = st.one_of(*(st.lists(said, max_size=45) for said in (SAID, st.just("pass"), st.sampled_from(["pass", "fail"]))))
+
+
+def known(said):
+    return dict(enumerate(said))
+
+
+def stop(stopping, said):
+    """Where runs end that are done one wave after another."""
+    runs = 0
+    while (wanted := stopping.wanted(known(said[:runs]))) > runs:
+        runs = wanted
+    return runs
+
+
+def test_runs_that_all_end_alike_end_where_the_rule_shows_a_class():
+    assert (stop(USUAL, ["pass"] * 20), stop(USUAL, ["fail"] * 20)) == (14, 14)
+
+
+def test_runs_that_end_both_ways_end_when_neither_bound_may_be_theirs():
+    said = ["pass", "fail"] * 10
+    ended = stop(USUAL, said)
+    assert USUAL.rule.decision(said[:ended].count("pass"), ended) == "flaky"
+    assert ended < 14
+
+
+def test_what_stays_open_has_the_most_runs():
+    assert stop(USUAL, [*["pass"] * 4, "fail"] * 4) == 20
+
+
+def test_a_run_that_is_not_judged_counts_as_a_run_and_not_as_evidence():
+    assert stop(USUAL, ["not judged", *["pass"] * 19]) == 15
+    assert stop(USUAL, ["not judged"] * 20) == 20
+
+
+def test_a_run_of_which_nothing_is_known_lets_nothing_after_it_count():
+    said = known(["pass"] * 20)
+    del said[3]
+    assert USUAL.wanted(said) == USUAL.wanted({}) < 14
+
+
+def test_looks_are_from_the_least_to_the_most_runs_and_few():
+    assert USUAL.looks == tuple(range(5, 21))
+    for rule in (StoppingRule(5, 60), StoppingRule(5, 200), StoppingRule(3, 3)):
+        looks = Stopping(rule).looks
+        assert (looks[0], looks[-1]) == (rule.min_runs, rule.max_runs)
+        assert len(looks) <= MOST_WAVES + 1
+
+
+@given(st.sampled_from(RULES), RUNS)
+@settings(max_examples=300, deadline=None)
+def test_the_runs_end_at_the_first_look_at_which_the_rule_decides(stopping, said):
+    said = (said + ["not judged"] * stopping.most)[: stopping.most]
+
+    def decided(look):
+        passed, failed = said[:look].count("pass"), said[:look].count("fail")
+        return stopping.rule.decision(passed, passed + failed) not in (None, "undecided")
+
+    first = next((look for look in stopping.looks if decided(look)), stopping.most)
+    assert stop(stopping, said) == stopping.wanted(known(said)) == first
+
+
+@given(st.sampled_from(RULES), RUNS, RUNS)
+@settings(max_examples=300, deadline=None)
+def test_later_runs_change_nothing_and_earlier_ones_only_add(stopping, said, later):
+    wanted = stopping.wanted(known(said))
+    assert stopping.rule.min_runs <= wanted <= stopping.most
+    assert wanted <= stopping.wanted(known(said + later))
+    if wanted <= len(said):
+        assert stopping.wanted(known(said + later)) == stopping.wanted(known(said[:wanted])) == wanted
+
+
+@given(RUNS, st.integers(1, 20))
+@settings(max_examples=200, deadline=None)
+def test_blocks_of_runs_beyond_the_wanted_ones_do_not_count(said, gap):
+    beyond = {run: each for run, each in known(said + ["fail"] * 20).items() if run != gap - 1}
+    assert USUAL.wanted(beyond) == USUAL.wanted({run: each for run, each in beyond.items() if run < gap})
+
+
+def test_the_rule_is_the_files_and_metadata_has_it():
+    stopping = stopping_of(Sequential(min=4, max=30, stop=Stop(error=0.1, systematic=0.3, reliable=0.9)))
+    row = json.loads(json.dumps(stopping.as_json))
+    assert row == {"min": 4, "max": 30, "error": 0.1, "systematic": 0.3, "reliable": 0.9}
+    assert STOPPING == SEQUENTIAL
+    assert stopping_rule({SEQUENTIAL: row}) == stopping.rule == StoppingRule(4, 30, Bounds(0.3, 0.9), 0.1)
+
+
+def test_a_fixed_number_of_runs_has_no_stopping():
+    assert stopping_of(None) is None
+
+
+def test_a_rule_without_room_is_refused():
+    with pytest.raises(ValueError, match="1 <= min_runs <= max_runs must hold, got 5 and 3"):
+        StoppingRule(5, 3)
