@@ -62,8 +62,7 @@ def campaign(title: str, job: Job) -> None:
     Args:
         title: The flow run's name.
     """
-    entered(job.bench.api)
-    with quiet_task_runs():
+    with entered(job.bench.api), quiet_task_runs():
         _campaign(title, job)
 
 

@@ -107,7 +107,8 @@ class Computation:
             ledger.end_orphans(api)
             for tries_left in reversed(range(1 if configured else FLOWS)):
                 try:
-                    state = flow(Bench(self.workshop, self._prefect_results, api))
+                    with ledger.announced(api):
+                        state = flow(Bench(self.workshop, self._prefect_results, api))
                     break
                 except Exception as error:  # what a flow raises is in its state: this is of Prefect itself
                     LOGGER.warning("Prefect's API failed the flow", exc_info=True)

@@ -46,8 +46,7 @@ def pool_campaign(title: str, job: PoolJob) -> None:
     """
     spread = job.spread
     futures: list[PrefectFuture[Any]] = []
-    entered(job.job.bench.api)
-    with quiet_task_runs(), get_client(sync_client=True) as client:
+    with entered(job.job.bench.api), quiet_task_runs(), get_client(sync_client=True) as client:
         workshop = job.job.bench.workshop
         store = workshop.shelf.store
         service = PoolService(

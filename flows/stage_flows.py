@@ -42,8 +42,7 @@ def instantiate(title: str, name: str, bench: Bench, plan: Callable[[Evaluator],
         name: The campaign's.
         plan: Instantiates with the evaluator that it is given.
     """
-    entered(bench.api)
-    with quiet_task_runs():
+    with entered(bench.api), quiet_task_runs():
         futures: list[PrefectFuture[Any]] = []
         with tolerated():
             tag(str(flow_run.id), name)
@@ -74,8 +73,7 @@ def judge(title: str, job: StageJob) -> None:
 
 
 def _through(done: str, job: StageJob, stage: "Task[Any, Any]", *upstream: Sequence[Rows]) -> None:
-    entered(job.bench.api)
-    with quiet_task_runs():
+    with entered(job.bench.api), quiet_task_runs():
         futures = stages.stored_in(job.bench, stage).map(job.shards, *upstream, bench=unmapped(job.bench))
         try:
             get_run_logger().info(

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Final, TypeAlias
 
 from prefect import get_run_logger, unmapped
@@ -18,10 +18,17 @@ from vastflow.tasks.server import configured_url, drain
 from vastflow.tasks.shards import chunks
 from vastflow.tasks.stages import Bench, ProducerShard
 
+MOST_UNRECORDED: Final = 1000
+"""Task runs that may have ended without Prefect's server having recorded it; of thousands at a time it loses some silently."""
 
-def entered(api: str) -> None:
+
+Show: TypeAlias = Callable[["Sequence[PrefectFuture[Any]]"], None]
+"""Shows how far shards are until all are through; takes of each the last task run. Called for one wave after another."""
+
+
+def entered(api: str) -> AbstractContextManager[None]:
     """Enter the flow run in the ledger, for its process may be killed; `api` as `Bench` has it."""
-    ledger.enter(str(flow_run.id), api)
+    return ledger.begun(str(flow_run.id), api)
 
 
 @contextmanager
@@ -29,15 +36,11 @@ def held() -> Iterator[None]:
     """As `entered`, of a flow run whose end Prefect learns from its worker. Those of workers that are gone are ended first."""
     api = configured_url() or ""
     ledger.end_orphans(api)
-    entered(api)
     try:
-        yield
+        with entered(api):
+            yield
     finally:
         ledger.leave(str(flow_run.id))
-
-
-MOST_UNRECORDED: Final = 1000
-"""Task runs that may have ended without Prefect's server having recorded it; of thousands at a time it loses some silently."""
 
 
 class TaskFailed(RuntimeError):
@@ -58,10 +61,6 @@ def evaluator(bench: Bench, futures: "list[PrefectFuture[Any]]") -> Evaluator:
         return {key: error for future in mapped for key, error in future.result().items()}
 
     return evaluate
-
-
-Show: TypeAlias = Callable[["Sequence[PrefectFuture[Any]]"], None]
-"""Shows how far shards are until all are through; takes of each the last task run. Called for one wave after another."""
 
 
 def shards_shown(name: str, done: str) -> Show:

@@ -19,7 +19,8 @@ BASES: Final = ("update", "step", "metre", "mean", "maximum")
 NAME: Final = "paper-"
 ORIGINAL_MAPS: Final = "-original-maps"
 DENSITIES_PER_M: Final = (0.2, 0.6)
-KEPT: Final = ("recordings", "traces", "behaviors", "logs")
+KEPT: Final = ("recordings", "traces", "logs")
+RUN_LOGS: Final = "logs/runs.jsonl"
 
 Row = Mapping[str, Any]
 RunKey = tuple[str, int]
@@ -325,8 +326,9 @@ def _way(runs: list[Row], weights: Mapping[str, int]) -> Way:
 
 
 def _cpu_s(directory: Path) -> Iterator[float]:
-    for file in (directory / "logs").glob("*.json"):
-        yield from (row["cpu_s"] for row in json.loads(file.read_text(encoding="utf-8")))
+    file = directory / RUN_LOGS
+    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    yield from (row["cpu_s"] for line in lines for row in json.loads(line)["runs"])
 
 
 def _stored(directory: Path) -> Iterator[int]:

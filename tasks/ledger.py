@@ -1,8 +1,8 @@
 """The ledger of flow runs: which process of this host runs which, so that a later call can end those whose process is gone.
 
 Prefect hears nothing of a kill -9, and shows such a flow run as `Running` for ever. A file for each flow run lies in the
-user's state folder while it runs; who finds one whose process is gone tells Prefect that the flow run has crashed. One
-that is killed between its start and the first line of its flow is in no ledger.
+user's state folder while it runs; who finds one whose process is gone tells Prefect that the flow run has crashed. Prefect
+chooses a flow run's identity, so until its first line is executed it is in the ledger by a tag that nothing else has.
 """
 
 import contextlib
@@ -11,6 +11,8 @@ import logging
 import os
 import platform
 import time
+import uuid
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -20,8 +22,12 @@ import psutil
 
 if TYPE_CHECKING:
     from prefect.client.orchestration import SyncPrefectClient
+    from prefect.client.schemas.objects import FlowRun
 
 LOGGER: Final = logging.getLogger("vastflow.ledger")
+
+MARK: Final = "vastflow-begins-"
+"""What the tag of a flow run that is to begin starts with."""
 
 MESSAGE: Final = "Its process ended without a word: killed, or out of memory. What was finished is in the store."
 TIMEOUT_S: Final = 5.0
@@ -41,6 +47,7 @@ class Entry:
     """A flow run and the process that runs it.
 
     Attributes:
+        flow_run_id: Its identity, or the tag of one that is to begin.
         api: Address of Prefect's API, or for an embedded one the folder of its database.
         host: Name of the host, and of the space in which its process numbers hold.
         began_s: When the process began, which tells it from a later one of the same number.
@@ -70,6 +77,31 @@ def enter(flow_run_id: str, api: str) -> None:
         _file(flow_run_id).write_text(json.dumps(asdict(entry)), encoding="utf-8")
 
 
+@contextlib.contextmanager
+def announced(api: str) -> Iterator[None]:
+    """Enter a flow run that begins in this context before Prefect knows of it; `begun` has it from then on."""
+    from prefect import tags
+
+    mark = f"{MARK}{uuid.uuid4().hex}"
+    enter(mark, api)
+    with tags(mark):
+        yield
+
+
+@contextlib.contextmanager
+def begun(flow_run_id: str, api: str) -> Iterator[None]:
+    """Enter a flow run that has begun, by its identity; its task runs do not get the tag by which it was announced."""
+    from prefect.context import TagsContext
+
+    enter(flow_run_id, api)
+    tags = TagsContext.get().current_tags
+    marks = {tag for tag in tags if tag.startswith(MARK)}
+    for mark in marks:
+        leave(mark)
+    with TagsContext(current_tags=tags - marks):
+        yield
+
+
 def leave(flow_run_id: str) -> None:
     """Say that Prefect knows how a flow run ended."""
     with contextlib.suppress(OSError):
@@ -78,7 +110,7 @@ def leave(flow_run_id: str) -> None:
 
 def orphans() -> list[Entry]:
     """Flow runs of this host whose process is gone. What nobody could tell Prefect of in a month is forgotten."""
-    found = []
+    gone = []
     for file in sorted(folder().glob("*.json")):
         with contextlib.suppress(OSError, ValueError, TypeError):
             if time.time() - file.stat().st_mtime > _FORGOTTEN_S:
@@ -86,8 +118,8 @@ def orphans() -> list[Entry]:
                 continue
             entry = Entry(**json.loads(file.read_text(encoding="utf-8")))
             if entry.orphan:
-                found.append(entry)
-    return found
+                gone.append(entry)
+    return gone
 
 
 def end_orphans(api: str) -> int:
@@ -115,23 +147,28 @@ def folder() -> Path:
 
 
 def _ended(entry: Entry) -> bool:
-    from uuid import UUID
-
     from prefect.client.orchestration import get_client
-    from prefect.exceptions import ObjectNotFound
     from prefect.states import Crashed
 
     with get_client(httpx_settings={"timeout": TIMEOUT_S}, sync_client=True) as client:
-        try:
-            state = client.read_flow_run(UUID(entry.flow_run_id)).state
-            is_open = state is None or not state.is_final()
-            if is_open:
-                client.set_flow_run_state(UUID(entry.flow_run_id), Crashed(message=MESSAGE), force=True)
-                _call_off(client, entry.flow_run_id)
-        except ObjectNotFound:  # deleted meanwhile
-            is_open = False
+        flow_runs = _flow_runs(client, entry.flow_run_id)
+        unfinished = [run for run in flow_runs if run.state is None or not run.state.is_final()]
+        for run in unfinished:
+            client.set_flow_run_state(run.id, Crashed(message=MESSAGE), force=True)
+            _call_off(client, str(run.id))
     leave(entry.flow_run_id)
-    return is_open
+    return bool(unfinished)
+
+
+def _flow_runs(client: "SyncPrefectClient", flow_run_id: str) -> "list[FlowRun]":
+    """The flow run of an entry; none if it was deleted meanwhile, or its process died before Prefect heard of it."""
+    from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterId, FlowRunFilterTags
+
+    if flow_run_id.startswith(MARK):
+        wanted = FlowRunFilter(tags=FlowRunFilterTags(all_=[flow_run_id]))
+    else:
+        wanted = FlowRunFilter(id=FlowRunFilterId(any_=[uuid.UUID(flow_run_id)]))
+    return client.read_flow_runs(flow_run_filter=wanted)
 
 
 def _call_off(client: "SyncPrefectClient", flow_run_id: str) -> None:

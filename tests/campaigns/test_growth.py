@@ -176,7 +176,8 @@ def test_the_campaign_runs_through_the_flow_and_is_reported_without_maps(tmp_pat
     assert reasons == {"growth-5-3": "1116, 12 % above the capacity of 1000"}
     report = (results.directory / "report.html").read_text()
     assert [words for words in ("Where it happened", "m driven", "missed goals") if words in report] == []
-    assert [file.name for file in (results.directory / "figures").iterdir()] == ["rates.png"]
+    figures = sorted(file.name for file in (results.directory / "figures").iterdir())
+    assert figures == ["factors.png", "factors.svg", "rates.png", "rates.svg"]
     kept = read_outputs((results.directory / "outputs/growth-5-3.zip").read_bytes())
     assert len(kept[0].tables["growth"]["population"]) == 201
     assert (results.directory / "inputs/growth.py").read_bytes() == (GROWTH / "growth.py").read_bytes()

@@ -62,5 +62,5 @@ def test_a_dry_run_says_of_how_many_the_sample_is(apart, tmp_path):
 def test_a_deployment_has_the_folder_of_maps_and_the_sample_among_its_parameters(apart):
     file, maps = apart
     result = called("deploy", file, "--pool", "p", "--map-dir", maps, "--sample", 3, "--dry-run")
-    (deployment,) = yaml.safe_load(result.stdout.split("---")[0])["deployments"]
+    deployment, _ = yaml.safe_load(result.stdout.split("---")[0])["deployments"]
     assert (deployment["parameters"]["map_dir"], deployment["parameters"]["sample"]) == (str(maps), 3)

@@ -61,7 +61,9 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
         }
         pq.write_table(pa.table(columns), directory / f"{table}.parquet")
     (directory / "logs").mkdir()
-    (directory / "logs" / "a-1.json").write_text(json.dumps([{"cpu_s": 0.25}] * len(runs)))
+    (directory / "logs" / "runs.jsonl").write_text(
+        json.dumps({"configuration": "a-1", "runs": [{"cpu_s": 0.25}] * len(runs)})
+    )
     return directory
 
 

@@ -4,7 +4,8 @@ A campaign without a robot is run once undisturbed. Then, for each point, it is 
 processes is killed at a random time, and it is run or resumed to its end. Victims: the flow's process, a worker process of its
 pool, the embedded API server; with `--server` the campaign has an API configured, and the server is a real `prefect server
 start`, which comes back at once, after 5 s, or when the campaign has ended; with `--pool` workers of a work pool execute the
-runs, and victims are they (`crew`) and the processes of their flow runs (`shard`) too. Points are spread over the whole time a victim is there.
+runs, and victims are they (`crew`), the processes of their flow runs (`shard`), and both of one at once (`pair`) too. Points
+are spread over the whole time a victim is there.
 
 At each point, afterwards:
 
@@ -27,18 +28,14 @@ Prints a line for each point and the figures; exit code 1 when something is viol
 import argparse
 import contextlib
 import functools
-import hashlib
 import json
 import os
 import random
-import re
 import shutil
 import signal
-import sqlite3
 import sys
 import tempfile
 import time
-import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -48,9 +45,10 @@ from typing import Any
 import psutil
 import pyarrow.parquet as pq
 from killed_life import CONFIGURATIONS, ENDS_S, RUNS, WORKERS, Api, Crew, Lab, Life, Place
+from killed_outcome import Whole, differing, digests, open_flow_runs, stored
 
 from vastflow.flows.directory import ABANDONED_S, sweep
-from vastflow.tasks.local_store import LocalStore, open_local_store
+from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.store import WRITING_S
 
 AGAIN = 3
@@ -60,9 +58,11 @@ STARTING, REPORTING = 0.2, 0.8
 REPORT = CONFIGURATIONS + 1
 REPORTING_S = 0.5
 """So long the campaign directory is written."""
+BACK_S = (0.0, 5.0, ENDS_S)
+"""A configured API that was killed comes back after so long, by the number of the point; the last is never."""
 VICTIMS = ("flow", "worker", "server")
-OF_A_POOL = ("flow", "server", "crew", "shard")
-FINAL = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
+OF_A_POOL = ("flow", "server", "crew", "shard", "pair")
+OF_A_CREW = ("crew", "shard", "pair")
 
 
 @dataclass
@@ -74,6 +74,7 @@ class Point:
         blocks: Nor before so many blocks are executed; `REPORT`: before the campaign directory is begun.
         aimed_s: And so long after that.
         cut: Runs that had begun and not ended, by scenario digest and run index.
+        load: Of the machine, in the minute before the kill.
         back_s: How long (s) a configured API was away; -1 until the campaign had ended.
     """
 
@@ -83,6 +84,7 @@ class Point:
     blocks: int = 0
     aimed_s: float = 0.0
     phase: str = ""
+    load: float = 0.0
     exit_code: int | None = None
     back_s: float = 0.0
     after_s: float = 0.0
@@ -91,56 +93,6 @@ class Point:
     cut: set[tuple[str, int]] = field(default_factory=set)
     executed_twice: int = 0
     violations: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Whole:
-    """What the campaign comes to: name to digest of its directory's files, key to digest of its artifacts."""
-
-    files: Mapping[str, str]
-    artifacts: Mapping[str, str]
-
-
-def digests(directory: Path) -> dict[str, str]:
-    """Name to digest of a campaign directory's files, without what says when and how it was computed."""
-    return {
-        path.relative_to(directory).as_posix(): hashlib.sha256(_content(path)).hexdigest()
-        for path in sorted(directory.rglob("*"))
-        if path.is_file() and path.relative_to(directory).parts[0] != "logs"
-    }
-
-
-def _content(path: Path) -> bytes:
-    if path.name == "metadata.json":
-        metadata = json.loads(path.read_text())
-        counts = metadata["counts"]
-        for name in ("executed", "reused", "simulated_s", "cpu_s", "wall_s", "results"):
-            del counts[name]
-        del metadata["created"]
-        metadata.pop("report", None)  # an address in the store, which depends on how runs were cut into blocks
-        return json.dumps(metadata, sort_keys=True).encode()
-    content = path.read_bytes()
-    if path.name == "report.html":
-        for pattern, mask in MASKS:
-            content = re.sub(pattern, mask, content, flags=re.DOTALL)
-    return content
-
-
-MASKS = (
-    (rb"<!-- work -->.*?<!-- /work -->", b""),
-    (rb"20\d\d-\d\d-\d\d \d\d:\d\d:\d\d", b""),
-)
-"""Of the report: what is said of the call that made it."""
-
-
-def stored(store: LocalStore) -> dict[str, str]:
-    """Key to digest of all of an artifact's files but its sidecars."""
-    found = {}
-    for holding in store.holdings():
-        artifact = store.find(holding.key)
-        if artifact is not None and holding.stage != "report":  # its files are those of the campaign directory
-            found[holding.key] = artifact.content
-    return found
 
 
 def undisturbed(lab: Lab, twice: bool = True) -> tuple[Whole, dict[str, tuple[float, float]]]:
@@ -175,12 +127,6 @@ def _watched(place: Place) -> dict[str, tuple[float, float]]:
     return there
 
 
-def differing(wanted: Mapping[str, str], found: Mapping[str, str]) -> str:
-    """What is missing, too many or other; empty if nothing."""
-    names = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
-    return f"{len(names)} files differ, {', '.join(names[:4])}" if names else ""
-
-
 def killed(
     lab: Lab, point: Point, rng: random.Random, whole: Whole, api: Api | None = None, with_pool: bool = False
 ) -> None:
@@ -189,11 +135,9 @@ def killed(
         place = _died_and_gone_on(lab, point, rng, api, with_pool, crews)
     _left(place, point)
     _check(place, point, whole)
-    running = open_flow_runs(api.database if api else place.database)
-    if api is None:  # a call with nothing left to do starts no embedded API, and leaves it to the next that does
-        running = {key: said for key, said in running.items() if not (place.ledger / f"{key}.json").exists()}
+    running = open_flow_runs(api.database if api else place.database, place.ledger if api is None else None)
     if running:
-        point.violations.append(f"flow runs in Prefect's database: {', '.join(running.values())}")
+        point.violations.append(f"flow runs in Prefect's database: {', '.join(running)}")
 
 
 def _died_and_gone_on(
@@ -220,8 +164,8 @@ def _died_and_gone_on(
     if not struck:
         point.violations.append("the campaign ended before each time")
     else:
-        killed_s = time.monotonic()
-        back_s = rng.choice((0.0, 5.0, ENDS_S)) if api and point.victim == "server" else 0.0
+        killed_s, point.load = time.monotonic(), os.getloadavg()[0]
+        back_s = BACK_S[point.number % len(BACK_S)] if api and point.victim == "server" else 0.0
         point.back_s = back_s if back_s < ENDS_S else -1.0
         if api and point.victim == "server" and back_s < ENDS_S:
             time.sleep(back_s)
@@ -246,12 +190,9 @@ def _died_and_gone_on(
 
 def _struck(life: Life, point: Point, rng: random.Random, api: Api | None, crew: Crew | None) -> bool:
     """Kill a process once the time has come, or as soon as there is one after that; False if the campaign ended before."""
+    struck = False
     while life.process.poll() is None:
         if life.elapsed_s >= point.at_s:
-            if point.victim in ("crew", "shard"):
-                there = crew.victims(point.victim) if crew else []
-            else:
-                there = [] if api and point.victim == "server" else life.victims(point.victim)
             if not life.has_executed(point.blocks) or (point.blocks == REPORT and life.phase() != "reporting"):
                 time.sleep(0.002)
                 continue
@@ -260,8 +201,15 @@ def _struck(life: Life, point: Point, rng: random.Random, api: Api | None, crew:
             if api and point.victim == "server":
                 api.kill()
                 return True
-            if there:
-                rng.choice(there).kill()
+            if point.victim in OF_A_CREW:
+                there = crew.victims(point.victim) if crew else []
+            else:
+                there = [[each] for each in life.victims(point.victim)]
+            with contextlib.suppress(psutil.NoSuchProcess):  # it ended just now: another, if there still is one
+                for process in rng.choice(there) if there else ():
+                    process.kill()
+                    struck = True
+            if struck:
                 return True
         time.sleep(0.005)
     return False
@@ -370,15 +318,6 @@ def _age(folder: Path, by_s: float) -> None:
         os.utime(path, (then, then))
 
 
-def open_flow_runs(database: Path) -> dict[str, str]:
-    """Flow runs that are in no final state: identity to name and state."""
-    if not database.exists():
-        return {}
-    with contextlib.closing(sqlite3.connect(database)) as connection:
-        rows = connection.execute("select id, name, state_type from flow_run").fetchall()
-    return {str(uuid.UUID(key)): f"{name} {state}" for key, name, state in rows if state not in FINAL}
-
-
 def points(seed: int, number: int, victims: Sequence[str], there: Mapping[str, tuple[float, float]]) -> Iterator[Point]:
     """Points spread over what a campaign does, one in each of as many equal parts, in random order.
 
@@ -392,7 +331,7 @@ def points(seed: int, number: int, victims: Sequence[str], there: Mapping[str, t
             share = (parts[victim][k] + rng.random()) / number
             if share < STARTING:
                 yield Point(victim, k, first_s + share / STARTING * (last_s - first_s))
-            elif share < REPORTING or victim == "shard":
+            elif share < REPORTING or victim in ("shard", "pair"):
                 share = min(share, REPORTING - 0.05)
                 blocks = int((share - STARTING) / (REPORTING - STARTING) * CONFIGURATIONS)
                 yield Point(victim, k, 0.0, blocks, rng.uniform(0.0, 0.2))
@@ -416,6 +355,12 @@ def line(point: Point) -> str:
     )
 
 
+def as_json(seed: int, done: Sequence[Point]) -> str:
+    """All that is known of points."""
+    told = [{**asdict(point), "cut": len(point.cut)} for point in done]
+    return json.dumps({"seed": seed, "violated": sum(bool(point.violations) for point in done), "points": told})
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
@@ -425,7 +370,9 @@ def main() -> int:
     )
     parser.add_argument("--server", action="store_true", help="with a configured API, a real Prefect server")
     parser.add_argument("--pool", action="store_true", help="runs by workers of a work pool, at a real Prefect server")
-    parser.add_argument("--folder", type=Path, help="where all is made and kept; else a temporary folder")
+    parser.add_argument(
+        "--folder", type=Path, help="where all is made and kept, `points.json` too; else a temporary folder"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(130))  # so that servers and workers are ended
@@ -441,15 +388,7 @@ def main() -> int:
     bad = sum(bool(point.violations) for point in done)
     twice = sum(point.executed_twice for point in done)
     if options.json:
-        print(
-            json.dumps(
-                {
-                    "seed": options.seed,
-                    "violated": bad,
-                    "points": [{**asdict(point), "cut": len(point.cut)} for point in done],
-                }
-            )
-        )
+        print(as_json(options.seed, done))
     else:
         print(f"{len(done)} points, {bad} with a violation; {twice} runs executed twice")
     return 1 if bad else 0
@@ -484,6 +423,7 @@ def proven(
             killed(lab, point, random.Random(f"{seed} {point.victim} {point.number}"), whole, api, with_pool)
             show(line(point))
             done.append(point)
+            (folder / "points.json").write_text(as_json(seed, done))
             if not point.violations:
                 for again in range(AGAIN):
                     shutil.rmtree(folder / f"{point.victim}-{point.number}-{again}", ignore_errors=True)

@@ -188,7 +188,7 @@ class Place:
         return {
             **kept,
             **api,
-            "PYTHONPATH": str(self._lab.folder / "code"),
+            "PYTHONPATH": os.pathsep.join(filter(None, [str(self._lab.folder / "code"), kept.get("PYTHONPATH")])),
             "PREFECT_HOME": str(self.folder / "prefect"),
             "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
             "VASTFLOW_STORE": str(self.store),
@@ -202,7 +202,7 @@ class Place:
         asked = arguments or ("run", str(campaign or self._lab.campaign), "--results", str(self.results))
         options = ["--workers", str(WORKERS), "--json"]
         if self._pool:
-            options += ["--pool", POOL, "--shards", "6", "--workers", "1"]
+            options += ["--pool", POOL, "--shards", "4", "--workers", "1"]
         return Life(self, [sys.executable, "-m", "vastflow.flows", *asked, *options])
 
     def trace(self) -> list[dict[str, Any]]:
@@ -353,15 +353,15 @@ class Crew:
         self._place = place
         self._workers = [self._started() for _ in range(WORKERS)]
 
-    def victims(self, kind: str) -> list[psutil.Process]:
-        """Workers that live, or the processes of flow runs that they started."""
+    def victims(self, kind: str) -> list[list[psutil.Process]]:
+        """What dies together: a worker (`crew`), the process of a flow run that it started (`shard`), or both (`pair`)."""
         there = [worker for worker in self._workers if worker.poll() is None]
         if kind == "crew":
-            return there
+            return [[worker] for worker in there]
         found = []
         for worker in there:
             with contextlib.suppress(psutil.Error):
-                found += worker.children()
+                found += [[worker, child] if kind == "pair" else [child] for child in worker.children()]
         return found
 
     def complete(self) -> None:

@@ -56,6 +56,18 @@ def test_of_processes_on_another_host_nothing_is_known_here():
     assert ledger.orphans() == []
 
 
+def test_a_flow_run_is_in_the_ledger_by_a_tag_until_it_has_begun_and_its_task_runs_do_not_have_it():
+    from prefect import tags
+    from prefect.context import TagsContext
+
+    with tags("mine"), ledger.announced("http://x/api"):
+        (mark,) = TagsContext.get().current_tags - {"mine"}
+        assert [file.stem for file in ledger.folder().iterdir()] == [mark]
+        with ledger.begun(RUN, "http://x/api"):
+            assert [file.stem for file in ledger.folder().iterdir()] == [RUN]
+            assert TagsContext.get().current_tags == {"mine"}
+
+
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"pid": 1}'])
 def test_a_damaged_entry_is_passed_over(content):
     ledger.enter(RUN, "http://x/api")

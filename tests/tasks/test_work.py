@@ -70,6 +70,13 @@ def test_consecutive_runs_are_one_block(store, simulate):
     assert [each.run.run_index for each in found] == [2, 3, 4]
 
 
+def test_a_block_whose_worker_stored_it_and_was_not_heard_is_not_executed_again(store, simulate):
+    simulate()
+    first = work.execute(store, "execute/k", SCENARIO, 0, 2, 0)
+    simulate(breaking={0, 1})
+    assert work.execute(store, "execute/k", SCENARIO, 0, 2, 0) == first
+
+
 def test_a_run_that_breaks_is_told_and_the_others_are_stored(store, simulate):
     simulate(breaking={1})
     executed = work.execute(store, "execute/ab/key", SCENARIO, 0, 4, 0)

@@ -1,0 +1,90 @@
+"""What a campaign comes to, as far as it must not depend on what was killed: its files, its artifacts, its flow runs."""
+
+import contextlib
+import hashlib
+import json
+import re
+import sqlite3
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from vastflow.tasks.local_store import LocalStore
+
+FINAL = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
+
+
+@dataclass(frozen=True)
+class Whole:
+    """What the campaign comes to: name to digest of its directory's files, key to digest of its artifacts."""
+
+    files: Mapping[str, str]
+    artifacts: Mapping[str, str]
+
+
+def digests(directory: Path) -> dict[str, str]:
+    """Name to digest of a campaign directory's files, without what says when and how it was computed."""
+    return {
+        path.relative_to(directory).as_posix(): hashlib.sha256(_content(path)).hexdigest()
+        for path in sorted(directory.rglob("*"))
+        if path.is_file() and path.relative_to(directory).parts[0] != "logs"
+    }
+
+
+def _content(path: Path) -> bytes:
+    if path.name == "metadata.json":
+        metadata = json.loads(path.read_text())
+        counts = metadata["counts"]
+        for name in ("executed", "reused", "simulated_s", "cpu_s", "wall_s", "results"):
+            del counts[name]
+        del metadata["created"]
+        metadata.pop("report", None)  # an address in the store, which depends on how runs were cut into blocks
+        return json.dumps(metadata, sort_keys=True).encode()
+    content = path.read_bytes()
+    if path.name == "report.html":
+        for pattern, mask in MASKS:
+            content = re.sub(pattern, mask, content, flags=re.DOTALL)
+    return content
+
+
+MASKS = (
+    (rb"<!-- work -->.*?<!-- /work -->", b""),
+    (rb"20\d\d-\d\d-\d\d \d\d:\d\d:\d\d", b""),
+)
+"""Of the report: what is said of the call that made it."""
+
+
+def stored(store: LocalStore) -> dict[str, str]:
+    """Key to digest of all of an artifact's files but its sidecars."""
+    found = {}
+    for holding in store.holdings():
+        artifact = store.find(holding.key)
+        if artifact is not None and holding.stage != "report":  # its files are those of the campaign directory
+            found[holding.key] = artifact.content
+    return found
+
+
+def differing(wanted: Mapping[str, str], found: Mapping[str, str]) -> str:
+    """What is missing, too many or other; empty if nothing."""
+    names = sorted(name for name in {*wanted, *found} if wanted.get(name) != found.get(name))
+    return f"{len(names)} files differ, {', '.join(names[:4])}" if names else ""
+
+
+def open_flow_runs(database: Path, ledger: Path | None = None) -> list[str]:
+    """Name and state of flow runs that are in no final state.
+
+    Args:
+        ledger: Those that are in it are not meant: a call with nothing left to do starts no embedded API, and leaves them to
+            the next that does.
+    """
+    if not database.exists():
+        return []
+    known = {file.stem for file in ledger.glob("*.json")} if ledger else set()
+    with contextlib.closing(sqlite3.connect(database)) as connection:
+        rows = connection.execute("select id, name, state_type, tags from flow_run").fetchall()
+    return [
+        f"{name} {state}"
+        for key, name, state, tags in rows
+        if state not in FINAL and not known & {str(uuid.UUID(key)), *json.loads(tags or "[]")}
+    ]
