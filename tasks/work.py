@@ -206,7 +206,7 @@ def _run_log(runs: Mapping[int, Mapping[str, Any]]) -> bytes:
         "versions": versions,
         "pid": os.getpid(),
     }
-    return json.dumps(content, indent=1).encode()
+    return json.dumps(content, separators=(",", ":")).encode()
 
 
 def _log_plainly() -> None:

@@ -336,6 +336,7 @@ class Library:
 def test_another_library_is_named_with_both_versions(again, first, monkeypatch):
     recorded = json.loads((first / "metadata.json").read_text())["code"]["libraries"]["pymunk"]
     monkeypatch.setattr(source, "_version", Library())
+    monkeypatch.setattr(dry_runs, "installed_tree", installed_tree)  # which has not asked for a version yet
     ((kind, words, _),) = reasons(again.dry(), "execute")
     assert (kind, words) == ("source changed", f"source of execute changed: pymunk {recorded} is now 0.1.2")
 
