@@ -25,12 +25,13 @@ from vastflow.flows.members import Runs, runs_of
 from vastflow.flows.notes import terminal_lines
 from vastflow.flows.origin import origin_row
 from vastflow.flows.summary import Summary, Work
+from vastflow.oracles.executed import NAMED_FILES
 from vastflow.oracles.rates import Counts
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.ground import MAP_KEY
 from vastflow.producers.instantiate import Instantiation
-from vastflow.sim.digest import FileContent
+from vastflow.sim.digest import FileContent, file_digest
 from vastflow.sim.maps import OccupancyMap
 from vastflow.tasks.keys import Keys
 
@@ -192,10 +193,20 @@ def campaign_name(campaign: Campaign) -> str:
 def _write_environments(
     directory: Path, maps: Mapping[str, OccupancyMap], configurations: Iterable[Configuration]
 ) -> None:
+    named: dict[str, str] = {}
     for configuration in configurations:
         map_file = configuration.scenario.environment.get(MAP_KEY)
-        if isinstance(map_file, FileContent) and not (directory / map_file.digest).exists():
+        if not isinstance(map_file, FileContent):
+            continue
+        if not (directory / map_file.digest).exists():
             write_environment(directory / map_file.digest, map_file, maps)
+        for key, value in configuration.scenario.environment.items():
+            if key != MAP_KEY and isinstance(value, FileContent) and value.digest not in named:
+                place = directory / map_file.digest / Path(value.path).name
+                if place.is_file() and file_digest(place) != value.digest:
+                    named[value.digest] = place.relative_to(directory).as_posix()
+    if named:
+        _write_json(directory / NAMED_FILES, named)
 
 
 def _metadata(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Executed scenarios: those of a campaign directory, with the files that it keeps of them."""
 
+import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -13,6 +14,9 @@ from vastflow.sim.maps import map_content
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.process.setup import setup_of
 from vastflow.sim.scenario import Scenario
+
+NAMED_FILES: Final = "files.json"
+"""In `environments/`: digest to place there of files whose digest is not that of their bytes, such as a mesh's of what is solid."""
 
 _DIGEST: Final = re.compile("[0-9a-f]{64}")
 
@@ -48,7 +52,12 @@ class KeptFiles:
         files = [
             file for folder in (self.inputs, self._environments) for file in sorted(folder.rglob("*")) if file.is_file()
         ]
-        return {digest: file for file in files for digest in _digests(file)}
+        named = self._environments / NAMED_FILES
+        places = json.loads(named.read_bytes()) if named.is_file() else {}
+        return {
+            **{digest: self._environments / place for digest, place in places.items()},
+            **{digest: file for file in files for digest in _digests(file)},
+        }
 
 
 def executed_scenario(
