@@ -8,6 +8,9 @@ import yaml
 UNMISTAKABLE: Final = re.compile(r"[A-Za-z/][A-Za-z0-9_./:@-]+")
 """Text that no YAML reader takes for something else; PyYAML itself quotes `yes`, `true`, `null` and the like."""
 
+_OTHER_BREAKS: Final = frozenset("\r\x85\u2028\u2029")
+"""YAML 1.1 ends a line at these too, and reads some of them back as another."""
+
 
 class _Dumper(yaml.SafeDumper):
     """Writes text for readers of YAML 1.1 and 1.2, to which `1e3`, `0o17` or `y` may be numbers and truth values."""
@@ -18,7 +21,8 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    style = "|" if "\n" in text else None if UNMISTAKABLE.fullmatch(text) else '"'
+    lines = "\n" in text and _OTHER_BREAKS.isdisjoint(text)
+    style = "|" if lines else None if UNMISTAKABLE.fullmatch(text) else '"'
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from vastflow.tasks.execution.compose import compose_file
@@ -12,6 +12,7 @@ from vastflow.tasks.execution.pod import pod_template
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
 
 
+@example({"\n\x85": ""})
 @given(st.dictionaries(TEXT, TEXT | st.lists(TEXT) | st.booleans() | st.integers()))
 def test_what_is_written_loads_back_equal(manifest):
     assert yaml.safe_load(yaml_text(manifest)) == manifest
