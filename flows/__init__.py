@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from vastflow.flows.api import run_campaign
-    from vastflow.flows.stages import execute, instantiate, judge, observe
+    from vastflow.flows.stages.api import execute, instantiate, judge, observe
 
 __all__ = ["execute", "instantiate", "judge", "observe", "run_campaign"]
 
@@ -15,5 +15,5 @@ _STAGES: Final = ("instantiate", "execute", "observe", "judge")
 def __getattr__(name: str) -> Any:
     # Importing this package must stay cheap: commands like `--help` do.
     if name in __all__:
-        return getattr(import_module("vastflow.flows.stages" if name in _STAGES else "vastflow.flows.api"), name)
+        return getattr(import_module("vastflow.flows.stages.api" if name in _STAGES else "vastflow.flows.api"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,24 +6,24 @@ imported inside the commands.
 
 import typer
 
-from vastflow.flows.bench_command import bench
-from vastflow.flows.compare_command import compare
-from vastflow.flows.coverage_command import coverage
-from vastflow.flows.deploy_command import deploy
-from vastflow.flows.execution_command import execution
-from vastflow.flows.explain_command import explain
-from vastflow.flows.export_command import export
-from vastflow.flows.file_commands import schema, validate
-from vastflow.flows.floorplan_command import floorplan
-from vastflow.flows.paper_command import paper
-from vastflow.flows.params_command import params
-from vastflow.flows.preview_command import preview
-from vastflow.flows.replay_command import replay
-from vastflow.flows.resume_command import resume
-from vastflow.flows.run_command import run
-from vastflow.flows.scenario_command import scenario
-from vastflow.flows.show_command import show
-from vastflow.flows.store_command import store
+from vastflow.flows.commands.bench import bench
+from vastflow.flows.commands.compare import compare
+from vastflow.flows.commands.coverage import coverage
+from vastflow.flows.commands.deploy import deploy
+from vastflow.flows.commands.execution import execution
+from vastflow.flows.commands.explain import explain
+from vastflow.flows.commands.export import export
+from vastflow.flows.commands.file import schema, validate
+from vastflow.flows.commands.floorplan import floorplan
+from vastflow.flows.commands.paper import paper
+from vastflow.flows.commands.params import params
+from vastflow.flows.commands.preview import preview
+from vastflow.flows.commands.replay import replay
+from vastflow.flows.commands.resume import resume
+from vastflow.flows.commands.run import run
+from vastflow.flows.commands.scenario import scenario
+from vastflow.flows.commands.show import show
+from vastflow.flows.commands.store import store
 
 app = typer.Typer(
     help="Find out whether a robot's navigation can be trusted: from a campaign file to evidence.",

@@ -7,21 +7,21 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from vastflow.flows.asked import SEQUENTIAL, Asked
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.campaign_keys import campaign_keys
-from vastflow.flows.computation import cores
-from vastflow.flows.delivery import delivery_to
-from vastflow.flows.directory import directory_name
-from vastflow.flows.found import RunFault
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.kept_report import KeptReport
-from vastflow.flows.origin_code import code_row
-from vastflow.flows.report_key import report_key
-from vastflow.flows.results import Results, campaign_name, write_results
-from vastflow.flows.selection import Selection
+from vastflow.flows.computing.computation import cores
+from vastflow.flows.request.asked import SEQUENTIAL, Asked
+from vastflow.flows.request.campaign_file import campaign_name, read_campaign
+from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.selection import Selection
+from vastflow.flows.results.delivery import delivery_to
+from vastflow.flows.results.directory import directory_name
+from vastflow.flows.results.found import RunFault
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.kept_report import KeptReport
+from vastflow.flows.results.origin_code import code_row
+from vastflow.flows.results.report_key import report_key
+from vastflow.flows.results.results import Results, write_results
+from vastflow.flows.results.summary import Work
 from vastflow.flows.session import Session
-from vastflow.flows.summary import Work
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.faults import CampaignError
@@ -36,9 +36,9 @@ from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost, StoreError, open_store, store_address
 
 if TYPE_CHECKING:
-    from vastflow.flows.spread import Spread
-    from vastflow.flows.stopping import Stopping
-    from vastflow.flows.work_pool import WorkPool
+    from vastflow.flows.pool.spread import Spread
+    from vastflow.flows.pool.work_pool import WorkPool
+    from vastflow.flows.request.stopping import Stopping
 
 CampaignResult: TypeAlias = Results
 
@@ -173,7 +173,7 @@ def run_campaign(
                 written = goes_to.delivered(written)
                 if session.flow_run_id is not None:
                     with chatter.prefect_log(log):
-                        from vastflow.flows.artifacts import publish
+                        from vastflow.flows.computing.artifacts import publish
 
                         publish(written, name, flow_run_id=session.flow_run_id)
                         end_services()
@@ -194,15 +194,15 @@ def _spread(
     workers: int | None,
     tally: Tally,
 ) -> "Spread":
-    from vastflow.flows.spread import Spread
-    from vastflow.flows.work_pool import WorkPool
+    from vastflow.flows.pool.spread import Spread
+    from vastflow.flows.pool.work_pool import WorkPool
 
     chosen = WorkPool(pool) if isinstance(pool, str) else pool
     return Spread(chosen, campaign, name, oracles, keys, workers, tally.notice)
 
 
 def _stopping(campaign: Campaign) -> "Stopping | None":
-    from vastflow.flows.stopping import stopping_of  # imports statistics, which take a moment
+    from vastflow.flows.request.stopping import stopping_of  # imports statistics, which take a moment
 
     return stopping_of(campaign.sequential)
 

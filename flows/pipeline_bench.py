@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import psutil
 
-from vastflow.flows.campaign_tables import LOGS_FILE
+from vastflow.flows.results.campaign_tables import LOGS_FILE
 
 SCENARIO: Final = """\
 import osc.helpers

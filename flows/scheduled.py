@@ -4,17 +4,19 @@ from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 from prefect import flow, get_run_logger
+from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 from prefect.states import Completed
 from pydantic import Field
 
 from vastflow.flows.api import run_campaign
-from vastflow.flows.artifacts import Page, publish
-from vastflow.flows.results import campaign_name
-from vastflow.flows.task_runs import held
+from vastflow.flows.computing.artifacts import Page, publish
+from vastflow.flows.computing.task_runs import held
+from vastflow.flows.pool.registration import register_flow
+from vastflow.flows.request.campaign_file import campaign_name
 from vastflow.producers.campaign import load_campaign
-from vastflow.tasks.execution.deployment import FLOW
+from vastflow.tasks.execution.deployment import FLOW, Deployment
 
 Text: TypeAlias = Annotated[str, Field(min_length=1)]
 Positive: TypeAlias = Annotated[int, Field(ge=1)]
@@ -82,3 +84,8 @@ def run_scheduled(
         first = found.faults[0]
         raise CampaignFault(f"{len(found.faults)} faults of ours, the first in {first.stage}: {first.error}")
     return Completed(message=outcome)
+
+
+def register_deployment(client: SyncPrefectClient, deployment: Deployment) -> str:
+    """Make the deployment, or change the one of its name; gives its id."""
+    return register_flow(client, deployment.as_yaml(), run_scheduled)

@@ -4,12 +4,12 @@ import pickle
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
-from vastflow.flows.computation import Computation, begin_executing, end_orphans, inside_flow_run
-from vastflow.flows.found import RunFault, StoredResult
-from vastflow.flows.members import Runs, members_of, narrowed
-from vastflow.flows.selection import Selection
+from vastflow.flows.computing.computation import WAVES, Computation, begin_executing, end_orphans, inside_flow_run
+from vastflow.flows.request.members import Runs, members_of, narrowed
+from vastflow.flows.request.selection import Selection
+from vastflow.flows.results.found import RunFault, StoredResult
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
@@ -21,12 +21,9 @@ from vastflow.tasks.store import Lost
 from vastflow.tasks.workshop import MemberFault, Workshop, block_size, judgements
 
 if TYPE_CHECKING:
-    from vastflow.flows.spread import Spread
-    from vastflow.flows.stopping import Stopping
+    from vastflow.flows.pool.spread import Spread
+    from vastflow.flows.request.stopping import Stopping
     from vastflow.tasks.stages import Bench
-
-WAVES: Final = 3
-"""How often what got lost meanwhile is computed again before it is given up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +229,7 @@ class Session:
         self._faults = computation.workshop.faults
         if error is None:
             return
-        from vastflow.flows.task_runs import TaskFailed
+        from vastflow.flows.computing.task_runs import TaskFailed
 
         if isinstance(error, Lost):
             self._instantiated = None
@@ -254,7 +251,7 @@ class Session:
             begin_executing(workshop, members, self._missing_runs, self._workers)
 
     def _flow(self, bench: "Bench") -> Any:
-        from vastflow.flows.campaign import Job, campaign
+        from vastflow.flows.computing.campaign import Job, campaign
 
         job = Job(
             bench,
@@ -265,7 +262,7 @@ class Session:
             progress=None if inside_flow_run() else self._tally.progress,
         )
         if self._spread is not None:
-            from vastflow.flows.pool_campaign import PoolJob, pool_campaign
+            from vastflow.flows.pool.campaign import PoolJob, pool_campaign
 
             return pool_campaign(self._title, PoolJob(job, self._spread, self._tally), return_state=True)
         return campaign(self._title, job, return_state=True)

@@ -90,7 +90,7 @@ def _digests(file: Path) -> Iterator[str]:
 
 
 def _value(value: Any, files: KeptFiles) -> Any:
-    """What `vastflow.flows.tables.json_text` wrote, as a value."""
+    """What `vastflow.flows.results.tables.json_text` wrote, as a value."""
     if isinstance(value, dict):
         if set(value) == {"file"} and _DIGEST.fullmatch(str(value["file"])):
             return FileContent(str(files.path(value["file"])), value["file"])

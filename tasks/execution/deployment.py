@@ -12,7 +12,7 @@ ENTRYPOINT: Final = "vastflow.flows.scheduled.run_scheduled"
 TAG: Final = "vastflow"
 
 SHARD_FLOW: Final = "vastflow-shard"
-SHARD_ENTRYPOINT: Final = "vastflow.flows.shard_flow.run_shard"
+SHARD_ENTRYPOINT: Final = "vastflow.flows.pool.shard_flow.run_shard"
 OTHER_CODE: Final = "OtherCode"
 STORE_AWAY: Final = "StoreAway"
 """Names of the states in which a shard's flow run ends where the worker can't compute it and another one might."""

@@ -14,8 +14,8 @@ import yaml
 from typer.main import get_command
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.summary import Summary
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.summary import Summary
 from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.oracle import known_oracles, oracle_class

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
-from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.oracle import oracle_of

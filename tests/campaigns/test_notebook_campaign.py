@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.inputs import inputs_of
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.inputs import inputs_of
 from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.producers.instantiate import instantiate

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.oracles.paper_results import Requested, requested_of
 from vastflow.oracles.published import PUBLISHED
 from vastflow.producers.faults import CampaignError

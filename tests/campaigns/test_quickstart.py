@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
-from vastflow.flows.campaign_file import read_campaign
+from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.maps import load_map
 from vastflow.sim.octile import passable

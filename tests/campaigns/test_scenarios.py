@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.found import ConfigurationResult
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.results import write_results
-from vastflow.flows.summary import Work
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.results import write_results
+from vastflow.flows.results.summary import Work
 from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.replay.recorded import recorded_run

@@ -15,8 +15,8 @@ from packaging.requirements import Requirement
 from prefect.cli.deploy._models import PrefectYamlModel, RawScheduleConfig
 
 from vastflow.deployments import checked_in
+from vastflow.flows.pool.shard_flow import run_shard
 from vastflow.flows.scheduled import run_scheduled
-from vastflow.flows.shard_flow import run_shard
 from vastflow.producers.campaign import load_campaign
 from vastflow.tasks import work
 from vastflow.tasks.execution import charts, deployment, job

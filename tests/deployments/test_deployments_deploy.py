@@ -5,9 +5,9 @@ import yaml
 from prefect.cli.deploy._models import DeploymentConfig
 from typer.testing import CliRunner
 
-from vastflow.flows import deploy_command
 from vastflow.flows.__main__ import app
-from vastflow.flows.deploy_command import NO_API
+from vastflow.flows.commands import deploy as deploy_command
+from vastflow.flows.commands.deploy import NO_API
 from vastflow.flows.scheduled import run_scheduled
 from vastflow.tasks.execution.job import PoolType, base_job_template
 

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.flows import artifacts
-from vastflow.flows.artifacts import Page, ProgressBar, key_of, progress_text, publish, size_text, tolerated
-from vastflow.flows.results import Results
-from vastflow.flows.summary import Summary
+from vastflow.flows.computing import artifacts
+from vastflow.flows.computing.artifacts import Page, ProgressBar, key_of, progress_text, publish, size_text, tolerated
+from vastflow.flows.results.results import Results
+from vastflow.flows.results.summary import Summary
 from vastflow.tasks.progress import Progress
 
 

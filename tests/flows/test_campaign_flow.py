@@ -13,7 +13,8 @@ import time
 import psutil
 import pytest
 
-from vastflow.flows import api, computation, run_campaign
+from vastflow.flows import api, run_campaign
+from vastflow.flows.computing import computation
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.source import installed_tree
 

@@ -7,10 +7,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.flows import tables
-from vastflow.flows.campaign_tables import LOGS_FILE, CampaignTables, RunLogs
-from vastflow.flows.found import ConfigurationResult, RunFault
-from vastflow.flows.kept_logs import KeptLogs
+from vastflow.flows.results import tables
+from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, RunLogs
+from vastflow.flows.results.found import ConfigurationResult, RunFault
+from vastflow.flows.results.kept_logs import KeptLogs
 from vastflow.oracles.behaviors import Behaviors
 from vastflow.oracles.rates import Counts
 from vastflow.oracles.verdict import Verdict

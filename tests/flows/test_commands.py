@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from vastflow.flows import api
 from vastflow.flows.__main__ import app
-from vastflow.flows.run_command import command_line, unwritable
-from vastflow.flows.summary import Summary
+from vastflow.flows.commands.run import command_line, unwritable
+from vastflow.flows.results.summary import Summary
 from vastflow.oracles.rates import Counts
 from vastflow.tasks.progress import Progress
 

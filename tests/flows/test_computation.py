@@ -4,8 +4,8 @@ import pickle
 
 import pytest
 
-from vastflow.flows import computation
-from vastflow.flows.computation import FLOWS, Computation
+from vastflow.flows.computing import computation
+from vastflow.flows.computing.computation import FLOWS, Computation
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.progress import Tally

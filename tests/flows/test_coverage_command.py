@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.coverage_command import share_text
+from vastflow.flows.commands.coverage import share_text
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiate import instantiate
 

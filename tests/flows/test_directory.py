@@ -6,7 +6,7 @@ from datetime import datetime
 
 import pytest
 
-from vastflow.flows.directory import ResultsError, directory_name, new_directory
+from vastflow.flows.results.directory import ResultsError, directory_name, new_directory
 from vastflow.tasks.store import StoreError
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)

@@ -5,8 +5,8 @@ import re
 
 from rich.console import Console
 
-from vastflow.flows.display import Display, duration_text, phase_text, plain_line, view
-from vastflow.flows.pace import Meter, Pace
+from vastflow.flows.terminal.display import Display, duration_text, phase_text, plain_line, view
+from vastflow.flows.terminal.pace import Meter, Pace
 from vastflow.tasks.progress import Progress
 
 

@@ -7,14 +7,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from vastflow.flows import api, computation, run_campaign
-from vastflow.flows import dry_run as dry_runs
+from vastflow.flows import api, run_campaign
 from vastflow.flows.__main__ import app
-from vastflow.flows.dry_run import STAGES, dry_run
-from vastflow.flows.dry_run_reasons import parameter_changes, scenario_reason
-from vastflow.flows.dry_run_store import Overlay, untouched
-from vastflow.flows.dry_run_text import whys
-from vastflow.flows.past import NoPast, newest_past
+from vastflow.flows.computing import computation
+from vastflow.flows.foresight import dry_run as dry_runs
+from vastflow.flows.foresight.dry_run import STAGES, dry_run
+from vastflow.flows.foresight.dry_run_text import whys
+from vastflow.flows.foresight.reasons import parameter_changes, scenario_reason
+from vastflow.flows.foresight.store import Overlay, untouched
+from vastflow.flows.results.past import NoPast, newest_past
 from vastflow.producers.faults import CampaignError
 from vastflow.sim.blocks import read_rows
 from vastflow.tasks import source

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from vastflow.flows.environment import write_map
+from vastflow.flows.results.environment import write_map
 from vastflow.sim.maps import OccupancyMap, load_map
 
 METRES = st.floats(-1e3, 1e3, allow_nan=False)

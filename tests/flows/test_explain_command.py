@@ -7,17 +7,17 @@ from datetime import datetime, timedelta
 import pytest
 from typer.testing import CliRunner
 
-from vastflow.flows import dry_run as dry_runs
 from vastflow.flows.__main__ import app
-from vastflow.flows.asked import Asked
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.campaign_keys import campaign_keys
-from vastflow.flows.explain import Unexplained, explanation
-from vastflow.flows.found import ConfigurationResult
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.origin_code import code_row
-from vastflow.flows.results import write_results
-from vastflow.flows.summary import Work
+from vastflow.flows.foresight import dry_run as dry_runs
+from vastflow.flows.foresight.explain import Unexplained, explanation
+from vastflow.flows.request.asked import Asked
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.origin_code import code_row
+from vastflow.flows.results.results import write_results
+from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Verdict, write_verdicts
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.blocks import write_recordings

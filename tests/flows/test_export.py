@@ -12,14 +12,14 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.export import export
-from vastflow.flows.export_run import OUR_FAULT, recording_csv
-from vastflow.flows.export_source import ExportFault
-from vastflow.flows.found import ConfigurationResult, RunFault, complete
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.results import write_results
-from vastflow.flows.summary import Work
+from vastflow.flows.export.export import export
+from vastflow.flows.export.run import OUR_FAULT, recording_csv
+from vastflow.flows.export.source import ExportFault
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.found import ConfigurationResult, RunFault, complete
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.results import write_results
+from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.archive import stacked, table, write_outputs, write_table

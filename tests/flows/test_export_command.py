@@ -7,12 +7,12 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from vastflow.flows import export as layout
-from vastflow.flows import export_command
 from vastflow.flows.__main__ import app
-from vastflow.flows.export import Exported, refuse
-from vastflow.flows.export_source import ExportFault
-from vastflow.flows.junit import Case, Flaw, Suite
+from vastflow.flows.commands import export as export_command
+from vastflow.flows.export import export as layout
+from vastflow.flows.export.export import Exported, refuse
+from vastflow.flows.export.junit import Case, Flaw, Suite
+from vastflow.flows.export.source import ExportFault
 
 FAILURE, ERROR, SKIPPED = Flaw("failure", "f"), Flaw("error", "e"), Flaw("skipped", "s")
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.flows.junit import Case, Flaw, Suite, campaign_report, suite_report
+from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report, suite_report
 
 PASSED = Case("room/0", "c.room", 0.25, 1_700_000_000.125, {"outcome": "succeeded"})
 FAILED = Case("room/1", "c.room", 0.5, 1_700_000_001.0, {}, Flaw("failure", "success: too late", "the whole\nstory"))

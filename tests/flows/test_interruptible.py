@@ -6,7 +6,7 @@ import signal
 import pytest
 import typer
 
-from vastflow.flows.interruptible import Interruptible
+from vastflow.flows.terminal.interruptible import Interruptible
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from vastflow.flows import run_campaign
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.found import ConfigurationResult, RunFault
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.kept_report import KeptReport
-from vastflow.flows.report_key import report_key
-from vastflow.flows.results import write_results
-from vastflow.flows.summary import Work
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.found import ConfigurationResult, RunFault
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.kept_report import KeptReport
+from vastflow.flows.results.report_key import report_key
+from vastflow.flows.results.results import write_results
+from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.oracles.work_section import with_work
 from vastflow.producers.instantiate import instantiate

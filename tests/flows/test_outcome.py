@@ -5,8 +5,8 @@ import io
 import pyarrow as pa
 from rich.console import Console
 
-from vastflow.flows.outcome import details, outcome, rate_text, rejection_table
-from vastflow.flows.tables import CONFIGURATIONS, VERDICTS
+from vastflow.flows.results.tables import CONFIGURATIONS, VERDICTS
+from vastflow.flows.terminal.outcome import details, outcome, rate_text, rejection_table
 from vastflow.oracles.configuration_table import ConfigurationTable
 from vastflow.oracles.evidence import evidence_of
 from vastflow.oracles.rates import Counts

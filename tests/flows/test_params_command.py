@@ -6,9 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.notes import MOST_UNMODELLED, terminal_lines
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.notes import MOST_UNMODELLED, terminal_lines
+from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.faults import Note
 
 NAV2 = """\

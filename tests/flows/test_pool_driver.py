@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from vastflow.flows import pool_driver
-from vastflow.flows.pool_driver import Driver
-from vastflow.flows.pool_service import Seen
-from vastflow.flows.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
+from vastflow.flows.pool import driver as pool_driver
+from vastflow.flows.pool.driver import Driver
+from vastflow.flows.pool.service import Seen
+from vastflow.flows.pool.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
 from vastflow.tasks.keys import Keys

@@ -7,9 +7,9 @@ import httpx
 import pytest
 from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
 
-from vastflow.flows import pool_service
-from vastflow.flows.pool_service import PoolService, Seen
-from vastflow.flows.work_pool import WorkPool, WorkPoolError
+from vastflow.flows.pool import service as pool_service
+from vastflow.flows.pool.service import PoolService, Seen
+from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.server import PrefectUnavailable
 

@@ -16,14 +16,14 @@ from PIL import Image
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from vastflow.flows import replay_command
 from vastflow.flows.__main__ import app
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.found import ConfigurationResult
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.origin import differences, versions
-from vastflow.flows.results import write_results
-from vastflow.flows.summary import Work
+from vastflow.flows.commands import replay as replay_command
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.origin import differences, versions
+from vastflow.flows.results.results import write_results
+from vastflow.flows.results.summary import Work
 from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiate import instantiate

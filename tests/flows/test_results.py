@@ -9,11 +9,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.found import ConfigurationResult, RunFault, complete, one_block
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.results import write_results
-from vastflow.flows.summary import Work
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.found import ConfigurationResult, RunFault, complete, one_block
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.results import write_results
+from vastflow.flows.results.summary import Work
 from vastflow.oracles.rates import Counts
 from vastflow.oracles.tables import read_tables
 from vastflow.oracles.trace import NOWHERE_MM

@@ -16,16 +16,16 @@ from typer.testing import CliRunner
 
 from vastflow.flows import api
 from vastflow.flows.__main__ import app
-from vastflow.flows.asked import Asked, asked_of
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.campaign_keys import campaign_keys, recorded_keys
-from vastflow.flows.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
-from vastflow.flows.found import ConfigurationResult
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.origin_code import code_row
-from vastflow.flows.replica import NotReplicable, replica
-from vastflow.flows.results import write_results
-from vastflow.flows.summary import Summary, Work
+from vastflow.flows.request.asked import Asked, asked_of
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.campaign_keys import campaign_keys, recorded_keys
+from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
+from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.origin_code import code_row
+from vastflow.flows.results.replica import NotReplicable, replica
+from vastflow.flows.results.results import write_results
+from vastflow.flows.results.summary import Summary, Work
 from vastflow.oracles.rates import Counts
 from vastflow.producers.instantiate import instantiate
 from vastflow.tasks.source import installed_tree

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vastflow.flows.api import run_campaign
-from vastflow.flows.members import narrowed
-from vastflow.flows.selection import EVERYTHING, Selection, sampled
+from vastflow.flows.request.members import narrowed
+from vastflow.flows.request.selection import EVERYTHING, Selection, sampled
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import Instantiation, mark_duplicates

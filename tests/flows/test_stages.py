@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.flows import execute, instantiate, judge, observe, run_campaign, stages
-from vastflow.flows.computation import Computation
-from vastflow.flows.configurations import UnknownConfiguration
+from vastflow.flows import execute, instantiate, judge, observe, run_campaign
+from vastflow.flows.computing.computation import Computation
+from vastflow.flows.stages import api as stages
+from vastflow.flows.stages.configurations import UnknownConfiguration
 from vastflow.oracles.rates import Counts
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.source import installed_tree

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.flows.asked import SEQUENTIAL
-from vastflow.flows.stopping import MOST_WAVES, Stopping, stopping_of
+from vastflow.flows.request.asked import SEQUENTIAL
+from vastflow.flows.request.stopping import MOST_WAVES, Stopping, stopping_of
 from vastflow.oracles.findings import STOPPING, stopping_rule
 from vastflow.oracles.statistics.classes import Bounds
 from vastflow.oracles.statistics.stopping import StoppingRule

@@ -13,14 +13,14 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.asked import Asked
-from vastflow.flows.campaign_file import read_campaign
-from vastflow.flows.campaign_keys import campaign_keys
-from vastflow.flows.found import ConfigurationResult
-from vastflow.flows.inputs import inputs_of
-from vastflow.flows.origin_code import code_row
-from vastflow.flows.results import write_results
-from vastflow.flows.summary import Work
+from vastflow.flows.request.asked import Asked
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.origin_code import code_row
+from vastflow.flows.results.results import write_results
+from vastflow.flows.results.summary import Work
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.instantiation import Instantiator

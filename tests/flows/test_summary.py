@@ -2,7 +2,7 @@
 
 import json
 
-from vastflow.flows.summary import Summary
+from vastflow.flows.results.summary import Summary
 from vastflow.oracles.rates import Counts
 
 

@@ -7,7 +7,7 @@ import sys
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.flows.tables import (
+from vastflow.flows.results.tables import (
     CONFIGURATIONS,
     REJECTIONS,
     RUNS,
@@ -121,7 +121,7 @@ def test_a_number_that_is_none_is_null():
 def test_writing_a_table_does_not_import_pandas(tmp_path):
     program = (
         "import pathlib, sys\n"
-        "from vastflow.flows.tables import RUNS, write_table\n"
+        "from vastflow.flows.results.tables import RUNS, write_table\n"
         f"write_table(pathlib.Path({str(tmp_path / 't.parquet')!r}), RUNS, [{{'run_index': 1}}])\n"
         f"write_table(pathlib.Path({str(tmp_path / 'e.parquet')!r}), RUNS, [])\n"
         "sys.exit('pandas' in sys.modules)\n"

@@ -6,7 +6,7 @@ import pytest
 from prefect.logging.configuration import setup_logging
 from prefect.logging.handlers import APILogHandler
 
-from vastflow.flows.task_log import TASK_RUNS, quiet_task_runs
+from vastflow.flows.computing.task_log import TASK_RUNS, quiet_task_runs
 
 
 @pytest.fixture

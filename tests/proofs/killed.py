@@ -47,7 +47,7 @@ import pyarrow.parquet as pq
 from killed_life import CONFIGURATIONS, ENDS_S, RUNS, WORKERS, Api, Crew, Lab, Life, Place
 from killed_outcome import Whole, differing, digests, open_flow_runs, stored
 
-from vastflow.flows.directory import ABANDONED_S, sweep
+from vastflow.flows.results.directory import ABANDONED_S, sweep
 from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.store import WRITING_S
 

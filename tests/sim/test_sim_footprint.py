@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from vastflow.sim.nav.footprint import circumscribed_radius_m, inscribed_radius_m, outline_hits, padded_outline
@@ -21,10 +21,15 @@ def hits(window, outline, x, y, yaw):
     return outline_hits(window, outline, x, y, yaw)
 
 
-def outline_cells(x, y, yaw, place=PLACE, outline=OUTLINE):
-    """Cells (column, row) under the outline, by the closed form of Nav2's line iterator."""
+def vertices_in_cells(x, y, yaw, place=PLACE, outline=OUTLINE):
+    """The outline's vertices as (column, row), with fractions."""
     turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
-    vertices = np.floor((outline @ turn.T + [x, y] - place[:2]) / place[2]).astype(int).tolist()
+    return (outline @ turn.T + [x, y] - place[:2]) / place[2]
+
+
+def outline_cells(x, y, yaw):
+    """Cells (column, row) under the outline, by the closed form of Nav2's line iterator."""
+    vertices = np.floor(vertices_in_cells(x, y, yaw)).astype(int).tolist()
     lines = [*pairwise(vertices), (vertices[0], vertices[-1])]
     cells = set()
     for (x0, y0), (x1, y1) in lines:
@@ -53,8 +58,11 @@ def test_without_padding_the_outline_is_a_regular_polygon():
 
 
 @settings(max_examples=25, deadline=None)
-@given(x=st.floats(-1.2, 1.2), y=st.floats(1.8, 4.2), yaw=st.floats(-7.0, 7.0).map(lambda angle: round(angle, 6)))
+@given(x=st.floats(-1.2, 1.2), y=st.floats(1.8, 4.2), yaw=st.floats(-7.0, 7.0))
 def test_a_lethal_cell_is_hit_where_one_of_the_outlines_lines_crosses_it_and_nowhere_else(x, y, yaw):
+    vertices = vertices_in_cells(x, y, yaw)
+    # A vertex on a cell's border belongs to either side, as the last bit of a sum has it.
+    assume(np.abs(vertices - np.round(vertices)).min() > 1e-9)
     column, row = math.floor((x + 1.0) / 0.05), math.floor((y - 2.0) / 0.05)
     costs = np.zeros((40, 40), dtype=np.uint8)
     hit = set()

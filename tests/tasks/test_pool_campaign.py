@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
-from vastflow.flows.work_pool import WorkPool, WorkPoolError
+from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.object_store import ObjectStore
 from vastflow.tasks.server import ApiServer, PrefectUnavailable
 from vastflow.tasks.store import open_store
@@ -271,7 +271,7 @@ def test_a_poison_is_found_and_not_judged_and_the_others_are(api, worker, progra
 
 @more
 def test_a_worker_that_does_not_see_the_store_is_a_fault_of_the_store(api, worker, programs, tmp_path, monkeypatch):
-    from vastflow.flows import pool_campaign
+    from vastflow.flows.pool import campaign as pool_campaign
 
     hidden = tmp_path / "hidden"
     service = pool_campaign.PoolService
@@ -322,7 +322,7 @@ def test_an_api_and_a_pool_have_to_be_there(api, programs, tmp_path, monkeypatch
 
 @more
 def test_a_pool_without_workers_is_said_and_given_up_when_asked_so(api, programs, tmp_path, monkeypatch):
-    from vastflow.flows import pool_driver
+    from vastflow.flows.pool import driver as pool_driver
 
     monkeypatch.setattr(pool_driver, "IDLE_S", 1.0)
     monkeypatch.setattr(pool_driver.Driver.__init__, "__kwdefaults__", {"poll_s": 0.5, "idle_s": 1.0, "silent_s": 9.0})

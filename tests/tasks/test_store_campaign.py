@@ -2,7 +2,8 @@
 
 import pytest
 
-from vastflow.flows import api, computation, run_campaign
+from vastflow.flows import api, run_campaign
+from vastflow.flows.computing import computation
 from vastflow.tasks.object_store import ObjectStore
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import StoreError

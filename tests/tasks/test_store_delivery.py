@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.delivery import delivery_to
-from vastflow.flows.results import Results
-from vastflow.flows.summary import Summary
+from vastflow.flows.results.delivery import delivery_to
+from vastflow.flows.results.results import Results
+from vastflow.flows.results.summary import Summary
 from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.object_store import file_system
 from vastflow.tasks.store import StoreError

@@ -1,0 +1,108 @@
+"""The command `compare`: what has changed between two campaigns, and whether that is too much."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, NoReturn
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT
+from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.terminal.interruptible import Interruptible
+
+if TYPE_CHECKING:
+    from vastflow.flows.comparison.campaigns import Compared
+    from vastflow.oracles.tables import Tables
+
+DOES_NOT_HOLD: Final = 1
+
+
+def compare(
+    before: Annotated[Path, typer.Argument(metavar="A", help="Campaign directory of what was.")],
+    after: Annotated[Path, typer.Argument(metavar="B", help="Campaign directory of what is.")],
+    oracle: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Compare by this oracle alone, else by all that judged both.")
+    ] = None,
+    gate: Annotated[
+        bool, typer.Option("--gate", help="Exit code 1 unless a loss of the margin or more is ruled out.")
+    ] = False,
+    margin: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Loss of success rate that may be, as a share of the runs.")
+    ] = 0.02,
+    junit: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a JUnit file: the gate and each configuration.")
+    ] = None,
+    pictures: Annotated[int, typer.Option(min=0, metavar="N", help="Configurations to draw, the most changed.")] = 8,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where the pictures go, else B/comparisons/A.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """Compare two campaigns, run by run.
+
+    Runs are paired by scenario and seed. Shows the difference with its interval, configurations that newly fail or pass, and the
+    difference at each level of each factor.
+    """
+    for directory in (before, after):
+        if wrong := wrong_directory(directory):
+            _end(wrong)
+    with Interruptible("interrupted"):
+        from vastflow.flows.comparison.campaigns import compared
+        from vastflow.flows.comparison.text import compared_json, compared_text
+
+        try:
+            found = compared(_tables(before), _tables(after), oracle, margin)
+        except ValueError as error:
+            _end(str(error))
+        try:
+            drawn = _drawn(found, pictures, out or after / "comparisons" / before.resolve().name)
+            if junit is not None:
+                from vastflow.flows.comparison.junit import compared_report
+
+                junit.write_bytes(compared_report(found))
+        except OSError as error:
+            _end(f"{error.filename}: can't be written ({error.strerror}); name another place")
+        if as_json:
+            print(json.dumps(compared_json(found, drawn)))
+        else:
+            from vastflow.flows.terminal.outcome import printed
+
+            printed(compared_text(found, drawn))
+    if gate and not found.holds:
+        raise typer.Exit(DOES_NOT_HOLD)
+
+
+def _tables(directory: Path) -> "Tables":
+    from vastflow.oracles.tables import read_tables
+
+    try:
+        return read_tables(directory)
+    except (OSError, ValueError, KeyError) as error:  # pyarrow's and json's errors are ValueErrors
+        _end(f"{directory}: damaged campaign directory: {error}")
+
+
+def _drawn(found: "Compared", most: int, folder: Path) -> dict[str, Path]:
+    """Pictures by the name of the later configuration; one that can't be drawn is named on standard error."""
+    chosen = found.changes[:most]
+    if not chosen:
+        return {}
+    from vastflow.flows.comparison.pictures import NotDrawn, picture_of
+
+    drawn = {}
+    for change in chosen:
+        name = found.pairing.matches[change.configuration].after
+        try:
+            content = picture_of(found, change)
+        except NotDrawn as error:
+            print(f"not drawn: {name}: {error}", file=sys.stderr)
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        drawn[name] = folder / f"{name}.png"
+        drawn[name].write_bytes(content)
+    return drawn
+
+
+def _end(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise typer.Exit(BAD_INPUT)

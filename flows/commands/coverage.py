@@ -1,0 +1,141 @@
+"""The command `coverage`: how much of the requested test space a campaign realises, and why not the rest."""
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT
+from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.map_dir import MapDir
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from vastflow.oracles.coverage import Coverage, Covered
+
+MOST_PAIRS: Final = 30
+"""Pairs of producers in the terminal, the least covered of each family first; `--json` has more."""
+
+
+def coverage(
+    source: Annotated[Path, typer.Argument(metavar="FILE|RESULTS", help="A campaign file, or a campaign directory.")],
+    map_dir: MapDir = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """Show how much of the requested test space is realised.
+
+    And what constraints exclude, what can't be built and why, by dimension and by pairs of producers.
+    """
+    with Interruptible("interrupted"):
+        found = _coverage(source, map_dir)
+        if as_json:
+            print(json.dumps(found, ensure_ascii=False))
+            return
+        from vastflow.flows.terminal.outcome import printed
+
+        printed(_text(found))
+
+
+def _coverage(source: Path, map_dir: Path | None) -> "Coverage":
+    """Of a campaign directory as it was written, of a campaign file by instantiating it."""
+    from vastflow.flows.request.campaign_file import read_campaign
+    from vastflow.oracles.coverage import read_coverage
+    from vastflow.producers.faults import CampaignError
+    from vastflow.producers.instantiate import instantiate
+
+    if not source.exists():
+        wrong: object = f"{source}: no such file or folder; a campaign file, or a folder that `vastflow run` wrote"
+    elif source.is_dir():
+        wrong = wrong_directory(source)
+        if not wrong:
+            try:
+                return read_coverage(source)
+            except FileNotFoundError:
+                wrong = f"{source}: has no coverage.json; an earlier version wrote it, run the campaign again"
+            except (OSError, ValueError) as error:
+                wrong = f"{source}: damaged campaign directory: {error}"
+    else:
+        try:
+            return instantiate(read_campaign(source, map_dir)[0]).coverage
+        except CampaignError as error:
+            wrong = error
+    print(wrong, file=sys.stderr)
+    raise typer.Exit(BAD_INPUT)
+
+
+def _text(coverage: "Coverage") -> "Iterator[RenderableType]":
+    from rich.text import Text
+
+    from vastflow.flows.foresight.preview import lost_table
+    from vastflow.oracles.coverage import (
+        COUNTS,
+        counts,
+        design_text,
+        dimensions,
+        excluded,
+        pairs,
+        pairs_not_listed,
+        parts,
+        unrealisable,
+    )
+
+    whole = _table(("family",), (*COUNTS, "share"), ("design",))
+    for name, part in parts(coverage):
+        design = design_text(part["design"]) if "design" in part else ""
+        whole.add_row(name, *(f"{n:,}" for n in counts(part)), share_text(part["share"]), design)
+    yield whole
+    for title, lost in (("excluded by constraints", excluded), ("unrealisable", unrealisable)):
+        if rows := list(lost(coverage)):
+            yield ""
+            yield Text(title, "bold")
+            yield lost_table(rows)
+    yield ""
+    yield _covered_table("dimension", list(dimensions(coverage)))
+    if listed := list(pairs(coverage)):
+        yield ""
+        yield _covered_table("pair of producers", listed[:MOST_PAIRS])
+        if rest := len(listed) - len(listed[:MOST_PAIRS]) + pairs_not_listed(coverage):
+            yield Text(f"and {rest:,} more pairs; --json lists more", "dim")
+
+
+def _covered_table(what: str, rows: "Sequence[Covered]") -> "Table":
+    with_contents = any(row.distinct is not None for row in rows)
+    table = _table(
+        ("family", what),
+        (*["contents"][:with_contents], "choices", "admissible", "covered", "share"),
+        ["written by"][:with_contents],
+    )
+    for row in rows:
+        numbers = (*[row.distinct or 0][:with_contents], row.combinations, row.admissible, row.covered)
+        by = [", ".join(row.factors) or "–"][:with_contents]
+        table.add_row(row.family, row.what, *(f"{n:,}" for n in numbers), share_text(row.share), *by)
+    return table
+
+
+def _table(names: Sequence[str], numbers: Sequence[str], words: Sequence[str]) -> "Table":
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+    for name in names:
+        table.add_column(name, overflow="fold")
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in words:
+        table.add_column(name, overflow="fold")
+    return table
+
+
+def share_text(share: float | None) -> str:
+    """A share for people, rounded down, so that only what is whole is 100 %."""
+    if share is None:
+        return "–"
+    if 0.0 < share < 0.001:
+        return "< 0.1 %"
+    return f"{math.floor(share * 1000 + 1e-9) / 10:.1f} %"

@@ -1,0 +1,224 @@
+"""The command `deploy`: a campaign that Prefect runs on request or by a schedule."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT, OUR_FAULT
+from vastflow.flows.pool.work_pool import NO_API
+from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vastflow.tasks.execution.deployment import Deployment, ShardDeployment
+    from vastflow.tasks.execution.description import RunDescription
+
+IMAGE_FOLDER: Final = "/vastflow"
+"""Working directory of vastflow's image, with what the image was built from."""
+
+
+def deploy(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    pool: Annotated[str, typer.Option(metavar="NAME", help="Work pool; made if there is none of that name.")],
+    kind: Annotated[PoolType, typer.Option("--type", help="What the pool's workers start.")] = PoolType.process,
+    name: Annotated[str | None, typer.Option(help="Of the deployment; else the campaign's.")] = None,
+    cron: Annotated[
+        str | None,
+        typer.Option("--schedule", metavar="CRON", help="When to run, such as '0 2 * * *'; else on request."),
+    ] = None,
+    timezone: Annotated[str, typer.Option(help="Time zone of the schedule.")] = "UTC",
+    runs: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration, instead of the file's.")] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Only this family or configuration; may be repeated.")
+    ] = None,
+    sample: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Only N distinct configurations of these, the same ones each time."),
+    ] = None,
+    map_dir: MapDir = None,
+    results: Annotated[
+        str | None, typer.Option(metavar="FOLDER", help="Where the worker makes the campaign directory.")
+    ] = None,
+    store: Annotated[str | None, typer.Option(help="The worker's store; else its own $VASTFLOW_STORE.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a core.")] = None,
+    reports: Annotated[
+        str | None, typer.Option(metavar="URL", help="Where the results folder is served, for links to reports.")
+    ] = None,
+    image: Annotated[str, typer.Option(help="Image with vastflow, for docker and kubernetes.")] = IMAGE,
+    queue: Annotated[str, typer.Option(help="Queue of Kueue, for kubernetes.")] = NAME,
+    context: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Cluster whose resources count; else the first that the file names."),
+    ] = None,
+    shards_in: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POOL", help="Work pool whose workers compute the runs; made if there is none, of the same --type."
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print deployment and pool as YAML; change nothing.")
+    ] = False,
+) -> None:
+    """Make or change a deployment of a campaign, and its work pool, at Prefect's API.
+
+    A worker of the pool then runs the whole campaign on its machine, or with --shards-in drives it, while the workers of
+    another pool, or of the same one, compute its runs.
+    """
+    from vastflow.flows.request.campaign_file import campaign_name, read_campaign
+    from vastflow.flows.request.campaign_job import described, requested_cores
+    from vastflow.producers.faults import CampaignError
+    from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
+    from vastflow.tasks.server import import_prefect
+
+    try:
+        campaign, _ = read_campaign(file, map_dir)
+        if campaign.unexecutable:
+            raise CampaignError(campaign.unexecutable)
+        description = described(campaign, context)
+    except CampaignError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(BAD_INPUT) from None
+    place = _place(file, kind)
+    title = campaign_name(campaign)
+    parameters: dict[str, Any] = {
+        "campaign": place,
+        "runs": runs,
+        "only": only,
+        "sample": sample,
+        "map_dir": None if map_dir is None else _place(map_dir, kind),
+        "results": results or _results(kind),
+        "store": store,
+        "workers": workers or requested_cores(kind, campaign, context),
+        "reports": reports,
+        "pool": shards_in,
+    }
+    deployment = Deployment(
+        name=name or title,
+        campaign=title,
+        parameters={key: value for key, value in parameters.items() if value is not None},
+        pool=pool,
+        folder=str(Path.cwd()) if kind is PoolType.process else IMAGE_FOLDER,
+        description=description_of(
+            title, place, runs or campaign.runs, str(campaign.spec.metadata.get("description") or ""), shards_in
+        ),
+        job_variables=_job_variables(kind, description, image, queue),
+        cron=cron,
+        timezone=timezone,
+    )
+
+    def shards(of: PoolType) -> ShardDeployment:
+        return ShardDeployment(shards_in or pool, _own_variables(of, image, queue))
+
+    import_prefect()
+    _check_schedule(deployment)
+    if dry_run:
+        _print(deployment, shards(kind), kind)
+    else:
+        _register(deployment, shards_in or pool, shards, kind)
+
+
+def _job_variables(kind: PoolType, description: "RunDescription", image: str, queue: str) -> dict[str, Any]:
+    from vastflow.tasks.execution.job import job_variables
+
+    return _own_variables(kind, image, queue) | job_variables(kind, description)
+
+
+def _own_variables(kind: PoolType, image: str, queue: str) -> dict[str, Any]:
+    """What the options set of a pool's template, whatever the campaign."""
+    own: dict[str, Any] = {} if kind is PoolType.process else {"image": image}
+    return own | ({"queue": queue} if kind is PoolType.kubernetes else {})
+
+
+def _place(file: Path, kind: PoolType) -> str:
+    """The campaign file, or the folder of maps, as the worker finds it: in an image, below the folder it was built from."""
+    if kind is PoolType.process:
+        return str(file.resolve())
+    try:
+        return file.resolve().relative_to(Path.cwd()).as_posix()
+    except ValueError:
+        what = f"{file}: it is not below {Path.cwd()}"
+        print(
+            f"{what}; call this from the folder that the image is built from, with all that it needs in it",
+            file=sys.stderr,
+        )
+        raise typer.Exit(BAD_INPUT) from None
+
+
+def _results(kind: PoolType) -> str:
+    return str(Path.cwd() / "results") if kind is PoolType.process else f"{DATA}/results"
+
+
+def _check_schedule(deployment: "Deployment") -> None:
+    from zoneinfo import available_timezones
+
+    from vastflow.flows.pool.registration import is_cron
+    from vastflow.producers.faults import did_you_mean
+
+    if deployment.cron is None:
+        return
+    if not is_cron(deployment.cron):
+        right = "five fields, minute hour day month weekday, such as '0 2 * * *'"
+        print(f"--schedule: found {deployment.cron!r}; {right}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    zones = sorted(available_timezones())
+    if deployment.timezone not in zones:
+        print(f"--timezone: found {deployment.timezone!r}; {did_you_mean(deployment.timezone, zones)}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+
+
+def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) -> None:
+    from vastflow.flows.pool.registration import pool_template
+    from vastflow.tasks.execution.manifest import yaml_text
+
+    print("# prefect.yaml")
+    print(yaml_text({"deployments": [deployment.as_yaml(), shards.as_yaml()]}), end="")
+    template = pool_template(kind)
+    for name in dict.fromkeys((deployment.pool, shards.pool)):
+        print("---\n# work pool")
+        print(yaml_text({"name": name, "type": kind.value, "base_job_template": template}), end="")
+
+
+def _register(
+    deployment: "Deployment", shards_in: str, shards: "Callable[[PoolType], ShardDeployment]", kind: PoolType
+) -> None:
+    """Make or change everything; the pool of the shards may be there already, and of another type."""
+    from vastflow.tasks.server import configured_url
+
+    url = configured_url()
+    if url is None:
+        print(NO_API, file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    from prefect.client.orchestration import get_client
+    from prefect.exceptions import PrefectHTTPStatusError
+
+    from vastflow.flows.pool.registration import OtherPool, register_pool, register_shards, type_of_pool
+    from vastflow.flows.scheduled import register_deployment, run_scheduled
+
+    try:
+        with get_client(sync_client=True) as client:
+            if (unhealthy := client.api_healthcheck()) is not None:
+                print(f"Prefect's API at {url} does not answer: {unhealthy}", file=sys.stderr)
+                raise typer.Exit(OUR_FAULT)
+            new = {deployment.pool: register_pool(client, deployment.pool, kind)}
+            theirs = type_of_pool(client, shards_in) or kind
+            if shards_in != deployment.pool:
+                new[shards_in] = register_pool(client, shards_in, theirs)
+            found = register_deployment(client, deployment)
+            register_shards(client, shards(theirs))
+    except OtherPool as error:
+        print(f"--pool: {error}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT) from None
+    except PrefectHTTPStatusError as error:
+        print(f"Prefect's API at {url} did not take it: {error}", file=sys.stderr)
+        raise typer.Exit(OUR_FAULT) from None
+    for name, is_new in new.items():
+        made = "made" if is_new else "found"
+        room = " --limit 2" if shards_in == name == deployment.parameters.get("pool") else ""
+        print(f"{made} the work pool {name}; start a worker: prefect worker start --pool {name}{room}")
+    print(f"{run_scheduled.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
+    print(f"run it: prefect deployment run '{run_scheduled.name}/{deployment.name}'")

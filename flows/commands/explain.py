@@ -1,0 +1,55 @@
+"""The command `explain`: one configuration of a campaign, where it came from and what a run would do of it."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT
+from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.terminal.interruptible import Interruptible
+
+
+def explain(
+    results: Annotated[
+        Path, typer.Argument(metavar="RESULTS", help="A campaign directory, as `vastflow run` names it.")
+    ],
+    configuration: Annotated[str, typer.Argument(metavar="CONFIGURATION", help="Name of a configuration.")],
+    since: Annotated[
+        Path | None, typer.Option(metavar="RESULTS", help="Compare with this campaign, else with the one before.")
+    ] = None,
+    store: Annotated[
+        str | None, typer.Option(help="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """Say where a configuration came from, and what a run of it would compute today and why.
+
+    Its scenario in three dimensions with the producer that wrote each value, its digest, the keys of its results and
+    which of them are in the store, and what is other in an earlier campaign.
+    """
+    for option, directory in (("", results), ("--since ", since)):
+        if directory is not None and (wrong := wrong_directory(directory)):
+            _end(f"{option}{wrong}")
+    with Interruptible("interrupted"):
+        from vastflow.flows.foresight.explain import Unexplained, explanation
+        from vastflow.flows.foresight.explain_text import explanation_json, explanation_text
+        from vastflow.flows.results.past import NoPast
+        from vastflow.flows.terminal.outcome import printed
+        from vastflow.tasks.store import StoreError
+
+        try:
+            found = explanation(results, configuration, store=store, since=since)
+        except (Unexplained, NoPast, StoreError) as error:
+            _end(str(error))
+        if as_json:
+            print(json.dumps(explanation_json(found), ensure_ascii=False))
+        else:
+            printed(explanation_text(found))
+
+
+def _end(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise typer.Exit(BAD_INPUT)

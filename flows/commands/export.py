@@ -1,0 +1,79 @@
+"""The command `export`: a campaign directory as a folder for each run, with JUnit reports."""
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, NoReturn
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT
+from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.terminal.interruptible import Interruptible
+
+if TYPE_CHECKING:
+    from vastflow.flows.export.export import Exported
+
+PERIOD_S: Final = 5.0
+"""From one line about the progress to the next."""
+
+
+def export(
+    results: Annotated[
+        Path, typer.Argument(metavar="RESULTS", help="A campaign directory, as `vastflow run` names it.")
+    ],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder, or an empty one.")],
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATTERN", help="Only families and configurations of such a name; may be repeated."),
+    ] = None,
+) -> None:
+    """Lay out a campaign as a folder for each run.
+
+    With JUnit reports, CSV files, logs and what programs wrote.
+    """
+    if wrong := wrong_directory(results):
+        _end(wrong)
+    with Interruptible(f"interrupted; {folder} is as it was"):
+        from vastflow.flows.export.export import export as lay_out
+        from vastflow.flows.export.source import ExportFault
+
+        try:
+            exported = lay_out(results, folder, only or (), _Progress())
+        except ExportFault as error:
+            _end(str(error))
+        except OSError as error:
+            _end(f"{folder}: can't be written ({error.strerror}); name another folder")
+    print(_said(exported))
+
+
+class _Progress:
+    """Says now and then how far an export is."""
+
+    def __init__(self) -> None:
+        self._said_s = time.monotonic()
+
+    def __call__(self, done: int, of: int) -> None:
+        if time.monotonic() - self._said_s >= PERIOD_S:
+            self._said_s = time.monotonic()
+            print(f"{done} of {of} configurations exported", file=sys.stderr)
+
+
+def _said(exported: "Exported") -> str:
+    runs = sum(len(suite.cases) for suite in exported.suites)
+    failed, broken, unjudged = (
+        sum(suite.count(kind) for suite in exported.suites) for kind in ("failure", "error", "skipped")
+    )
+    counts = {"passed": runs - failed - broken - unjudged, "failed": failed, "broken": broken, "not judged": unjudged}
+    named = ", ".join(f"{n} {what}" for what, n in counts.items() if n or what in ("passed", "failed"))
+    alike = f", {exported.duplicates} of the content of another" if exported.duplicates else ""
+    configurations = len(exported.suites) + exported.duplicates
+    return (
+        f"{configurations} configuration{'' if configurations == 1 else 's'}{alike}; {runs} runs: {named}\n"
+        f"exported: {exported.folder}"
+    )
+
+
+def _end(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise typer.Exit(BAD_INPUT)

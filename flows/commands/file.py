@@ -1,0 +1,53 @@
+"""The commands about campaign files: `validate` and `schema`."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vastflow.flows.terminal.map_dir import MapDir
+
+
+def validate(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")], map_dir: MapDir = None
+) -> None:
+    """Check a campaign file.
+
+    Every fault is said at once, with its place and what would be right.
+    """
+    from vastflow.flows.request.campaign_file import read_campaign
+    from vastflow.flows.request.notes import terminal_lines
+    from vastflow.producers.faults import CampaignError
+
+    try:
+        campaign, oracles = read_campaign(file, map_dir)
+    except CampaignError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(2) from None
+    unexecutable = {(fault.file, fault.line, fault.column) for fault in campaign.unexecutable}
+    notes = [note for note in campaign.notes if (note.file, note.line, note.column) not in unexecutable]
+    for line in terminal_lines(notes):
+        print(line)
+    for fault in campaign.unexecutable:
+        print(fault)
+    producers = sum(len(family.producers) for family in campaign.families)
+    counts = [_number(len(campaign.families), "family", "families"), _number(producers, "producer", "producers")]
+    counts.append(_number(len(oracles), "oracle", "oracles"))
+    verdict = "OK, but not to be run by this version" if campaign.unexecutable else "OK"
+    print(f"{verdict}: {', '.join(counts)}")
+
+
+def schema() -> None:
+    """Print the JSON Schema of campaign files.
+
+    Editors check and complete by it.
+    """
+    from vastflow.producers.schema import campaign_schema
+
+    print(json.dumps(campaign_schema(), indent=2))
+
+
+def _number(n: int, one: str, many: str) -> str:
+    return f"{n} {one if n == 1 else many}"

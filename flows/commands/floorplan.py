@@ -1,0 +1,136 @@
+"""The commands about floor plans: `floorplan render`, `floorplan geometry` and `floorplan variations`."""
+
+import json
+import math
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, NoReturn, TypeVar
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT, unwritable
+
+if TYPE_CHECKING:
+    from vastflow.producers.floorplan.building import Building
+
+T = TypeVar("T")
+
+floorplan = typer.Typer(
+    help="Draw floor plans (.fpm) and their variations (.variation).", no_args_is_help=True, rich_markup_mode=None
+)
+
+PlanArgument = Annotated[Path, typer.Argument(metavar="FILE.fpm", help="Floor plan.")]
+Out = Annotated[Path, typer.Option(help="Folder to write to; made where there is none.")]
+
+SMALLEST_RESOLUTION_M: Final = 0.001
+
+
+@floorplan.command()
+def render(
+    file: PlanArgument,
+    out: Out,
+    resolution: Annotated[float, typer.Option(min=SMALLEST_RESOLUTION_M, help="Edge of a cell of the map (m).")] = 0.05,
+    laser_height: Annotated[float, typer.Option(min=0.0, help="Height of the slice that is the map (m).")] = 0.193,
+) -> None:
+    """Write a floor plan's map, mesh and picture.
+
+    maps/NAME.yaml and .pgm, 3d-mesh/NAME.stl, NAME.png, fpm/NAME.fpm and NAME.provenance.json.
+    """
+    _check_out(out)
+    for option, value in (("--resolution", resolution), ("--laser-height", laser_height)):
+        if not math.isfinite(value):
+            _stop(f"{option}: found {value}; a number of metres")
+    from vastflow.producers.floorplan.files import read_plan_file
+    from vastflow.producers.floorplan.rendering import render as rendered
+
+    plan = _read(lambda: read_plan_file(file))
+    building = _read(plan.building)
+    _note(building)
+    files = _read(lambda: rendered(building, plan.text, str(file), resolution, laser_height))
+    _write(out, files)
+
+
+@floorplan.command()
+def geometry(file: PlanArgument) -> None:
+    """Print all polygons of a floor plan as JSON.
+
+    In the world's frame and in metres: spaces, walls, obstacles, openings.
+    """
+    from vastflow.producers.floorplan.files import read_plan_file
+    from vastflow.producers.floorplan.geometry import geometry_of
+
+    plan = _read(lambda: read_plan_file(file))
+    building = _read(plan.building)
+    _note(building)
+    print(json.dumps(geometry_of(building)))
+
+
+@floorplan.command()
+def variations(
+    file: Annotated[Path, typer.Argument(metavar="FILE.variation", help="Variation file.")],
+    out: Out,
+    count: Annotated[int, typer.Option(min=1, help="How many are drawn.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of the first; the next ones have the next numbers.")] = 0,
+) -> None:
+    """Draw variations of a floor plan.
+
+    Each is written as PLAN_SEED.fpm. One whose numbers make no building is reported and left out.
+    """
+    _check_out(out)
+    from vastflow.producers.floorplan.faults import FloorplanError
+    from vastflow.producers.floorplan.files import PlanFile, read_variation_file
+    from vastflow.producers.floorplan.variation import GREATEST_SEED
+
+    if seed + count - 1 > GREATEST_SEED:
+        _stop(f"--seed {seed}: the last seed is {seed + count - 1}; at most {GREATEST_SEED}")
+    variation = _read(lambda: read_variation_file(file).variation())
+    written = 0
+    for number in range(seed, seed + count):
+        sample = variation.sample(number)
+        name = f"{variation.plan.token}_{number}.fpm"
+        try:
+            PlanFile(name, sample.text).building()
+        except FloorplanError as error:
+            print(f"not written: {error.brief}", file=sys.stderr)
+            continue
+        _write(out, {name: sample.text.encode()})
+        written += 1
+    if not written:
+        raise typer.Exit(BAD_INPUT)
+
+
+def _stop(wrong: object) -> NoReturn:
+    print(wrong, file=sys.stderr)
+    raise typer.Exit(BAD_INPUT)
+
+
+def _read(read: Callable[[], T]) -> T:
+    """What `read` gives; what is wrong with the file goes to the terminal and ends the command."""
+    from vastflow.producers.floorplan.faults import FloorplanError
+
+    try:
+        return read()
+    except FloorplanError as error:
+        _stop(error)
+
+
+def _check_out(out: Path) -> None:
+    if wrong := unwritable(out):
+        _stop(f"--out {wrong}")
+
+
+def _note(building: "Building") -> None:
+    for note in building.notes:
+        print(note, file=sys.stderr)
+
+
+def _write(out: Path, files: Mapping[str, bytes]) -> None:
+    for name, content in files.items():
+        place = out / name
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(content)
+        except OSError as error:
+            _stop(f"--out {out}: {place} can't be written: {error.strerror}; name another folder")
+        print(place)

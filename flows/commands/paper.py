@@ -1,0 +1,42 @@
+"""The command `paper`: results of the paper's campaigns beside the paper's own."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT
+from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.terminal.interruptible import Interruptible
+
+
+def paper(
+    results: Annotated[
+        list[Path], typer.Argument(metavar="RESULTS...", help="Campaign directories of campaigns in campaigns/paper.")
+    ],
+) -> None:
+    """Print a page that puts results beside the paper's.
+
+    Markdown on standard output; the same results give the same text.
+    """
+    with Interruptible("interrupted"):
+        from vastflow.oracles.paper_page import paper_page
+        from vastflow.oracles.paper_results import NotThePapers, paper_results
+
+        found = []
+        for directory in results:
+            if wrong := wrong_directory(directory):
+                _end(wrong)
+            try:
+                found.append(paper_results(directory))
+            except NotThePapers as error:
+                _end(str(error))
+            except (OSError, ValueError, KeyError, TypeError) as error:
+                _end(f"{directory}: damaged campaign directory: {' '.join(str(error).split())}")
+        print(paper_page(found), end="")
+
+
+def _end(message: str) -> None:
+    print(message, file=sys.stderr)
+    raise typer.Exit(BAD_INPUT)

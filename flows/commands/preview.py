@@ -1,0 +1,89 @@
+"""The command `preview`: a campaign instantiated, counted and drawn, and nothing of it executed."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT, unwritable
+from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.map_dir import MapDir
+
+if TYPE_CHECKING:
+    from vastflow.producers.configuration import Configuration
+
+
+def preview(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    pictures: Annotated[int, typer.Option(min=0, metavar="N", help="Draw the first N configurations.")] = 4,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where pictures are written; else preview-NAME.")
+    ] = None,
+    map_dir: MapDir = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+) -> None:
+    """Show what a campaign would run, without running it.
+
+    Configurations, what is rejected or excluded and why, an estimate of the time, and pictures.
+    """
+    with Interruptible("interrupted"):
+        from vastflow.flows.foresight.estimate import cores_here, estimate_of
+        from vastflow.flows.foresight.preview import preview_json, preview_text
+        from vastflow.flows.request.campaign_file import campaign_name, read_campaign
+        from vastflow.flows.results.directory import directory_name
+        from vastflow.producers.faults import CampaignError
+        from vastflow.producers.instantiate import instantiate
+
+        try:
+            campaign, _ = read_campaign(file, map_dir)
+            folder = out or Path(f"preview-{directory_name(campaign_name(campaign))}")
+            if pictures and (wrong := unwritable(folder)):
+                print(f"--out {wrong}", file=sys.stderr)
+                raise typer.Exit(BAD_INPUT)
+            found = instantiate(campaign)
+        except CampaignError as error:
+            print(error, file=sys.stderr)
+            raise typer.Exit(BAD_INPUT) from None
+        for fault in campaign.unexecutable:
+            print(f"not to be run by this version: {fault}", file=sys.stderr)
+        estimate = estimate_of(found.configurations, campaign.runs, campaign.timeout_s, cores_here())
+        least = None if campaign.sequential is None else campaign.sequential.min
+        if not as_json:
+            from vastflow.flows.terminal.outcome import printed
+
+            printed(preview_text(found.coverage, campaign.runs, estimate, least))
+        distinct = [configuration for configuration in found.configurations if configuration.duplicate_of is None]
+        try:
+            written = _drawn(distinct[:pictures], folder)
+        except OSError as error:
+            print(f"--out {folder}: can't be written: {error.strerror}; name another folder", file=sys.stderr)
+            raise typer.Exit(BAD_INPUT) from None
+        if as_json:
+            print(json.dumps(preview_json(found.coverage, campaign.runs, estimate, [*map(str, written)])))
+        elif written:
+            print("\npictures:")
+            for picture in written:
+                print(picture)
+
+
+def _drawn(configurations: "Sequence[Configuration]", folder: Path) -> list[Path]:
+    """The pictures of these configurations; one that can't be drawn is named on standard error."""
+    from vastflow.flows.foresight.preview import plan_view_of
+    from vastflow.oracles.figures.picture import png
+    from vastflow.oracles.plan_view import plan_view_figure
+
+    written = []
+    for configuration in configurations:
+        try:
+            view = plan_view_of(configuration)
+        except ValueError as error:
+            print(f"not drawn: {configuration.name}: {error}", file=sys.stderr)
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        picture = folder / f"{configuration.name}.png"
+        picture.write_bytes(png(plan_view_figure(view)))
+        written.append(picture)
+    return written

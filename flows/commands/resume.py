@@ -1,0 +1,87 @@
+"""The command `resume`: a campaign again from its own directory."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT, PoolOption, PoolWaitOption, ShardsOption, pool_of, run_and_show
+from vastflow.flows.commands.show import wrong_directory
+
+
+def resume(
+    results: Annotated[
+        Path, typer.Argument(metavar="RESULTS", help="A campaign directory, or one that a killed process left half.")
+    ],
+    store: Annotated[
+        str | None, typer.Option(help="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a core.")] = None,
+    pool: PoolOption = None,
+    shards: ShardsOption = None,
+    pool_wait: PoolWaitOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
+) -> None:
+    """Run a campaign again from the inputs in its directory.
+
+    With the runs and the selection it was asked for; what is in the store is not computed again. A new campaign
+    directory is made beside it.
+    """
+    chosen = pool_of(pool, shards, pool_wait)
+    directory = _directory(results)
+    from vastflow.flows.request.asked import asked_of
+    from vastflow.flows.results.replica import NotReplicable, replica
+
+    try:
+        metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+        asked, title = asked_of(metadata), f"{metadata['name']} of {metadata['created'].replace('T', ' ')}"
+    except (OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
+        _end(f"{directory}: damaged campaign directory: {' '.join(str(error).split())}")
+    only = f", only {', '.join(asked.only)}" if asked.only else ""
+    only += "" if asked.sample is None else f", a sample of {asked.sample}"
+    runs = f"{asked.runs} run{'' if asked.runs == 1 else 's'} of each configuration{' at most' * asked.sequential}"
+    print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
+    try:
+        with replica(directory, asked) as file:
+            selected = list(asked.only)
+            runs_asked = asked.fixed_runs
+            run_and_show(file, runs_asked, directory.parent, store, workers, selected, as_json, chosen, asked.sample)
+    except NotReplicable as error:
+        _end(str(error))
+
+
+def _directory(results: Path) -> Path:
+    """The campaign directory that is meant; a half written one where there is no whole one."""
+    from vastflow.flows.results.directory import left_behind
+
+    half = left_behind(results)
+    if half is not None and (half == results or not results.exists()):
+        return _half_written(half)
+    if not results.exists():
+        _end(
+            f"{results}: no such folder; a campaign that did not end has none: `vastflow run` with its campaign file goes "
+            "on where it was, and computes only what is missing"
+        )
+    if wrong := wrong_directory(results):
+        _end(wrong)
+    return results
+
+
+def _half_written(half: Path) -> Path:
+    from vastflow.flows.results.directory import writer_of
+
+    if writer := writer_of(half):
+        _end(f"{half}: process {writer} is writing it now; wait for it, or end it first")
+    if not all((half / name).is_file() for name in ("campaign.vast", "metadata.json")):
+        _end(
+            f"{half}: holds too little to go on from; `vastflow run` with the campaign file computes only what is missing"
+        )
+    print(f"{half} was left half written by a process that was killed", file=sys.stderr)
+    return half
+
+
+def _end(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise typer.Exit(BAD_INPUT)

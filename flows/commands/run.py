@@ -1,0 +1,202 @@
+"""The command `run`: a campaign from file to report."""
+
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from vastflow.flows.commands.dry_run import print_dry_run
+from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.map_dir import MapDir
+
+if TYPE_CHECKING:
+    from vastflow.flows.pool.work_pool import WorkPool
+    from vastflow.flows.results.results import Results
+
+BAD_INPUT: Final = 2
+OUR_FAULT: Final = 3
+
+PoolOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="Work pool of Prefect whose workers compute what is missing; else this machine does."
+    ),
+]
+ShardsOption = Annotated[
+    int | None,
+    typer.Option(min=1, metavar="N", help="With --pool: about how many shards; else one for 20 runs, at most 50."),
+]
+PoolWaitOption = Annotated[
+    float | None,
+    typer.Option(min=1, metavar="SECONDS", help="With --pool: end if no worker takes anything for so long; else wait."),
+]
+
+
+def run(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    runs: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration, instead of the file's.")] = None,
+    results: Annotated[
+        str, typer.Option(help="Folder or address such as s3://bucket/prefix the campaign directory is made in.")
+    ] = "results",
+    store: Annotated[
+        str | None, typer.Option(help="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a core.")] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Only this family or configuration; may be repeated.")
+    ] = None,
+    sample: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Only N distinct configurations of these, the same ones each time."),
+    ] = None,
+    map_dir: MapDir = None,
+    pool: PoolOption = None,
+    shards: ShardsOption = None,
+    pool_wait: PoolWaitOption = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say what would be computed and why, and write nothing.")
+    ] = False,
+    since: Annotated[
+        Path | None,
+        typer.Option(metavar="RESULTS", help="With --dry-run: compare with this campaign, else with the newest."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
+) -> None:
+    """Run a campaign and write its report.
+
+    What is in the store already is not computed again.
+    """
+    if since is not None and (wrong := _wrong_since(since, dry_run)):
+        print(f"--since {wrong}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    if dry_run:
+        print_dry_run(
+            file,
+            runs=runs,
+            results=Path(results),
+            store=store,
+            only=only or (),
+            sample=sample,
+            map_dir=map_dir,
+            since=since,
+            as_json=as_json,
+        )
+        return
+    run_and_show(file, runs, results, store, workers, only, as_json, pool_of(pool, shards, pool_wait), sample, map_dir)
+
+
+def _wrong_since(since: Path, dry_run: bool) -> str | None:
+    if not dry_run:
+        return f"{since}: only with --dry-run, which compares with it"
+    return wrong_directory(since)
+
+
+def run_and_show(
+    file: Path,
+    runs: int | None,
+    results: str | Path,
+    store: str | None,
+    workers: int | None,
+    only: list[str] | None,
+    as_json: bool,
+    pool: "WorkPool | None" = None,
+    sample: int | None = None,
+    map_dir: Path | None = None,
+) -> None:
+    """Run a campaign as the command line does: with a display, the outcome in words, and an exit code."""
+    from vastflow.tasks.store import is_address
+
+    if not is_address(str(results)) and (wrong := unwritable(Path(results))):
+        print(f"--results {wrong}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    going_on = f"`{command_line(sys.argv)}` again computes only what is missing"
+    with Interruptible(f"interrupted; {going_on}") as interruptible:
+        from vastflow.flows.terminal.display import Display
+
+        with Display() as display:
+            interruptible.last_words_by(display.close)
+            from vastflow.flows import run_campaign
+            from vastflow.flows.pool.work_pool import WorkersFailed, WorkPoolError
+            from vastflow.flows.results.directory import ResultsError
+            from vastflow.producers.faults import CampaignError
+            from vastflow.tasks.server import PrefectUnavailable
+            from vastflow.tasks.store import StoreError
+
+            try:
+                found = run_campaign(
+                    file,
+                    runs=runs,
+                    results=results,
+                    store=store,
+                    workers=workers,
+                    only=only,
+                    sample=sample,
+                    map_dir=map_dir,
+                    observer=display,
+                    pool=pool,
+                )
+            except (CampaignError, StoreError, ResultsError, WorkPoolError) as error:
+                display.close(str(error))
+                raise typer.Exit(BAD_INPUT) from None
+            except (PrefectUnavailable, WorkersFailed) as error:
+                display.close(f"{error}; {going_on}")
+                raise typer.Exit(OUR_FAULT) from None
+    for note in found.notes:
+        print(note, file=sys.stderr)
+    if as_json:
+        print(found.summary.json_text())
+    else:
+        _show(found)
+    if found.faults:
+        raise typer.Exit(OUR_FAULT)
+
+
+def pool_of(name: str | None, shards: int | None, wait_s: float | None) -> "WorkPool | None":
+    """The work pool that options name, if they do."""
+    from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
+
+    given = [option for option, value in (("--shards", shards), ("--pool-wait", wait_s)) if value is not None]
+    try:
+        if name is None and given:
+            raise WorkPoolError(f"{given[0]}: only with --pool, whose shards it is about")
+        return None if name is None else WorkPool(name, shards, wait_s)
+    except WorkPoolError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(BAD_INPUT) from None
+
+
+def unwritable(results: Path) -> str | None:
+    """Why no folder can be made in `results`, found before hours are spent; None where one can."""
+    place = results.absolute()
+    while not place.exists():
+        place = place.parent
+    if not place.is_dir():
+        return f"{results}: {place} is not a folder; name a folder, or one that can be made"
+    if not os.access(place, os.W_OK | os.X_OK):
+        return f"{results}: no permission to write in {place}; name a folder of yours"
+    return None
+
+
+def command_line(arguments: list[str]) -> str:
+    """The command as it was typed, with `vastflow` for its first word."""
+    return shlex.join(["vastflow", *arguments[1:]])
+
+
+def _show(found: "Results") -> None:
+    from vastflow.flows.commands.show import report_line
+    from vastflow.flows.terminal.display import duration_text
+    from vastflow.flows.terminal.outcome import outcome, printed
+    from vastflow.oracles.evidence import evidence_of
+    from vastflow.oracles.tables import read_tables
+    from vastflow.tasks.store import is_address
+
+    tables, summary = read_tables(found.directory), found.summary
+    printed(outcome(tables, evidence_of(tables)))
+    print(f"{summary.executed} runs executed, {summary.reused} from the store, in {duration_text(summary.wall_s)}")
+    print(report_line(found.directory))
+    if is_address(summary.results):
+        print(f"uploaded to {summary.results}; what is here stays for a day")

@@ -1,0 +1,90 @@
+"""The commands about scenario files: `scenario check` and `scenario parameters`."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vastflow.flows.commands.run import BAD_INPUT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vastflow.sim.osc.definition import EnumValue, Parameter, ScenarioDefinition
+    from vastflow.sim.osc.faults import OscFault
+
+scenario = typer.Typer(
+    help="Look at scenario files (.osc, OpenSCENARIO DSL).", no_args_is_help=True, rich_markup_mode=None
+)
+
+ScenarioArgument = Annotated[Path, typer.Argument(metavar="FILE.osc", help="Scenario file.")]
+
+
+@scenario.command()
+def check(file: ScenarioArgument) -> None:
+    """Check a scenario file.
+
+    Every fault is said at once, with its place and what would be right; in a file without any, every action that nothing
+    here can do, with the reason.
+    """
+    definitions = _read(file)
+    if lacking := _lacking(definitions):
+        print(*lacking, sep="\n", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
+    names = [definition.name for definition in definitions]
+    print(f"OK: {'scenario' if len(names) == 1 else 'scenarios'} {', '.join(names)}")
+
+
+@scenario.command()
+def parameters(file: ScenarioArgument) -> None:
+    """Print the parameters of a file's scenarios as JSON.
+
+    With name, type, whether it is a list, and default: SI units, null where a value has to be given.
+    """
+    listed = [
+        {"scenario": definition.name, "parameters": [_described(definition, one) for one in definition.parameters]}
+        for definition in _read(file)
+    ]
+    print(json.dumps(listed, indent=2, default=_member))
+
+
+def _read(file: Path) -> "tuple[ScenarioDefinition, ...]":
+    """The scenarios of a file; what is wrong with it goes to the terminal and ends the command."""
+    from vastflow.sim.osc.faults import OscError
+    from vastflow.sim.osc.reading import read_scenarios
+
+    try:
+        return read_scenarios(file)
+    except OscError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(BAD_INPUT) from None
+
+
+def _lacking(definitions: "Sequence[ScenarioDefinition]") -> "list[OscFault]":
+    """What the scenarios do that can't be done here."""
+    from vastflow.sim.behaviour.support import unsupported
+    from vastflow.sim.osc.faults import OscFault
+    from vastflow.sim.run import ACTIONS
+
+    return [
+        OscFault(found.place, f"{found.name} can't be run here", found.reason)
+        for definition in definitions
+        for found in unsupported(definition, ACTIONS)
+    ]
+
+
+def _described(definition: "ScenarioDefinition", parameter: "Parameter") -> dict[str, Any]:
+    from vastflow.sim.osc.parameters import default_of
+
+    return {
+        "name": parameter.name,
+        "type": parameter.type.name,
+        "is_list": parameter.type.is_list,
+        "default": default_of(definition, parameter.name),
+    }
+
+
+def _member(value: "EnumValue") -> str:
+    return value.member

@@ -1,0 +1,74 @@
+"""Pictures of a comparison: a configuration's runs before and after, on the map."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vastflow.flows.comparison.campaigns import Compared
+from vastflow.oracles.executed import KeptFiles, executed_scenario
+from vastflow.oracles.figures.pair_figure import Side, pair_figure
+from vastflow.oracles.figures.picture import png
+from vastflow.oracles.situation import situation_of
+from vastflow.oracles.statistics.comparison import Change
+from vastflow.oracles.tables import Tables
+from vastflow.oracles.verdict_table import CODES
+from vastflow.oracles.walk import read_walks
+from vastflow.sim.maps import load_map
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from vastflow.oracles.verdict import Judgement
+
+
+class NotDrawn(ValueError):
+    """A configuration that has no picture; says why."""
+
+
+def picture_of(found: Compared, change: Change) -> bytes:
+    """A PNG of a changed configuration, the first run that ended otherwise drawn strong.
+
+    Raises:
+        NotDrawn: no map, or nothing was recorded.
+    """
+    pairing, match = found.pairing, found.pairing.matches[change.configuration]
+    mine = np.flatnonzero(pairing.configuration == change.configuration)
+    said = [side[mine] for side in pairing.judged(found.oracle)]
+    differs = np.flatnonzero(said[0] != said[1])
+    runs = [side[mine] for side in (pairing.run_before, pairing.run_after)]
+    campaigns = ((found.before, match.before, change.before, "A"), (found.after, match.after, change.after, "B"))
+    sides = []
+    for k, (tables, name, passes, letter) in enumerate(campaigns):
+        judged = dict(zip(runs[k].tolist(), said[k].tolist(), strict=True))
+        strong = int(runs[k][differs[0]]) if len(differs) else None
+        created = str(tables.metadata.get("created", "")).replace("T", " ")
+        run = "" if strong is None else f"; strong: run {strong}"
+        title = f"{letter}: {passes} of {change.pairs} passed ({created}{run})"
+        sides.append(_side(tables, name, title, judged, strong))
+    return png(pair_figure(match.after, (sides[0], sides[1])))
+
+
+def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong: int | None) -> Side:
+    found = tables.configurations
+    k = found.names.index(name)
+    environment = found.environments[k]
+    if environment is None:
+        raise NotDrawn("it has no map")
+    try:
+        walks = read_walks(tables.directory, name)
+        scenario = executed_scenario(found.abstracts[k], 0.0, found.contents[k], KeptFiles(tables.directory))
+        occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
+        situation = situation_of(scenario)
+    except (OSError, ValueError, KeyError) as error:
+        raise NotDrawn(" ".join(str(error).split())) from None
+    if walks is None:
+        raise NotDrawn(f"{tables.directory} has no recording of it")
+    words: dict[int, Judgement] = {code: word for word, code in CODES.items()}
+    shown = [run for run in range(len(walks.run_index)) if int(walks.run_index[run]) in judged]
+    ways: Sequence[tuple[Judgement, NDArray[Any]]] = [
+        (words.get(judged[int(walks.run_index[run])], "not judged"), walks.line(run)) for run in shown
+    ]
+    indices = [int(walks.run_index[run]) for run in shown]
+    chosen = indices.index(strong) if strong in indices else None
+    return Side(title, occupancy, situation, [*situation.obstacles, *walks.spawned], ways, chosen)

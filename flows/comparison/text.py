@@ -1,0 +1,220 @@
+"""A comparison for the terminal and as JSON."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from vastflow.flows.comparison.campaigns import Compared
+from vastflow.oracles.statistics.comparison import Change, Difference
+from vastflow.oracles.tables import Tables
+
+MOST_CHANGES: Final = 12
+MOST_NAMES: Final = 4
+MOST_LEVELS: Final = 24
+
+
+def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[RenderableType]:
+    """What is shown: the pairs, the difference, what changed, where, and the gate."""
+    yield Text(f"A  {_campaign(found.before)}")
+    yield Text(f"B  {_campaign(found.after)}")
+    yield ""
+    yield Text(_paired(found))
+    for line in _unpaired(found):
+        yield Text(line, "yellow")
+    yield ""
+    yield _differences(found)
+    for title, worse in (("newly failing", True), ("newly passing", False)):
+        if shown := found.shown(worse=worse):
+            yield ""
+            yield Text(f"{title}: {_number(len(shown), 'configuration')}, at most 5 % of those shown wrongly", "bold")
+            yield _changes(found, shown[:MOST_CHANGES])
+            if rest := shown[MOST_CHANGES:]:
+                yield Text(f"and {len(rest):,} more; --json lists all", "dim")
+    if others := [change for change in found.changes if not change.shown]:
+        yield ""
+        yield Text(
+            f"{_number(len(others), 'configuration')} with runs that end otherwise, not more than chance might", "bold"
+        )
+        yield _changes(found, others[:MOST_NAMES])
+        if rest := others[MOST_NAMES:]:
+            yield Text(f"and {len(rest):,} more; --json lists all", "dim")
+    if found.levels:
+        yield ""
+        yield _levels(found)
+    if drawn:
+        yield ""
+        yield Text(f"{_number(len(drawn), 'picture')} of the most changed: {next(iter(drawn.values())).parent}")
+    yield ""
+    yield _gate(found)
+
+
+def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
+    """The same as JSON values, complete."""
+    pairing = found.pairing
+    return {
+        "before": str(found.before.directory),
+        "after": str(found.after.directory),
+        "oracle": found.oracle,
+        "paired": {
+            "configurations": len(pairing.matches),
+            "equal": sum(match.how == "equal" for match in pairing.matches),
+            "other_system": sum(match.how == "other system" for match in pairing.matches),
+            "runs": len(pairing.configuration),
+            "judged_both_times": found.whole.pairs,
+        },
+        "unpaired": {
+            "only_before": list(pairing.only_before),
+            "only_after": list(pairing.only_after),
+            "ambiguous": list(pairing.ambiguous),
+            "runs_before": pairing.lonely_before,
+            "runs_after": pairing.lonely_after,
+        },
+        "difference": _difference_json(found.whole),
+        "oracles": {name: _difference_json(one) for name, one in found.oracles.items()},
+        "changes": [_change_json(found, change, drawn) for change in found.changes],
+        "levels": [
+            {"factor": one.factor, "level": one.level, **_difference_json(one.difference), "adjusted": one.adjusted}
+            for one in found.levels
+        ],
+        "gate": {"margin": found.margin, "holds": found.holds},
+    }
+
+
+def gate_text(found: Compared) -> str:
+    """What the gate says, and why."""
+    low, margin = 100 * found.whole.interval[0], 100 * found.margin
+    if found.holds:
+        return f"gate holds: a loss of {margin:g} points or more is ruled out (lower end of the interval {low:+.2f})"
+    return f"gate does not hold: a loss of {margin:g} points is not ruled out (lower end of the interval {low:+.2f})"
+
+
+def share(rate: float) -> str:
+    """A success rate."""
+    return f"{100 * rate:.1f} %"
+
+
+def points(interval: tuple[float, float]) -> str:
+    """The ends of an interval of a difference, in percentage points."""
+    return f"{100 * interval[0]:+.1f} to {100 * interval[1]:+.1f}"
+
+
+def _difference_json(one: Difference) -> dict[str, Any]:
+    return {**asdict(one), "difference": one.difference}
+
+
+def _change_json(found: Compared, change: Change, drawn: Mapping[str, Path]) -> dict[str, Any]:
+    match = found.pairing.matches[change.configuration]
+    picture = str(drawn[match.after]) if match.after in drawn else None
+    return {
+        **asdict(change),
+        "configuration": match.after,
+        "was": match.before,
+        "worse": change.worse,
+        "picture": picture,
+    }
+
+
+def _campaign(tables: Tables) -> str:
+    metadata = tables.metadata
+    return f"{metadata.get('name', '')}, {str(metadata.get('created', '')).replace('T', ' ')}, {tables.directory}"
+
+
+def _paired(found: Compared) -> str:
+    matches = found.pairing.matches
+    other = sum(match.how == "other system" for match in matches)
+    how = f"{other:,} of them with another system" if other else "all equal"
+    not_judged = len(found.pairing.configuration) - found.whole.pairs
+    lost = f", {not_judged:,} more not judged both times" if not_judged else ""
+    return (
+        f"{_number(len(matches), 'configuration')} paired ({how}), {_number(found.whole.pairs, 'pair')} of runs{lost}"
+    )
+
+
+def _unpaired(found: Compared) -> Iterator[str]:
+    pairing = found.pairing
+    for what, names in (
+        ("only in A", pairing.only_before),
+        ("only in B", pairing.only_after),
+        ("in B with several counterparts in A", pairing.ambiguous),
+    ):
+        if names:
+            more = f" and {len(names) - MOST_NAMES:,} more" if len(names) > MOST_NAMES else ""
+            yield f"not paired: {_number(len(names), 'configuration')} {what}: {', '.join(names[:MOST_NAMES])}{more}"
+    for letter, runs in (("A", pairing.lonely_before), ("B", pairing.lonely_after)):
+        if runs:
+            yield f"not paired: {_number(runs, 'run')} of {letter} with a seed that the other has not"
+
+
+def _differences(found: Compared) -> Table:
+    table = _table(("judged by",), ("A", "B", "difference", "95 %", "lost", "gained", "McNemar p"))
+    one = len(found.oracles) == 1
+    rows = {} if one and found.oracle is None else {found.oracle or "all oracles": found.whole}
+    rows |= {name: each for name, each in found.oracles.items() if name != found.oracle}
+    for name, each in rows.items():
+        table.add_row(
+            name,
+            share(each.before),
+            share(each.after),
+            f"{100 * each.difference:+.1f}",
+            points(each.interval),
+            f"{each.lost:,}",
+            f"{each.gained:,}",
+            _p(each.mcnemar),
+        )
+    return table
+
+
+def _changes(found: Compared, changes: Sequence[Change]) -> Table:
+    table = _table(("configuration",), ("A", "B", "adjusted p"))
+    for change in changes:
+        match = found.pairing.matches[change.configuration]
+        name = match.after if match.after == match.before else f"{match.after} (was {match.before})"
+        passes = (f"{passed} of {change.pairs}" for passed in (change.before, change.after))
+        table.add_row(name, *passes, _p(change.adjusted))
+    return table
+
+
+def _levels(found: Compared) -> Table:
+    table = _table(("factor", "level"), ("pairs", "A", "B", "difference", "95 %", "adjusted p"))
+    order = sorted(found.levels, key=lambda one: 2.0 if one.adjusted is None else one.adjusted)
+    chosen = {id(one) for one in order[:MOST_LEVELS]}
+    for one in found.levels:
+        if id(one) in chosen:
+            each = one.difference
+            table.add_row(
+                one.factor,
+                one.level,
+                f"{each.pairs:,}",
+                share(each.before),
+                share(each.after),
+                f"{100 * each.difference:+.1f}",
+                points(each.interval),
+                "–" if one.adjusted is None else _p(one.adjusted),
+            )
+    return table
+
+
+def _gate(found: Compared) -> Text:
+    return Text(gate_text(found), "green" if found.holds else "red")
+
+
+def _table(names: Sequence[str], numbers: Sequence[str]) -> Table:
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+    for name in names:
+        table.add_column(name, overflow="fold")
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def _p(value: float) -> str:
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def _number(n: int, noun: str) -> str:
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"

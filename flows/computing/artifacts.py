@@ -1,0 +1,208 @@
+"""What Prefect's pages show of a campaign: progress, a table of results, a link to the report, a name one can read.
+
+Nothing of it is needed for the campaign: where Prefect's API refuses, a line in the log says so and the campaign goes on.
+"""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+from uuid import UUID
+
+from prefect.client.orchestration import get_client
+from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
+from prefect.runtime import flow_run
+
+from vastflow.flows.results.results import Results
+from vastflow.oracles.evidence import Group, evidence_of
+from vastflow.oracles.rates import LEVEL
+from vastflow.oracles.tables import read_tables
+from vastflow.tasks.execution.deployment import TAG
+from vastflow.tasks.execution.description import label_of
+from vastflow.tasks.progress import Phase, Progress
+
+LOGGER: Final = logging.getLogger("vastflow.artifacts")
+
+INTERVAL_S: Final = 2.0
+"""Between two updates; each is a request that costs some 20 ms."""
+
+_SAID: Final[dict[Phase, str]] = {
+    "instantiating": "instantiating",
+    "running": "executing, observing and judging what the store does not have",
+    "reporting": "writing the report",
+}
+
+
+class ProgressBar:
+    """A progress artifact of a flow run.
+
+    Args:
+        key: Lowercase letters, digits and hyphens; versions of one key are listed together.
+    """
+
+    def __init__(self, key: str, flow_run_id: str) -> None:
+        self._key = key
+        self._flow_run_id = UUID(flow_run_id)
+        self._id: UUID | None = None
+        self._shown: tuple[float, str] | None = None
+        self._at_s = 0.0
+
+    def show(self, share: float, text: str, now: bool = False) -> None:
+        """Show a share between 0 and 1, at most every `INTERVAL_S` seconds unless `now` is set."""
+        shown = (100 * share, text)
+        if shown == self._shown or (not now and share < 1 and time.monotonic() < self._at_s + INTERVAL_S):
+            return
+        self._shown, self._at_s = shown, time.monotonic()
+        with get_client(sync_client=True) as client:
+            if self._id is None:
+                artifact = ArtifactCreate(
+                    key=self._key,
+                    type="progress",
+                    data=shown[0],
+                    description=text,
+                    flow_run_id=self._flow_run_id,
+                )
+                self._id = client.create_artifact(artifact).id
+            else:
+                client.update_artifact(self._id, ArtifactUpdate(data=shown[0], description=text))
+
+
+class Page:
+    """The page of a flow run that runs a campaign, as an observer of the campaign.
+
+    Args:
+        name: The campaign's.
+        say: Writes a line of the flow run's log.
+    """
+
+    def __init__(self, name: str, flow_run_id: str, say: Callable[[str], None]) -> None:
+        self._name = name
+        self._flow_run_id = flow_run_id
+        self._say = say
+        self._bar = ProgressBar(f"{key_of(name)}-progress", flow_run_id)
+        self._phase: Phase | None = None
+        self._noticed = 0
+        self._named = False
+        self._refused = False
+
+    def update(self, progress: Progress) -> None:
+        """Show `progress`."""
+        for notice in progress.notices[self._noticed :]:
+            self._say(notice)
+        self._noticed = len(progress.notices)
+        if not self._named and progress.runs_total:
+            self._named = True
+            size = size_text(progress.configurations_total, progress.runs_total, progress.at_most)
+            self._say(f"{size}; {progress.reused} runs are in the store")
+            self._send(lambda: _rename(self._flow_run_id, f"{self._name}, {size}"))
+        new_phase = progress.phase != self._phase
+        if new_phase and progress.phase in _SAID:
+            self._say(_SAID[progress.phase])
+        self._phase = progress.phase
+        if progress.runs_total:
+            share = progress.runs_done / progress.runs_total
+            self._send(lambda: self._bar.show(share, progress_text(progress), now=new_phase))
+
+    def _send(self, request: Callable[[], None]) -> None:
+        if not self._refused:
+            with tolerated() as refused:
+                request()
+            self._refused = bool(refused)
+
+
+def publish(found: Results, name: str, reports: str | None = None, flow_run_id: str | None = None) -> str:
+    """Make a table of the results and a link to the report, both of a flow run.
+
+    Args:
+        name: The campaign's.
+        reports: Web address of the results folder; None links to the file, which a browser opens on its own machine only.
+        flow_run_id: None for the flow run that calls this.
+
+    Returns:
+        The outcome in a line.
+    """
+    summary = found.summary
+    counts = f"{summary.passed} passed, {summary.failed} failed, {summary.not_judged} not judged"
+    work = f"{summary.executed} runs executed, {summary.reused} from the store"
+    outcome = f"{size_text(summary.configurations, summary.runs)}: {counts}; {work}"
+    report = found.directory.resolve() / "report.html"
+    link = report.as_uri() if reports is None else f"{reports.rstrip('/')}/{found.directory.name}/report.html"
+    with tolerated(), get_client(sync_client=True) as client:
+        of = UUID(flow_run_id or str(flow_run.id))
+        for part, kind, data, description in (
+            ("results", "table", json.dumps(result_rows(found)), f"**{name}**, {outcome}"),
+            ("report", "markdown", f"[report.html]({link})", f"Report of **{name}**: `{report}`"),
+        ):
+            client.create_artifact(
+                ArtifactCreate(
+                    key=f"{key_of(name)}-{part}", type=kind, data=data, description=description, flow_run_id=of
+                )
+            )
+    return outcome
+
+
+def result_rows(found: Results) -> list[dict[str, Any]]:
+    """A row for each family and, if there are several, one for all: what the report's first table says."""
+    tables = read_tables(found.directory)
+    whole = evidence_of(tables)[None]
+    rows = [_row(family, group) for family, group in whole.families.items()]
+    return rows if len(rows) == 1 else [*rows, _row("all", whole.campaign)]
+
+
+def progress_text(progress: Progress) -> str:
+    """Runs done and their verdicts."""
+    verdicts = f"{progress.passed} passed, {progress.failed} failed, {progress.not_judged} not judged"
+    total = f"{'at most ' * progress.at_most}{progress.runs_total}"
+    return f"{progress.runs_done} of {total} runs done; {verdicts}"
+
+
+def size_text(configurations: int, runs: int, at_most: bool = False) -> str:
+    """Such as `24 configurations × 5 runs`; `24 configurations, 341 runs` where they have different numbers of them."""
+    said = f"{configurations} configuration{'s'[: configurations != 1]}"
+    each, rest = divmod(runs, configurations) if configurations else (0, 0)
+    most = "at most " * at_most
+    return f"{said}, {most}{runs} runs" if rest or at_most else f"{said} × {each} run{'s'[: each != 1]}"
+
+
+def key_of(name: str) -> str:
+    """A campaign's name as the keys of its artifacts have it."""
+    return label_of(name) or "campaign"
+
+
+def tag(flow_run_id: str, name: str) -> None:
+    """Give a flow run the tags by which all flow runs of a campaign are found."""
+    with get_client(sync_client=True) as client:
+        client.update_flow_run(UUID(flow_run_id), tags=[TAG, key_of(name)])
+
+
+@contextmanager
+def tolerated() -> Iterator[list[Exception]]:
+    """Log what Prefect's API refuses; gives a list in which the refusal is afterwards."""
+    refused: list[Exception] = []
+    try:
+        yield refused
+    except Exception as error:  # noqa: BLE001 - a campaign of hours is not lost for a picture of it
+        refused.append(error)
+        LOGGER.warning("Prefect does not show the campaign's progress or results: %s", error)
+
+
+def _row(name: str, group: Group) -> dict[str, Any]:
+    counts = group.counts
+    interval = f"{100 * counts.interval.low:.1f} – {100 * counts.interval.high:.1f} %" if counts.judged else "–"
+    return {
+        "family": name,
+        "configurations": group.configurations,
+        "runs": counts.judged + counts.not_judged,
+        "passed": counts.passed,
+        "failed": counts.failed,
+        "not judged": counts.not_judged,
+        "success": "–" if counts.rate is None else f"{100 * counts.rate:.1f} %",
+        f"{100 * LEVEL:.0f} % interval": interval,
+    }
+
+
+def _rename(flow_run_id: str, name: str) -> None:
+    with get_client(sync_client=True) as client:
+        client.update_flow_run(UUID(flow_run_id), name=name)

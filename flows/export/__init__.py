@@ -1,0 +1,1 @@
+"""A campaign directory as a folder for each run, and as JUnit reports."""

@@ -1,0 +1,215 @@
+"""A dry run: what a run of a campaign would find in the store and what it would compute, and why. It writes nothing."""
+
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Literal, TypeAlias
+
+from vastflow.flows.foresight.producers import Evaluated, HereEvaluator, ProducerReasons
+from vastflow.flows.foresight.reasons import Origins, Reason, RunReasons
+from vastflow.flows.foresight.store import Overlay, untouched
+from vastflow.flows.request.campaign_file import campaign_name, read_campaign
+from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.members import members_of, narrowed
+from vastflow.flows.request.selection import Selection
+from vastflow.flows.request.stopping import Stopping, stopping_of
+from vastflow.flows.results.origin_code import code_row
+from vastflow.flows.results.past import Past, newest_past, past_of
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.faults import CampaignError
+from vastflow.tasks.instantiation import Instantiated, Instantiator, ProducerFault
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.shelf import Member, Shelf, Shelved, missing
+from vastflow.tasks.source import installed_tree
+from vastflow.tasks.store import Lost
+
+Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
+STAGES: Final[tuple[Stage, ...]] = ("instantiate", "execute", "observe", "judge")
+
+_TRIES: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Due:
+    """Something that a run would compute.
+
+    Attributes:
+        subject: A configuration; at `instantiate` a producer.
+        amount: Runs of it; at `instantiate` one evaluation.
+    """
+
+    stage: Stage
+    family: str
+    subject: str
+    amount: int
+    reason: Reason
+
+
+@dataclass(frozen=True)
+class DryRun:
+    """What a run would do.
+
+    Attributes:
+        name: The campaign's.
+        runs: Of each configuration.
+        sequential: Whether that is the most: what is due of those whose class is not decided is then what they may want.
+        past: The campaign it was compared with.
+        configurations: Of what was asked, duplicates included.
+        sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
+        reused: Stage and family to what is in the store: runs, at `instantiate` evaluations.
+        due: What is not.
+        shelved: Configuration to what is in the store of it.
+        faults: Producers that raised, as they would in a run.
+    """
+
+    name: str
+    runs: int
+    past: Past | None
+    configurations: Sequence[Configuration] = field(repr=False)
+    reused: Mapping[tuple[Stage, str], int]
+    due: Sequence[Due] = field(repr=False)
+    shelved: Mapping[str, Sequence[Shelved]] = field(repr=False)
+    faults: Sequence[ProducerFault]
+    keys: Keys = field(repr=False)
+    sampled_from: int | None = None
+    sequential: bool = False
+
+    def found(self, stage: Stage, family: str | None = None) -> int:
+        """What is in the store of a stage, of one family or of all."""
+        return sum(n for (of, name), n in self.reused.items() if of == stage and family in (None, name))
+
+    def computed(self, stage: Stage, family: str | None = None) -> int:
+        """What a stage would compute, of one family or of all."""
+        return sum(due.amount for due in self.due if due.stage == stage and family in (None, due.family))
+
+    @property
+    def families(self) -> list[str]:
+        """Families in order, those of whose configurations nothing is left included."""
+        return list(dict.fromkeys([*(family for _, family in self.reused), *(due.family for due in self.due)]))
+
+
+def dry_run(
+    file: Path,
+    *,
+    runs: int | None = None,
+    results: Path = Path("results"),
+    store: str | None = None,
+    only: Sequence[str] = (),
+    sample: int | None = None,
+    map_dir: Path | None = None,
+    since: Path | None = None,
+) -> DryRun:
+    """Find out what a run of the campaign at `file` would do with the same arguments.
+
+    What producers make is taken from the store, or made in this process and not stored.
+
+    Args:
+        since: The campaign directory to compare with, else the newest of this campaign's name in `results`.
+
+    Raises:
+        CampaignError: faults of the file, or a name in `only` that nothing has.
+        NoPast: `since` is no campaign directory.
+        StoreError: the store can't be used.
+    """
+    campaign, oracles = read_campaign(file, map_dir)
+    if campaign.unexecutable:
+        raise CampaignError(campaign.unexecutable)
+    name = campaign_name(campaign)
+    past = newest_past(results, name) if since is None else past_of(since)
+    tree = installed_tree()
+    keys = campaign_keys(tree, campaign.seed, oracles)
+    today = code_row(tree, campaign.families, oracles)
+    origins = None if past is None else Origins(past, tree, keys, today, map(type, oracles))
+    overlay = Overlay(untouched(store))
+    with tempfile.TemporaryDirectory(prefix="vastflow-") as environments:
+        evaluator = HereEvaluator(
+            overlay, ProducerReasons(past, origins, campaign.families, today["producers"]), Path(environments)
+        )
+        found = _instantiated(Instantiator(campaign, overlay, keys, tree), evaluator)
+    instantiation = narrowed(found.instantiation, Selection(only, sample, campaign.seed), campaign.path)
+    members = members_of(instantiation, runs or campaign.runs)
+    shelf = Shelf(overlay, keys)
+    stopping = stopping_of(campaign.sequential) if runs is None else None
+    if stopping is not None:
+        members = [_ending(stopping, shelf, member) for member in members]
+    shelved = {member.name: shelf.shelved(member) for member in members}
+    reasons = RunReasons(past, origins, found.instantiation.configurations)
+    reused, due = _evaluations(evaluator.evaluated.values())
+    for member in members:
+        _count(member, shelved[member.name], reasons, reused, due)
+    return DryRun(
+        name,
+        runs or campaign.runs,
+        past,
+        instantiation.configurations,
+        reused,
+        due,
+        shelved,
+        found.faults,
+        keys,
+        instantiation.sampled_from,
+        stopping is not None,
+    )
+
+
+def _ending(stopping: Stopping, shelf: Shelf, member: Member) -> Member:
+    """A member with the runs at which its class is decided, or with the most as long as it is not."""
+    wanted, shelved = stopping.shelved(shelf, member)
+    whole = all(each.verdicts for each in shelved) and not missing([each.block for each in shelved], wanted.runs)
+    return wanted if whole else member
+
+
+def _instantiated(instantiator: Instantiator, evaluator: HereEvaluator) -> Instantiated:
+    for _ in range(_TRIES):
+        try:
+            return instantiator.instantiated(evaluator)
+        except Lost:  # a damaged evaluation: now it seems gone, and is made here
+            continue
+    raise Lost("what the producers made is lost again and again")
+
+
+Reused: TypeAlias = Counter[tuple[Stage, str]]
+
+
+def _evaluations(evaluated: Iterable[Evaluated]) -> tuple[Reused, list[Due]]:
+    reused: Reused = Counter()
+    due = []
+    for each in evaluated:
+        reused["instantiate", each.family] += each.reason is None
+        if each.reason is not None:
+            due.append(Due("instantiate", each.family, each.producer, 1, each.reason))
+    return reused, due
+
+
+def _count(member: Member, shelved: Sequence[Shelved], reasons: RunReasons, reused: Reused, due: list[Due]) -> None:
+    """Sort a member's runs into what is there and what is to be computed, stage by stage."""
+    absent = missing([each.block for each in shelved], member.runs)
+    states: dict[Stage, set[int]] = {"execute": set(), "observe": set(), "judge": set()}
+    for each in shelved:
+        span = range(each.block.start, min(each.block.stop, member.runs))
+        states["execute"].update(span)
+        states["observe"].update(span if each.trace else ())
+        states["judge"].update(span if each.verdicts else ())
+    for stage, there in states.items():
+        reused[stage, member.family] += len(there)
+
+    def add(stage: Stage, amount: int, reason: Reason) -> None:
+        if amount:
+            due.append(Due(stage, member.family, member.name, amount, reason))
+
+    recorded, observed, judged = states.values()
+    if absent:
+        for reason, amount in reasons.execute(member, absent):
+            add("execute", amount, reason)
+        add("observe", len(absent), _FOLLOWS_EXECUTE)
+    if unobserved := len(recorded - observed):
+        add("observe", unobserved, reasons.later("observe", member))
+    add("judge", member.runs - len(observed), _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE)
+    if unjudged := len(observed - judged):
+        add("judge", unjudged, reasons.later("judge", member))
+
+
+_FOLLOWS_EXECUTE: Final = Reason("follows", "follows from execute")
+_FOLLOWS_OBSERVE: Final = Reason("follows", "follows from observe")

@@ -1,0 +1,119 @@
+"""The preview: what a campaign would run, in counts and pictures."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from vastflow.flows.foresight.estimate import Estimate
+from vastflow.flows.terminal.display import duration_text
+from vastflow.oracles.coverage import Coverage, Lost, design_text, excluded, parts, unrealisable
+from vastflow.oracles.situation import situation_of
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.ground import MAP_KEY
+from vastflow.producers.path import PATH_KEY, PATH_LENGTH_KEY
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import load_map
+
+if TYPE_CHECKING:
+    from vastflow.oracles.plan_view import PlanView
+
+MOST_REASONS = 20
+"""Reasons in the terminal; `--json` has more."""
+
+
+def preview_json(coverage: Coverage, runs: int, estimate: Estimate, pictures: list[str]) -> dict[str, Any]:
+    """Counts of the campaign and of each family, the estimate, and the files that were written."""
+    families = {
+        name: {
+            **_counts(part, runs),
+            "excluded_by": part["excluded_by"],
+            "rejected_by": part["unrealisable_by"],
+            "design": part["design"],
+        }
+        for name, part in coverage["families"].items()
+    }
+    return {
+        **_counts(coverage, runs),
+        "families": families,
+        "estimate_s": round(estimate.wall_s, 1),
+        "pictures": pictures,
+    }
+
+
+def preview_text(
+    coverage: Coverage, runs: int, estimate: Estimate, least: int | None = None
+) -> Iterator[RenderableType]:
+    """The same for people.
+
+    Args:
+        least: Runs that each configuration has at least, where `runs` is the most.
+    """
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column("family", overflow="fold")
+    for name in _counts(coverage, runs):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("design")
+    for name, part in parts(coverage):
+        design = design_text(part["design"]) if "design" in part else ""
+        table.add_row(name, *(f"{n:,}" for n in _counts(part, runs).values()), design)
+    yield table
+    yield from _lost("rejected: can't be built", list(unrealisable(coverage)))
+    yield from _lost("excluded by constraints", list(excluded(coverage)))
+    yield ""
+    if least is not None:
+        yield Text(f"runs at most: a configuration has {least} to {runs}, and ends when its class is decided")
+    yield Text(
+        f"estimate: {'about' if least is None else 'at most about'} {duration_text(estimate.wall_s)} for {duration_text(estimate.simulated_s)} of simulated time "
+        f"({estimate.how})"
+    )
+
+
+def plan_view_of(configuration: Configuration) -> "PlanView":
+    """What there is to draw of a configuration.
+
+    Raises:
+        ValueError: it has no map, or a mission or an obstacle that can't be read.
+    """
+    from vastflow.oracles.plan_view import PlanView
+
+    map_file = configuration.scenario.environment.get(MAP_KEY)
+    map_path = map_file.path if isinstance(map_file, FileContent) else None
+    if map_path is None:
+        raise ValueError("it has no map")
+    path, length_m = (configuration.provenance.get(key) for key in (PATH_KEY, PATH_LENGTH_KEY))
+    title = configuration.name + (f" · path of {length_m:.2f} m" if isinstance(length_m, int | float) else "")
+    path_xy_m = np.array(path if isinstance(path, list) else [], dtype=np.float64).reshape(-1, 2)
+    return PlanView(title, load_map(map_path), situation_of(configuration.scenario), path_xy_m)
+
+
+def _counts(part: Coverage, runs: int) -> Mapping[str, int]:
+    return {
+        "configurations": part["realised"],
+        "rejected": part["unrealisable"],
+        "excluded": part["excluded"],
+        "duplicates": part["duplicate"],
+        "runs": part["realised"] * runs,
+    }
+
+
+def _lost(title: str, rows: list[Lost]) -> Iterator[RenderableType]:
+    if not rows:
+        return
+    yield ""
+    yield Text(title, "bold")
+    yield lost_table(rows[:MOST_REASONS])
+    if rest := rows[MOST_REASONS:]:
+        yield Text(f"and {sum(row.times for row in rest):,} more for {len(rest):,} other reasons; see --json", "dim")
+
+
+def lost_table(rows: list[Lost]) -> Table:
+    """A row for each family, producer or constraint, and reason."""
+    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column(justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(f"{row.times:,} ×", row.family, row.by, row.reason)
+    return table

@@ -1,0 +1,1 @@
+"""A campaign's shards in a work pool of Prefect."""

@@ -1,0 +1,297 @@
+"""The driver: a campaign's members as shards in a work pool, until each is computed or known to be broken.
+
+What counts is what the store has. A shard whose flow run failed, crashed or fell silent is asked for again with what is
+missing of it, then cut in two until the member is alone that takes its worker with it.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from vastflow.flows.pool.service import Seen
+from vastflow.flows.pool.work_pool import WorkersFailed, WorkPool, shard_count
+from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
+from vastflow.tasks.pool import PoolClosed
+from vastflow.tasks.progress import Tally
+from vastflow.tasks.shard_run import read_report
+from vastflow.tasks.shards import chunks
+from vastflow.tasks.shelf import Member, missing
+from vastflow.tasks.stages import Shard
+from vastflow.tasks.store import StoreError
+from vastflow.tasks.workshop import MemberFault, Workshop, judgements
+
+TRIES: Final = 3
+"""A shard that fails is given to a worker as often before it is cut."""
+
+POLL_S: Final = 1.5
+IDLE_S: Final = 60.0
+"""When nothing has been taken for so long, the user is told how to start a worker."""
+SILENT_S: Final = 120.0
+"""A flow run that has given no sign of life for so long is dead."""
+
+TAKEN_S: Final = 300.0
+"""One that a worker took and has not begun for so long, neither."""
+
+MOST_IN_VAIN: Final = 4
+"""Of a shard with one poison a half is computed. When as many halves in a row are not, something else is wrong."""
+
+_STEP_S: Final = 0.2
+_LOOK_S: Final = 5.0
+_LOOK_SHARE: Final = 20
+"""Between two looks into the store at shards that are being computed, times what one look takes."""
+
+
+class Service(Protocol):
+    """Who runs shards elsewhere; see `vastflow.flows.pool.service.PoolService`."""
+
+    def submit(self, parcel: str, name: str) -> str: ...
+
+    def seen(self, ids: Collection[str]) -> Mapping[str, Seen]: ...
+
+    def cancel(self, ids: Collection[str]) -> None: ...
+
+    def give_up(self, flow_run: str, why: str) -> None: ...
+
+    def workers_online(self) -> int: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Members that go to a worker together.
+
+    Attributes:
+        failed: How often it was tried in vain.
+        cut: Whether it is what a cut left of a larger one.
+    """
+
+    members: tuple[Member, ...]
+    failed: int = 0
+    cut: bool = False
+
+
+@dataclass(slots=True)
+class _Run:
+    """A part that is somewhere on its way, and its last sign of life."""
+
+    part: Part
+    name: str
+    sign: tuple[str, str] = ("", "")
+    beaten_s: float = field(default_factory=time.monotonic)
+
+
+class Driver:
+    """Brings members into the store by way of a work pool.
+
+    Args:
+        packed: Puts a parcel of some members into the store and gives its key.
+        say: Writes a line for the user.
+        poll_s: Between two looks at the flow runs.
+        idle_s, silent_s: See `IDLE_S` and `SILENT_S`.
+        taken_s: After which a flow run that was taken and not begun is given up; None where it may wait for ever.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        packed: Callable[[Sequence[Member]], str],
+        workshop: Workshop,
+        tally: Tally,
+        pool: WorkPool,
+        say: Callable[[str], None],
+        *,
+        poll_s: float = POLL_S,
+        idle_s: float = IDLE_S,
+        silent_s: float = SILENT_S,
+        taken_s: float | None = None,
+    ) -> None:
+        self._service = service
+        self._packed = packed
+        self._workshop = workshop
+        self._shelf = workshop.shelf
+        self._tally = tally
+        self._pool = pool
+        self._say = say
+        self._poll_s = poll_s
+        self._idle_s = idle_s
+        self._silent_s = silent_s
+        self._taken_s = taken_s
+        self._waiting: deque[Part] = deque()
+        self._open: dict[str, _Run] = {}
+        self._known: dict[str, frozenset[int]] = {}
+        self._wanted: dict[str, int] = {}
+        self._broken: set[str] = set()
+        self._look_at_s = 0.0
+        self._shards = 0
+        self._in_vain = 0
+
+    def run(self, members: Sequence[Member], show: Callable[[int, int], None] = lambda done, total: None) -> None:
+        """Return when every member is complete in the store or has a fault in the workshop.
+
+        Called again for members that want more runs than before, it goes on counting.
+
+        Args:
+            show: Is given how many shards are done, and of how many.
+
+        Raises:
+            WorkersFailed: no worker can compute it, or none took anything in time.
+            StoreError: the store can't be used, here or by the workers.
+            PrefectUnavailable: Prefect's API stayed away.
+            PoolClosed: the campaign was ended.
+        """
+        for member in members:
+            blocks = self._shelf.blocks(member)
+            absent = frozenset(missing(blocks, member.runs))
+            known, before = self._known.get(member.name, frozenset()), self._wanted.get(member.name, 0)
+            self._known[member.name] = known | frozenset(range(before, member.runs)) - absent
+            self._wanted[member.name] = member.runs
+        self._waiting.extend(self._parts(self._incomplete(members)))
+        self._shards += len(self._waiting)
+        try:
+            self._drive(show)
+        finally:
+            with suppress(Exception):  # whatever ended the campaign is what the user has to hear of
+                self._service.cancel(self._open)
+
+    def _parts(self, members: Sequence[Member]) -> list[Part]:
+        runs = sum(len(missing(self._shelf.blocks(member), member.runs)) for member in members)
+        count = shard_count(self._pool, len(members), max(runs, len(members)))
+        parts = chunks([member.scenario.digest for member in members], count) if members else []
+        return [Part(tuple(members[i] for i in part)) for part in parts]
+
+    def _drive(self, show: Callable[[int, int], None]) -> None:
+        lively_s, told = time.monotonic(), False
+        while self._waiting or self._open:
+            while self._waiting:
+                self._submit(self._waiting.popleft())
+            self._pause()
+            seen = self._service.seen(self._open)
+            if any(each.standing != "waiting" for each in seen.values()):
+                lively_s, told = time.monotonic(), False
+            idle_s = time.monotonic() - lively_s
+            if idle_s > self._idle_s and not told:
+                told = True
+                self._tell_idle()
+            if self._pool.wait_s is not None and idle_s > self._pool.wait_s:
+                raise WorkersFailed(f"no worker of the work pool {self._pool.name!r} took anything for {idle_s:.0f} s")
+            self._land(seen)
+            self._look()
+            show(self._shards - len(self._open) - len(self._waiting), self._shards)
+
+    def _submit(self, part: Part) -> None:
+        name = str(Shard(part.members)) + (f", try {part.failed + 1}" if part.failed else "")
+        self._open[self._service.submit(self._packed(part.members), name)] = _Run(part, name)
+
+    def _pause(self) -> None:
+        until_s = time.monotonic() + self._poll_s
+        while time.monotonic() < until_s:
+            if self._workshop.closed:
+                raise PoolClosed
+            time.sleep(min(_STEP_S, self._poll_s))
+
+    def _tell_idle(self) -> None:
+        online = self._service.workers_online()
+        name = self._pool.name
+        if online:
+            workers = "worker" if online == 1 else "workers"
+            self._say(
+                f"{online} {workers} of the work pool {name!r} took nothing for {self._idle_s:.0f} s; still waiting"
+            )
+        else:
+            self._say(f"no worker of the work pool {name!r} is there; start one: prefect worker start --pool {name}")
+
+    def _land(self, seen: Mapping[str, Seen]) -> None:
+        """Take those that ended; the store is looked at once for all of them."""
+        now_s = time.monotonic()
+        landed: list[tuple[str, _Run, Seen]] = []
+        for flow_run, run in list(self._open.items()):
+            found = seen.get(flow_run) or Seen("ended", "Crashed", "the flow run was deleted", "")
+            if (found.standing, found.beat) != run.sign:
+                run.sign, run.beaten_s = (found.standing, found.beat), now_s
+            most_s = {"running": self._silent_s, "taken": self._taken_s}.get(found.standing)
+            if most_s is not None and now_s - run.beaten_s > most_s:
+                why = f"no sign of life for {most_s:.0f} s: its worker is gone"
+                self._service.give_up(flow_run, why)
+                found = Seen("ended", "Crashed", why, found.beat)
+            if found.standing == "ended":
+                landed.append((flow_run, run, found))
+                del self._open[flow_run]
+        if landed:
+            self._shelf.store.survey()
+        for flow_run, run, found in landed:
+            self._take(flow_run, run, found)
+
+    def _take(self, flow_run: str, run: _Run, found: Seen) -> None:
+        if found.state == "Completed":
+            faults = read_report(self._shelf.store, flow_run)
+            self._workshop.add_faults(faults)
+            self._broken.update(fault.member for fault in faults)
+        incomplete = [member for member in self._incomplete(run.part.members) if member.name not in self._broken]
+        if len(incomplete) < len(run.part.members):
+            self._in_vain = 0
+        if not incomplete:
+            return
+        if found.state == "Cancelled":
+            self._give_up(incomplete, "its flow run was cancelled")
+            return
+        failed = run.part.failed + 1
+        if failed >= TRIES and found.state in (OTHER_CODE, STORE_AWAY):
+            if found.state == STORE_AWAY:
+                raise StoreError(f"store: a worker of the work pool {self._pool.name!r} can't use it: {found.message}")
+            raise WorkersFailed(f"workers of the work pool {self._pool.name!r}: {found.message}")
+        ended = f"{found.state}: {found.message}" if found.message else found.state
+        if failed < TRIES:
+            self._say(f"{run.name} will be tried again: {ended}")
+            self._again(Part(tuple(incomplete), failed))
+        elif len(incomplete) > 1:
+            self._in_vain += run.part.cut
+            if self._in_vain == MOST_IN_VAIN:
+                raise WorkersFailed(
+                    f"workers of the work pool {self._pool.name!r} fail whatever they are given, at last with {ended}"
+                )
+            self._say(f"{run.name} failed {failed} times and is cut in two: {ended}")
+            half = len(incomplete) // 2
+            for part in (incomplete[:half], incomplete[half:]):
+                self._again(Part(tuple(part), TRIES - 1, cut=True))
+        else:
+            self._give_up(incomplete, f"its worker's process ended each time, at last with it alone; {ended}")
+
+    def _again(self, part: Part) -> None:
+        self._waiting.append(part)
+        self._shards += 1
+
+    def _give_up(self, members: Sequence[Member], why: str) -> None:
+        self._workshop.add_faults([MemberFault(member.name, None, "execute", why) for member in members])
+        for member in members:
+            self._broken.add(member.name)
+            judged = {run for each in self._shelf.shelved(member) if each.verdicts for run in judgements(each.verdicts)}
+            self._tally.judge(member.name, dict.fromkeys(set(range(member.runs)) - judged, "not judged"))
+
+    def _look(self) -> None:
+        """Count what the shards under way have in the store so far, as often as looking is cheap."""
+        began_s = time.monotonic()
+        if began_s < self._look_at_s or not self._open:
+            return
+        self._shelf.store.survey()
+        for run in self._open.values():
+            self._incomplete(run.part.members)
+        took_s = time.monotonic() - began_s
+        self._look_at_s = began_s + max(_LOOK_S, _LOOK_SHARE * took_s)
+
+    def _incomplete(self, members: Sequence[Member]) -> list[Member]:
+        """Members of which something is missing in the store; what is there is counted."""
+        incomplete = []
+        for member in members:
+            shelved = self._shelf.shelved(member)
+            known = self._known[member.name]
+            for each in shelved:
+                simulated_s = {int(run): float(s) for run, s in each.recordings.info["runs"] if run not in known}
+                self._tally.execute(member.name, simulated_s)
+                if each.verdicts is not None:
+                    self._tally.judge(member.name, judgements(each.verdicts))
+            absent = missing([each.block for each in shelved], member.runs)
+            if absent or not all(each.verdicts for each in shelved):
+                incomplete.append(member)
+        return incomplete

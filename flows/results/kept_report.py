@@ -1,0 +1,97 @@
+"""A report that is kept in the store: what of a campaign directory follows from the campaign's content alone, as one artifact."""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from vastflow.flows.results.campaign_tables import LOGS_FILE
+from vastflow.flows.results.directory import WRITER
+from vastflow.oracles.rates import Counts
+from vastflow.oracles.work_section import with_work
+from vastflow.tasks.store import Lost, Store, StoreError
+
+LOGGER: Final = logging.getLogger("vastflow.results")
+REPORT: Final = "report.html"
+
+_RUN_LOGS: Final = "runs.jsonl"
+_CALLS_OWN: Final = ("metadata.json", "campaign.vast", WRITER)
+_CONFIGURATIONS_OWN: Final = ("inputs", "environments", "recordings", "traces", "outputs", "logs")
+
+
+@dataclass(frozen=True, slots=True)
+class Restored:
+    """What a kept report says of its campaign, and what it could not give back.
+
+    Attributes:
+        counts: Of runs, by what all oracles together say.
+        by_oracle: Of runs, by what each oracle says.
+        logs: Whether the run logs came with it.
+    """
+
+    counts: Counts
+    by_oracle: Mapping[str, Counts]
+    logs: bool
+
+
+@dataclass(frozen=True, slots=True)
+class KeptReport:
+    """The place of a campaign's report in the store.
+
+    Attributes:
+        key: See `vastflow.flows.results.report_key.report_key`.
+    """
+
+    store: Store
+    key: str
+
+    def restore(self, place: Path) -> Restored | None:
+        """Write everything into a campaign directory, the facts of an earlier call in the report; None if it is not kept."""
+        artifact = self.store.find(self.key)
+        if artifact is None:
+            return None
+        try:
+            contents = {file: self.store.load(artifact, name) for name, file in artifact.info["places"].items()}
+        except Lost:  # it is gone now, and made again
+            return None
+        for file, content in contents.items():
+            (place / file).parent.mkdir(parents=True, exist_ok=True)
+            (place / file).write_bytes(content)
+        logs = self.store.beside(self.key, _RUN_LOGS)
+        if logs is not None:
+            (place / LOGS_FILE).parent.mkdir(exist_ok=True)
+            (place / LOGS_FILE).write_bytes(logs)
+        counts, by_oracle = artifact.info["counts"], artifact.info["by_oracle"]
+        return Restored(Counts(**counts), {name: Counts(**each) for name, each in by_oracle.items()}, logs is not None)
+
+    def keep(self, place: Path, counts: Counts, by_oracle: Mapping[str, Counts]) -> None:
+        """Keep what was written into a campaign directory. A store that does not take it costs the next call time, no more."""
+        files = [file for file in sorted(place.rglob("*")) if file.is_file() and _is_content(file.relative_to(place))]
+        places = {file.relative_to(place).as_posix().replace("/", "-"): file for file in files}
+        info: dict[str, Any] = {
+            "places": {name: file.relative_to(place).as_posix() for name, file in places.items()},
+            "counts": asdict(counts),
+            "by_oracle": {name: asdict(each) for name, each in by_oracle.items()},
+        }
+        logs = place / LOGS_FILE
+        sidecar = {_RUN_LOGS: logs.read_bytes()} if logs.is_file() else {}
+        try:
+            self.store.put(self.key, {name: file.read_bytes() for name, file in places.items()}, info, sidecar)
+        except StoreError as error:
+            LOGGER.warning("the report is not kept for the next time: %s", error)
+
+
+def renew_work(place: Path, metadata: Mapping[str, Any]) -> None:
+    """Let a report that was kept say the facts of this call.
+
+    Args:
+        metadata: `metadata.json` as it is by now.
+    """
+    report = place / REPORT
+    if report.is_file():
+        report.write_text(with_work(report.read_text(encoding="utf-8"), metadata), encoding="utf-8")
+
+
+def _is_content(file: Path) -> bool:
+    return file.parts[0] not in _CONFIGURATIONS_OWN and file.as_posix() not in _CALLS_OWN

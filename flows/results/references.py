@@ -1,0 +1,116 @@
+"""References: which artifacts of a store campaign directories were made of."""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+
+from vastflow.flows.request.asked import asked_of
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.campaign_keys import recorded_keys
+from vastflow.flows.results.replica import replica
+from vastflow.tasks.instantiation import Instantiator
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.source import SourceTree, installed_tree
+from vastflow.tasks.store import Artifact, Store, StoreError
+
+
+class Unreadable(ValueError):
+    """What a campaign directory was made of can't be told; says why and what helps."""
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """Artifacts that campaign directories were made of.
+
+    Attributes:
+        keys: Of those that are in the store.
+        evaluations: Whether the keys of producers' evaluations are among them; else it is not known which those are.
+    """
+
+    keys: frozenset[str]
+    evaluations: bool
+
+
+def references(store: Store, directories: Iterable[Path]) -> References:
+    """What `directories` were made of, as far as it is in the store.
+
+    Evaluations are told by instantiating again: of one whose code or files are others now there is nothing to keep.
+
+    Raises:
+        Unreadable: one of the directories does not say.
+    """
+    keys: set[str] = set()
+    known = True
+    tree = installed_tree()
+    for directory in directories:
+        recorded, metadata, scenarios = _recorded(directory)
+        keys.update(filter(None, [metadata.get("report")]))
+        for scenario in scenarios:
+            keys.update(_of_scenario(store, recorded, scenario))
+        evaluations = _evaluations(store, recorded, tree, directory, metadata)
+        known = known and evaluations is not None
+        keys.update(evaluations or ())
+    return References(frozenset(keys), known)
+
+
+def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
+    try:
+        metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+        keys = recorded_keys(metadata)
+        column = pq.ParquetFile(directory / "configurations.parquet").read(columns=["scenario_digest"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        words = " ".join(str(error).split())
+        raise Unreadable(f"{directory}: damaged campaign directory ({words}); leave it out, or restore it") from None
+    if keys is None:
+        raise Unreadable(
+            f"{directory}: an earlier version wrote it, without the keys of its results; run the campaign again"
+        )
+    return keys, metadata, sorted(set(column.column(0).to_pylist()))
+
+
+def _of_scenario(store: Store, keys: Keys, scenario: str) -> Iterable[str]:
+    home = keys.recordings(scenario)
+    for name in store.under(home):
+        if (recordings := store.find(f"{home}/{name}")) is not None:
+            yield recordings.key
+            if (trace := store.find(keys.trace(scenario, recordings.content))) is not None:
+                yield trace.key
+                yield keys.verdicts(scenario, recordings.content, trace.content)
+
+
+def _evaluations(
+    store: Store, keys: Keys, tree: SourceTree, directory: Path, metadata: Mapping[str, Any]
+) -> set[str] | None:
+    """Keys of the evaluations that its producers would be asked for; None if its campaign can't be read here."""
+    looked_for = _LookedFor(store)
+    try:
+        with replica(directory, asked_of(metadata)) as file:
+            Instantiator(read_campaign(file)[0], looked_for, keys, tree).stored()
+    except StoreError:
+        raise
+    except Exception:  # noqa: BLE001 - inputs that are others now, or a plug-in that raises anything
+        return None
+    return looked_for.keys
+
+
+@dataclass(frozen=True, slots=True)
+class _LookedFor:
+    """A store that is only looked at, and remembers for what."""
+
+    store: Store
+    keys: set[str] = field(default_factory=set)
+
+    def find(self, key: str) -> Artifact | None:
+        self.keys.add(key)
+        return self.store.find(key)
+
+    def read(self, key: str, name: str) -> bytes:
+        self.keys.add(key)
+        return self.store.read(key, name)
+
+    def discard(self, key: str, why: str) -> None:
+        """Leave it."""

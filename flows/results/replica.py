@@ -1,0 +1,64 @@
+"""A replica: the campaign file of a campaign directory with its inputs, laid out as they lay when it was asked."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from vastflow.flows.request.asked import Asked
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.producers.faults import CampaignError
+
+
+class NotReplicable(ValueError):
+    """The directory's inputs are no longer what was asked; says what was found and what would be right."""
+
+
+@contextmanager
+def replica(directory: Path, asked: Asked) -> Iterator[Path]:
+    """A copy of the campaign file, in a folder for as long as the body takes, that reads as it did.
+
+    Raises:
+        NotReplicable: an input is not in the directory, or one that the file names from the root of the file
+            system is another one by now.
+    """
+    with TemporaryDirectory(prefix="vastflow-") as folder:
+        file = _laid_out(directory, asked, Path(folder))
+        kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
+        try:
+            found = inputs_of(*read_campaign(file))
+        except CampaignError as error:
+            words = str(error).replace(str(file), str(directory / "campaign.vast")).replace(folder, "")
+            raise NotReplicable(f"{directory}: its inputs can't be read any more: {words}") from None
+        if other := sorted(name for name, content in found.files.items() if content not in kept):
+            raise NotReplicable(
+                f"{directory}: {', '.join(other)} is another file now than in its inputs; put back the one that was used, "
+                "or run the campaign file itself"
+            )
+        yield file
+
+
+def _laid_out(directory: Path, asked: Asked, folder: Path) -> Path:
+    """Copy the inputs into `folder`, those from outside of the campaign file's folder outside of it again."""
+    above = max((Path(place).parts.count("..") for place in asked.places), default=0)
+    base = folder.joinpath(*["campaign"] * (above + 1))
+    base.mkdir(parents=True)
+    inputs, outside = directory / "inputs", set(asked.places.values())
+    for path in sorted(inputs.rglob("*")):
+        name = path.relative_to(inputs).as_posix()
+        if path.is_file() and name not in outside:
+            _copy(path, base / name)
+    for place, name in asked.places.items():
+        if (inputs / name).is_file():
+            _copy(inputs / name, Path(os.path.normpath(base / place)))
+    file = base / asked.file
+    _copy(directory / "campaign.vast", file)
+    return file
+
+
+def _copy(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)

@@ -1,0 +1,78 @@
+"""The key of a report: all that the tables, the figures and the report of a campaign follow from."""
+
+import hashlib
+import importlib.metadata
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from vastflow.flows.results import campaign_tables
+
+from vastflow.flows.results import found
+
+from vastflow.flows.results import tables
+from vastflow.flows.request.asked import SEQUENTIAL
+from vastflow.flows.request.members import Runs
+from vastflow.producers.instantiate import Instantiation
+from vastflow.sim.digest import FileContent
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.source import SourceTree
+
+REPORT_SOURCE: Final = ("vastflow.oracles.report", campaign_tables.__name__, found.__name__, tables.__name__)
+
+_DATA: Final = "vastflow.oracles"
+"""Package with the report's template."""
+_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
+
+
+def report_key(
+    keys: Keys,
+    tree: SourceTree,
+    campaign: bytes,
+    metadata: Mapping[str, Any],
+    instantiation: Instantiation,
+    contents: Iterable[Sequence[Any]],
+    runs: Runs,
+    oracles: Sequence[str],
+) -> str:
+    """Key under which the store has the report of a campaign without faults.
+
+    Args:
+        campaign: The campaign file.
+        metadata: What `metadata.json` says; of it what is the same for every call with these results.
+        contents: Of each configuration that is no duplicate, in order: the keys of its verdicts, which follow from its scenario and
+            its recordings, and what is in them.
+        runs: Of each configuration; `metadata` has the rule, where they ended by one.
+        oracles: Their names.
+    """
+    hashed = hashlib.sha256()
+    same = {name: metadata[name] for name in ("name", "vastflow", "versions", "notes")}
+    same["selection"] = [metadata.get("asked", {}).get("only"), instantiation.sampled_from]
+    if SEQUENTIAL in metadata:
+        same[SEQUENTIAL] = metadata[SEQUENTIAL]
+    libraries = {name: importlib.metadata.version(name) for name in _LIBRARIES}
+    for part in (
+        [same, libraries, hashlib.sha256(campaign).hexdigest(), runs, oracles],
+        *((c.name, c.family, c.scenario.digest, c.duplicate_of, c.provenance) for c in instantiation.configurations),
+        *([(s.producer, s.keys, s.choice) for s in c.steps] for c in instantiation.configurations),
+        *((r.family, r.parent, r.producer, r.reason, r.requested, r.inputs) for r in instantiation.rejections),
+        *((e.family, e.name, e.constraint, e.values) for e in instantiation.excluded),
+        instantiation.coverage,
+        *contents,
+    ):
+        hashed.update(_text(part).encode() + b"\n")
+    source = [tree.with_modules([campaign_tables, found, tables]).digest(*REPORT_SOURCE), tree.data_digest(_DATA)]
+    return keys.report(source, hashed.hexdigest())
+
+
+def _plain(value: object) -> Any:
+    if isinstance(value, FileContent):
+        return {"file": value.digest}
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, Sequence):
+        return list(value)
+    raise TypeError(f"{type(value).__name__} is no value of a configuration")
+
+
+_text: Final = json.JSONEncoder(separators=(",", ":"), default=_plain).encode

@@ -1,0 +1,239 @@
+"""Results: the campaign directory, complete on its own (design §7)."""
+
+import importlib.metadata
+import json
+import logging
+import os
+import platform
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+
+from vastflow.flows.results.campaign_tables import CampaignTables, RunLogs, write_instantiation
+from vastflow.flows.results.directory import new_directory
+from vastflow.flows.results.environment import write_environment
+from vastflow.flows.results.found import Found, RunFault
+from vastflow.flows.results.inputs import Inputs
+from vastflow.flows.results.kept_report import KeptReport, renew_work
+from vastflow.flows.results.member_files import written
+from vastflow.flows.request.campaign_file import campaign_name
+from vastflow.flows.request.members import Runs, runs_of
+from vastflow.flows.request.notes import terminal_lines
+from vastflow.flows.results.origin import origin_row
+from vastflow.flows.results.summary import Summary, Work
+from vastflow.oracles.executed import NAMED_FILES
+from vastflow.oracles.rates import Counts
+from vastflow.producers.campaign import Campaign
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.ground import MAP_KEY
+from vastflow.producers.instantiate import Instantiation
+from vastflow.sim.digest import FileContent, file_digest
+from vastflow.sim.maps import OccupancyMap
+from vastflow.tasks.keys import Keys
+
+LOGGER: Final = logging.getLogger("vastflow.results")
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """A campaign directory that has been written.
+
+    Attributes:
+        faults: What of ours broke; without any, every run was judged as far as the oracles could.
+        notes: What a user should know of the campaign's files, line by line as `terminal_lines` has it; `metadata.json`
+            has all.
+    """
+
+    directory: Path
+    summary: Summary
+    faults: tuple[RunFault, ...]
+    notes: tuple[str, ...]
+
+
+def write_results(
+    root: Path,
+    campaign: Campaign,
+    inputs: Inputs,
+    instantiation: Instantiation,
+    found: Callable[[Configuration], Found],
+    *,
+    runs: Runs,
+    oracles: Sequence[str],
+    keys: Keys,
+    record: Mapping[str, Any] | None = None,
+    faults: Iterable[RunFault] = (),
+    created: datetime,
+    work: Callable[[], Work],
+    report: Callable[[Path], None],
+    before_report: Callable[[Path], None] = lambda place: None,
+    kept: Callable[[Mapping[str, Any]], KeptReport] | None = None,
+    threads: int = 1,
+) -> Results:
+    """Write `root/<name>-<time>/`, report included; it appears whole or not at all.
+
+    Args:
+        inputs: The campaign's files as they were when it was loaded.
+        instantiation: What is in the directory, that is, after `only` has been applied.
+        found: Reads one configuration's artifacts; called once for each that is no duplicate, from `threads` threads and few ahead,
+            so that only a few configurations' recordings are in memory.
+        runs: Of each configuration.
+        oracles: Names of the requested oracles, `success` first. A run without a verdict of one of them
+            gets `not judged` with the fault as the reason.
+        keys: Of the artifacts that `found` reads; name the code and the numeric class they follow from.
+        record: What more `metadata.json` says, from the beginning on: what was asked, and the code in detail.
+        faults: Those of no single configuration.
+        created: Time in the directory's name.
+        work: What the call has done so far.
+        report: Writes evidence, figures and report into the directory it is given. What it raises
+            is a fault of the campaign, but no reason to lose the tables.
+        before_report: Called with the directory when all is there but the report, which may be one that was kept.
+        kept: Gives for `metadata.json` where the store has the tables and the report of these results, or would have them; None
+            where nothing is to be kept.
+        threads: How many read configurations at a time.
+    """
+    with new_directory(root, campaign_name(campaign), created) as directory:
+        place = directory.partial
+        inputs.write(place)
+        metadata = {**_metadata(campaign, keys, created), **(record or {})}
+        _write_json(place / "metadata.json", metadata)  # for `resume`, should this process be killed
+        _write_environments(place / "environments", inputs.maps, instantiation.configurations)
+        where = kept(metadata) if kept is not None else None
+        if where is not None:
+            metadata["report"] = where.key
+
+        all_faults = list(faults)
+        distinct = [each for each in instantiation.configurations if each.duplicate_of is None]
+        files = written(place, distinct, found, runs, threads)
+        restored = where.restore(place) if where is not None else None
+        if restored is None:
+            _write_json(place / "coverage.json", instantiation.coverage)
+            write_instantiation(place, instantiation)
+            with CampaignTables(place, runs, oracles) as tables:
+                for configuration, result in files:
+                    tables.add(configuration, result)
+                    all_faults += result.faults
+            counts, by_oracle = tables.counts, tables.by_oracle
+        else:
+            counts, by_oracle = restored.counts, restored.by_oracle
+            _write_logs(place, files, restored.logs and not work().executed)
+
+        summary = summary_of(instantiation, counts, by_oracle, runs, work(), directory.final)
+        _write_outcome(place, metadata, summary, all_faults)
+        before_report(place)
+        if restored is not None:
+            renew_work(place, {**metadata, "counts": summary.as_json()})
+        else:
+            try:
+                report(place)
+            except Exception as error:
+                LOGGER.exception("the report could not be made")
+                all_faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))
+            if where is not None and not all_faults:
+                where.keep(place, counts, by_oracle)
+        done = work()
+        summary = replace(summary, cpu_s=done.cpu_s, wall_s=done.wall_s)
+        _write_outcome(place, metadata, summary, all_faults)
+    return Results(directory.final, summary, tuple(all_faults), tuple(terminal_lines(campaign.notes)))
+
+
+def summary_of(
+    instantiation: Instantiation, counts: Counts, by_oracle: Mapping[str, Counts], runs: Runs, work: Work, results: Path
+) -> Summary:
+    """A campaign in numbers.
+
+    Args:
+        counts: Of runs, by what all oracles together say.
+        by_oracle: Of runs, by what each oracle says.
+        runs: Of each configuration.
+    """
+    distinct = [c.name for c in instantiation.configurations if c.duplicate_of is None]
+    return Summary(
+        configurations=len(distinct),
+        rejected=len(instantiation.rejections),
+        excluded=len(instantiation.excluded),
+        duplicates=len(instantiation.configurations) - len(distinct),
+        runs=sum(runs_of(runs, name) for name in distinct),
+        **asdict(counts),
+        **asdict(work),
+        results=str(results),
+        oracles=by_oracle,
+        excluded_by=_excluded_by(instantiation),
+        sampled_from=instantiation.sampled_from,
+    )
+
+
+def _write_logs(place: Path, files: Iterable[tuple[Configuration, Found]], there: bool) -> None:
+    """Let the files of configurations be written, and the run logs where they are not there or have become others."""
+    if there:
+        for _ in files:
+            pass
+        return
+    with closing(RunLogs(place)) as logs:
+        for configuration, result in files:
+            logs.add(configuration.name, result.logs)
+
+
+def _excluded_by(instantiation: Instantiation) -> dict[str, dict[str, int]]:
+    counts: dict[str, dict[str, int]] = {}
+    for instance in instantiation.excluded:
+        family = counts.setdefault(instance.family, {})
+        family[instance.constraint] = family.get(instance.constraint, 0) + 1
+    return counts
+
+
+def _write_environments(
+    directory: Path, maps: Mapping[str, OccupancyMap], configurations: Iterable[Configuration]
+) -> None:
+    named: dict[str, str] = {}
+    for configuration in configurations:
+        map_file = configuration.scenario.environment.get(MAP_KEY)
+        if not isinstance(map_file, FileContent):
+            continue
+        if not (directory / map_file.digest).exists():
+            write_environment(directory / map_file.digest, map_file, maps)
+        for key, value in configuration.scenario.environment.items():
+            if key != MAP_KEY and isinstance(value, FileContent) and value.digest not in named:
+                place = directory / map_file.digest / Path(value.path).name
+                if place.is_file() and file_digest(place) != value.digest:
+                    named[value.digest] = place.relative_to(directory).as_posix()
+    if named:
+        _write_json(directory / NAMED_FILES, named)
+
+
+def _metadata(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, Any]:
+    return {
+        "name": campaign_name(campaign),
+        "created": created.isoformat(timespec="seconds"),
+        "vastflow": importlib.metadata.version("vastflow"),
+        "versions": _versions(),
+        **origin_row(keys),
+        "host": {
+            "name": platform.node(),
+            "system": platform.platform(),
+            "machine": platform.machine(),
+            "cpus": os.cpu_count(),
+            "memory_bytes": psutil.virtual_memory().total,
+        },
+        "notes": [str(note) for note in campaign.notes],
+    }
+
+
+def _write_outcome(place: Path, metadata: Mapping[str, Any], summary: Summary, faults: Sequence[RunFault]) -> None:
+    outcome = {"counts": summary.as_json(), "faults": [asdict(fault) for fault in faults]}
+    code = {key: value for key, value in metadata.items() if key == "code"}  # long, and for no reader: at the end
+    rest = {key: value for key, value in metadata.items() if key != "code"}
+    _write_json(place / "metadata.json", {**rest, **outcome, **code})
+
+
+def _versions() -> dict[str, str]:
+    packages = ("llvmlite", "numba", "numpy", "prefect", "pyarrow", "pymunk", "scipy", "shapely")
+    return {"python": platform.python_version(), **{name: importlib.metadata.version(name) for name in packages}}
+
+
+def _write_json(path: Path, content: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

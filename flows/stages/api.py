@@ -1,0 +1,233 @@
+"""The Python API, stage by stage: `instantiate`, `execute`, `observe` and `judge`, each a call that blocks."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+from vastflow.flows.computing.computation import begin_executing
+from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.members import members_of, narrowed
+from vastflow.flows.request.opened import OpenCampaign, open_campaign
+from vastflow.flows.request.selection import Selection
+from vastflow.flows.stages.call import stage_call
+from vastflow.flows.stages.configurations import Configurations
+from vastflow.flows.stages.recordings import Recordings
+from vastflow.flows.stages.traces import ObservedBlock, Traces
+from vastflow.flows.stages.verdicts import Verdicts
+from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
+from vastflow.producers.faults import CampaignError, Fault
+from vastflow.tasks.instantiation import Instantiator
+from vastflow.tasks.progress import Observer, Tally
+from vastflow.tasks.shelf import Block, Member, Shelf, missing
+from vastflow.tasks.source import installed_tree
+from vastflow.tasks.store import Lost
+from vastflow.tasks.workshop import Workshop, judgements
+
+OracleChoice: TypeAlias = str | Mapping[str, Mapping[str, Any]]
+"""An oracle as a campaign file asks for it: its name, or `{name: parameters}`."""
+
+
+def instantiate(
+    path: str | os.PathLike[str],
+    *,
+    store: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+) -> Configurations:
+    """Make the configurations of a campaign; nothing is executed.
+
+    As with `run_campaign`, what is in the store is not computed again, and Prefect starts only if something is missing:
+    then there is a flow run of this stage with a task run for each shard.
+
+    Args:
+        path: The campaign file.
+        store: As `run_campaign` has it; the stages after this one use the same.
+        workers: Worker processes, else one a core.
+
+    Raises:
+        CampaignError: faults of the file.
+        StoreError: the store can't be used.
+        PrefectUnavailable: Prefect's API can't be started.
+    """
+    opened = open_campaign(path, store)
+    with stage_call(opened, "instantiate", opened.oracles, workers) as call:
+        tree = installed_tree()
+        keys = campaign_keys(tree, opened.campaign.seed, opened.oracles)
+        instantiator = Instantiator(opened.campaign, opened.store, keys, tree)
+        return Configurations(opened, *call.instantiated(instantiator, Shelf(opened.store, keys)))
+
+
+def execute(
+    configurations: Configurations,
+    *,
+    runs: int | None = None,
+    only: str | Sequence[str] | None = None,
+    workers: int | None = None,
+    observer: Observer | None = None,
+) -> Recordings:
+    """Execute runs of configurations; those whose recordings are in the store are not executed again.
+
+    A run that can't be executed because of a fault of ours is in `faults` of the result, and raises nothing.
+
+    Args:
+        runs: Of each configuration, instead of the file's. Where these end by a rule it is their most, for nothing is judged here.
+        only: Names of families or configurations; nothing else is executed.
+        workers: Worker processes, else one a core.
+        observer: Is shown the progress, from one thread.
+
+    Raises:
+        CampaignError: a name in `only` that nothing has.
+        StoreError: the store can't be used.
+        PrefectUnavailable: Prefect's API can't be started.
+    """
+    if runs is not None and runs < 1:
+        raise ValueError(f"runs is at least 1, got {runs}")
+    opened = configurations.opened
+    selection = Selection((only,) if isinstance(only, str) else tuple(only or ()))
+    chosen = replace(configurations, instantiation=narrowed(configurations.instantiation, selection, opened.path))
+    wanted = runs or opened.campaign.runs
+    members = members_of(chosen.instantiation, wanted)
+    with stage_call(opened, "execute", opened.oracles, workers, observer) as call:
+        keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
+        shelf = Shelf(opened.store, keys)
+        call.tally.expect({member.name: member.runs for member in members})
+
+        def whole(member: Member) -> bool:
+            blocks = shelf.blocks(member)
+            _reuse(call.tally, member, blocks)
+            return not missing(blocks, member.runs)
+
+        def begin(workshop: Workshop, absent: Sequence[Member]) -> None:
+            to_do = sum(len(missing(shelf.blocks(member), member.runs)) for member in absent)
+            begin_executing(workshop, absent, to_do, call.workers)
+
+        faults = call.completed(shelf, members, whole, begin=begin)
+        blocks = {member.name: tuple(shelf.blocks(member)) for member in members}
+    return Recordings(chosen, wanted, keys, blocks, (*configurations.faults, *faults))
+
+
+def observe(recordings: Recordings, *, workers: int | None = None, observer: Observer | None = None) -> Traces:
+    """Observe recordings; those whose traces are in the store are not observed again.
+
+    Args:
+        workers, observer: As `execute` has them.
+
+    Raises:
+        Lost: a recording is no longer in the store or damaged; `execute` computes it again.
+        StoreError: the store can't be used.
+        PrefectUnavailable: Prefect's API can't be started.
+    """
+    opened = recordings.configurations.opened
+    members = members_of(recordings.configurations.instantiation, recordings.runs)
+    with stage_call(opened, "observe", opened.oracles, workers, observer) as call:
+        fresh = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
+        keys = replace(recordings.keys, observe_source=fresh.observe_source)
+        shelf = Shelf(opened.store, keys)
+        call.tally.expect({member.name: member.runs for member in members})
+
+        def whole(member: Member) -> bool:
+            _reuse(call.tally, member, recordings.blocks[member.name])
+            absent = [
+                block
+                for block in recordings.blocks[member.name]
+                if not shelf.store.find(shelf.trace_key(member, block))
+            ]
+            _check(opened, [block.key for block in absent], f"recordings of {member.name}", "execute")
+            return not absent
+
+        def upstream(member: Member) -> list[list[Any]]:
+            return [[block.start, block.stop, block.content] for block in recordings.blocks[member.name]]
+
+        faults = call.completed(shelf, members, whole, upstream)
+        blocks = {member.name: _observed(shelf, member, recordings) for member in members}
+    return Traces(recordings, keys, blocks, (*recordings.faults, *faults))
+
+
+def judge(
+    traces: Traces,
+    *,
+    oracles: Sequence[OracleChoice] | None = None,
+    workers: int | None = None,
+    observer: Observer | None = None,
+) -> Verdicts:
+    """Judge traces; those whose verdicts are in the store are not judged again.
+
+    Args:
+        oracles: Other oracles than the campaign file's, or others' parameters: names, `file.py:Class` relative to the campaign
+            file, or `{name: parameters}`. `success` is always judged, first.
+        workers, observer: As `execute` has them.
+
+    Raises:
+        CampaignError: there is no such oracle, or its parameters are wrong.
+        Lost: a recording or trace is no longer in the store or damaged; `execute` and `observe` compute it again.
+        StoreError: the store can't be used.
+        PrefectUnavailable: Prefect's API can't be started.
+    """
+    opened = traces.configurations.opened
+    asked = opened.oracles if oracles is None else _asked(opened, oracles)
+    members = members_of(traces.configurations.instantiation, traces.recordings.runs)
+    with stage_call(opened, "judge", asked, workers, observer) as call:
+        fresh = campaign_keys(installed_tree(), opened.campaign.seed, asked)
+        keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles)
+        shelf = Shelf(opened.store, keys)
+        call.tally.expect({member.name: member.runs for member in members})
+
+        def whole(member: Member) -> bool:
+            _reuse(call.tally, member, [each.block for each in traces.blocks[member.name]])
+            absent = []
+            for each in traces.blocks[member.name]:
+                found = shelf.store.find(shelf.verdicts_key(member, each.block, each.content))
+                if found is None:
+                    absent += [each.block.key, each.key]
+                else:
+                    call.tally.judge(member.name, judgements(found))
+            _check(opened, absent, f"recordings or traces of {member.name}", "execute and observe")
+            return not absent
+
+        def upstream(member: Member) -> list[list[Any]]:
+            return [
+                [each.block.start, each.block.stop, each.block.content, each.content]
+                for each in traces.blocks[member.name]
+            ]
+
+        faults = call.completed(shelf, members, whole, upstream)
+        blocks = {member.name: _judged(shelf, member, traces) for member in members}
+    return Verdicts(traces, tuple(oracle.name for oracle in asked), keys, blocks, (*traces.faults, *faults))
+
+
+def _reuse(tally: Tally, member: Member, blocks: Sequence[Block]) -> None:
+    for block in blocks:
+        tally.reuse(member.name, range(block.start, block.stop))
+
+
+def _check(opened: OpenCampaign, keys: Sequence[str], what: str, stages: str) -> None:
+    """Raise `Lost` where one of `keys` is not in the store."""
+    if any(opened.store.find(key) is None for key in keys):
+        raise Lost(f"{what} are not in the store {opened.store.place!r} any more; {stages} again")
+
+
+def _observed(shelf: Shelf, member: Member, recordings: Recordings) -> tuple[ObservedBlock, ...]:
+    found = [(block, shelf.store.find(shelf.trace_key(member, block))) for block in recordings.blocks[member.name]]
+    return tuple(ObservedBlock(block, trace.key, trace.content) for block, trace in found if trace is not None)
+
+
+def _judged(shelf: Shelf, member: Member, traces: Traces) -> tuple[str, ...]:
+    keys = [shelf.verdicts_key(member, each.block, each.content) for each in traces.blocks[member.name]]
+    return tuple(key for key in keys if shelf.store.find(key) is not None)
+
+
+def _asked(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracle[Any], ...]:
+    """The oracles that are asked for, `success` first."""
+    base, faults, requests = opened.path.parent, [], []
+    for place, choice in enumerate([oracles] if isinstance(oracles, str | Mapping) else oracles):
+        for name, parameters in ({choice: {}} if isinstance(choice, str) else choice).items():
+            requests.append((name, parameters))
+            try:
+                oracle_of(name, parameters, base)
+            except OracleError as error:
+                for fault in error.faults:
+                    where = ".".join(map(str, (f"oracles[{place}]", *fault.location)))
+                    faults.append(Fault(str(opened.path), 1, 1, where, fault.what, fault.right))
+    if faults:
+        raise CampaignError(faults)
+    return oracles_of(requests, base)

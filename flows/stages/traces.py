@@ -1,0 +1,100 @@
+"""Traces: what `observe` gives, and what `judge` takes. Keys and digests are in memory, the rest is in the store."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import pyarrow as pa
+
+from vastflow.flows.results.found import RunFault
+from vastflow.flows.stages.configurations import Configurations, faults_text, number
+from vastflow.flows.stages.recordings import Recordings, outputs_of
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.shelf import Block
+from vastflow.tasks.work import RECORDINGS, TRACES
+
+if TYPE_CHECKING:
+    from vastflow.oracles.trace import Trace
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedBlock:
+    """Consecutive runs of a scenario, observed.
+
+    Attributes:
+        key: Of the trace.
+        content: Content digest of the trace.
+    """
+
+    block: Block
+    key: str
+    content: str
+
+
+@dataclass(frozen=True, repr=False)
+class Traces:
+    """What was observed of recordings.
+
+    Attributes:
+        recordings: What was observed.
+        keys: Of the code that observed them.
+        blocks: Name of a configuration that is no duplicate to what is in the store of it.
+        faults: Why runs are missing, those of the recordings included.
+    """
+
+    recordings: Recordings
+    keys: Keys = field(repr=False)
+    blocks: Mapping[str, tuple[ObservedBlock, ...]] = field(repr=False)
+    faults: tuple[RunFault, ...] = ()
+
+    @property
+    def configurations(self) -> Configurations:
+        """Those that were executed."""
+        return self.recordings.configurations
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the configurations, duplicates included."""
+        return self.configurations.names
+
+    def __repr__(self) -> str:
+        size = f"{number(len(self.blocks), 'configuration')} × {number(self.recordings.runs, 'run')}"
+        return f"<{self.configurations.opened.name}: {size}, observed{faults_text(self.faults)}>"
+
+    def of(self, name: str) -> "list[Trace]":
+        """The traces of a configuration's runs in order, read from the store.
+
+        Raises:
+            UnknownConfiguration: there is none of this name.
+            Lost: something is no longer in the store or damaged; `execute` and `observe` compute it again.
+        """
+        from vastflow.oracles.trace import trace_of
+        from vastflow.sim.archive import read_outputs
+        from vastflow.sim.blocks import read_block, read_recordings
+        from vastflow.sim.process.outputs import Outputs
+
+        store = self.configurations.opened.store
+        found = {}
+        for observed in self.blocks[self.configurations.executed_as(name).name]:
+            written = read_outputs(outputs) if (outputs := outputs_of(store, observed.block)) else {}
+            derived = read_block(store.read(observed.key, TRACES))
+            recordings = read_recordings(store.read(observed.block.key, RECORDINGS))
+            for recording, (row, columns) in zip(recordings, derived, strict=True):
+                index = recording.run.run_index
+                whole = replace(recording, outputs=written.get(index, Outputs()))
+                found[index] = trace_of(whole, row, columns)
+        return [found[index] for index in sorted(found) if index < self.recordings.runs]
+
+    def table(self, name: str) -> pa.Table:
+        """The signals of a configuration's runs under each other, in SI units, behind a column `run_index`.
+
+        A signal that some run does not have is null there.
+
+        Raises:
+            UnknownConfiguration, Lost: as `of`.
+        """
+        parts = []
+        for trace in self.of(name):
+            index = pa.array([trace.run.run_index] * len(trace), pa.int32())
+            parts.append(pa.table({"run_index": index, **{key: pa.array(trace[key]) for key in trace.columns}}))
+        return pa.concat_tables(parts, promote_options="default") if parts else pa.table({})

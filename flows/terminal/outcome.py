@@ -1,0 +1,115 @@
+"""The outcome of a campaign for the terminal: rates with intervals, rejections, where the report is."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from rich.console import Console, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from vastflow.flows.request.asked import SEQUENTIAL
+from vastflow.oracles.evidence import Evidence
+from vastflow.oracles.rates import LEVEL, Counts
+from vastflow.oracles.tables import Tables
+
+
+def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:
+    """What is shown when a campaign ends: a row for each family, one for all, and the oracles one by one."""
+    whole = evidence[None]
+    rows = [(family, len(tables.families[family]), group.counts) for family, group in whole.families.items()]
+    excluded: Mapping[str, Mapping[str, int]] = tables.metadata.get("counts", {}).get("excluded_by", {})
+    lost = dict.fromkeys([*(row["family"] for row in tables.rejections), *excluded])
+    rows += [(family, 0, Counts()) for family in lost if family not in whole.families]
+    if len(rows) > 1:
+        rows.append(("all", sum(configurations for _, configurations, _ in rows), whole.campaign.counts))
+    yield _table(("family", "configurations"), [((name, str(n)), counts) for name, n, counts in rows])
+    if rule := tables.metadata.get(SEQUENTIAL):
+        counts = tables.metadata["counts"]
+        runs, most = counts["runs"], counts["configurations"] * rule["max"]
+        yield Text(
+            f"{runs:,} runs of at most {most:,}, {most - runs:,} saved: they end when a configuration's class is decided"
+        )
+    if len(tables.oracles) > 1:
+        yield Text("  ".join(f"{name} {_share(evidence[name].campaign.counts)}" for name in tables.oracles), "dim")
+    if sampled_from := tables.metadata.get("counts", {}).get("sampled_from"):
+        drawn = tables.metadata["counts"]["configurations"]
+        yield Text(f"a sample of {drawn:,} of {sampled_from:,} distinct configurations")
+    if duplicates := sum(name is not None for name in tables.configurations.duplicate_of):
+        yield Text(f"{_number(duplicates, 'configuration')} equal to another, run once", "dim")
+    if tables.rejections:
+        yield Text(f"{_number(len(tables.rejections), 'instance')} rejected; the report says which and why", "yellow")
+    for family, counts in excluded.items():
+        named = ", ".join(f"{constraint} {n}" for constraint, n in counts.items())
+        left = "" if family in whole.families else "; nothing of it is left"
+        yield Text(
+            f"{_number(sum(counts.values()), 'instance')} of {family} excluded by constraints: {named}{left}", "dim"
+        )
+    yield from _faults(tables)
+
+
+def details(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:
+    """`outcome`, and a row for each configuration and for each reason of rejection."""
+    yield from outcome(tables, evidence)
+    yield ""
+    yield _table(("configuration",), [((name,), counts) for name, counts in evidence[None].configurations.items()])
+    if tables.rejections:
+        yield ""
+        yield rejection_table(tables)
+
+
+def printed(parts: Iterable[RenderableType]) -> None:
+    """Print `parts` on standard output, wide enough to stay one row a line where it is no terminal."""
+    console = Console(markup=False, highlight=False)
+    if not console.is_terminal:
+        console = Console(markup=False, highlight=False, width=200)
+    for part in parts:
+        console.print(part)
+
+
+def rejection_table(tables: Tables) -> Table:
+    """How often which producer rejected for which reason, most frequent first."""
+    table = Table("family", "producer", "reason", box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column("times", justify="right")
+    reasons = Counter((row["family"], row["producer"], row["reason"]) for row in tables.rejections)
+    for (family, producer, reason), times in reasons.most_common():
+        table.add_row(family, producer, reason, str(times))
+    return table
+
+
+def rate_text(counts: Counts) -> str:
+    """`93.3 %  [82.1, 97.7]`; `not judged`, or a dash where there are no runs."""
+    if counts.rate is None:
+        return "not judged" if counts.not_judged else "–"
+    interval = counts.interval
+    return f"{100 * counts.rate:.1f} %  [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
+
+
+def _table(first: Sequence[str], rows: Sequence[tuple[Sequence[str], Counts]]) -> Table:
+    """A row each for what is named by the `first` columns; narrow enough for 80 columns where all was judged."""
+    unjudged = any(counts.not_judged for _, counts in rows)
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column(first[0], overflow="fold")
+    for name in (*first[1:], "runs", "passed", "failed", *["not judged"][:unjudged]):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column(f"success [{100 * LEVEL:.0f} % interval]", justify="right", no_wrap=True)
+    for names, counts in rows:
+        numbers = (counts.judged + counts.not_judged, counts.passed, counts.failed, *[counts.not_judged][:unjudged])
+        table.add_row(*names, *map(str, numbers), rate_text(counts))
+    return table
+
+
+def _share(counts: Counts) -> str:
+    return f"{counts.passed}/{counts.judged}"
+
+
+def _faults(tables: Tables) -> Iterator[RenderableType]:
+    faults = tables.metadata.get("faults", [])
+    for fault in faults[:3]:
+        run = "" if fault["run_index"] is None else f" run {fault['run_index']}"
+        yield Text(f"our own fault: {fault['configuration']}{run}, {fault['stage']}: {fault['error']}", "red")
+    if len(faults) > 3:
+        yield Text(f"and {len(faults) - 3} more, see metadata.json", "red")
+
+
+def _number(n: int, what: str) -> str:
+    return f"{n} {what}{'' if n == 1 else 's'}"
