@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from vastflow.producers.document import Document
 from vastflow.producers.faults import Fault, Location, did_you_mean
-from vastflow.producers.ground import MAP_KEY
-from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.producers.vast.document import Document
 from vastflow.sim.abstract import BUILTIN, SHIPPED, AbstractError, content_of, definition_of
 from vastflow.sim.behaviour.support import unsupported
 from vastflow.sim.digest import FileContent, Value

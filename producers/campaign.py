@@ -9,15 +9,15 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from vastflow.producers.abstract_scenario import FROM_GOAL, abstract_scenario_of
-from vastflow.producers.document import Document, read_document
 from vastflow.producers.family import Family, FamilyReader
 from vastflow.producers.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, path_text
-from vastflow.producers.map_search import MapSearch
-from vastflow.producers.model_faults import faults_of
-from vastflow.producers.nav2_params import nav2_params_of
+from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.programs import programs_of
-from vastflow.producers.repetition import Sequential
-from vastflow.producers.spec import (
+from vastflow.producers.vast.document import Document, read_document
+from vastflow.producers.vast.model_faults import faults_of
+from vastflow.producers.vast.nav2_params import nav2_params_of
+from vastflow.producers.vast.repetition import Sequential
+from vastflow.producers.vast.spec import (
     DEFAULT_TIMEOUT_S,
     TOLERATED_IN_FAMILY,
     CampaignSpec,

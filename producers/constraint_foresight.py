@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.constraint import Checker, Constraint
-from vastflow.producers.constraint_quantities import QUANTITIES
-from vastflow.producers.design_space import Space, TooLarge
+from vastflow.producers.constraints.constraint import Checker, Constraint
+from vastflow.producers.constraints.quantities import QUANTITIES
+from vastflow.producers.designs.space import Space, TooLarge
 from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.growth import Family
 from vastflow.producers.instantiate import contradictions

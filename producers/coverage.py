@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
-from vastflow.producers.design import DesignSpec
-from vastflow.producers.design_array import admissible_tuples, lower_bound, varied_factors
-from vastflow.producers.design_space import Block, product_of
+from vastflow.producers.designs.array import admissible_tuples, lower_bound, varied_factors
+from vastflow.producers.designs.space import Block, product_of
 from vastflow.producers.producer import Producer
+from vastflow.producers.vast.design import DesignSpec
 from vastflow.sim.digest import Texts
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 

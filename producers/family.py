@@ -10,19 +10,19 @@ from pydantic import TypeAdapter, ValidationError
 
 from vastflow.producers.abstract_scenario import AbstractScenario
 from vastflow.producers.configuration import Fragment
-from vastflow.producers.constraint import NOWHERE, Constraint, Place
 from vastflow.producers.constraint_foresight import foreseeable_faults
-from vastflow.producers.constraint_reading import fault_of, read_constraints, unknown_names
+from vastflow.producers.constraints.constraint import NOWHERE, Constraint, Place
+from vastflow.producers.constraints.reading import fault_of, read_constraints, unknown_names
 from vastflow.producers.dataflow import DataFlow, Link
-from vastflow.producers.design import CARTESIAN, Design, DesignSpec
-from vastflow.producers.document import Document
 from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, did_you_mean, path_text, shown
-from vastflow.producers.ground import MAP_KEY
-from vastflow.producers.map_search import MapSearch
-from vastflow.producers.model_faults import faults_of
+from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.producer import Producer, UnknownProducer, draws_of, find_producer
 from vastflow.producers.scenario_values import Complaint, combined_complaint, complaint_of, dimension_of, unread_keys
-from vastflow.producers.spec import TOLERATED_IN_FAMILY, FamilySpec
+from vastflow.producers.vast.design import CARTESIAN, Design, DesignSpec
+from vastflow.producers.vast.document import Document
+from vastflow.producers.vast.model_faults import faults_of
+from vastflow.producers.vast.spec import TOLERATED_IN_FAMILY, FamilySpec
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 

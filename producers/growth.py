@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from vastflow.producers.configuration import ExcludedInstance, Fragment, Partial, RejectedInstance, Rejection
-from vastflow.producers.constraint import Constraint, Place
+from vastflow.producers.constraints.constraint import Constraint, Place
 from vastflow.producers.coverage import FamilyCount
-from vastflow.producers.design import DesignSpec
 from vastflow.producers.producer import Producer
+from vastflow.producers.vast.design import DesignSpec
 from vastflow.sim.digest import Value
 from vastflow.sim.scenario import Dimension
 

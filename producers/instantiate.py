@@ -19,13 +19,13 @@ from vastflow.producers.configuration import (
     Step,
     restricted_digest,
 )
-from vastflow.producers.constraint import Checker, Constraint, step_of
+from vastflow.producers.constraints.constraint import Checker, Constraint, step_of
 from vastflow.producers.coverage import FamilyCount, coverage_of
-from vastflow.producers.design_growth import DesignGrowth
+from vastflow.producers.designs.growth import DesignGrowth
 from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.growth import Family, Grown, Growth
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
 from vastflow.producers.producer import Producer, evaluate
-from vastflow.producers.stops import GOAL_KEY, GOALS_KEY
 from vastflow.sim.digest import FileContent, Texts, Value
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.scenario import Dimension, scenario_of

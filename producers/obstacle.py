@@ -10,8 +10,10 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.ground import MapParameter, map_needed
-from vastflow.producers.placement import Site, Wanted, place
+from vastflow.producers.places.ground import MapParameter, map_needed
+from vastflow.producers.places.placement import Site, Wanted, place
+from vastflow.producers.places.site import LIST_KEY, SiteRequest
+from vastflow.producers.places.stops import KeyParameter
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import (
     DEFAULT_ROBOT_DIAMETER_M,
@@ -21,8 +23,6 @@ from vastflow.producers.quantities import (
     Positive,
     Seed,
 )
-from vastflow.producers.site import LIST_KEY, SiteRequest
-from vastflow.producers.stops import KeyParameter
 from vastflow.sim.digest import Value, digest
 from vastflow.sim.obstacle import Obstacle, obstacle_of
 from vastflow.sim.scenario import Dimension

@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.ground import MAP_KEY, map_value, plain
+from vastflow.producers.places.ground import MAP_KEY, map_value, plain
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Count, NotNegative, Number, Seed
 from vastflow.sim.digest import Value, digest

@@ -12,17 +12,8 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.ground import MAP_KEY, Ground, MapParameter, ground_of, map_key, map_needed, map_of
-from vastflow.producers.producer import Draws, Producer
-from vastflow.producers.quantities import (
-    DEFAULT_ROBOT_DIAMETER_M,
-    Count,
-    NotNegative,
-    Positive,
-    Positives,
-    Seed,
-)
-from vastflow.producers.route import (
+from vastflow.producers.places.ground import MAP_KEY, Ground, MapParameter, ground_of, map_key, map_needed, map_of
+from vastflow.producers.places.route import (
     MAX_STARTS,
     Cell,
     Leg,
@@ -34,9 +25,11 @@ from vastflow.producers.route import (
     farthest_m,
     shortest_leg,
 )
-from vastflow.producers.stops import (
+from vastflow.producers.places.stops import (
     GOAL_KEY,
     GOALS_KEY,
+    PATH_KEY,
+    PATH_LENGTH_KEY,
     START_KEY,
     GoalsParameter,
     StartParameter,
@@ -45,12 +38,18 @@ from vastflow.producers.stops import (
     goals_key,
     start_key,
 )
+from vastflow.producers.producer import Draws, Producer
+from vastflow.producers.quantities import (
+    DEFAULT_ROBOT_DIAMETER_M,
+    Count,
+    NotNegative,
+    Positive,
+    Positives,
+    Seed,
+)
 from vastflow.sim.digest import FileContent, Value, digest
 from vastflow.sim.pose import Pose
 from vastflow.sim.scenario import Dimension
-
-PATH_KEY: Final = "_path"
-PATH_LENGTH_KEY: Final = "_path_length"
 
 ARRIVAL_M: Final = 0.5
 """The end of a leg whose direction is the goal's yaw: long enough that a grid step does not decide it."""

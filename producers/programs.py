@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.producers.abstract_scenario import AbstractScenario
-from vastflow.producers.document import Document
 from vastflow.producers.faults import Fault, Note
-from vastflow.producers.spec import ExecutionSpec
+from vastflow.producers.vast.document import Document
+from vastflow.producers.vast.spec import ExecutionSpec
 from vastflow.sim.process.actions import PROCESSES
 from vastflow.sim.process.folder import RunFileError, files_matching, unmatched
 from vastflow.sim.process.setup import ProcessSetup

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.ground import MAP_KEY, Ground, MapParameter, ground_of, map_key, map_needed, map_of
 from vastflow.producers.path import centre_m, legs_text, length_text, way_values
+from vastflow.producers.places.ground import MAP_KEY, Ground, MapParameter, ground_of, map_key, map_needed, map_of
+from vastflow.producers.places.route import FIELD_ERROR_M, Cell, Leg, LegRequest, Reach, reach_of
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, StartParameter, given_start, start_key
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M, Count, NotNegative, Number, Positive, Positives
-from vastflow.producers.route import FIELD_ERROR_M, Cell, Leg, LegRequest, Reach, reach_of
-from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY, StartParameter, given_start, start_key
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.pose import Pose
 from vastflow.sim.scenario import Dimension

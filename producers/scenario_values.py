@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import TypeAlias
 
 from vastflow.producers.faults import shown
-from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.digest import Value
 from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, check_key, parameters_of, unread
 from vastflow.sim.nav.parameters.document import DocumentError

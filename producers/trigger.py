@@ -10,13 +10,13 @@ from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.ground import map_needed
 from vastflow.producers.obstacle import ObstacleConfig, ObstacleParameters, combinations, placed
-from vastflow.producers.placement import Site
+from vastflow.producers.places.ground import map_needed
+from vastflow.producers.places.placement import Site
+from vastflow.producers.places.site import SiteRequest
+from vastflow.producers.places.stops import GOAL_KEY, START_KEY, GoalsParameter, KeyParameter, StartParameter
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Positives
-from vastflow.producers.site import SiteRequest
-from vastflow.producers.stops import GOAL_KEY, START_KEY, GoalsParameter, KeyParameter, StartParameter
 from vastflow.sim.digest import Value
 from vastflow.sim.pose import pose_of
 from vastflow.sim.scenario import Dimension

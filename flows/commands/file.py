@@ -44,7 +44,7 @@ def schema() -> None:
 
     Editors check and complete by it.
     """
-    from vastflow.producers.schema import campaign_schema
+    from vastflow.producers.vast.schema import campaign_schema
 
     print(json.dumps(campaign_schema(), indent=2))
 

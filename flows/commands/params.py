@@ -31,7 +31,7 @@ def params(
 
     Every parameter of the file, with the value that is used or with what is done in its place.
     """
-    from vastflow.producers.nav2_params import faults_of
+    from vastflow.producers.vast.nav2_params import faults_of
     from vastflow.sim.nav.parameters.document import DocumentError, read_document
     from vastflow.sim.nav.parameters.findings import findings
     from vastflow.sim.nav.parameters.interpretation import interpretation
@@ -86,7 +86,7 @@ def _counts(rows: Sequence["Finding"]) -> Mapping[str, int]:
 
 def _table(rows: Sequence["Finding"]) -> Iterator[str]:
     from vastflow.producers.faults import shown
-    from vastflow.producers.nav2_params import short
+    from vastflow.producers.vast.nav2_params import short
 
     cells = [(str(row.place[0]), short(row.path), shown(row.value, 40), _said(row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)] if cells else [0] * 4

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vastflow.producers.configuration import Configuration
-from vastflow.producers.path import PATH_LENGTH_KEY
+from vastflow.producers.places.stops import PATH_LENGTH_KEY
 from vastflow.sim.script import script_of
 
 MEAN_SPEED_MPS: Final = 0.3

@@ -13,8 +13,8 @@ from vastflow.flows.terminal.display import duration_text
 from vastflow.oracles.coverage import Coverage, Lost, design_text, excluded, parts, unrealisable
 from vastflow.oracles.situation import situation_of
 from vastflow.producers.configuration import Configuration
-from vastflow.producers.ground import MAP_KEY
-from vastflow.producers.path import PATH_KEY, PATH_LENGTH_KEY
+from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import load_map
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from vastflow.oracles.statistics.classes import Bounds
 from vastflow.oracles.statistics.stopping import StoppingRule
-from vastflow.producers.repetition import Sequential
+from vastflow.producers.vast.repetition import Sequential
 from vastflow.tasks.shelf import Member, Shelf, Shelved
 from vastflow.tasks.workshop import judgements
 

@@ -13,8 +13,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vastflow.flows.results.found import Found, complete
 from vastflow.flows.request.members import Runs, runs_of
+from vastflow.flows.results.found import Found, complete
 from vastflow.flows.results.tables import (
     CONFIGURATIONS,
     EXCLUSIONS,

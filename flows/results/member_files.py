@@ -6,8 +6,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
 
-from vastflow.flows.results.found import Found, one_block
 from vastflow.flows.request.members import Runs, runs_of
+from vastflow.flows.results.found import Found, one_block
 from vastflow.producers.configuration import Configuration
 from vastflow.sim.archive import one_archive
 

@@ -6,13 +6,9 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from vastflow.flows.results import campaign_tables
-
-from vastflow.flows.results import found
-
-from vastflow.flows.results import tables
 from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.members import Runs
+from vastflow.flows.results import campaign_tables, found, tables
 from vastflow.producers.instantiate import Instantiation
 from vastflow.sim.digest import FileContent
 from vastflow.tasks.keys import Keys

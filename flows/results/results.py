@@ -14,6 +14,9 @@ from typing import Any, Final
 
 import psutil
 
+from vastflow.flows.request.campaign_file import campaign_name
+from vastflow.flows.request.members import Runs, runs_of
+from vastflow.flows.request.notes import terminal_lines
 from vastflow.flows.results.campaign_tables import CampaignTables, RunLogs, write_instantiation
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.environment import write_environment
@@ -21,17 +24,14 @@ from vastflow.flows.results.found import Found, RunFault
 from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.kept_report import KeptReport, renew_work
 from vastflow.flows.results.member_files import written
-from vastflow.flows.request.campaign_file import campaign_name
-from vastflow.flows.request.members import Runs, runs_of
-from vastflow.flows.request.notes import terminal_lines
 from vastflow.flows.results.origin import origin_row
 from vastflow.flows.results.summary import Summary, Work
 from vastflow.oracles.executed import NAMED_FILES
 from vastflow.oracles.rates import Counts
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
-from vastflow.producers.ground import MAP_KEY
 from vastflow.producers.instantiate import Instantiation
+from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.digest import FileContent, file_digest
 from vastflow.sim.maps import OccupancyMap
 from vastflow.tasks.keys import Keys

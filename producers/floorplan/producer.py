@@ -22,7 +22,7 @@ from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import PlanFile, VariationFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import LASER_HEIGHT_M, RESOLUTION_M, grid_of
 from vastflow.producers.floorplan.variation import GREATEST_SEED
-from vastflow.producers.ground import MAP_KEY
+from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Count, NotNegative, Positive, Seed
 from vastflow.sim.digest import Value

@@ -9,9 +9,9 @@ from typing import Any, Final, Literal, TypeVar
 import yaml
 
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.document import EXPONENT
 from vastflow.producers.faults import CampaignError, Fault, Location, did_you_mean, shown
-from vastflow.producers.spec import Resources
+from vastflow.producers.vast.document import EXPONENT
+from vastflow.producers.vast.spec import Resources
 from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of
 from vastflow.tasks.execution.memory import memory_bytes
 

@@ -23,8 +23,8 @@ from vastflow.oracles.trace import trace_of
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.obstacle import ObstacleConfig
 from vastflow.producers.producer import find_producer, known_producers
-from vastflow.producers.section import Unexecuted
-from vastflow.producers.spec import CampaignSpec, EvaluationSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
+from vastflow.producers.vast.section import Unexecuted
+from vastflow.producers.vast.spec import CampaignSpec, EvaluationSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
 from vastflow.sim.abstract import BUILTIN, SHIPPED
 from vastflow.sim.behaviour.modifier import MODIFIERS
 from vastflow.sim.behaviour.stand_ins import stand_ins

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.constraint import constraint_of
+from vastflow.producers.constraints.constraint import constraint_of
 from vastflow.producers.coverage import MOST_LISTED
 from vastflow.producers.family import Family
 from vastflow.producers.instantiate import instantiate

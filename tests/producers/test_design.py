@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.constraint import constraint_of
-from vastflow.producers.design import CARTESIAN, DesignSpec, Sample, TWay
+from vastflow.producers.constraints.constraint import constraint_of
 from vastflow.producers.family import Family
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.producer import Parameters, Producer, find_producer
+from vastflow.producers.vast.design import CARTESIAN, DesignSpec, Sample, TWay
 
 
 def two_way(strength=2):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.producers.design_array import (
+from vastflow.producers.designs.array import (
     IncompleteDesign,
     admissible_tuples,
     covering_array,
@@ -16,7 +16,7 @@ from vastflow.producers.design_array import (
     varied_factors,
     verify,
 )
-from vastflow.producers.design_space import Block, TooLarge
+from vastflow.producers.designs.space import Block, TooLarge
 
 
 def free(counts):

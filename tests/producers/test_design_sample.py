@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from vastflow.producers.design import Sample
-from vastflow.producers.design_sample import sampled
-from vastflow.producers.design_space import Block
+from vastflow.producers.designs.sample import sampled
+from vastflow.producers.designs.space import Block
+from vastflow.producers.vast.design import Sample
 
 METHODS = ["lhs", "sobol", "random"]
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from vastflow.producers.document import Document, read_document
 from vastflow.producers.faults import CampaignError
+from vastflow.producers.vast.document import Document, read_document
 
 
 def read(folder: Path, content: str | bytes) -> Document:

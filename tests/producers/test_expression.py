@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.producers.expression import MOST_CHARACTERS, ExpressionFault, NotEvaluable, expression_of
+from vastflow.producers.constraints.expression import MOST_CHARACTERS, ExpressionFault, NotEvaluable, expression_of
 from vastflow.sim.digest import FileContent
 
 VALUES = {

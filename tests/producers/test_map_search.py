@@ -8,7 +8,7 @@ import pytest
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
-from vastflow.producers.map_search import MapSearch
+from vastflow.producers.places.map_search import MapSearch
 from vastflow.sim.maps import MapError
 
 CAMPAIGN = """\

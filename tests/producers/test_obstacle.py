@@ -12,11 +12,11 @@ from shapely.geometry import LineString, Point, box
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
-from vastflow.producers.ground import ground_of
 from vastflow.producers.obstacle import ObstacleVariation
-from vastflow.producers.outline import Line
 from vastflow.producers.path import PathVariationRandom
-from vastflow.producers.placement import covered_cells, without
+from vastflow.producers.places.ground import ground_of
+from vastflow.producers.places.outline import Line
+from vastflow.producers.places.placement import covered_cells, without
 from vastflow.producers.producer import evaluate
 from vastflow.sim import octile
 from vastflow.sim.maps import load_map

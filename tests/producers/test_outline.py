@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import Point
 
-from vastflow.producers.ground import ground_of
-from vastflow.producers.outline import Line, Outline
-from vastflow.producers.placement import covered_cells
+from vastflow.producers.places.ground import ground_of
+from vastflow.producers.places.outline import Line, Outline
+from vastflow.producers.places.placement import covered_cells
 from vastflow.sim.obstacle import Obstacle
 from vastflow.sim.pose import Pose
 

@@ -14,7 +14,7 @@ from skimage.graph import MCP_Geometric
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
-from vastflow.producers.ground import ground_of
+from vastflow.producers.places.ground import ground_of
 from vastflow.producers.producer import evaluate
 from vastflow.producers.raster import PathVariationRasterized, raster_points
 from vastflow.sim.maps import load_map

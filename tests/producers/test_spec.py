@@ -7,10 +7,10 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from vastflow.producers.document import read_document
-from vastflow.producers.model_faults import faults_of
-from vastflow.producers.schema import campaign_schema
-from vastflow.producers.spec import CampaignSpec, unexecuted
+from vastflow.producers.vast.document import read_document
+from vastflow.producers.vast.model_faults import faults_of
+from vastflow.producers.vast.schema import campaign_schema
+from vastflow.producers.vast.spec import CampaignSpec, unexecuted
 
 EVERY_KEY = """
 version: 1

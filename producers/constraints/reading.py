@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from vastflow.producers.constraint import Constraint, Place
-from vastflow.producers.constraint_quantities import QUANTITIES
-from vastflow.producers.document import Document
-from vastflow.producers.expression import ExpressionFault, Name, expression_of
+from vastflow.producers.constraints.constraint import Constraint, Place
+from vastflow.producers.constraints.expression import ExpressionFault, Name, expression_of
+from vastflow.producers.constraints.quantities import QUANTITIES
 from vastflow.producers.faults import Fault, Location, did_you_mean, path_text, shown
+from vastflow.producers.vast.document import Document
 
 RIGHT: Final = "a list of named expressions, '- name: \"expression\"'"
 MOST_NAME: Final = 60

@@ -7,7 +7,7 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers.faults import shown
 from vastflow.producers.quantities import Count, Seed
-from vastflow.producers.section import Section
+from vastflow.producers.vast.section import Section
 
 MOST_STRENGTH: Final = 6
 

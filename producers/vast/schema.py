@@ -6,7 +6,7 @@ from typing import Any
 from pydantic.json_schema import models_json_schema
 
 from vastflow.producers.producer import find_producer, known_producers
-from vastflow.producers.spec import CampaignSpec
+from vastflow.producers.vast.spec import CampaignSpec
 
 TITLE = "vastflow campaign file, version 1"
 

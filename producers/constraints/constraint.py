@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from vastflow.producers.configuration import ExcludedInstance, Partial
-from vastflow.producers.constraint_quantities import QUANTITIES, Quantities, may_write_for
-from vastflow.producers.expression import Expression, Name, NotEvaluable, expression_of
+from vastflow.producers.constraints.expression import Expression, Name, NotEvaluable, expression_of
+from vastflow.producers.constraints.quantities import QUANTITIES, Quantities, may_write_for
 from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.producer import Producer
 from vastflow.sim.digest import Value

@@ -7,7 +7,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers.quantities import Count, Number
-from vastflow.producers.section import Section
+from vastflow.producers.vast.section import Section
 
 Rate: TypeAlias = Annotated[Number, Field(gt=0, lt=1)]
 

@@ -13,8 +13,8 @@ from scipy import ndimage
 from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
 
-from vastflow.producers.ground import EIGHT_NEIGHBOURS, Ground
-from vastflow.producers.outline import Line, Outline
+from vastflow.producers.places.ground import EIGHT_NEIGHBOURS, Ground
+from vastflow.producers.places.outline import Line, Outline
 from vastflow.sim.obstacle import Obstacle
 
 MARGIN_M: Final = 0.05

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.constraint import Checker
+from vastflow.producers.constraints.constraint import Checker
 from vastflow.producers.coverage import FamilyCount
-from vastflow.producers.design_array import IncompleteDesign, covering_array, verify
-from vastflow.producers.design_sample import sampled
-from vastflow.producers.design_space import Block, Space, TooLarge
+from vastflow.producers.designs.array import IncompleteDesign, covering_array, verify
+from vastflow.producers.designs.sample import sampled
+from vastflow.producers.designs.space import Block, Space, TooLarge
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.growth import Family, Grown
 from vastflow.sim.digest import Value

@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.design_space import Block, TooLarge
+from vastflow.producers.designs.space import Block, TooLarge
 
 CANDIDATES: Final = 24
 MOST_TUPLES: Final = 3_000_000

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.ground import Ground
+from vastflow.producers.places.ground import Ground
 from vastflow.sim import octile
 
 Cell = tuple[int, int]

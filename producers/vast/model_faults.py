@@ -6,8 +6,8 @@ from typing import Any, Final, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from vastflow.producers.document import Document
 from vastflow.producers.faults import Fault, Location, did_you_mean, path_text, shown
+from vastflow.producers.vast.document import Document
 
 EXPECTED: Final[Mapping[str, str]] = {
     "int_type": "a whole number",

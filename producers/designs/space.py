@@ -24,7 +24,7 @@ from vastflow.producers.configuration import (
     Step,
     restricted_digest,
 )
-from vastflow.producers.constraint import Checker, Constraint
+from vastflow.producers.constraints.constraint import Checker, Constraint
 from vastflow.producers.producer import Producer
 from vastflow.sim.digest import Value
 from vastflow.sim.scenario import Dimension

@@ -7,10 +7,19 @@ from typing import Final
 import numpy as np
 
 from vastflow.producers.configuration import Rejection
-from vastflow.producers.ground import ground_of, map_key, map_of
-from vastflow.producers.path import PATH_KEY, PATH_LENGTH_KEY
-from vastflow.producers.placement import Site
-from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start, goals_key, start_key
+from vastflow.producers.places.ground import ground_of, map_key, map_of
+from vastflow.producers.places.placement import Site
+from vastflow.producers.places.stops import (
+    GOAL_KEY,
+    GOALS_KEY,
+    PATH_KEY,
+    PATH_LENGTH_KEY,
+    START_KEY,
+    given_goals,
+    given_start,
+    goals_key,
+    start_key,
+)
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.obstacle import Obstacle, obstacle_of
 from vastflow.sim.octile import shortest_path

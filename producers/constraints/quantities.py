@@ -11,12 +11,19 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from vastflow.producers.configuration import Partial
-from vastflow.producers.expression_operations import NotEvaluable
-from vastflow.producers.ground import MAP_KEY, ground_of
-from vastflow.producers.path import PATH_KEY, PATH_LENGTH_KEY
+from vastflow.producers.constraints.operations import NotEvaluable
+from vastflow.producers.places.ground import MAP_KEY, ground_of
+from vastflow.producers.places.stops import (
+    GOAL_KEY,
+    GOALS_KEY,
+    PATH_KEY,
+    PATH_LENGTH_KEY,
+    START_KEY,
+    given_goals,
+    given_start,
+)
 from vastflow.producers.producer import Producer
 from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M
-from vastflow.producers.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.octile import shortest_path

@@ -7,12 +7,20 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 from pydantic import AfterValidator, BaseModel, Field, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from vastflow.producers.design import CARTESIAN, Design
 from vastflow.producers.faults import Location
 from vastflow.producers.quantities import Amount, Count, Positive, Seed
-from vastflow.producers.repetition import Repetitions
-from vastflow.producers.search import SearchSpec
-from vastflow.producers.section import EmptyIsList, EmptyIsMap, FreeForm, NamedSteps, Section, SingleKeys, Unexecuted
+from vastflow.producers.vast.design import CARTESIAN, Design
+from vastflow.producers.vast.repetition import Repetitions
+from vastflow.producers.vast.search import SearchSpec
+from vastflow.producers.vast.section import (
+    EmptyIsList,
+    EmptyIsMap,
+    FreeForm,
+    NamedSteps,
+    Section,
+    SingleKeys,
+    Unexecuted,
+)
 from vastflow.sim.scenario import Dimension
 
 DEFAULT_TIMEOUT_S: Final = 360.0
@@ -62,7 +70,7 @@ _EXPRESSIONS = {"type": "object", "additionalProperties": {"type": "string"}}
 Constraints: TypeAlias = Annotated[
     Any, WithJsonSchema({"anyOf": [{"type": "array", "items": _EXPRESSIONS}, _EXPRESSIONS, {"type": "null"}]})
 ]
-"""Named expressions; `vastflow.producers.constraint_reading` reads and checks them."""
+"""Named expressions; `vastflow.producers.constraints.reading` reads and checks them."""
 
 
 class Resources(Section):

@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from scipy import ndimage
 
 from vastflow.producers.configuration import Rejection
-from vastflow.producers.map_search import MapSearch
+from vastflow.producers.places.map_search import MapSearch
 from vastflow.sim import octile
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.maps import MapError, OccupancyMap, load_map

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from vastflow.producers.document import Document
 from vastflow.producers.faults import Fault, Location, Note, shown
+from vastflow.producers.vast.document import Document
 from vastflow.sim.digest import Value
 from vastflow.sim.nav.parameters import document as parameters
 from vastflow.sim.nav.parameters.findings import Finding, findings

@@ -1,4 +1,4 @@
-"""Start and goals of a configuration: which keys hold them, and what is there already."""
+"""Start, goals and path of a configuration: which keys hold them, and what is there already."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, TypeAlias
@@ -12,6 +12,8 @@ from vastflow.sim.pose import Pose, pose_of
 START_KEY: Final = "start_pose"
 GOAL_KEY: Final = "goal_pose"
 GOALS_KEY: Final = "goal_poses"
+PATH_KEY: Final = "_path"
+PATH_LENGTH_KEY: Final = "_path_length"
 
 
 def _start(value: Any) -> Any:

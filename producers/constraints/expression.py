@@ -1,7 +1,7 @@
 """Expressions of constraints: a small language over the values of a configuration, without Python's eval.
 
 Numbers, text in quotes, `true` and `false`, names, lists; `+ - * / % **`, comparisons that may be chained,
-`and or not implies in`, the functions of `vastflow.producers.expression_operations`, parentheses. Operators bind as in
+`and or not implies in`, the functions of `vastflow.producers.constraints.operations`, parentheses. Operators bind as in
 Python; `implies` is the weakest and groups to the right.
 """
 
@@ -15,7 +15,7 @@ from typing import Any, Final, TypeAlias
 from lark import Lark, Token, Transformer, UnexpectedCharacters, UnexpectedEOF, UnexpectedToken, v_args
 from lark.exceptions import VisitError
 
-from vastflow.producers.expression_operations import (
+from vastflow.producers.constraints.operations import (
     FUNCTIONS,
     Kind,
     NotEvaluable,

@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers.quantities import Count, NotNegative, Number, Positive, Seed
-from vastflow.producers.section import NamedSteps, Section, SingleKeys
+from vastflow.producers.vast.section import NamedSteps, Section, SingleKeys
 
 
 class SearchDimension(Section):

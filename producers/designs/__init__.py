@@ -1,0 +1,1 @@
+"""Designs: covering arrays and samples of a family's choices."""
