@@ -136,7 +136,7 @@ def run_campaign(
                     (directory / "logs" / "campaign.log").write_bytes(log.read_bytes())
 
             def report(directory: Path) -> None:
-                from vastflow.oracles.report import write_report
+                from vastflow.oracles.page.report import write_report
 
                 write_report(directory)
 

@@ -178,7 +178,7 @@ def _module_name(file: Path) -> str:
 
 
 def _class_of_notebook(name: str, file: Path) -> type[Oracle[Any]]:
-    from vastflow.oracles.notebook import NotebookError, notebook_oracle  # which needs this module
+    from vastflow.oracles.notebook.notebook import NotebookError, notebook_oracle  # which needs this module
 
     try:
         return notebook_oracle(file, _module_name(file))

@@ -13,7 +13,7 @@ from vastflow.flows.terminal.interruptible import Interruptible
 
 if TYPE_CHECKING:
     from vastflow.flows.comparison.campaigns import Compared
-    from vastflow.oracles.tables import Tables
+    from vastflow.oracles.directory.tables import Tables
 
 DOES_NOT_HOLD: Final = 1
 
@@ -74,7 +74,7 @@ def compare(
 
 
 def _tables(directory: Path) -> "Tables":
-    from vastflow.oracles.tables import read_tables
+    from vastflow.oracles.directory.tables import read_tables
 
     try:
         return read_tables(directory)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from vastflow.oracles.coverage import Coverage, Covered
+    from vastflow.oracles.directory.coverage import Coverage, Covered
 
 MOST_PAIRS: Final = 30
 """Pairs of producers in the terminal, the least covered of each family first; `--json` has more."""
@@ -46,7 +46,7 @@ def coverage(
 def _coverage(source: Path, map_dir: Path | None) -> "Coverage":
     """Of a campaign directory as it was written, of a campaign file by instantiating it."""
     from vastflow.flows.request.campaign_file import read_campaign
-    from vastflow.oracles.coverage import read_coverage
+    from vastflow.oracles.directory.coverage import read_coverage
     from vastflow.producers.faults import CampaignError
     from vastflow.producers.instantiate import instantiate
 
@@ -74,7 +74,7 @@ def _text(coverage: "Coverage") -> "Iterator[RenderableType]":
     from rich.text import Text
 
     from vastflow.flows.foresight.preview import lost_table
-    from vastflow.oracles.coverage import (
+    from vastflow.oracles.directory.coverage import (
         COUNTS,
         counts,
         design_text,

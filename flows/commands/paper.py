@@ -21,8 +21,8 @@ def paper(
     Markdown on standard output; the same results give the same text.
     """
     with Interruptible("interrupted"):
-        from vastflow.oracles.paper_page import paper_page
-        from vastflow.oracles.paper_results import NotThePapers, paper_results
+        from vastflow.oracles.paper.page import paper_page
+        from vastflow.oracles.paper.results import NotThePapers, paper_results
 
         found = []
         for directory in results:

@@ -73,7 +73,7 @@ def _drawn(configurations: "Sequence[Configuration]", folder: Path) -> list[Path
     """The pictures of these configurations; one that can't be drawn is named on standard error."""
     from vastflow.flows.foresight.preview import plan_view_of
     from vastflow.oracles.figures.picture import png
-    from vastflow.oracles.plan_view import plan_view_figure
+    from vastflow.oracles.figures.plan_view import plan_view_figure
 
     written = []
     for configuration in configurations:

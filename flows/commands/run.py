@@ -190,8 +190,8 @@ def _show(found: "Results") -> None:
     from vastflow.flows.commands.show import report_line
     from vastflow.flows.terminal.display import duration_text
     from vastflow.flows.terminal.outcome import outcome, printed
-    from vastflow.oracles.evidence import evidence_of
-    from vastflow.oracles.tables import read_tables
+    from vastflow.oracles.directory.tables import read_tables
+    from vastflow.oracles.evidence.evidence import evidence_of
     from vastflow.tasks.store import is_address
 
     tables, summary = read_tables(found.directory), found.summary

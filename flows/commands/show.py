@@ -20,8 +20,8 @@ def show(
         print(wrong, file=sys.stderr)
         raise typer.Exit(2)
     from vastflow.flows.terminal.outcome import details, printed
-    from vastflow.oracles.evidence import evidence_of
-    from vastflow.oracles.tables import read_tables
+    from vastflow.oracles.directory.tables import read_tables
+    from vastflow.oracles.evidence.evidence import evidence_of
 
     try:
         tables = read_tables(results)

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from vastflow.oracles.environment_names import environment_names
-from vastflow.oracles.findings import named
-from vastflow.oracles.pairing import Pairing, pairing_of
+from vastflow.oracles.directory.environment_names import environment_names
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.evidence.findings import named
+from vastflow.oracles.evidence.pairing import Pairing, pairing_of
 from vastflow.oracles.statistics.comparison import (
     Change,
     Difference,
@@ -17,7 +18,6 @@ from vastflow.oracles.statistics.comparison import (
     difference,
 )
 from vastflow.oracles.statistics.factors import factors_of
-from vastflow.oracles.tables import Tables
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vastflow.flows.comparison.campaigns import Compared
-from vastflow.oracles.executed import KeptFiles, executed_scenario
+from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.directory.verdict_table import CODES
+from vastflow.oracles.directory.walk import read_walks
 from vastflow.oracles.figures.pair_figure import Side, pair_figure
 from vastflow.oracles.figures.picture import png
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.statistics.comparison import Change
-from vastflow.oracles.tables import Tables
-from vastflow.oracles.verdict_table import CODES
-from vastflow.oracles.walk import read_walks
 from vastflow.sim.maps import load_map
 
 if TYPE_CHECKING:

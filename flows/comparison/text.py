@@ -10,8 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from vastflow.flows.comparison.campaigns import Compared
+from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.statistics.comparison import Change, Difference
-from vastflow.oracles.tables import Tables
 
 MOST_CHANGES: Final = 12
 MOST_NAMES: Final = 4

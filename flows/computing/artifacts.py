@@ -16,9 +16,9 @@ from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
 from prefect.runtime import flow_run
 
 from vastflow.flows.results.results import Results
-from vastflow.oracles.evidence import Group, evidence_of
-from vastflow.oracles.rates import LEVEL
-from vastflow.oracles.tables import read_tables
+from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.evidence.evidence import Group, evidence_of
+from vastflow.oracles.evidence.rates import LEVEL
 from vastflow.tasks.execution.deployment import TAG
 from vastflow.tasks.execution.description import label_of
 from vastflow.tasks.progress import Phase, Progress

@@ -12,9 +12,9 @@ import yaml
 
 from vastflow.flows.export.run import ExportedRun, table_csv
 from vastflow.flows.results.kept_logs import KeptLogs
-from vastflow.oracles.behaviors import Behaviors
-from vastflow.oracles.executed import KeptFiles
-from vastflow.oracles.tables import read_tables
+from vastflow.oracles.directory.behaviors import Behaviors
+from vastflow.oracles.directory.executed import KeptFiles
+from vastflow.oracles.directory.tables import read_tables
 from vastflow.sim.abstract import BUILTIN
 from vastflow.sim.blocks import read_block
 from vastflow.sim.pose import pose_of

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from vastflow.flows.foresight.estimate import Estimate
 from vastflow.flows.terminal.display import duration_text
-from vastflow.oracles.coverage import Coverage, Lost, design_text, excluded, parts, unrealisable
+from vastflow.oracles.directory.coverage import Coverage, Lost, design_text, excluded, parts, unrealisable
 from vastflow.oracles.situation import situation_of
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
@@ -19,7 +19,7 @@ from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import load_map
 
 if TYPE_CHECKING:
-    from vastflow.oracles.plan_view import PlanView
+    from vastflow.oracles.figures.plan_view import PlanView
 
 MOST_REASONS = 20
 """Reasons in the terminal; `--json` has more."""
@@ -78,7 +78,7 @@ def plan_view_of(configuration: Configuration) -> "PlanView":
     Raises:
         ValueError: it has no map, or a mission or an obstacle that can't be read.
     """
-    from vastflow.oracles.plan_view import PlanView
+    from vastflow.oracles.figures.plan_view import PlanView
 
     map_file = configuration.scenario.environment.get(MAP_KEY)
     map_path = map_file.path if isinstance(map_file, FileContent) else None

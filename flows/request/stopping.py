@@ -39,7 +39,7 @@ class Stopping:
 
     @property
     def as_json(self) -> dict[str, Any]:
-        """The rule as `metadata.json` has it; `vastflow.oracles.findings.stopping_rule` reads it."""
+        """The rule as `metadata.json` has it; `vastflow.oracles.evidence.findings.stopping_rule` reads it."""
         rule = self.rule
         return {
             "min": rule.min_runs,

@@ -29,8 +29,8 @@ from vastflow.flows.results.tables import (
     verdict_row,
     write_table,
 )
-from vastflow.oracles.behaviors import BEHAVIORS_FILE, CONFIGURATION
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.directory.behaviors import BEHAVIORS_FILE, CONFIGURATION
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Judgement, Verdict, run_judgement
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE
 from vastflow.flows.results.directory import WRITER
-from vastflow.oracles.rates import Counts
-from vastflow.oracles.work_section import with_work
+from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.page.work_section import with_work
 from vastflow.tasks.store import Lost, Store, StoreError
 
 LOGGER: Final = logging.getLogger("vastflow.results")

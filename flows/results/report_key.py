@@ -14,7 +14,7 @@ from vastflow.sim.digest import FileContent
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree
 
-REPORT_SOURCE: Final = ("vastflow.oracles.report", campaign_tables.__name__, found.__name__, tables.__name__)
+REPORT_SOURCE: Final = ("vastflow.oracles.page.report", campaign_tables.__name__, found.__name__, tables.__name__)
 
 _DATA: Final = "vastflow.oracles"
 """Package with the report's template."""

@@ -26,8 +26,8 @@ from vastflow.flows.results.kept_report import KeptReport, renew_work
 from vastflow.flows.results.member_files import written
 from vastflow.flows.results.origin import origin_row
 from vastflow.flows.results.summary import Summary, Work
-from vastflow.oracles.executed import NAMED_FILES
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.directory.executed import NAMED_FILES
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.evidence.rates import Counts
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from vastflow.flows.results.tables import VERDICTS as COLUMNS
 from vastflow.flows.results.tables import verdict_row
 from vastflow.flows.stages.configurations import Configurations, faults_text, number
 from vastflow.flows.stages.traces import Traces
-from vastflow.oracles.rates import Counts, counts_of
+from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.verdict import Verdict, read_verdicts, run_judgement
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.work import VERDICTS

@@ -8,9 +8,9 @@ from rich.table import Table
 from rich.text import Text
 
 from vastflow.flows.request.asked import SEQUENTIAL
-from vastflow.oracles.evidence import Evidence
-from vastflow.oracles.rates import LEVEL, Counts
-from vastflow.oracles.tables import Tables
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.evidence.evidence import Evidence
+from vastflow.oracles.evidence.rates import LEVEL, Counts
 
 
 def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from vastflow.oracles.figures.palette import GOAL_COLOUR, INK, LINE, OBSTACLE_COLOUR, OBSTACLE_EDGE, SOFT_INK
-from vastflow.oracles.scene import known_extent_m
+from vastflow.oracles.figures.scene import known_extent_m
 from vastflow.sim.maps import FREE, UNKNOWN, OccupancyMap
 from vastflow.sim.obstacle import Obstacle
 

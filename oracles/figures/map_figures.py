@@ -16,6 +16,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from vastflow.oracles.directory.verdict_table import CODES
 from vastflow.oracles.figures.floor import (
     DPI,
     draw_ends,
@@ -27,10 +28,9 @@ from vastflow.oracles.figures.floor import (
     obstacle_handle,
 )
 from vastflow.oracles.figures.palette import COLOURS, INK, RATES, SOFT_INK
-from vastflow.oracles.scene import Scene, known_extent_m
+from vastflow.oracles.figures.scene import Scene, known_extent_m
 from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, Grid, grid_over
 from vastflow.oracles.verdict import Judgement
-from vastflow.oracles.verdict_table import CODES
 from vastflow.sim.maps import OccupancyMap
 
 BLUR_M: Final = 0.2

@@ -7,9 +7,9 @@ from typing import Final
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vastflow.oracles.evidence import Evidence
+from vastflow.oracles.evidence.evidence import Evidence
+from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.figures.palette import COLOURS, INK, LINE, SOFT_INK
-from vastflow.oracles.rates import Counts, Interval
 
 MAX_RATE_ROWS: Final = 60
 """Rows of the rate figure; with more configurations it shows families alone, and with more families the worst of them."""

@@ -8,8 +8,12 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from vastflow.oracles.evidence import Evidence
-from vastflow.oracles.executed import KeptFiles
+from vastflow.oracles.directory.executed import KeptFiles
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.directory.verdict_table import CODES
+from vastflow.oracles.directory.walk import read_walks
+from vastflow.oracles.evidence.evidence import Evidence
+from vastflow.oracles.evidence.findings import Design
 from vastflow.oracles.figures.case_figure import case_figure
 from vastflow.oracles.figures.factor_figure import factor_figure, interaction_figure
 from vastflow.oracles.figures.map_figures import (
@@ -21,11 +25,7 @@ from vastflow.oracles.figures.map_figures import (
 )
 from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.rate_figure import rates_figure
-from vastflow.oracles.findings import Design
-from vastflow.oracles.scene import Scene, distinct_obstacles, situation_at
-from vastflow.oracles.tables import Tables
-from vastflow.oracles.verdict_table import CODES
-from vastflow.oracles.walk import read_walks
+from vastflow.oracles.figures.scene import Scene, distinct_obstacles, situation_at
 from vastflow.sim.maps import load_map
 
 MAX_EMBEDDED: Final = 11_000_000

@@ -9,16 +9,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from vastflow.oracles import coverage
-from vastflow.oracles.column import floats
-from vastflow.oracles.evidence import Evidence, Group, Spread
-from vastflow.oracles.findings import Findings, named
+from vastflow.oracles.directory import coverage
+from vastflow.oracles.directory.column import floats
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.directory.verdict_table import FAIL, Reasons
+from vastflow.oracles.evidence.evidence import Evidence, Group, Spread
+from vastflow.oracles.evidence.findings import Findings, named
+from vastflow.oracles.figures.scene import Scene, environment_counts
 from vastflow.oracles.oracle import OracleError, oracle_class
 from vastflow.oracles.page.table import Column, DataTable, configuration_cells, rate_cell
 from vastflow.oracles.page.words import short
-from vastflow.oracles.scene import Scene, environment_counts
-from vastflow.oracles.tables import Tables
-from vastflow.oracles.verdict_table import FAIL, Reasons
 
 MAX_ROWS: Final = 500
 """Rows of a list; the files beside the report have all."""

@@ -8,9 +8,9 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from markupsafe import Markup
 
-from vastflow.oracles.evidence import Evidence, configuration_intervals
+from vastflow.oracles.evidence.evidence import Evidence, configuration_intervals
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.words import percent
-from vastflow.oracles.rates import Counts
 
 Kind: TypeAlias = Literal["text", "choice", "number", "rate", "class", "code"]
 """What a column has: words, words that can be chosen from, numbers, rates, classes of configurations, commands."""

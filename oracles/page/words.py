@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from vastflow.oracles.rates import Interval
+from vastflow.oracles.evidence.rates import Interval
 
 
 def percent(rate: float | None) -> str:

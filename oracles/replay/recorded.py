@@ -10,8 +10,8 @@ from typing import Any, Final
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from vastflow.oracles.behaviors import Behaviors
-from vastflow.oracles.executed import KeptFiles, executed_scenario
+from vastflow.oracles.directory.behaviors import Behaviors
+from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.sim.blocks import read_recordings
 from vastflow.sim.recording import Recording

@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.oracle import oracle_of
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.situation import Situation
-from vastflow.oracles.tables import read_tables
 from vastflow.oracles.trace import trace_of
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.archive import read_outputs, write_outputs

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.oracles.paper_results import Requested, requested_of
-from vastflow.oracles.published import PUBLISHED
+from vastflow.oracles.paper.published import PUBLISHED
+from vastflow.oracles.paper.results import Requested, requested_of
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
 

@@ -12,12 +12,12 @@ from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
+from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.figures.scene import scenes_of
 from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
+from vastflow.oracles.page.report import write_report
 from vastflow.oracles.replay.recorded import recorded_run
-from vastflow.oracles.report import write_report
-from vastflow.oracles.scene import scenes_of
-from vastflow.oracles.tables import read_tables
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.abstract import BUILTIN, SHIPPED, content_of, definition_digest, definition_of
 from vastflow.sim.behaviour.support import unsupported

@@ -11,8 +11,8 @@ from vastflow.flows.results import tables
 from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, RunLogs
 from vastflow.flows.results.found import ConfigurationResult, RunFault
 from vastflow.flows.results.kept_logs import KeptLogs
-from vastflow.oracles.behaviors import Behaviors
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.directory.behaviors import Behaviors
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.configuration import Configuration
 from vastflow.sim.archive import stacked, write_table

@@ -15,7 +15,7 @@ from vastflow.flows import api
 from vastflow.flows.__main__ import app
 from vastflow.flows.commands.run import command_line, unwritable
 from vastflow.flows.results.summary import Summary
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.tasks.progress import Progress
 
 SUMMARY = Summary(2, 0, 0, 4, 4, 0, 4, 0, 0, 40.0, 3.0, 2.0, "results/x", {"success": Counts(4, 0, 0)})

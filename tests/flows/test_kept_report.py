@@ -16,8 +16,8 @@ from vastflow.flows.results.kept_report import KeptReport
 from vastflow.flows.results.report_key import report_key
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
+from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.verdict import Metric, Verdict
-from vastflow.oracles.work_section import with_work
 from vastflow.producers.instantiate import instantiate
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.local_store import open_local_store

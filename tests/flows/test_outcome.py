@@ -7,11 +7,11 @@ from rich.console import Console
 
 from vastflow.flows.results.tables import CONFIGURATIONS, VERDICTS
 from vastflow.flows.terminal.outcome import details, outcome, rate_text, rejection_table
-from vastflow.oracles.configuration_table import ConfigurationTable
-from vastflow.oracles.evidence import evidence_of
-from vastflow.oracles.rates import Counts
-from vastflow.oracles.tables import Tables
-from vastflow.oracles.verdict_table import verdict_table
+from vastflow.oracles.directory.configuration_table import ConfigurationTable
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.directory.verdict_table import verdict_table
+from vastflow.oracles.evidence.evidence import evidence_of
+from vastflow.oracles.evidence.rates import Counts
 
 
 def tables(verdicts, rejections=(), faults=(), more=()):

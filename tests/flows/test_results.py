@@ -14,8 +14,8 @@ from vastflow.flows.results.found import ConfigurationResult, RunFault, complete
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.rates import Counts
-from vastflow.oracles.tables import read_tables
+from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.trace import NOWHERE_MM
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate

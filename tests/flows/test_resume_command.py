@@ -26,7 +26,7 @@ from vastflow.flows.results.origin_code import code_row
 from vastflow.flows.results.replica import NotReplicable, replica
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Summary, Work
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.producers.instantiate import instantiate
 from vastflow.tasks.source import installed_tree
 

@@ -13,7 +13,7 @@ from vastflow.flows import execute, instantiate, judge, observe, run_campaign
 from vastflow.flows.computing.computation import Computation
 from vastflow.flows.stages import api as stages
 from vastflow.flows.stages.configurations import UnknownConfiguration
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.stopping import MOST_WAVES, Stopping, stopping_of
-from vastflow.oracles.findings import STOPPING, stopping_rule
+from vastflow.oracles.evidence.findings import STOPPING, stopping_rule
 from vastflow.oracles.statistics.classes import Bounds
 from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.vast.repetition import Sequential, Stop

@@ -3,7 +3,7 @@
 import json
 
 from vastflow.flows.results.summary import Summary
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.evidence.rates import Counts
 
 
 def summary():

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from vastflow.oracles.findings import findings_json, findings_of, named, shape_of, stopping_rule
-from vastflow.oracles.tables import read_tables
+from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.evidence.findings import findings_json, findings_of, named, shape_of, stopping_rule
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from vastflow.oracles.executed import NAMED_FILES, KeptFiles
+from vastflow.oracles.directory.executed import NAMED_FILES, KeptFiles
 from vastflow.sim.digest import file_digest
 
 

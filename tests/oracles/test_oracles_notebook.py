@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from vastflow.oracles.conformance import CHECKS
-from vastflow.oracles.notebook_file import NotebookError
+from vastflow.oracles.notebook.file import NotebookError
+from vastflow.oracles.notebook.run_tables import SIGNALS, run_tables
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of
-from vastflow.oracles.run_tables import SIGNALS, run_tables
 from vastflow.oracles.sample_runs import SampleRun, sample_runs
 from vastflow.tasks.source import installed_tree
 

@@ -6,10 +6,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.oracles.paper_page import paper_page
-from vastflow.oracles.paper_results import NotThePapers, Requested, paper_results, requested_of
-from vastflow.oracles.published import ALL_RUNS, PUBLISHED
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.paper.page import paper_page
+from vastflow.oracles.paper.published import ALL_RUNS, PUBLISHED
+from vastflow.oracles.paper.results import NotThePapers, Requested, paper_results, requested_of
 
 RADIUS = "global_costmap.robot_radius"
 

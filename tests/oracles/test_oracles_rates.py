@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from vastflow.oracles.rates import Counts, Interval, clustered, counts_of, pooled, wilson
+from vastflow.oracles.evidence.rates import Counts, Interval, clustered, counts_of, pooled, wilson
 
 
 @pytest.mark.parametrize(("passed", "n"), [(0, 5), (1, 20), (5, 5), (10, 20), (81, 263), (97, 100), (5300, 5480)])

@@ -10,11 +10,11 @@ from xml.etree import ElementTree
 import pytest
 from PIL import Image
 
-from vastflow.oracles.evidence import evidence_of
+from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.evidence.evidence import evidence_of
+from vastflow.oracles.evidence.rates import Interval
+from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.words import number, percent, span
-from vastflow.oracles.rates import Interval
-from vastflow.oracles.report import write_report
-from vastflow.oracles.tables import read_tables
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from vastflow.oracles import scene as scenes
-from vastflow.oracles.environment_names import environment_names
-from vastflow.oracles.scene import scenes_of
-from vastflow.oracles.tables import read_tables
-from vastflow.oracles.verdict_table import CODES, FAIL, PASS
-from vastflow.oracles.walk import read_walks
+from vastflow.oracles.directory.environment_names import environment_names
+from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.directory.verdict_table import CODES, FAIL, PASS
+from vastflow.oracles.directory.walk import read_walks
+from vastflow.oracles.figures import scene as scenes
+from vastflow.oracles.figures.scene import scenes_of
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]

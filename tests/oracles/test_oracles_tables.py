@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.oracles.column import codes, floats, integers, parsed, read_columns
-from vastflow.oracles.configuration_table import ConfigurationTable
+from vastflow.oracles.directory.column import codes, floats, integers, parsed, read_columns
+from vastflow.oracles.directory.configuration_table import ConfigurationTable
+from vastflow.oracles.directory.verdict_table import CODES, verdict_table
 from vastflow.oracles.verdict import run_judgement
-from vastflow.oracles.verdict_table import CODES, verdict_table
 
 SCHEMA = pa.schema(
     {

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.oracles.rates import Counts, Interval, clustered, pooled, wilson
-from vastflow.oracles.weights import weighted_counts, weighted_rate, weights_of
+from vastflow.oracles.evidence.rates import Counts, Interval, clustered, pooled, wilson
+from vastflow.oracles.evidence.weights import weighted_counts, weighted_rate, weights_of
 
 judged = st.integers(0, 20).flatmap(lambda n: st.integers(0, n).map(lambda x: Counts(x, n - x)))
 

@@ -280,7 +280,7 @@ def measured(directory: Path) -> dict[str, float]:
     """Make the report of `directory` in a process of its own: CPU time (s), greatest memory (MB), size of the report (MB)."""
     # Not ru_maxrss, in which Linux keeps what the parent had before the program began.
     program = (
-        "import pathlib, sys\nfrom vastflow.oracles.report import write_report\n"
+        "import pathlib, sys\nfrom vastflow.oracles.page.report import write_report\n"
         "write_report(pathlib.Path(sys.argv[1]))\n"
         "print(next(l for l in pathlib.Path('/proc/self/status').read_text().splitlines() if l.startswith('VmHWM')).split()[1])\n"
     )

@@ -6,11 +6,11 @@ from typing import Final
 
 from jinja2 import Environment, StrictUndefined
 
-from vastflow.oracles import published
-from vastflow.oracles.paper_results import PaperResults
-from vastflow.oracles.rates import Counts, Interval
+from vastflow.oracles.evidence.rates import Counts, Interval
+from vastflow.oracles.evidence.weights import WeightedRate, weighted_counts, weighted_rate
+from vastflow.oracles.paper import published
+from vastflow.oracles.paper.results import PaperResults
 from vastflow.oracles.statistics.classes import TotalFailures, total_failures
-from vastflow.oracles.weights import WeightedRate, weighted_counts, weighted_rate
 
 CORES: Final = 2
 """For which the time of the whole campaigns is said."""

@@ -7,7 +7,7 @@ the weight 1 + its duplicates. Its runs are no more for that, and so the interva
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from vastflow.oracles.rates import LEVEL, Counts, Interval, clustered, pooled, wilson
+from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled, wilson
 
 Weights = Mapping[str, int]
 """Configuration to how often it was requested; what is not in it, once."""
@@ -21,7 +21,7 @@ class WeightedRate:
         counts: Runs, each as often as its configuration was requested.
         interval: Of these same configurations, as if each run were drawn anew. Wilson's at Kish's effective number of runs:
             (Σ w n)² / Σ w² n for configurations of weight w and n judged runs.
-        clustered: For other configurations like these, whatever their weights: see `vastflow.oracles.rates.clustered`. None
+        clustered: For other configurations like these, whatever their weights: see `vastflow.oracles.evidence.rates.clustered`. None
             for fewer than two.
     """
 

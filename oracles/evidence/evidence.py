@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.rates import LEVEL, Counts, Interval, clustered, pooled
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.directory.verdict_table import Metric
+from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled
 from vastflow.oracles.statistics.intervals import wilson_intervals
-from vastflow.oracles.tables import Tables
-from vastflow.oracles.verdict_table import Metric
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from vastflow.oracles.column import texts
+from vastflow.oracles.directory.column import texts
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class ConfigurationTable:
 
     @cached_property
     def abstracts(self) -> list[str | Mapping[str, Any]]:
-        """Name of each one's scenario, or of a scenario file what `vastflow.oracles.executed` takes."""
+        """Name of each one's scenario, or of a scenario file what `vastflow.oracles.directory.executed` takes."""
         return [json.loads(text) if text.startswith("{") else text for text in texts(self.table["abstract"])]
 
     @cached_property

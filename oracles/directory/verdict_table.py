@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from vastflow.oracles.column import codes, floats, integers, parsed, taken, texts
+from vastflow.oracles.directory.column import codes, floats, integers, parsed, taken, texts
 from vastflow.oracles.verdict import Judgement
 
 CODES: Final[Mapping[Judgement, int]] = {"pass": 0, "fail": 1, "not judged": 2}

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 import pyarrow.parquet as pq
 
-from vastflow.oracles.published import PUBLISHED, Kind, Published
-from vastflow.oracles.rates import Counts, counts_of, pooled
+from vastflow.oracles.evidence.rates import Counts, counts_of, pooled
+from vastflow.oracles.evidence.weights import weights_of
+from vastflow.oracles.paper.published import PUBLISHED, Kind, Published
 from vastflow.oracles.verdict import Judgement, run_judgement
-from vastflow.oracles.weights import weights_of
 
 BASES: Final = ("update", "step", "metre", "mean", "maximum")
 """Metrics of the oracle `robustness`, each a reading of "summed localization error"."""

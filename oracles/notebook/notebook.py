@@ -12,9 +12,9 @@ from typing import Any, ClassVar, Final, get_args
 
 from pydantic import create_model
 
-from vastflow.oracles.notebook_file import Cell, NotebookError, literals, read_cells
+from vastflow.oracles.notebook.file import Cell, NotebookError, literals, read_cells
+from vastflow.oracles.notebook.run_tables import RunTables, run_tables
 from vastflow.oracles.oracle import Oracle, Parameters
-from vastflow.oracles.run_tables import RunTables, run_tables
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Judgement, Verdict
@@ -32,7 +32,7 @@ class NotebookOracle(Oracle[Parameters]):
     Its code cells run in order, in a namespace of their own in this process: no kernel is started, and so nothing of IPython's is there. A
     cell tagged `skip-execution` is for looking and is left out. One tagged `parameters` has the defaults of parameters, as literals;
     those of the campaign file replace them after it. The notebook is given `traces`, `runs` and `situation`
-    (`vastflow.oracles.run_tables`), and leaves `metrics`, name to unit as a literal, and `verdicts`: a table or a list
+    (`vastflow.oracles.notebook.run_tables`), and leaves `metrics`, name to unit as a literal, and `verdicts`: a table or a list
     of rows with `run_index`, `judgement`, `reason` where it is no pass, and the metrics.
 
     The runs are those of one block of a configuration, any of them: what it says of a run must follow from that run alone.

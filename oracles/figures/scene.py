@@ -7,14 +7,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.executed import KeptFiles, executed_scenario
+from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.directory.verdict_table import CODES, FAIL, NOT_JUDGED
+from vastflow.oracles.directory.walk import Walks, read_walks
+from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.oracle import SUCCESS
-from vastflow.oracles.rates import Counts
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.statistics.failure_map import FailureMap, Grid, empty_map, failure_map, grid_over
-from vastflow.oracles.tables import Tables
-from vastflow.oracles.verdict_table import CODES, FAIL, NOT_JUDGED
-from vastflow.oracles.walk import Walks, read_walks
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.obstacle import Obstacle
 

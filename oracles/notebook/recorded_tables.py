@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from vastflow.oracles.executed import KeptFiles, executed_scenario
-from vastflow.oracles.run_tables import RunTables, run_tables
+from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
+from vastflow.oracles.notebook.run_tables import RunTables, run_tables
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.trace import trace_of
 from vastflow.sim.blocks import read_block, read_recordings

@@ -9,11 +9,13 @@ import yaml
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from vastflow.oracles.environment_names import environment_names
-from vastflow.oracles.evidence import Evidence, evidence_json, evidence_of, spreads_of
-from vastflow.oracles.executed import KeptFiles
+from vastflow.oracles.directory.environment_names import environment_names
+from vastflow.oracles.directory.executed import KeptFiles
+from vastflow.oracles.directory.tables import Tables, read_tables
+from vastflow.oracles.evidence.evidence import Evidence, evidence_json, evidence_of, spreads_of
+from vastflow.oracles.evidence.findings import Findings, findings_json, findings_of, shape_of, stopping_rule
 from vastflow.oracles.figures.palette import CLASS_COLOURS
-from vastflow.oracles.findings import Findings, findings_json, findings_of, shape_of, stopping_rule
+from vastflow.oracles.figures.scene import MAX_SCENES, scenes_of
 from vastflow.oracles.page import rows
 from vastflow.oracles.page.pictures import (
     MAX_EMBEDDED,
@@ -26,12 +28,10 @@ from vastflow.oracles.page.pictures import (
 )
 from vastflow.oracles.page.table import bar, rate_cell, rate_words
 from vastflow.oracles.page.words import chance, number, percent, points, sentence, span
-from vastflow.oracles.scene import MAX_SCENES, scenes_of
+from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.statistics.classes import runs_for_a_claim
-from vastflow.oracles.tables import Tables, read_tables
-from vastflow.oracles.work_section import with_work
 
-_PAGE: Final = Path(__file__).with_name("page")
+_PAGE: Final = Path(__file__).parent
 
 
 @dataclass(frozen=True, eq=False)

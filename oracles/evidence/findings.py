@@ -7,14 +7,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.rates import Counts
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.evidence.weights import WeightedRate, weighted_rate, weights_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import Bounds, Classes, TotalFailures, classify, shares, total_failures
 from vastflow.oracles.statistics.dispersion import Dispersion, dispersion
 from vastflow.oracles.statistics.factors import blocks_of, factors_of
 from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_by, runs_saved
-from vastflow.oracles.tables import Tables
-from vastflow.oracles.weights import WeightedRate, weighted_rate, weights_of
 
 STOPPING: Final = "sequential"
 """Key of `metadata.json` with the rule of a campaign whose runs were stopped one by one: `min`, `max`, and more or less `error`,

@@ -8,10 +8,10 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.column import integers, texts
+from vastflow.oracles.directory.column import integers, texts
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.directory.verdict_table import ABSENT, FAIL, NOT_JUDGED, PASS
 from vastflow.oracles.statistics.comparison import Pairs
-from vastflow.oracles.tables import Tables
-from vastflow.oracles.verdict_table import ABSENT, FAIL, NOT_JUDGED, PASS
 
 How: TypeAlias = Literal["equal", "other system"]
 

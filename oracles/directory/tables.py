@@ -9,9 +9,9 @@ from typing import Any
 
 import pyarrow as pa
 
-from vastflow.oracles.column import read_columns
-from vastflow.oracles.configuration_table import ConfigurationTable
-from vastflow.oracles.verdict_table import VerdictTable, verdict_table
+from vastflow.oracles.directory.column import read_columns
+from vastflow.oracles.directory.configuration_table import ConfigurationTable
+from vastflow.oracles.directory.verdict_table import VerdictTable, verdict_table
 
 
 @dataclass(frozen=True, eq=False)

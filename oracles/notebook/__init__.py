@@ -1,0 +1,1 @@
+"""Notebooks as oracles, and the tables that they are given."""
