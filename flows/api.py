@@ -141,9 +141,8 @@ def run_campaign(
                 write_report(directory)
 
             def kept_report(metadata: Mapping[str, Any]) -> KeptReport:
-                names = [oracle.name for oracle in oracles]
                 found = report_key(
-                    keys, tree, inputs.campaign, metadata, instantiation, session.contents(), session.runs, names
+                    keys, tree, inputs.campaign, metadata, instantiation, session.contents(), session.runs, oracles
                 )
                 return KeptReport(kept, found)
 

@@ -11,7 +11,6 @@ import tokenize
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Final
 
 from vastflow.sim.digest import digest, file_digest
@@ -148,9 +147,9 @@ class SourceTree:
             raise ModuleNotFoundError(f"{plug_in!r} has no source file; a plug-in is a Python file or package")
         return self._with({}, {PLUG_IN: Path(single)}).code(PLUG_IN)
 
-    def with_modules(self, modules: Iterable[ModuleType]) -> "SourceTree":
-        """A tree that has these modules too, but nothing else of their packages."""
-        return self._with({}, {module.__name__: Path(str(module.__file__)) for module in modules})
+    def with_packages(self, *packages: str) -> "SourceTree":
+        """A tree that has these packages of vastflow too, as this process would import them."""
+        return self._with(_folders(packages), {})
 
     def _is_elsewhere(self, plug_in: type) -> bool:
         """Whether a class is from a package that is not in the tree."""
@@ -221,14 +220,18 @@ class SourceTree:
 
 
 def installed_tree() -> SourceTree:
-    """The packages of vastflow as this process would import them."""
+    """The packages of vastflow that results follow from, as this process would import them."""
+    return SourceTree(_folders(PACKAGES), cache=source_cache_file())
+
+
+def _folders(packages: Iterable[str]) -> dict[str, Path]:
     folders = {}
-    for package in PACKAGES:
+    for package in packages:
         spec = importlib.util.find_spec(package)
         if spec is None or not spec.submodule_search_locations:
             raise ModuleNotFoundError(f"{package} is not installed as a package")
         folders[package] = next(place for place in map(Path, spec.submodule_search_locations) if place.is_dir())
-    return SourceTree(folders, cache=source_cache_file())
+    return folders
 
 
 def code_digest(text: str) -> str:

@@ -2,20 +2,24 @@
 
 import hashlib
 import importlib.metadata
+import inspect
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.members import Runs
-from vastflow.flows.results import campaign_tables, found, tables
+from vastflow.oracles.oracle import Oracle
 from vastflow.producers.instantiate import Instantiation
 from vastflow.sim.digest import FileContent
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree
 
-REPORT_SOURCE: Final = ("vastflow.oracles.page.report", campaign_tables.__name__, found.__name__, tables.__name__)
+REPORT_SOURCE: Final = ("vastflow.flows.results.results", "vastflow.oracles.page.report")
+"""What writes a campaign directory, and what makes a report of it."""
 
+_PACKAGES: Final = ("vastflow.flows.request", "vastflow.flows.results")
+"""What of the flows they import."""
 _DATA: Final = "vastflow.oracles"
 """Package with the report's template."""
 _LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
@@ -29,17 +33,17 @@ def report_key(
     instantiation: Instantiation,
     contents: Iterable[Sequence[Any]],
     runs: Runs,
-    oracles: Sequence[str],
+    oracles: Sequence[Oracle[Any]],
 ) -> str:
     """Key under which the store has the report of a campaign without faults.
 
     Args:
         campaign: The campaign file.
         metadata: What `metadata.json` says; of it what is the same for every call with these results.
-        contents: Of each configuration that is no duplicate, in order: the keys of its verdicts, which follow from its scenario and
-            its recordings, and what is in them.
+        contents: Of each configuration that is no duplicate, in order: the keys of its verdicts, which follow from its scenario,
+            its recordings and the oracles' code and parameters, and what is in them.
         runs: Of each configuration; `metadata` has the rule, where they ended by one.
-        oracles: Their names.
+        oracles: Those that judged, in order. The report has their docstrings, which are in no digest of their code.
     """
     hashed = hashlib.sha256()
     same = {name: metadata[name] for name in ("name", "vastflow", "versions", "notes")}
@@ -47,9 +51,13 @@ def report_key(
     if SEQUENTIAL in metadata:
         same[SEQUENTIAL] = metadata[SEQUENTIAL]
     libraries = {name: importlib.metadata.version(name) for name in _LIBRARIES}
+    said = [[oracle.name, inspect.getdoc(type(oracle))] for oracle in oracles]
     for part in (
-        [same, libraries, hashlib.sha256(campaign).hexdigest(), runs, oracles],
-        *((c.name, c.family, c.scenario.digest, c.duplicate_of, c.provenance) for c in instantiation.configurations),
+        [same, libraries, hashlib.sha256(campaign).hexdigest(), runs, said],
+        *(
+            (c.name, c.family, c.scenario.digest, c.duplicate_of, c.factors, c.provenance)
+            for c in instantiation.configurations
+        ),
         *([(s.producer, s.keys, s.choice) for s in c.steps] for c in instantiation.configurations),
         *((r.family, r.parent, r.producer, r.reason, r.requested, r.inputs) for r in instantiation.rejections),
         *((e.family, e.name, e.constraint, e.values) for e in instantiation.excluded),
@@ -57,7 +65,7 @@ def report_key(
         *contents,
     ):
         hashed.update(_text(part).encode() + b"\n")
-    source = [tree.with_modules([campaign_tables, found, tables]).digest(*REPORT_SOURCE), tree.data_digest(_DATA)]
+    source = [tree.with_packages(*_PACKAGES).digest(*REPORT_SOURCE), tree.data_digest(_DATA)]
     return keys.report(source, hashed.hexdigest())
 
 

@@ -16,7 +16,7 @@ from vastflow.oracles.directory.verdict_table import FAIL, Reasons
 from vastflow.oracles.evidence.evidence import Evidence, Group, Spread
 from vastflow.oracles.evidence.findings import Findings, named
 from vastflow.oracles.figures.scene import Scene, environment_counts
-from vastflow.oracles.oracle import OracleError, oracle_class
+from vastflow.oracles.oracle import known_oracles, oracle_class
 from vastflow.oracles.page.table import Column, DataTable, configuration_cells, rate_cell
 from vastflow.oracles.page.words import short
 
@@ -343,10 +343,9 @@ def coverage_rows(tables: Tables) -> Mapping[str, Any] | None:
 
 def explanation(oracle: str) -> Mapping[str, Any]:
     """What an installed oracle says of itself; an oracle of a file beside the campaign can't be asked here."""
-    try:
-        found = oracle_class(oracle)
-    except OracleError:
+    if oracle not in known_oracles():  # a file's name would be looked for in whatever folder this process works in
         return {"text": "An oracle of the campaign's own, see its file.", "defaults": {}}
+    found = oracle_class(oracle)
     paragraphs = (inspect.getdoc(found) or "").split("\n\n")
     fields = found.Parameters.model_fields
     return {

@@ -13,7 +13,6 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult, RunFault
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.kept_report import KeptReport
-from vastflow.flows.results.report_key import report_key
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.page.work_section import with_work
@@ -21,7 +20,6 @@ from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.local_store import open_local_store
-from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import StoreError
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
@@ -142,28 +140,6 @@ def test_a_store_that_takes_no_report_costs_the_next_call_time_and_no_more(writt
     results, _ = written(keep_in=FullStore())
     assert results.faults == () and (results.directory / "report.html").exists()
     assert "the report is not kept for the next time: store: can't write" in caplog.text
-
-
-def key_of(small_room, edit=lambda text: text, contents=(("verdicts/a", "content"),), runs=2):
-    small_room.write_text(edit(small_room.read_text()))
-    campaign, _ = read_campaign(small_room)
-    metadata = {"name": "n", "vastflow": "1", "versions": {}, "notes": [], "created": "now"}
-    instantiation = instantiate(campaign)
-    content = small_room.read_bytes()
-    return report_key(KEYS, installed_tree(), content, metadata, instantiation, contents, runs, ["success"])
-
-
-def test_the_key_of_a_report_follows_from_the_campaign_and_all_its_results(small_room):
-    keys = [
-        key_of(small_room),
-        key_of(small_room, contents=[("verdicts/a", "other")]),
-        key_of(small_room, runs=3),
-        key_of(small_room, lambda text: text.replace("0.02", "0.03")),
-        key_of(small_room, lambda text: text + "# a word\n"),
-    ]
-    assert len(set(keys)) == len(keys)
-    assert key_of(small_room) == keys[-1]
-    assert keys[0].startswith("report/")
 
 
 NOTHING = """\

@@ -1,0 +1,195 @@
+"""The key of a report: another one for each thing that tables, figures or report would show otherwise."""
+
+import importlib.metadata
+import shutil
+from dataclasses import replace
+from importlib.util import find_spec
+
+import pytest
+
+from vastflow.flows.request.asked import SEQUENTIAL
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.report_key import _PACKAGES as PACKAGES_OF_FLOWS
+from vastflow.flows.results.report_key import report_key
+from vastflow.oracles.oracle import oracle_of
+from vastflow.producers.configuration import ExcludedInstance, RejectedInstance, Step
+from vastflow.producers.instantiate import instantiate
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.source import PACKAGES, SourceTree, installed_tree
+
+KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
+METADATA = {
+    "name": "n",
+    "created": "2026-11-21T06:05:01",
+    "vastflow": "1",
+    "versions": {"numpy": "2.0"},
+    "host": {"name": "here", "cpus": 2},
+    "notes": ["room.vast:1:1: a word"],
+    "asked": {"only": [], "runs": 2},
+}
+EXCLUDED = ExcludedInstance("room", "room-*", "far_apart", {"distance": 0.5})
+REJECTED = RejectedInstance("room", "room", "PathVariationRandom", "no way", {"length": 9.0}, {"start": 1})
+
+
+@pytest.fixture
+def asked(small_room):
+    """What a report of the small room is made of."""
+    campaign, oracles = read_campaign(small_room)
+    return {
+        "keys": KEYS,
+        "tree": installed_tree(),
+        "campaign": small_room.read_bytes(),
+        "metadata": METADATA,
+        "instantiation": instantiate(campaign),
+        "contents": [["verdicts/a", "content of a"], ["verdicts/b", "content of b"]],
+        "runs": 2,
+        "oracles": oracles,
+    }
+
+
+def with_first(instantiation, **changes):
+    first, *others = instantiation.configurations
+    return replace(instantiation, configurations=(replace(first, **changes), *others))
+
+
+def of_instantiation(change):
+    return lambda asked: {"instantiation": change(asked["instantiation"])}
+
+
+def of_metadata(**changes):
+    return lambda asked: {"metadata": {**asked["metadata"], **changes}}
+
+
+CHANGES = {
+    "a comment in the campaign file, which the report shows": lambda asked: {"campaign": asked["campaign"] + b"# a\n"},
+    "the campaign's name": of_metadata(name="m"),
+    "the version of vastflow": of_metadata(vastflow="2"),
+    "the version of a library": of_metadata(versions={"numpy": "2.1"}),
+    "a note on the campaign file": of_metadata(notes=[]),
+    "a selection": of_metadata(asked={"only": ["room"], "runs": 2}),
+    "a rule by which runs ended": of_metadata(**{SEQUENTIAL: {"min": 5, "max": 20}}),
+    "another rule": of_metadata(**{SEQUENTIAL: {"min": 6, "max": 20}}),
+    "the verdicts of one configuration": lambda asked: {"contents": [["verdicts/a", "?"], asked["contents"][1]]},
+    "the order of configurations": lambda asked: {"contents": asked["contents"][::-1]},
+    "a configuration more": lambda asked: {"contents": [*asked["contents"], ["verdicts/c", "content of c"]]},
+    "runs": lambda asked: {"runs": 3},
+    "runs of one configuration": lambda asked: {"runs": {"room-1": 2, "room-2": 3}},
+    "an oracle": lambda asked: {"oracles": [*asked["oracles"], oracle_of("safety", {})]},
+    "the machine": lambda asked: {"keys": replace(asked["keys"], numeric="aarch64; glibc 2.36; ; ")},
+    "a sample": of_instantiation(lambda i: replace(i, sampled_from=9)),
+    "a configuration's name": of_instantiation(lambda i: with_first(i, name="hall-1")),
+    "a configuration's family": of_instantiation(lambda i: with_first(i, family="hall")),
+    "a duplicate": of_instantiation(lambda i: with_first(i, duplicate_of="room-2")),
+    "a factor": of_instantiation(lambda i: with_first(i, factors={"level": 3})),
+    "a drawn path": of_instantiation(lambda i: with_first(i, provenance={"_path_length": 3.0})),
+    "who wrote what": of_instantiation(lambda i: with_first(i, steps=(Step("OneOfVariation", ("level",)),))),
+    "the choice of a producer": of_instantiation(lambda i: with_first(i, steps=(Step("OneOfVariation", ("l",), 2),))),
+    "a scenario": of_instantiation(
+        lambda i: with_first(i, scenario=replace(i.configurations[0].scenario, timeout_s=1.0))
+    ),
+    "a rejection": of_instantiation(lambda i: replace(i, rejections=(REJECTED,))),
+    "why it was rejected": of_instantiation(lambda i: replace(i, rejections=(replace(REJECTED, reason="no goal"),))),
+    "what was excluded": of_instantiation(lambda i: replace(i, excluded=(EXCLUDED,))),
+    "by which constraint": of_instantiation(lambda i: replace(i, excluded=(replace(EXCLUDED, constraint="near"),))),
+    "the coverage": of_instantiation(lambda i: replace(i, coverage={**i.coverage, "requested": 99})),
+}
+
+
+def test_each_change_of_what_a_report_shows_gives_another_key(asked):
+    keys = {"nothing": report_key(**asked)} | {
+        what: report_key(**{**asked, **change(asked)}) for what, change in CHANGES.items()
+    }
+    alike = [(a, b) for a in keys for b in keys if a < b and keys[a] == keys[b]]
+    assert alike == []
+
+
+@pytest.mark.parametrize(
+    "facts", [{"created": "2027-01-01T00:00:00"}, {"host": {"name": "there"}}, {"counts": {"executed": 4}}]
+)
+def test_the_facts_of_a_call_are_in_no_key(asked, facts):
+    assert report_key(**{**asked, "metadata": {**METADATA, **facts}}) == report_key(**asked)
+
+
+def test_what_an_oracle_says_of_itself_is_in_the_key_though_it_is_in_no_digest_of_code(asked, monkeypatch):
+    before = report_key(**asked)
+    monkeypatch.setattr(type(asked["oracles"][0]), "__doc__", "Another sentence.")
+    assert report_key(**asked) != before
+
+
+@pytest.mark.parametrize("library", ["jinja2", "markupsafe", "matplotlib"])
+def test_the_libraries_that_draw_and_lay_out_are_in_the_key(asked, monkeypatch, library):
+    before = report_key(**asked)
+    version = importlib.metadata.version
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "0" if name == library else version(name))
+    assert report_key(**asked) != before
+
+
+class Copied(SourceTree):
+    """Copies of all packages that a report's key follows from, to be edited."""
+
+    def __init__(self, root):
+        self.copies = {name: root / name for name in (*PACKAGES, *PACKAGES_OF_FLOWS)}
+        for name, folder in self.copies.items():
+            shutil.copytree(
+                find_spec(name).submodule_search_locations[0], folder, ignore=shutil.ignore_patterns("__py*")
+            )
+        self._root = root
+        self.read_anew()
+
+    def read_anew(self):
+        super().__init__({name: self.copies[name] for name in PACKAGES}, cache=self._root / "read.json")
+
+    def with_packages(self, *names):
+        return self._with({name: self.copies[name] for name in names}, {})
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory):
+    return Copied(tmp_path_factory.mktemp("tree"))
+
+
+def key_with(asked, tree):
+    tree.read_anew()
+    return report_key(**{**asked, "tree": tree})
+
+
+CODE = [
+    "vastflow.oracles/page/report.py",
+    "vastflow.oracles/evidence/findings.py",
+    "vastflow.oracles/page/words.py",
+    "vastflow.oracles/figures/palette.py",
+    "vastflow.oracles/statistics/classes.py",
+    "vastflow.flows.results/tables.py",
+    "vastflow.flows.results/campaign_tables.py",
+    "vastflow.flows.results/found.py",
+    "vastflow.flows.results/member_files.py",
+    "vastflow.flows.results/environment.py",
+    "vastflow.flows.results/results.py",
+    "vastflow.flows.request/members.py",
+    "vastflow.producers/coverage.py",
+    "vastflow.sim/blocks.py",
+]
+
+
+@pytest.mark.parametrize("place", CODE)
+def test_the_code_that_writes_tables_figures_and_report_is_in_the_key(asked, tree, place):
+    before = key_with(asked, tree)
+    package, _, name = place.partition("/")
+    file = tree.copies[package] / name
+    text = file.read_text()
+    file.write_text(f"{text}\nADDED = 1\n")
+    assert key_with(asked, tree) != before
+    file.write_text(f"{text}\n# a comment\n")
+    assert key_with(asked, tree) == before
+    file.write_text(text)
+
+
+@pytest.mark.parametrize("suffix", [".j2", ".css", ".js"])
+def test_the_pages_template_style_and_script_are_in_the_key(asked, tree, suffix):
+    before = key_with(asked, tree)
+    (file,) = tree.copies["vastflow.oracles"].rglob(f"report*{suffix}")
+    text = file.read_text()
+    file.write_text(f"{text} ")
+    assert key_with(asked, tree) != before
+    file.write_text(text)
+    assert key_with(asked, tree) == before
