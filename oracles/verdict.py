@@ -1,9 +1,10 @@
 """Verdicts: what an oracle says of one run."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Literal, TypeAlias
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, Literal, TypeAlias
 
 Judgement: TypeAlias = Literal["pass", "fail", "not judged"]
 
@@ -14,6 +15,33 @@ class Metric:
 
     value: float | None
     unit: str
+
+
+class WrittenMetrics(Mapping[str, Metric]):
+    """Metrics as they stand in a file, read when one is asked for: a campaign copies millions that nobody asks for.
+
+    Args:
+        text: As `metrics_text` gives it.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __getitem__(self, name: str) -> Metric:
+        return self._metrics[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._metrics)
+
+    def __len__(self) -> int:
+        return len(self._metrics)
+
+    def __repr__(self) -> str:
+        return repr(self._metrics)
+
+    @cached_property
+    def _metrics(self) -> dict[str, Metric]:
+        return {name: Metric(**metric) for name, metric in json.loads(self.text).items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +69,42 @@ def run_judgement(judgements: Iterable[Judgement]) -> Judgement:
     return "pass" if said == {"pass"} else "not judged"
 
 
-def write_verdicts(verdicts: Sequence[Verdict]) -> bytes:
-    """`verdicts` as canonical JSON: equal verdicts give equal bytes.
+def metrics_text(metrics: Mapping[str, Metric]) -> str:
+    """`metrics` as JSON, by name: `{"time":{"value":1.5,"unit":"s"}}`; the same text for equal ones.
 
     Raises:
         ValueError: a metric that is infinite or not a number; a metric that can't be had is None.
     """
-    rows = [asdict(verdict) for verdict in verdicts]
-    return json.dumps(rows, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    if isinstance(metrics, WrittenMetrics):
+        return metrics.text
+    return _TEXT({name: {"value": metrics[name].value, "unit": metrics[name].unit} for name in sorted(metrics)})
+
+
+def write_verdicts(verdicts: Sequence[Verdict]) -> bytes:
+    """`verdicts` as canonical JSON, the metrics of each a text of its own: equal verdicts give equal bytes.
+
+    Raises:
+        ValueError: as `metrics_text`.
+    """
+    rows = [
+        {
+            "judgement": verdict.judgement,
+            "metrics": metrics_text(verdict.metrics),
+            "oracle": verdict.oracle,
+            "reason": verdict.reason,
+            "run_index": verdict.run_index,
+        }
+        for verdict in verdicts
+    ]
+    return json.dumps(rows, separators=(",", ":")).encode()
 
 
 def read_verdicts(content: bytes) -> list[Verdict]:
     """What `write_verdicts` wrote."""
     return [
-        Verdict(**{**row, "metrics": {name: Metric(**metric) for name, metric in row["metrics"].items()}})
+        Verdict(row["oracle"], row["run_index"], row["judgement"], row["reason"], WrittenMetrics(row["metrics"]))
         for row in json.loads(content)
     ]
+
+
+_TEXT: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode

@@ -19,13 +19,22 @@ _LONG_AGO: Final = (1980, 1, 1, 0, 0, 0)
 def write_table(columns: Columns) -> bytes:
     """A table as one parquet file; equal columns give equal bytes."""
     out = io.BytesIO()
-    pq.write_table(pa.table({name: pa.array(values.tolist(), _type(values)) for name, values in columns.items()}), out)
+    pq.write_table(arrow_table(columns), out)
     return out.getvalue()
 
 
 def read_table(content: bytes) -> dict[str, NDArray[Any]]:
     """What `write_table` wrote."""
-    table = pq.read_table(io.BytesIO(content))
+    return columns_of(pq.read_table(io.BytesIO(content)))
+
+
+def arrow_table(columns: Columns) -> pa.Table:
+    """A table as pyarrow has it."""
+    return pa.table({name: pa.array(values.tolist(), _type(values)) for name, values in columns.items()})
+
+
+def columns_of(table: pa.Table) -> dict[str, NDArray[Any]]:
+    """The columns of what `arrow_table` made; of another table, those of numbers, truth values and texts."""
     return {
         name: np.array(table.column(name).to_pylist(), _DTYPES[str(table.column(name).type)])
         for name in table.column_names
@@ -57,37 +66,6 @@ def read_outputs(content: bytes) -> dict[int, Outputs]:
             else:
                 files.setdefault(run_index, {})[name] = archive.read(entry)
     return {run: Outputs(tables.get(run, {}), files.get(run, {})) for run in sorted({*tables, *files})}
-
-
-def stacked(tables: Mapping[int, Columns]) -> dict[str, NDArray[Any]]:
-    """Tables of equal columns, one of each run, under each other behind a column `run_index`."""
-    names = list(next(iter(tables.values()), {}))
-    lengths = [len(next(iter(table.values()), ())) for table in tables.values()]
-    index = np.repeat(np.array(list(tables), dtype=np.int64), lengths)
-    return {"run_index": index, **{name: np.concatenate([table[name] for table in tables.values()]) for name in names}}
-
-
-def one_table(blocks: Sequence[bytes], runs: int) -> bytes:
-    """Tables of several blocks of runs under each other, as far as they are of runs below `runs`; empty without any.
-
-    The same bytes however the runs were blocked.
-    """
-    if len(blocks) == 1 and _all_below(blocks[0], runs):
-        return blocks[0]
-    parts = [read_table(block) for block in blocks]
-    if not parts:
-        return b""
-    whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    order = np.argsort(whole["run_index"], kind="stable")
-    wanted = order[whole["run_index"][order] < runs]
-    return write_table({name: column[wanted] for name, column in whole.items()})
-
-
-def _all_below(block: bytes, runs: int) -> bool:
-    """Whether a table is of runs below `runs` alone, by its statistics."""
-    metadata = pq.read_metadata(io.BytesIO(block))
-    groups = [metadata.row_group(k).column(0).statistics for k in range(metadata.num_row_groups)]
-    return all(group is not None and group.max is not None and group.max < runs for group in groups)
 
 
 def one_archive(blocks: Sequence[bytes], runs: int) -> bytes:

@@ -12,7 +12,7 @@ from vastflow.sim.digest import Value, digest
 LAYOUT: Final = 1
 """Number of the form in which `vastflow.tasks.work` writes artifacts: a new one makes all of them anew."""
 
-EXECUTE_SOURCE: Final = ("vastflow.sim.run", "vastflow.sim.blocks")
+EXECUTE_SOURCE: Final = ("vastflow.sim.run", "vastflow.sim.behavior_block", "vastflow.sim.blocks")
 OBSERVE_SOURCE: Final = ("vastflow.oracles.observe",)
 JUDGE_SOURCE: Final = ("vastflow.oracles.judge",)
 EVALUATE_SOURCE: Final = ("vastflow.producers.producer",)

@@ -57,10 +57,9 @@ class LocalStore:
 
     def find(self, key: str) -> Artifact | None:
         """See `Store.find`."""
-        place = f"{self.root}/{key}"  # pathlib would take as long as the file system, three times a configuration
+        place = f"{self.root}/{key}"
         try:
-            with open(f"{place}/{MANIFEST}", "rb") as file:
-                artifact = artifact_of(key, file.read())
+            artifact = artifact_of(key, _content(f"{place}/{MANIFEST}"))
             for name, entry in artifact.files.items():
                 if (found := os.stat(f"{place}/{name}").st_size) != entry.size:
                     raise ValueError(f"{name} has {found} of {entry.size} bytes")
@@ -78,7 +77,7 @@ class LocalStore:
     def under(self, key: str) -> tuple[str, ...]:
         """See `Store.under`."""
         try:
-            return tuple(sorted(os.listdir(self.root / key)))
+            return tuple(sorted(os.listdir(f"{self.root}/{key}")))
         except (FileNotFoundError, NotADirectoryError):
             return ()
         except OSError as error:
@@ -87,7 +86,7 @@ class LocalStore:
     def load(self, artifact: Artifact, name: str) -> bytes:
         """See `Store.load`."""
         try:
-            content = (self.root / artifact.key / name).read_bytes()
+            content = _content(f"{self.root}/{artifact.key}/{name}")
         except FileNotFoundError:
             raise Lost(f"{artifact.key}: {name} went away") from None
         except OSError as error:
@@ -107,7 +106,7 @@ class LocalStore:
     def beside(self, key: str, name: str) -> bytes | None:
         """See `Store.beside`."""
         try:
-            return (self.root / key / name).read_bytes()
+            return _content(f"{self.root}/{key}/{name}")
         except OSError:
             return None
 
@@ -241,6 +240,12 @@ def open_local_store(root: Path) -> LocalStore:
     store = LocalStore(root)
     store.sweep()
     return store
+
+
+def _content(path: str) -> bytes:
+    """A file's content; pathlib and a buffer would take as long as the file system, several times a configuration."""
+    with open(path, "rb", buffering=0) as file:
+        return file.read()
 
 
 def _stat(path: str) -> os.stat_result | None:

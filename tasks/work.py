@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
 
 RECORDINGS: Final = "recordings.parquet"
-BEHAVIORS: Final = "behaviors.parquet"
+BEHAVIORS: Final = "behaviors.arrow"
 OUTPUTS: Final = "outputs.zip"
 TRACES: Final = "traces.parquet"
 VERDICTS: Final = "verdicts.json"
@@ -187,11 +187,12 @@ def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[s
 
 def _files(recordings: "Sequence[Recording]") -> dict[str, bytes]:
     """A block's recordings, the behaviours of their scenarios, and what their programs wrote, if anything."""
-    from vastflow.sim.archive import stacked, write_outputs, write_table
+    from vastflow.sim.archive import write_outputs
+    from vastflow.sim.behavior_block import write_behaviors
     from vastflow.sim.blocks import write_recordings
 
-    behaviors = stacked({recording.run.run_index: recording.behaviors for recording in recordings})
-    files = {RECORDINGS: write_recordings(recordings), BEHAVIORS: write_table(behaviors)}
+    behaviors = write_behaviors({recording.run.run_index: recording.behaviors for recording in recordings})
+    files = {RECORDINGS: write_recordings(recordings), BEHAVIORS: behaviors}
     outputs = {r.run.run_index: r.outputs for r in recordings if r.outputs.tables or r.outputs.files}
     return {**files, OUTPUTS: write_outputs(outputs)} if outputs else files
 

@@ -1,6 +1,5 @@
 """The tables of a campaign's runs, written as configurations come in, so that few runs are in memory at a time."""
 
-import io
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -9,7 +8,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Final, Self
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -25,8 +23,8 @@ from vastflow.flows.results.tables import (
     configuration_row,
     exclusion_row,
     rejection_row,
-    run_table_row,
-    verdict_row,
+    run_columns,
+    verdict_columns,
     write_table,
 )
 from vastflow.oracles.directory.behaviors import BEHAVIORS_FILE, CONFIGURATION
@@ -34,7 +32,7 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Judgement, Verdict, run_judgement
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
-from vastflow.sim import archive
+from vastflow.sim.behavior_block import behaviors_below, read_behaviors
 from vastflow.sim.blocks import read_rows
 
 LOGS_FILE: Final = "logs/runs.jsonl"
@@ -86,9 +84,9 @@ class CampaignTables:
         runs = runs_of(self._runs, configuration.name)
         rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
         wanted = [rows[index] for index in sorted(rows) if index < runs]
-        self._run_rows.add([run_table_row(configuration, row) for row in wanted])
+        self._run_rows.add_columns(run_columns(configuration, wanted))
         verdicts = complete(found, runs, self._oracles)
-        self._verdict_rows.add([verdict_row(configuration, verdict) for verdict in verdicts])
+        self._verdict_rows.add_columns(verdict_columns(configuration, verdicts))
         self._count(verdicts)
         self._behaviors.add(configuration.name, found, runs)
         self._logs.add(configuration.name, found.logs)
@@ -155,12 +153,11 @@ class _BehaviorWriter:
     def add(self, configuration: str, found: Found, runs: int) -> None:
         """Add the behaviours of one configuration's wanted runs."""
         blocks = found.behaviors
-        content = blocks[0] if found.exact and blocks else archive.one_table(_once(blocks), runs)
-        if not content:
+        table = read_behaviors(blocks[0]) if found.exact and blocks else behaviors_below(blocks, runs)
+        if table is None:
             return
-        table = pq.ParquetFile(io.BytesIO(content), pre_buffer=False).read(use_threads=False)
         names = pa.repeat(pa.scalar(configuration), table.num_rows)
-        self._tables.append(table.replace_schema_metadata(None).add_column(0, CONFIGURATION, names))
+        self._tables.append(table.add_column(0, CONFIGURATION, names))
         self._rows += table.num_rows
         if self._rows >= _BEHAVIORS_A_GROUP:
             self._flush()
@@ -173,20 +170,6 @@ class _BehaviorWriter:
         if self._writer is None:
             self._writer = pq.ParquetWriter(self._path, whole.schema, compression="zstd")
         self._writer.write_table(whole.cast(self._writer.schema), row_group_size=whole.num_rows or None)
-
-
-def _once(blocks: Sequence[bytes]) -> Sequence[bytes]:
-    """Blocks of behaviours, each without the runs that an earlier one has: campaigns may have cut the same runs differently."""
-    if len(blocks) < 2:
-        return blocks
-    parts = []
-    seen: set[int] = set()
-    for columns in map(archive.read_table, blocks):
-        runs = columns["run_index"]
-        new = ~np.isin(runs, sorted(seen))
-        parts.append(archive.write_table({name: column[new] for name, column in columns.items()}))
-        seen.update(runs.tolist())
-    return parts
 
 
 def write_instantiation(place: Path, instantiation: Instantiation) -> None:

@@ -1,5 +1,6 @@
 """The campaign directory's tables: their columns, and rows written as parquet."""
 
+import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,11 +11,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vastflow.oracles.verdict import Verdict
+from vastflow.oracles.verdict import Verdict, metrics_text
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.digest import FileContent, Value
 
 Row = Mapping[str, Any]
+Columns = Mapping[str, Sequence[Any]]
+"""Name to the values of rows, as many in each."""
 
 _ROWS_A_GROUP: Final = 8192
 _PLAIN_TEXT: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode
@@ -122,37 +125,37 @@ def exclusion_row(excluded: ExcludedInstance) -> Row:
     }
 
 
-def run_table_row(configuration: Configuration, run: Row) -> Row:
-    """A row of `runs.parquet`, from a run's row in a block."""
-    copied = {name: run[name] for name in RUNS.names if name in run}
-    contacts = sum(event["kind"] == "contact" for event in run["events"])
-    return {"configuration": configuration.name, "family": configuration.family, **copied, "contacts": contacts}
-
-
-def verdict_row(configuration: Configuration, verdict: Verdict) -> Row:
-    """A row of `verdicts.parquet`."""
-    metrics = {name: {"value": metric.value, "unit": metric.unit} for name, metric in verdict.metrics.items()}
+def run_columns(configuration: Configuration, runs: Sequence[Row]) -> Columns:
+    """Columns of `runs.parquet`, from rows of a configuration's runs in a block."""
+    copied = {name: [run.get(name) for run in runs] for name in RUNS.names}
     return {
-        "configuration": configuration.name,
-        "family": configuration.family,
-        "run_index": verdict.run_index,
-        "oracle": verdict.oracle,
-        "judgement": verdict.judgement,
-        "reason": verdict.reason,
-        "metrics": _PLAIN_TEXT(metrics) if _finite(verdict) else json_text(metrics),
+        **copied,
+        "configuration": [configuration.name] * len(runs),
+        "family": [configuration.family] * len(runs),
+        "contacts": [sum(event["kind"] == "contact" for event in run["events"]) for run in runs],
     }
 
 
-def _finite(verdict: Verdict) -> bool:
-    return all(metric.value is None or math.isfinite(metric.value) for metric in verdict.metrics.values())
+def verdict_columns(configuration: Configuration, verdicts: Sequence[Verdict]) -> Columns:
+    """Columns of `verdicts.parquet`."""
+    return {
+        "configuration": [configuration.name] * len(verdicts),
+        "family": [configuration.family] * len(verdicts),
+        "run_index": [verdict.run_index for verdict in verdicts],
+        "oracle": [verdict.oracle for verdict in verdicts],
+        "judgement": [verdict.judgement for verdict in verdicts],
+        "reason": [verdict.reason for verdict in verdicts],
+        "metrics": [metrics_text(verdict.metrics) for verdict in verdicts],
+    }
 
 
 class TableWriter:
-    """Writes rows as parquet with the columns of `schema`, some thousand at a time; a key a row lacks is null."""
+    """Writes parquet with the columns of `schema`, some thousand rows at a time; what a row lacks is null."""
 
     def __init__(self, path: Path, schema: pa.Schema) -> None:
         self._schema = schema
-        self._rows: list[Row] = []
+        self._waiting: dict[str, list[Any]] = {name: [] for name in schema.names}
+        self._rows = 0
         self._writer = pq.ParquetWriter(path, schema, compression="zstd")
 
     def __enter__(self) -> Self:
@@ -163,21 +166,29 @@ class TableWriter:
             self._write(self._rows)
         self._writer.close()
 
-    def add(self, rows: Iterable[Row]) -> None:
+    def add(self, rows: Sequence[Row]) -> None:
         """Add rows; how they come together is not in the file."""
-        self._rows += rows
-        while len(self._rows) >= _ROWS_A_GROUP:
-            self._write(self._rows[:_ROWS_A_GROUP])
-            del self._rows[:_ROWS_A_GROUP]
-
-    def _write(self, rows: Sequence[Row]) -> None:
         if unexpected := {name for row in rows for name in row}.difference(self._schema.names):
             raise ValueError(f"unexpected field {min(unexpected)!r}; one of {', '.join(self._schema.names)}")
-        columns = [_column([row.get(field.name) for row in rows], field.type) for field in self._schema]
-        self._writer.write_table(pa.Table.from_arrays(columns, schema=self._schema))
+        self.add_columns({name: [row.get(name) for row in rows] for name in self._schema.names})
+
+    def add_columns(self, columns: Columns) -> None:
+        """Add rows that stand in columns, all of them."""
+        for name, waiting in self._waiting.items():
+            waiting += columns[name]
+        self._rows = len(self._waiting[self._schema.names[0]])
+        while self._rows >= _ROWS_A_GROUP:
+            self._write(_ROWS_A_GROUP)
+
+    def _write(self, rows: int) -> None:
+        arrays = [_array(self._waiting[field.name][:rows], field.type) for field in self._schema]
+        self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
+        for waiting in self._waiting.values():
+            del waiting[:rows]
+        self._rows -= rows
 
 
-def _column(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
+def _array(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
     """Texts or numbers, None for null, as an array. Built by hand, because `pyarrow.array` imports pandas (0.4 s)."""
     if pa.types.is_string(kind):
         builder = pa.lib.StringBuilder()
@@ -189,11 +200,21 @@ def _column(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
     return pa.Array.from_buffers(kind, len(values), [pa.py_buffer(bits), pa.py_buffer(numbers)])
 
 
+def column_table(schema: pa.Schema, parts: Iterable[Columns]) -> pa.Table:
+    """Rows that stand in columns, under each other, as a table."""
+    whole: dict[str, list[Any]] = {name: [] for name in schema.names}
+    for part in parts:
+        for name, values in whole.items():
+            values += part[name]
+    return pa.Table.from_pydict(whole, schema=schema)
+
+
 def write_table(path: Path, schema: pa.Schema, rows: Iterable[Row]) -> None:
     """Write `rows` as parquet, see `TableWriter`."""
+    waiting = iter(rows)
     with TableWriter(path, schema) as writer:
-        for row in rows:
-            writer.add([row])
+        while some := list(itertools.islice(waiting, _ROWS_A_GROUP)):
+            writer.add(some)
 
 
 def json_text(value: Value) -> str:

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from vastflow.flows.results.found import RunFault
-from vastflow.flows.results.tables import RUNS, run_table_row
+from vastflow.flows.results.tables import RUNS, column_table, run_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text, number
 from vastflow.sim.blocks import read_rows
 from vastflow.tasks.keys import Keys
@@ -57,14 +57,15 @@ class Recordings:
             UnknownConfiguration: there is none of this name.
             Lost: something is no longer in the store or damaged; `execute` computes it again.
         """
-        from vastflow.sim.archive import read_outputs, read_table
+        from vastflow.sim.archive import columns_of, read_outputs
+        from vastflow.sim.behavior_block import read_behaviors
         from vastflow.sim.blocks import read_recordings
         from vastflow.sim.process.outputs import Outputs
 
         store = self.configurations.opened.store
         found = {}
         for block in self.blocks[self.configurations.executed_as(name).name]:
-            behaviors = read_table(store.read(block.key, BEHAVIORS))
+            behaviors = columns_of(read_behaviors(store.read(block.key, BEHAVIORS)))
             written = read_outputs(outputs) if (outputs := outputs_of(store, block)) else {}
             for recording in read_recordings(store.read(block.key, RECORDINGS)):
                 index = recording.run.run_index
@@ -79,13 +80,14 @@ class Recordings:
         Raises:
             Lost: as `of`.
         """
-        store, rows = self.configurations.opened.store, []
-        for name, blocks in self.blocks.items():
-            found = {row["run_index"]: row for block in blocks for row in read_rows(store.read(block.key, RECORDINGS))}
-            rows += [
-                run_table_row(self.configurations[name], found[index]) for index in sorted(found) if index < self.runs
-            ]
-        return pa.Table.from_pylist(rows, schema=RUNS)
+        return column_table(RUNS, (run_columns(self.configurations[name], self._rows(name)) for name in self.blocks))
+
+    def _rows(self, name: str) -> list[dict[str, Any]]:
+        """Rows of a configuration's wanted runs, in order."""
+        store = self.configurations.opened.store
+        blocks = (store.read(block.key, RECORDINGS) for block in self.blocks[name])
+        found = {row["run_index"]: row for block in blocks for row in read_rows(block)}
+        return [found[index] for index in sorted(found) if index < self.runs]
 
 
 def outputs_of(store: Store, block: Block) -> bytes | None:

@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from vastflow.flows.results.found import ConfigurationResult, RunFault, complete
 from vastflow.flows.results.tables import VERDICTS as COLUMNS
-from vastflow.flows.results.tables import verdict_row
+from vastflow.flows.results.tables import column_table, verdict_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text, number
 from vastflow.flows.stages.traces import Traces
 from vastflow.oracles.evidence.rates import Counts, counts_of
@@ -104,8 +104,9 @@ class Verdicts:
         Raises:
             Lost: as `of`.
         """
-        rows = [verdict_row(self.configurations[name], verdict) for name in self.blocks for verdict in self.of(name)]
-        return pa.Table.from_pylist(rows, schema=COLUMNS)
+        return column_table(
+            COLUMNS, (verdict_columns(self.configurations[name], self.of(name)) for name in self.blocks)
+        )
 
     def metrics(self) -> pa.Table:
         """A row for each run, oracle and metric; a value that could not be had is null.

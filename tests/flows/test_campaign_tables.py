@@ -15,7 +15,7 @@ from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.configuration import Configuration
-from vastflow.sim.archive import stacked, write_table
+from vastflow.sim.behavior_block import write_behaviors
 from vastflow.sim.scenario import Scenario
 
 NAMES = ("room-1", "room-2", "room-3")
@@ -31,7 +31,7 @@ def log(first, stop):
 
 
 def behaviors(runs):
-    return write_table(stacked({k: {"t_s": np.array([0.5 * k]), "name": np.array(["drive"], object)} for k in runs}))
+    return write_behaviors({k: {"t_s": np.array([0.5 * k]), "name": np.array(["drive"], object)} for k in runs})
 
 
 def found_of(*blocks, judgement="pass", exact=False):

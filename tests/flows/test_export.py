@@ -22,7 +22,8 @@ from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.archive import stacked, table, write_outputs, write_table
+from vastflow.sim.archive import table, write_outputs
+from vastflow.sim.behavior_block import write_behaviors
 from vastflow.sim.blocks import write_recordings
 from vastflow.sim.maps import load_map
 from vastflow.sim.process.outputs import Outputs
@@ -93,7 +94,7 @@ def whole():
     return ConfigurationResult(
         recordings=[write_recordings([recording(0), recording(1)])],
         verdicts=verdicts,
-        behaviors=[write_table(stacked(ran))],
+        behaviors=[write_behaviors(ran)],
         outputs=[write_outputs({0: OUTPUTS})],
         logs=[log_block({0: PROGRAM, 1: SIMULATED})],
     )

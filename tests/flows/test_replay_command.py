@@ -27,7 +27,7 @@ from vastflow.flows.results.summary import Work
 from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.archive import stacked, write_table
+from vastflow.sim.behavior_block import write_behaviors
 from vastflow.sim.blocks import read_recordings, write_recordings
 from vastflow.sim.digest import FileContent
 from vastflow.sim.nav.parameters.chosen import parameters_of
@@ -76,7 +76,7 @@ def campaign_directory(folder, text, recordings_of):
     def found(configuration):
         recordings = recordings_of(configuration.scenario)
         verdicts = [Verdict("success", k, "fail") for k in range(RUNS)]
-        behaviors = write_table(stacked({each.run.run_index: each.behaviors for each in recordings}))
+        behaviors = write_behaviors({each.run.run_index: each.behaviors for each in recordings})
         return ConfigurationResult([write_recordings(recordings)], [], verdicts, behaviors=[behaviors])
 
     results = write_results(

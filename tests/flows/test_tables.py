@@ -15,11 +15,11 @@ from vastflow.flows.results.tables import (
     configuration_row,
     json_text,
     rejection_row,
-    run_table_row,
-    verdict_row,
+    run_columns,
+    verdict_columns,
     write_table,
 )
-from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.oracles.verdict import Metric, Verdict, read_verdicts, write_verdicts
 from vastflow.producers.configuration import Configuration, RejectedInstance, Step
 from vastflow.sim.digest import FileContent
 from vastflow.sim.scenario import Scenario
@@ -97,15 +97,18 @@ def test_a_run_is_written_with_its_contacts_counted():
         "missed_goals": 0,
         "events": [{"kind": "contact"}, {"kind": "recovery"}, {"kind": "contact"}],
     }
-    row = run_table_row(CONFIGURATION, run)
-    assert list(row) == RUNS.names
-    assert (row["configuration"], row["family"], row["contacts"]) == ("rooms-1", "rooms", 2)
+    columns = run_columns(CONFIGURATION, [run, {**run, "run_index": 3, "events": []}])
+    assert list(columns) == RUNS.names
+    assert (columns["configuration"], columns["family"]) == (["rooms-1"] * 2, ["rooms"] * 2)
+    assert (columns["run_index"], columns["error_code"], columns["contacts"]) == ([2, 3], [103, 103], [2, 0])
 
 
 def test_a_verdict_is_written_with_its_metrics_and_units():
-    row = verdict_row(CONFIGURATION, Verdict("safety", 1, "fail", "too near", {"separation": Metric(0.2, "m")}))
-    assert list(row) == VERDICTS.names
-    assert row["metrics"] == '{"separation":{"value":0.2,"unit":"m"}}'
+    verdict = Verdict("safety", 1, "fail", "too near", {"separation": Metric(0.2, "m")})
+    columns = verdict_columns(CONFIGURATION, [verdict, *read_verdicts(write_verdicts([verdict]))])
+    assert list(columns) == VERDICTS.names
+    assert columns["metrics"] == ['{"separation":{"value":0.2,"unit":"m"}}'] * 2
+    assert columns["reason"] == ["too near"] * 2
 
 
 def test_a_rejection_is_written_with_what_was_requested():

@@ -1,0 +1,62 @@
+"""The behaviours of a block's runs: they come back as they were, however the runs were cut."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.sim.archive import columns_of
+from vastflow.sim.behavior_block import behaviors_below, read_behaviors, write_behaviors
+
+TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=9)
+TABLES = st.lists(st.tuples(st.floats(allow_nan=False), st.integers(-5, 5), TEXTS), max_size=4)
+
+
+def table(rows):
+    t_s, behavior, names = zip(*rows, strict=True) if rows else ((), (), ())
+    return {
+        "t_s": np.array(t_s, dtype=float),
+        "behavior": np.array(behavior, dtype=int),
+        "name": np.array(names, dtype=object),
+    }
+
+
+def rows_of(found):
+    return list(zip(*(column.tolist() for column in columns_of(found).values()), strict=True))
+
+
+def stacked(runs):
+    return [(run, *row) for run in sorted(runs) for row in runs[run]]
+
+
+@given(st.dictionaries(st.integers(0, 30), TABLES, min_size=1, max_size=4))
+def test_what_was_written_comes_back_behind_the_index_of_its_run(runs):
+    block = write_behaviors({run: table(runs[run]) for run in sorted(runs)})
+    assert rows_of(read_behaviors(block)) == stacked(runs)
+
+
+@given(st.lists(TABLES, min_size=1, max_size=6), st.data())
+def test_runs_are_there_once_and_in_order_however_they_were_cut(tables, data):
+    runs = dict(enumerate(tables))
+    cuts = data.draw(st.lists(st.sets(st.sampled_from(sorted(runs)), min_size=1), max_size=4))
+    wanted = data.draw(st.integers(1, len(runs) + 1))
+    blocks = [write_behaviors({run: table(runs[run]) for run in sorted(cut)}) for cut in cuts]
+    found = behaviors_below(blocks, wanted)
+    there = set().union(*cuts)
+    expected = stacked({run: rows for run, rows in runs.items() if run in there and run < wanted})
+    assert ([] if found is None else rows_of(found)) == expected
+
+
+def test_without_a_block_there_are_none():
+    assert behaviors_below([], 3) is None
+
+
+def test_equal_behaviours_have_equal_bytes():
+    rows = [(0.5, 1, "drive"), (1.0, 2, "wait")]
+    assert write_behaviors({0: table(rows)}) == write_behaviors({0: table(rows)})
+
+
+@pytest.mark.parametrize("damaged", [b"", b"PAR1", b"x 12", b"12"])
+def test_what_is_no_block_of_behaviours_is_refused(damaged):
+    with pytest.raises((ValueError, OSError)):
+        read_behaviors(damaged)
