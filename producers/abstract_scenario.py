@@ -11,11 +11,11 @@ from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.producers.vast.document import Document
 from vastflow.sim.abstract import BUILTIN, SHIPPED, AbstractError, content_of, definition_of
 from vastflow.sim.behaviour.support import unsupported
+from vastflow.sim.behaviour.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.osc.definition import ScenarioDefinition
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
-from vastflow.sim.run import ACTIONS, WORLDLY
 from vastflow.sim.script import calls_of, overrides_of
 
 WHERE: Final[Location] = ("execution", "scenario_file")

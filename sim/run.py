@@ -20,6 +20,7 @@ from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
 from vastflow.sim.behaviour.navigation import NAVIGATION
 from vastflow.sim.behaviour.stand_ins import stand_ins
 from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behaviour.vocabulary import WORLDLY
 from vastflow.sim.behaviour.world import in_world
 from vastflow.sim.closed_loop import ClosedLoop
 from vastflow.sim.digest import FileContent
@@ -53,12 +54,6 @@ BEHAVIORS: Final[Mapping[str, type]] = {
     "column": int,
 }
 """Columns of the `behaviors` table: a row for each node at t = 0 and for each change of its status; the root's parent is -1."""
-
-ACTIONS: Final = frozenset({*HELPERS, *ENTITIES, *NAVIGATION, *PROCESSES, *stand_ins({})})
-"""Names of the actions that a scenario may use."""
-
-WORLDLY: Final = frozenset({*ENTITIES, *NAVIGATION}) - stand_ins({}).keys()
-"""Those that need a robot in a world."""
 
 _SCENARIO_STREAM: Final = 0x5CE
 """Sets the numbers that a scenario draws apart from those of the robot's subsystems."""

@@ -65,8 +65,8 @@ def _read(file: Path) -> "tuple[ScenarioDefinition, ...]":
 def _lacking(definitions: "Sequence[ScenarioDefinition]") -> "list[OscFault]":
     """What the scenarios do that can't be done here."""
     from vastflow.sim.behaviour.support import unsupported
+    from vastflow.sim.behaviour.vocabulary import ACTIONS
     from vastflow.sim.osc.faults import OscFault
-    from vastflow.sim.run import ACTIONS
 
     return [
         OscFault(found.place, f"{found.name} can't be run here", found.reason)

@@ -55,7 +55,7 @@ class Found(Protocol):
 
     @property
     def behaviors(self) -> Sequence[bytes]:
-        """Blocks of the scenarios' behaviours, as `vastflow.sim.archive` has them."""
+        """Blocks of the scenarios' behaviours, as `vastflow.sim.behavior_block` has them."""
 
     @property
     def outputs(self) -> Sequence[bytes]:

@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from vastflow.producers.configuration import Partial
 from vastflow.producers.constraints.operations import NotEvaluable
 from vastflow.producers.places.ground import MAP_KEY, ground_of
+from vastflow.producers.places.lengths import shortest_path
 from vastflow.producers.places.stops import (
     GOAL_KEY,
     GOALS_KEY,
@@ -26,7 +26,6 @@ from vastflow.producers.producer import Producer
 from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.maps import OccupancyMap, load_map
-from vastflow.sim.octile import shortest_path
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 
 MOST_MAPS: Final = 4
@@ -101,6 +100,8 @@ class Quantities:
     def _distance_m(self, map_file: FileContent) -> tuple[OccupancyMap, NDArray[np.float64]]:
         if map_file.digest not in self._walls:
             occupancy = load_map(map_file.path)
+            from scipy import ndimage
+
             cells = ndimage.distance_transform_edt(~occupancy.occupied)
             # From the centre of a cell to the near side of the wall's cell.
             metres = np.maximum(cells - 0.5, 0.0) * occupancy.resolution_m

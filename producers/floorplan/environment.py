@@ -16,7 +16,6 @@ import platformdirs
 
 from vastflow.producers.floorplan.building import Building
 from vastflow.producers.floorplan.grid import Grid
-from vastflow.producers.floorplan.mesh import mesh_of, stl
 from vastflow.producers.floorplan.plan import Outline
 from vastflow.sim.digest import FileContent, digest
 
@@ -56,6 +55,8 @@ class Environment:
 
 def environment_of(building: Building, grid: Grid, text: str, provenance: Mapping[str, Any]) -> Environment:
     """The environment of a building, `text` being its plan."""
+    from vastflow.producers.floorplan.mesh import mesh_of, stl  # scipy takes a fifth of a second
+
     files = {
         MAP: grid.header(PICTURE),
         PICTURE: grid.picture(),

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
 from pydantic_core import PydanticCustomError
-from scipy import ndimage
 
 from vastflow.producers.configuration import Rejection
 from vastflow.producers.places.map_search import MapSearch
-from vastflow.sim import octile
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.maps import MapError, OccupancyMap, load_map
 
@@ -53,6 +51,10 @@ def ground_of(map_file: FileContent, robot_diameter_m: float) -> Ground:
     Raises:
         MapError: the file can't be read any more, or holds another map than when the campaign was read.
     """
+    from scipy import ndimage  # half a second with what follows, see `vastflow.producers.places.lengths`
+
+    from vastflow.sim import octile
+
     occupancy = _occupancy_of(map_file)
     passable = octile.passable(occupancy, robot_diameter_m / 2)
     labels, _ = ndimage.label(passable, EIGHT_NEIGHBOURS)

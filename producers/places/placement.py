@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
 
@@ -143,6 +142,8 @@ def _connected(site: Site, passable: NDArray[np.bool_]) -> bool:
 
 
 def _joined(passable: NDArray[np.bool_], cells: NDArray[np.int64]) -> bool:
+    from scipy import ndimage
+
     labels, _ = ndimage.label(passable, EIGHT_NEIGHBOURS)
     numbers = labels[cells[:, 0], cells[:, 1]]
     return bool(numbers[0] > 0 and np.all(numbers == numbers[0]))
@@ -192,6 +193,8 @@ def _radius_cells(ground: Ground) -> float:
 
 def without(passable: NDArray[np.bool_], covered: NDArray[np.int64], radius_cells: float) -> NDArray[np.bool_]:
     """`passable` (H, W) less the cells within `radius_cells` of `covered` (K, 2): as `octile.inflated_free` has it."""
+    from scipy import ndimage
+
     margin = math.ceil(radius_cells) + 1
     corner = np.maximum(covered.min(axis=0) - margin, 0)
     far_corner = np.minimum(covered.max(axis=0) + margin + 1, passable.shape)

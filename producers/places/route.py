@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.producers.places.ground import Ground
-from vastflow.sim import octile
+from vastflow.producers.places.lengths import descend, distance_field
 
 Cell = tuple[int, int]
 
@@ -86,8 +86,8 @@ def corners(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def shortest_leg(ground: Ground, start: Cell, end: Cell) -> Leg | None:
     """The shortest leg between two passable cells; None where they are not connected."""
-    field = octile.distance_field(ground.passable, *end)
-    return leg_of(ground, octile.descend(field, *start)) if math.isfinite(field[start]) else None
+    field = distance_field(ground.passable, *end)
+    return leg_of(ground, descend(field, *start)) if math.isfinite(field[start]) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ class Reach:
 
     def leg_to(self, end: Cell) -> Leg:
         """The leg to a cell that is reached."""
-        way = octile.descend(self.field, end[0] - self.corner[0], end[1] - self.corner[1])[::-1]
+        way = descend(self.field, end[0] - self.corner[0], end[1] - self.corner[1])[::-1]
         return leg_of(self.ground, way + np.array(self.corner))
 
 
@@ -134,7 +134,7 @@ def reach_of(ground: Ground, start: Cell, limit_m: float) -> Reach:
     side = math.ceil(min(limit_cells, sum(ground.passable.shape))) + 1
     top, left = max(start[0] - side, 0), max(start[1] - side, 0)
     window = ground.passable[top : start[0] + side + 1, left : start[1] + side + 1]
-    field = octile.distance_field(window, start[0] - top, start[1] - left, limit_cells)
+    field = distance_field(window, start[0] - top, start[1] - left, limit_cells)
     return Reach(ground, start, (top, left), field)
 
 
@@ -169,7 +169,7 @@ def draw_legs(ground: Ground, start: Cell, n: int, request: LegRequest, rng: np.
 
 def farthest_m(ground: Ground, start: Cell) -> float:
     """Length (m) of the longest shortest path from `start`."""
-    field = octile.distance_field(ground.passable, *start)
+    field = distance_field(ground.passable, *start)
     return float(np.max(field, where=np.isfinite(field), initial=0.0)) * ground.occupancy.resolution_m
 
 
@@ -249,7 +249,7 @@ class StartSearch:
         resolution_m = ground.occupancy.resolution_m
         rows, columns = ground.cells[:, 0], ground.cells[:, 1]
         row, column = self._cell(start)
-        distance_m = octile.distance_field(ground.passable, row, column)[rows, columns] * np.float64(resolution_m)
+        distance_m = distance_field(ground.passable, row, column)[rows, columns] * np.float64(resolution_m)
         straight_m = np.hypot(rows - row, columns - column) * resolution_m
         slack_m = np.maximum(
             np.abs(distance_m - request.length_m) - request.tolerance_m, request.min_distance_m - straight_m

@@ -8,6 +8,7 @@ import numpy as np
 
 from vastflow.producers.configuration import Rejection
 from vastflow.producers.places.ground import ground_of, map_key, map_of
+from vastflow.producers.places.lengths import shortest_path
 from vastflow.producers.places.placement import Site
 from vastflow.producers.places.stops import (
     GOAL_KEY,
@@ -22,7 +23,6 @@ from vastflow.producers.places.stops import (
 )
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.obstacle import Obstacle, obstacle_of
-from vastflow.sim.octile import shortest_path
 from vastflow.sim.pose import Pose
 
 LIST_KEY: Final = "static_objects"

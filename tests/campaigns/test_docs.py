@@ -29,11 +29,12 @@ from vastflow.sim.abstract import BUILTIN, SHIPPED
 from vastflow.sim.behaviour.modifier import MODIFIERS
 from vastflow.sim.behaviour.stand_ins import stand_ins
 from vastflow.sim.behaviour.support import unsupported
+from vastflow.sim.behaviour.vocabulary import ACTIONS
 from vastflow.sim.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.osc.libraries import library, library_names
 from vastflow.sim.osc.reading import read_scenarios
 from vastflow.sim.recording import Outcome
-from vastflow.sim.run import ACTIONS, run
+from vastflow.sim.run import run
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "campaigns" / "quickstart" / "maps"

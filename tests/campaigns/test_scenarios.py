@@ -21,9 +21,10 @@ from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.abstract import BUILTIN, SHIPPED, content_of, definition_digest, definition_of
 from vastflow.sim.behaviour.support import unsupported
+from vastflow.sim.behaviour.vocabulary import ACTIONS
 from vastflow.sim.blocks import write_recordings
 from vastflow.sim.pose import pose_of
-from vastflow.sim.run import ACTIONS, run
+from vastflow.sim.run import run
 from vastflow.tasks.keys import Keys
 
 SCENARIOS = Path(__file__).parents[2] / "campaigns" / "scenarios"

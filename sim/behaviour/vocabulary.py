@@ -1,0 +1,28 @@
+"""Names of the actions that a scenario may use, known without the simulator that the actions move."""
+
+from typing import Final
+
+from vastflow.sim.behaviour.helpers import HELPERS
+from vastflow.sim.behaviour.stand_ins import stand_ins
+from vastflow.sim.process.actions import PROCESSES
+
+WORLDLY: Final = frozenset(
+    {
+        "spawn_multiple",
+        "actor_exists",
+        "osc_actor.spawn",
+        "osc_actor.relative_spawn",
+        "osc_actor.delete",
+        "delete_entity",
+        "differential_drive_robot.init_nav2",
+        "differential_drive_robot.nav_to_pose",
+        "differential_drive_robot.nav_through_poses",
+        "differential_drive_robot.follow_waypoints",
+        "differential_drive_robot.odometry_distance_traveled",
+        "differential_drive_robot.tf_close_to",
+    }
+)
+"""Those that need a robot in a world."""
+
+ACTIONS: Final = frozenset({*HELPERS, *WORLDLY, *PROCESSES, *stand_ins({})})
+"""All of them."""
