@@ -1,5 +1,6 @@
 """What a campaign file gives the programs of its runs: files, environment, commands before and after."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -9,7 +10,7 @@ from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.spec import ExecutionSpec
 from vastflow.sim.process.actions import PROCESSES
 from vastflow.sim.process.folder import RunFileError, files_matching, unmatched
-from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.process.setup import ProcessSetup, RunFiles
 from vastflow.sim.script import calls_of
 
 KEYS: Final = ("run_files", "env", "pre_command", "post_command")
@@ -35,7 +36,7 @@ def programs_of(
         if path and "/" in path and not Path(path).is_absolute() and not (base / path).is_file()
     ]
     try:
-        files = files_matching(base, patterns)
+        files = run_files(base, patterns)
     except RunFileError as error:
         what, _, right = str(error).partition("; ")
         return None, [], [*faults, document.fault(("execution", "run_files"), what, right)]
@@ -46,6 +47,23 @@ def programs_of(
     environment = {name: _text(value) for entry in execution.env for name, value in entry.items()}
     setup = ProcessSetup(base, files, environment, execution.pre_command or "", execution.post_command or "")
     return setup, notes, faults
+
+
+def run_files(base: Path, patterns: Sequence[str]) -> RunFiles:
+    """The files below the campaign file's folder that match one of `patterns`, see `files_matching`.
+
+    What campaigns have left there, their directories and exports of them, is not looked at: with copies of its own files in
+    them a campaign would be another one after each run of it.
+
+    Raises:
+        RunFileError: a pattern that can't be used.
+    """
+    return files_matching(base, patterns, _is_left_by_a_campaign)
+
+
+def _is_left_by_a_campaign(folder: Path) -> bool:
+    written = all((folder / name).is_file() for name in ("campaign.vast", "metadata.json"))
+    return written or (folder / "_config" / "campaign.vast").is_file()
 
 
 def _starts_programs(abstract: AbstractScenario) -> bool:

@@ -3,7 +3,7 @@
 import os
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -19,18 +19,23 @@ class RunFileError(ValueError):
     """A pattern that can't be used, or a file that isn't what it was when the scenario was made."""
 
 
-def files_matching(folder: Path, patterns: Sequence[str]) -> RunFiles:
+def files_matching(
+    folder: Path, patterns: Sequence[str], leave_out: Callable[[Path], bool] = lambda folder: False
+) -> RunFiles:
     """The files below `folder` that match one of `patterns`, by path.
 
     `*` and `?` match within a name, `[abc]` one character, `**` any number of folders or, as the last part, everything
     below. A pattern without `/` also matches the name of a file in any folder. Names that begin with a dot are matched
     by a dot only. Folders that are links are not entered; a link to a file is the file.
 
+    Args:
+        leave_out: Says of a folder below `folder` whether it is not entered either.
+
     Raises:
         RunFileError: an absolute pattern, or one that leaves `folder`.
     """
     tests = [_pattern(pattern) for pattern in patterns]
-    matching = sorted(path for path in _paths(folder) if any(test.fullmatch(path) for test in tests))
+    matching = sorted(path for path in _paths(folder, leave_out) if any(test.fullmatch(path) for test in tests))
     return tuple((path, FileContent(str(folder / path), file_digest(folder / path))) for path in matching)
 
 
@@ -59,9 +64,9 @@ def copy_in(files: RunFiles, folder: Path) -> None:
         target.chmod(target.stat().st_mode | 0o200)
 
 
-def _paths(folder: Path) -> Iterator[str]:
+def _paths(folder: Path, leave_out: Callable[[Path], bool]) -> Iterator[str]:
     for parent, folders, names in os.walk(folder):
-        folders[:] = [name for name in folders if name != _NEVER]
+        folders[:] = [name for name in folders if name != _NEVER and not leave_out(Path(parent, name))]
         for name in names:
             path = Path(parent, name)
             if path.is_file():

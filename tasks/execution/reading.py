@@ -10,8 +10,10 @@ import yaml
 
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.faults import CampaignError, Fault, Location, did_you_mean, shown
+from vastflow.producers.programs import run_files
 from vastflow.producers.vast.document import EXPONENT
 from vastflow.producers.vast.spec import Resources
+from vastflow.sim.process.folder import RunFileError
 from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of
 from vastflow.tasks.execution.memory import memory_bytes
 
@@ -129,9 +131,8 @@ class _Reader:
                 self._fault(location, f"found {pattern!r}", "a pattern of files below the campaign file's folder")
                 continue
             try:
-                matches = folder.glob(pattern) if "/" in pattern else folder.rglob(pattern)
-                found = sorted(path.relative_to(folder).as_posix() for path in matches if path.is_file())
-            except (ValueError, NotImplementedError):
+                found = [path for path, _ in run_files(folder, [pattern])]
+            except RunFileError:
                 self._fault(location, f"found {pattern!r}", "a pattern such as scripts/*.sh or **/*.yaml")
                 continue
             if not found:

@@ -132,7 +132,7 @@ def test_a_pattern_without_a_slash_matches_in_every_folder_and_each_file_is_ther
         ("../x", "found '../x'; a pattern of files below the campaign file's folder"),
         ("/etc/passwd", "found '/etc/passwd'; a pattern of files below the campaign file's folder"),
         ("a/**b", "found 'a/**b'"),  # a pattern since Python 3.13
-        ("", "found '', which no file matches; "),
+        ("", "found ''; a pattern such as scripts/*.sh or **/*.yaml"),
     ],
 )
 def test_a_pattern_that_gives_no_files_is_refused(described, pattern, fault):

@@ -64,6 +64,11 @@ def test_a_pattern_that_matches_nothing_is_told(campaign):
     assert unmatched(files_matching(campaign, patterns), patterns) == ("rnu.py",)
 
 
+def test_a_folder_that_is_left_out_is_not_entered(campaign):
+    found = files_matching(campaign, ["*.py"], lambda folder: folder.name == "deep")
+    assert [path for path, _ in found] == ["files/a.py", "run.py"]
+
+
 @pytest.mark.parametrize("pattern", ["/etc/passwd", "../secret", "files/../../secret", ""])
 def test_a_pattern_that_leaves_the_campaigns_folder_is_refused(campaign, pattern):
     with pytest.raises(RunFileError, match="a pattern below the campaign file's folder"):
