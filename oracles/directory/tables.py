@@ -12,6 +12,7 @@ import pyarrow as pa
 from vastflow.oracles.directory.column import read_columns
 from vastflow.oracles.directory.configuration_table import ConfigurationTable
 from vastflow.oracles.directory.verdict_table import VerdictTable, verdict_table
+from vastflow.oracles.statistics.factors import blocks_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,12 @@ class Tables:
     def oracles(self) -> tuple[str, ...]:
         """Names of the oracles in the order they judged."""
         return self.verdicts.oracles
+
+    @cached_property
+    def blocks(self) -> Mapping[str, int]:
+        """Configuration to the number of its block: equal for those on one map with one task, see `blocks_of`."""
+        found = self.configurations
+        return dict(zip(found.names, blocks_of(found.contents).tolist(), strict=True))
 
     @cached_property
     def families(self) -> Mapping[str, list[str]]:

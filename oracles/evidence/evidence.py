@@ -68,9 +68,14 @@ def spreads_of(tables: Tables) -> dict[str, dict[str, Spread]]:
     }
 
 
-def group_of(clusters: Sequence[Counts]) -> Group:
-    """`clusters` together."""
-    return Group(pooled(clusters), len(clusters), clustered(clusters))
+def group_of(counts: Mapping[str, Counts], blocks: Mapping[str, int]) -> Group:
+    """Configurations together.
+
+    Args:
+        blocks: Configuration to the number of its block.
+    """
+    clusters = list(counts.values())
+    return Group(pooled(clusters), len(clusters), clustered(clusters, blocks=[blocks[name] for name in counts]))
 
 
 def configuration_intervals(evidence: Evidence) -> NDArray[np.float64]:
@@ -96,8 +101,8 @@ def evidence_json(
         "level": LEVEL,
         "intervals": {
             "interval": "Wilson score interval of these configurations' runs",
-            "clustered": "Wilson interval at the effective sample size with configurations as clusters: what to "
-            "expect of other configurations of the kind; null for fewer than two",
+            "clustered": "Wilson interval at the effective sample size with blocks as clusters, configurations on one map with "
+            "one task, or with configurations where there is one block: what to expect of others of the kind; null for fewer than two",
         },
         "all_oracles": _document(evidence[None], {}),
         "oracles": {oracle: _document(evidence[oracle], spreads[oracle]) for oracle in tables.oracles},
@@ -114,8 +119,8 @@ def _evidence(tables: Tables, oracle: str | None) -> Evidence:
     families = {family: {name: found[name] for name in members} for family, members in tables.families.items()}
     configurations = {name: counts for members in families.values() for name, counts in members.items()}
     return Evidence(
-        group_of(list(configurations.values())),
-        {family: group_of(list(members.values())) for family, members in families.items()},
+        group_of(configurations, tables.blocks),
+        {family: group_of(members, tables.blocks) for family, members in families.items()},
         configurations,
         tables.families,
     )

@@ -13,7 +13,7 @@ from vastflow.oracles.evidence.weights import WeightedRate, weighted_rate, weigh
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import Bounds, Classes, TotalFailures, classify, shares, total_failures
 from vastflow.oracles.statistics.dispersion import Dispersion, dispersion
-from vastflow.oracles.statistics.factors import blocks_of, factors_of
+from vastflow.oracles.statistics.factors import factors_of
 from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_by, runs_saved
 
 STOPPING: Final = "sequential"
@@ -67,7 +67,7 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
         counts,
         classify(passed, judged) if rule is None else classes_by(rule, passed, judged),
         total_failures(passed, judged),
-        dispersion(passed, judged),
+        dispersion(passed, judged, blocks=[tables.blocks[name] for name in names]),
         tuple(_designs(tables, passed, judged, environments or {})),
         _weighted(tables, names, counts),
         None if rule is None else runs_saved(rule, counts.sum(axis=1)),
@@ -125,7 +125,7 @@ def _weighted(tables: Tables, names: Sequence[str], counts: NDArray[np.int64]) -
     if not any(found.duplicate_of):
         return None
     each = {name: Counts(*map(int, row)) for name, row in zip(names, counts.tolist(), strict=True)}
-    return weighted_rate(each, weights_of(zip(found.names, found.duplicate_of, strict=True)))
+    return weighted_rate(each, weights_of(zip(found.names, found.duplicate_of, strict=True)), blocks=tables.blocks)
 
 
 def _designs(
@@ -143,7 +143,7 @@ def _designs(
         if len(families) > 1:
             rows = [{"family": found.families[k], **row} for k, row in zip(at, rows, strict=True)]
         factors, dropped = factors_of(rows)
-        blocks = blocks_of([found.contents[k] for k in at])
+        blocks = [tables.blocks[found.names[k]] for k in at]
         analysis = factor_analysis(factors, passed[places], judged[places], blocks, dropped)
         if analysis is not None:
             yield Design(families, analysis)

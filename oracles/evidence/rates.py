@@ -50,6 +50,8 @@ def wilson(passed: float, n: float, level: float = LEVEL) -> Interval:
     return interval(wilson_intervals(passed, n, level))
 
 
-def clustered(clusters: Sequence[Counts], level: float = LEVEL) -> Interval | None:
-    """Interval of the rate among configurations like `clusters`, see `clustered_interval`."""
-    return clustered_interval([c.passed for c in clusters], [c.judged for c in clusters], level)
+def clustered(
+    configurations: Sequence[Counts], level: float = LEVEL, blocks: Sequence[int] | None = None
+) -> Interval | None:
+    """Interval of the rate among configurations like these, see `clustered_interval`."""
+    return clustered_interval([c.passed for c in configurations], [c.judged for c in configurations], level, blocks)

@@ -56,11 +56,18 @@ def weighted_counts(counts: Mapping[str, Counts], weights: Weights) -> dict[str,
     }
 
 
-def weighted_rate(counts: Mapping[str, Counts], weights: Weights, level: float = LEVEL) -> WeightedRate:
-    """The rate over the configurations of `counts`, each with its weight."""
+def weighted_rate(
+    counts: Mapping[str, Counts], weights: Weights, level: float = LEVEL, blocks: Mapping[str, int] | None = None
+) -> WeightedRate:
+    """The rate over the configurations of `counts`, each with its weight.
+
+    Args:
+        blocks: Configuration to the number of its block; by default each is its own.
+    """
     repeated = weighted_counts(counts, weights)
     whole = pooled(repeated.values())
     if whole.rate is None:
         return WeightedRate(whole, Interval(0.0, 1.0), None)
     runs = whole.judged**2 / sum(weights.get(name, 1) * each.judged for name, each in repeated.items())
-    return WeightedRate(whole, wilson(whole.rate * runs, runs, level), clustered(list(repeated.values()), level))
+    of = None if blocks is None else [blocks[name] for name in repeated]
+    return WeightedRate(whole, wilson(whole.rate * runs, runs, level), clustered(list(repeated.values()), level, of))

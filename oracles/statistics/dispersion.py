@@ -43,7 +43,9 @@ class Dispersion:
     interval: Interval | None
 
 
-def dispersion(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL) -> Dispersion | None:
+def dispersion(
+    passed: ArrayLike, judged: ArrayLike, level: float = LEVEL, blocks: ArrayLike | None = None
+) -> Dispersion | None:
     """Fit a beta-binomial distribution to configurations; None where nothing was judged.
 
     The fit is by maximum likelihood (Skellam, JRSS B 10 (1948) 257), started at the moments; the intraclass correlation by moments
@@ -53,8 +55,10 @@ def dispersion(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL) -> Di
 
     Args:
         passed, judged: (m,) counts, one entry a configuration.
+        blocks: (m,) as of `clustered_interval`, for `interval` alone.
     """
     x, n = counts(passed, judged)
+    interval = clustered_interval(x, n, level, blocks)
     x, n = x[n > 0], n[n > 0]
     if not len(n):
         return None
@@ -74,7 +78,6 @@ def dispersion(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL) -> Di
             alpha, beta = fit
             icc = 1.0 / (alpha + beta + 1.0)
         effect = 1.0 + (float((n * n).sum()) / total - 1.0) * icc
-    interval = clustered_interval(x, n, level)
     return Dispersion(len(n), mean, alpha, beta, icc, moments, _tarone(x, n), effect, interval)
 
 

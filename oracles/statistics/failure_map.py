@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vastflow.oracles.statistics.classes import benjamini_hochberg
-from vastflow.oracles.statistics.intervals import LEVEL, Floats, wilson_intervals
+from vastflow.oracles.statistics.intervals import LEVEL, Floats, few_clusters, wilson_intervals
 
 MINIMUM_VISITS: Final = 5
 """Runs that a cell takes before it has a rate."""
@@ -93,13 +93,16 @@ class FailureMap:
         spread = np.maximum(failures2 - 2 * p * both + p * p * visits2, 0.0)
         variance = np.where(m > 1, m / np.maximum(m - 1, 1) * spread / n**2, 0.0)
         varies = (variance > 1e-15) & (p > 0) & (p < 1)
-        agreeing = np.where((p > 0) & (p < 1) & (m > 1), n, m)  # at the same rate everywhere, or all or none
-        effective = np.where(varies, p * (1 - p) / np.where(varies, variance, 1.0), agreeing)
+        mixed = (p > 0) & (p < 1) & (m > 1)
+        effective = np.where(varies, p * (1 - p) / np.where(varies, variance, 1.0), n)
+        effective = np.where(mixed, effective, m)  # all or none: each configuration counts once
         return np.where(self.visits > 0, np.minimum(effective, n), 0.0)
 
     def intervals(self, level: float = LEVEL) -> Floats:
-        """Wilson intervals (H, W, 2) of the rates at the effective number of visits; 0..1 without visits."""
-        n = self.effective_visits()
+        """Wilson intervals (H, W, 2) of the rates, as `clustered_interval` has them; 0..1 without visits."""
+        n, m = self.effective_visits(), self.configurations
+        mixed = (self.failures > 0) & (self.failures < self.visits) & (m > 1)
+        n = np.where(mixed, n * few_clusters(m, level), n)
         return wilson_intervals(n * self.failures / np.maximum(self.visits, 1), n, level)
 
     def hot(
@@ -107,8 +110,10 @@ class FailureMap:
     ) -> NDArray[np.bool_]:
         """Cells (H, W) whose failure rate is shown to be above `above`.
 
-        One-sided score tests at the effective number of visits, adjusted by Benjamini and Hochberg over all cells with
-        `minimum_visits`: of the cells that are marked, a share of `error` is marked wrongly at most, in expectation.
+        One-sided tests of the difference over its standard error at the effective number of visits, the larger of that at the cell's rate
+        and at `above`, with Student's t at m - 1 degrees of freedom for m visiting configurations; where every visit fails, `above` to the
+        power of m, as of independent ones. Adjusted by Benjamini and Hochberg over all cells with `minimum_visits`: of the cells that are
+        marked, a share of `error` is marked wrongly at most, in expectation.
 
         Args:
             above: A rate; by default that of all visits of all cells.
@@ -117,15 +122,16 @@ class FailureMap:
         if visits == 0 or (above is None and not self.failures.any()):
             return np.zeros(self.grid.shape, dtype=bool)
         usual = float(self.failures.sum()) / visits if above is None else above
-        from scipy.stats import norm
+        if usual <= 0.0 or usual >= 1.0:
+            return (self.failures > 0) & (self.visits >= minimum_visits) & (usual <= 0.0)
+        from scipy.special import stdtr
 
         tested = self.visits >= max(minimum_visits, 1)
-        n, p = self.effective_visits()[tested], self.rate(1)[tested]
-        scores = (
-            (p - usual) / np.sqrt(usual * (1 - usual) / n) if 0 < usual < 1 else np.where(p > usual, np.inf, -np.inf)
-        )
+        n, p, m = self.effective_visits()[tested], self.rate(1)[tested], self.configurations[tested]
+        scores = (p - usual) / np.sqrt(np.maximum(usual * (1 - usual), p * (1 - p)) / n)
+        p_values = np.where(p == 1.0, usual**m, stdtr(np.maximum(m - 1, 1), -scores))
         found = np.zeros(self.grid.shape, dtype=bool)
-        found[tested] = benjamini_hochberg(norm.sf(scores)) <= error
+        found[tested] = benjamini_hochberg(p_values) <= error
         return found
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.statistics.intervals import Floats, Interval, interval, normal_quantile, wilson_intervals
+from vastflow.oracles.statistics.intervals import Floats, Interval, few_clusters, interval, wilson_intervals
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +31,9 @@ class MarginalMeans:
         That is p(1 - p)/V, reduced by (z/t)² for the few blocks that V is estimated from (Korn and Graubard, Survey Methodology 24
         (1998) 193). Where a level always or never fails V is zero and says nothing: each block counts once.
         """
-        from scipy.special import stdtrit
-
         p, variance = self.means, np.diagonal(self.covariance)
         inside = (p > 0) & (p < 1)
-        few = (normal_quantile(level) / stdtrit(np.maximum(self.units - 1, 1), (1 + level) / 2)) ** 2
+        few = few_clusters(self.units, level)
         known = inside & (variance > 1e-15)
         effective = np.where(
             known, p * (1 - p) / np.where(known, variance, 1.0) * few, np.where(inside, self.most, self.units)

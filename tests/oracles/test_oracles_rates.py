@@ -72,11 +72,27 @@ def test_configurations_that_agree_as_chance_would_are_as_good_as_pooled_runs() 
 
 
 def test_systematic_configurations_count_hardly_more_than_once_each() -> None:
-    # p = 1/2, x_i - p n_i = ±10: V = 10/9 · 10 · 100 / 200² = 1/36, so effective n = 0.25 · 36 = 9.
+    # p = 1/2, x_i - p n_i = ±10: V = 10/9 · 10 · 100 / 200² = 1/36, so 0.25 · 36 = 9 runs; t with 9 degrees of freedom is 2.262.
+    effective = 9 * (1.959964 / 2.262157) ** 2
     clusters = [Counts(20, 0)] * 5 + [Counts(0, 20)] * 5
-    found, expected = clustered(clusters), wilson(4.5, 9)
+    found, expected = clustered(clusters), wilson(effective / 2, effective)
     assert found is not None
-    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-6)
+
+
+def test_configurations_of_one_block_are_one_cluster_where_there_are_several_blocks() -> None:
+    paths = [Counts(9, 1), Counts(8, 2), Counts(1, 9), Counts(2, 8)]
+    assert clustered(paths, blocks=[7, 7, 3, 3]) == clustered([Counts(17, 3), Counts(3, 17)])
+
+
+def test_within_one_block_its_configurations_are_the_clusters() -> None:
+    settings = [Counts(9, 1), Counts(8, 2), Counts(1, 9)]
+    assert clustered(settings, blocks=[4, 4, 4]) == clustered(settings)
+
+
+def test_a_block_without_judged_runs_is_no_cluster() -> None:
+    settings = [Counts(9, 1), Counts(8, 2), Counts(not_judged=5)]
+    assert clustered(settings, blocks=[4, 4, 9]) == clustered(settings[:2])
 
 
 def test_where_every_run_passes_each_configuration_counts_once() -> None:

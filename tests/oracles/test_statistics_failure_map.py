@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vastflow.oracles.statistics.failure_map import empty_map, failure_map, grid_over
+from vastflow.oracles.statistics.failure_map import FailureMap, Grid, empty_map, failure_map, grid_over
 from vastflow.oracles.statistics.intervals import clustered_interval, wilson_intervals
 
 GRID = grid_over(0.0, 0.0, 4.0, 1.0, cell_m=1.0)
@@ -14,6 +14,15 @@ def along(*x_m: float) -> np.ndarray:
 def mapped(*ways: np.ndarray, failed: list[bool], **given):
     starts = np.r_[0, np.cumsum([len(way) for way in ways])].astype(int)
     return failure_map(GRID, np.concatenate(ways), starts, failed, **given)
+
+
+def drawn(rng: np.random.Generator, configurations: int, rates: np.ndarray) -> FailureMap:
+    """A row of cells with ten visits of each configuration, whose rates are spread around those of the cells."""
+    visits = np.full((configurations, 1, len(rates)), 10)
+    failures = rng.binomial(10, rng.beta(2 * rates, 2 * (1 - rates), visits.shape))
+    squares = np.stack([(failures**2).sum(0), (failures * visits).sum(0), (visits**2).sum(0)])
+    came = np.full((1, len(rates)), configurations)
+    return FailureMap(Grid((0.0, 0.0), 0.25, came.shape), visits.sum(0), failures.sum(0), came, squares)
 
 
 def test_a_run_visits_a_cell_once_however_often_it_comes_back() -> None:
@@ -82,6 +91,22 @@ def test_a_planted_hot_cell_is_found_and_no_other() -> None:
         ways = [along(0.5, 1.5, 2.5) if fails else along(0.5, 1.5, 2.5, 3.5) for fails in bad]
         found += mapped(*ways, failed=bad.tolist())
     assert found.hot().tolist() == [[False, False, True, False]]
+
+
+@pytest.mark.parametrize("configurations", [1, 2, 3, 5, 12])
+def test_cells_that_fail_like_all_others_are_not_marked_however_few_came_by(configurations: int) -> None:
+    # Configurations differ much: rates from B(0.4, 1.6), mean 0.2. The same in every cell, so each mark is a false one.
+    rng = np.random.default_rng(3)
+    marked = sum(drawn(rng, configurations, np.full(200, 0.2)).hot().any() for _ in range(100))
+    assert marked / 100 <= 0.05 + 4 * (0.05 * 0.95 / 100) ** 0.5
+
+
+def test_cells_that_fail_more_are_marked_once_enough_configurations_came_by() -> None:
+    rng = np.random.default_rng(3)
+    rates = np.r_[np.full(10, 0.8), np.full(190, 0.1)]
+    hot = drawn(rng, 20, rates).hot().ravel()
+    assert hot[:10].mean() >= 0.9
+    assert hot[10:].sum() <= 1
 
 
 def test_without_a_failure_nothing_is_hot() -> None:
