@@ -29,9 +29,11 @@ from vastflow.oracles.page.pictures import (
 from vastflow.oracles.page.table import bar, rate_cell, rate_words
 from vastflow.oracles.page.words import chance, number, percent, points, sentence, span
 from vastflow.oracles.page.work_section import with_work
-from vastflow.oracles.statistics.classes import runs_for_a_claim
+from vastflow.oracles.statistics.classes import passes_that_show, runs_for_a_claim
 
 _PAGE: Final = Path(__file__).parent
+_MOST_LISTED: Final = 200
+"""Runs of a configuration up to which the page says how many passes show a class."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +143,7 @@ def _html(
     embedded = _embedded(gallery.pictures)
     said = tables.verdicts.reasons("fail")
     rule = stopping_rule(tables.metadata)
+    most_runs = int(findings.counts[:, :2].sum(axis=1).max(initial=0))
     return environment.from_string((_PAGE / "report.html.j2").read_text(encoding="utf-8")).render(
         name=tables.metadata["name"],
         about=_about(tables.campaign),
@@ -152,7 +155,8 @@ def _html(
         findings=findings,
         class_names=list(CLASS_COLOURS),
         shape=shape_of(findings),
-        most_runs=int(findings.counts[:, :2].sum(axis=1).max(initial=0)),
+        most_runs=most_runs,
+        shown_by={} if rule is not None or most_runs > _MOST_LISTED else passes_that_show(most_runs),
         least_runs=0 if rule is not None and rule.decidable else min(runs_for_a_claim().values()),
         totals=rows.totals(tables),
         group=evidence[None].campaign,

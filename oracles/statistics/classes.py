@@ -1,7 +1,8 @@
 """Classes of configurations: those that pass reliably, fail systematically, or do either (flaky), where that is shown."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
@@ -13,6 +14,9 @@ ClassName: TypeAlias = Literal["reliable", "systematic", "flaky", "undecided"]
 
 CLAIMS: Final[tuple[ClassName, ...]] = ("systematic", "flaky", "reliable")
 """What can be claimed of a configuration, by rising success rate."""
+
+_CANDIDATE: Final = 0.95
+"""How likely a configuration at the bound is a candidate for the claim that it is beyond, at least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +46,7 @@ class Classes:
     Attributes:
         names: (m,) what is claimed of it; `undecided` where its runs show nothing at the stated error.
         p_values: (m,) of the claim that is nearest to being made; NaN where they do not apply.
-        adjusted: (m,) the same, for all configurations together; a claim is made where it is at most `error`.
+        adjusted: (m,) the same, for all configurations that might have the class; the claim is made where it is at most `error`.
         error: The rate of errors that is controlled.
         controls: A sentence that says which errors these are.
     """
@@ -79,20 +83,22 @@ class TotalFailures:
 
 
 def classify(passed: ArrayLike, judged: ArrayLike, bounds: Bounds | None = None, error: float = 0.05) -> Classes:
-    """Classify configurations by exact binomial tests, with the false discovery rate of all claims controlled.
+    """Classify configurations by exact binomial tests, with the false discovery rate of each class controlled.
 
     With X of n runs passed: *systematic* is claimed by rejecting that p > systematic, p-value P(X <= x | p = systematic); *reliable*
     by rejecting p < reliable, P(X >= x | p = reliable); *flaky* by rejecting both p <= systematic and p >= reliable, the
-    larger of P(X >= x | systematic) and P(X <= x | reliable) (intersection-union test, Berger 1982). Of the three the claim with
-    the smallest p-value is the one that may be made; whatever the true class, each of the wrong claims has to reject the nearer
-    bound, so it is made at level a with probability a at most (plus that of the far claim, below 1e-6 from 14 runs on).
+    larger of P(X >= x | systematic) and P(X <= x | reliable) (intersection-union test, Berger 1982).
 
-    Over configurations these p-values are adjusted by Benjamini and Hochberg (JRSS B 57 (1995) 289): of the claims made, a share of
-    `error` is wrong at most, in expectation, a wrong class counting as wrong in either direction (Benjamini and Yekutieli,
-    JASA 100 (2005) 71). Configurations with so few judged runs that no outcome could show anything are left out of the
-    adjustment (Tarone, Biometrics 46 (1990) 515) and are undecided.
+    Each claim is a family of tests of its own, so that a reader of the list of systematic configurations knows of that list that a share of
+    `error` is wrong at most, in expectation (Benjamini and Hochberg, JRSS B 57 (1995) 289). Adjusted together, clear cases of one class
+    would pay for doubtful ones of another: of those called systematic most can be wrong then. Configurations far on the other side of a bound
+    can't be wrong claims and should not count as tests: a count that is beyond the
+    95 % quantile of the bound leaves the family, and the others' p-values are divided by the probability of not being so at the bound,
+    which keeps them p-values, binomial tails being uniformly conservative (Zhao, Small and Su, JASA 114 (2019) 1291; Ellis, Pecanka and
+    Goeman, Biostatistics 21 (2020) e65).
 
-    The number of runs must not depend on their outcome; see `classes_by` for sequential stopping.
+    Configurations with so few judged runs that no outcome could show the class are left out of its family too (Tarone, Biometrics 46
+    (1990) 515). The number of runs must not depend on their outcome; see `classes_by` for sequential stopping.
 
     Args:
         passed, judged: (m,) counts, one entry a configuration.
@@ -101,34 +107,44 @@ def classify(passed: ArrayLike, judged: ArrayLike, bounds: Bounds | None = None,
     x, n = counts(passed, judged)
     claims = _p_values(x, n, bounds)
     nearest = claims.argmin(axis=0)
-    p_values = np.where(n > 0, claims.min(axis=0), 1.0)
-    adjusted = np.ones_like(p_values)
-    able = n >= min(runs_for_a_claim(bounds, error).values())
-    if able.any():
-        adjusted[able] = benjamini_hochberg(p_values[able])
+    least = runs_for_a_claim(bounds, error)
+    able = np.stack([n >= least[claim] for claim in CLAIMS])
+    adjusted = np.stack([_adjusted(given) for given in np.where(able, _given(x, n, bounds), np.inf)])
+    of_nearest = np.take_along_axis(adjusted, nearest[None, :], axis=0)[0]
     names: tuple[ClassName, ...] = tuple(
-        CLAIMS[k] if q <= error else "undecided" for k, q in zip(nearest, adjusted, strict=True)
+        CLAIMS[k] if q <= error else "undecided" for k, q in zip(nearest, of_nearest, strict=True)
     )
     controls = (
-        f"of the configurations that are called reliable, systematic or flaky, at most {100 * error:g} % are called so "
-        "wrongly, in expectation (exact binomial tests, Benjamini-Hochberg)"
+        f"of the configurations that are called reliable, at most {100 * error:g} % are called so wrongly, in expectation; likewise "
+        "of those called systematic, and of those called flaky (exact binomial tests, Benjamini-Hochberg)"
     )
-    return Classes(names, p_values, adjusted, error, controls)
+    return Classes(names, np.where(n > 0, claims.min(axis=0), 1.0), of_nearest, error, controls)
 
 
 def runs_for_a_claim(bounds: Bounds | None = None, error: float = 0.05) -> dict[ClassName, int]:
-    """The least number of judged runs with which each class can be shown, without any adjustment.
+    """The least number of judged runs with which each class can be shown, of a configuration alone.
 
     At the default bounds and 5 %, 14 that all pass or all fail for *reliable* and *systematic*, and 10 for *flaky*.
 
     Raises:
         ValueError: a class can't be shown with 10,000 runs.
     """
-    bounds = bounds or Bounds()
+    return dict(_least_runs(bounds or Bounds(), error))
+
+
+def passes_that_show(runs: int, bounds: Bounds | None = None, error: float = 0.05) -> dict[ClassName, tuple[int, int]]:
+    """Least and most passes of `runs` judged runs that show each class of a configuration alone; what can't be shown is left out."""
+    names = [classify([x], [runs], bounds, error).names[0] for x in range(runs + 1)]
+    shown = {name: [x for x, called in enumerate(names) if called == name] for name in CLAIMS}
+    return {name: (passes[0], passes[-1]) for name, passes in shown.items() if passes}
+
+
+@cache
+def _least_runs(bounds: Bounds, error: float) -> Mapping[ClassName, int]:
     found: dict[ClassName, int] = {}
     for n in range(1, 10_001):
         x = np.arange(n + 1.0)
-        for claim, p_values in zip(CLAIMS, _p_values(x, np.full(n + 1, float(n)), bounds), strict=True):
+        for claim, p_values in zip(CLAIMS, _given(x, np.full(n + 1, float(n)), bounds), strict=True):
             if p_values.min() <= error:
                 found.setdefault(claim, n)
         if len(found) == len(CLAIMS):
@@ -158,15 +174,47 @@ def benjamini_hochberg(p_values: Floats) -> Floats:
     return adjusted
 
 
+@dataclass(frozen=True, eq=False)
+class _Tail:
+    """Of one bound: p-values (m,), and the largest that a candidate may have, which is how likely a candidate is there."""
+
+    p_values: Floats
+    candidates: Floats
+
+    def given(self) -> Floats:
+        """The p-values (m,), given that it is a candidate; infinite where it is none."""
+        return np.where(self.p_values <= self.candidates, self.p_values / self.candidates, np.inf)
+
+
+def _adjusted(given: Floats) -> Floats:
+    """(m,) p-values of one claim, adjusted; 1 for those that are no candidates."""
+    adjusted, chosen = np.ones_like(given), np.isfinite(given)
+    adjusted[chosen] = benjamini_hochberg(given[chosen])
+    return adjusted
+
+
+def _given(x: Floats, n: Floats, bounds: Bounds) -> Floats:
+    """(3, m) p-values of `CLAIMS` among their candidates."""
+    return np.stack([np.max([tail.given() for tail in tails], axis=0) for tails in _tails(x, n, bounds)])
+
+
 def _p_values(x: Floats, n: Floats, bounds: Bounds) -> Floats:
     """(3, m) p-values of `CLAIMS`."""
-    from scipy.special import bdtr, bdtrc
+    return np.stack([np.max([tail.p_values for tail in tails], axis=0) for tails in _tails(x, n, bounds)])
 
-    def at_most(p: float) -> Floats:
-        return np.asarray(bdtr(x, n.astype(np.int64), p), dtype=np.float64)
 
-    def at_least(p: float) -> Floats:
-        return np.where(x > 0, bdtrc(np.maximum(x - 1, 0), n.astype(np.int64), p), 1.0)
+def _tails(x: Floats, n: Floats, bounds: Bounds) -> tuple[tuple[_Tail, ...], ...]:
+    """The bounds that each of `CLAIMS` has to reject."""
+    s, r = bounds.systematic, bounds.reliable
+    above_s, below_r = _at_most(n - x, n, 1 - s), _at_most(x, n, r)
+    return (_at_most(x, n, s),), (above_s, below_r), (_at_most(n - x, n, 1 - r),)
 
-    flaky = np.maximum(at_least(bounds.systematic), at_most(bounds.reliable))
-    return np.stack((at_most(bounds.systematic), flaky, at_least(bounds.reliable)))
+
+def _at_most(x: Floats, n: Floats, p: float) -> _Tail:
+    """Of P(X <= x | p); candidates are counts up to the quantile `_CANDIDATE`."""
+    from scipy.special import bdtr
+    from scipy.stats import binom
+
+    runs = n.astype(np.int64)
+    p_values, candidates = (bdtr(count, runs, p) for count in (x, binom.ppf(_CANDIDATE, runs, p)))
+    return _Tail(np.asarray(p_values, dtype=np.float64), np.asarray(candidates, dtype=np.float64))
