@@ -1,0 +1,131 @@
+"""What is said of each parameter of a Nav2 parameter file."""
+
+import pytest
+
+from vastflow.sim.nav.parameters.built_in import TABLES, BuiltIn
+from vastflow.sim.nav.parameters.document import parse
+from vastflow.sim.nav.parameters.findings import findings, left_out
+from vastflow.sim.nav.parameters.interpretation import interpretation
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.parameters.written import document_of
+
+
+def read(text):
+    return interpretation(parse(text, "nav2.yaml"))
+
+
+def statuses(text):
+    return {".".join(found.path[2:]): found.status for found in findings(read(text))}
+
+
+def test_a_parameter_is_modelled_built_in_without_effect_different_or_not_modelled():
+    found = statuses(
+        "amcl: {ros__parameters: {alpha1: 0.1, laser_model_type: likelihood_field, scan_topic: s, recovery_alpha_slow: 0.1, x: 1}}"
+    )
+    assert found == {
+        "alpha1": "modelled",
+        "laser_model_type": "built in",
+        "scan_topic": "no effect",
+        "recovery_alpha_slow": "differs",
+        "x": "not modelled",
+    }
+
+
+def test_a_difference_names_what_is_built_in():
+    (found,) = findings(read("controller_server: {ros__parameters: {controller_frequency: 10.0}}"))
+    assert (found.status, found.used, found.place) == ("differs", 20.0, (1, 61))
+
+
+@pytest.mark.parametrize(
+    ("rule", "value"),
+    [
+        (BuiltIn((20.0, 1.0)), 20.0),
+        (BuiltIn(((0.0, 0.0),)), [0.0, 0.0]),
+        (BuiltIn(low=0.2), "0.2 or more"),
+        (BuiltIn(high=0.2), "0.2 or less"),
+        (BuiltIn(includes=("a", "b")), ["a", "b"]),
+    ],
+)
+def test_what_is_built_in_says_itself(rule, value):
+    assert rule.value == value
+
+
+def test_a_polygon_for_a_footprint_is_not_modelled_and_the_radius_counts():
+    text = "local_costmap: {local_costmap: {ros__parameters: {footprint: '[[0.2, 0.2]]', robot_radius: 0.3}}}"
+    found, radius = findings(read(text))
+    assert (found.status, found.why) == ("not modelled", "the robot is a disc of robot_radius, never a polygon")
+    assert (radius.status, radius.used) == ("modelled", 0.3)
+
+
+def test_an_unknown_node_is_spoken_of_as_a_whole():
+    found = findings(read("slam_toolbox: {ros__parameters: {a: 1, b: {c: 2}, use_sim_time: true}}"))
+    assert [(f.status, f.about[0]) for f in found[:2]] == [("not modelled", "slam_toolbox")] * 2
+    assert {len(f.about) for f in found[:2]} == {2}
+    assert found[2].status == "no effect"
+
+
+def test_an_unknown_parameter_of_a_plug_in_is_spoken_of_by_itself():
+    text = "controller_server: {ros__parameters: {goal_checker_plugins: [g], g: {plugin: nav2_controller::SimpleGoalChecker, x: 1}}}"
+    *_, found = findings(read(text))
+    assert (found.status, found.about, found.why) == ("not modelled", found.path, "")
+
+
+def test_nodes_that_no_mission_needs_have_no_effect():
+    assert statuses("smoother_server: {ros__parameters: {smoother_plugins: [s]}}") == {"smoother_plugins": "no effect"}
+
+
+def test_another_behaviour_tree_is_not_the_one_built_in():
+    tree = "navigate_to_pose_w_replanning_and_recovery.xml"
+    assert statuses(f"bt_navigator: {{ros__parameters: {{default_nav_to_pose_bt_xml: /opt/{tree}}}}}") == {
+        "default_nav_to_pose_bt_xml": "built in"
+    }
+    assert statuses("bt_navigator: {ros__parameters: {default_nav_to_pose_bt_xml: mine.xml}}") == {
+        "default_nav_to_pose_bt_xml": "differs"
+    }
+
+
+def test_plug_ins_that_no_list_has_are_without_effect():
+    text = "planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased.plugin: nav2_navfn_planner::NavfnPlanner, Old: {plugin: x::Y, a: 1}}}"
+    assert statuses(text)["Old.a"] == "no effect"
+
+
+def test_a_behaviour_that_is_listed_and_not_one_of_nav2s_is_not_modelled():
+    text = "behavior_server: {ros__parameters: {behavior_plugins: [spin, backup, wait, dance], dance: {plugin: x::Y, a: 1}}}"
+    assert statuses(text) == {
+        "behavior_plugins": "built in",
+        "dance.plugin": "not modelled",
+        "dance.a": "not modelled",
+    }
+
+
+def test_what_is_left_out_is_known_with_its_value():
+    found = {
+        ".".join(path[2:]): value for path, value in left_out(read("amcl: {ros__parameters: {pf_err: 0.1}}")).items()
+    }
+    assert "pf_err" not in found
+    assert found["pf_z"] == 0.99
+
+
+def test_nothing_that_is_modelled_is_called_built_in():
+    modelled = {path[-1] for path in interpretation(document_of(NavParameters())).reader.fields}
+    assert (
+        modelled & {name for kind in ("amcl", "scan", "NavFn", "velocity_smoother") for name in TABLES[kind]} == set()
+    )
+
+
+@pytest.mark.parametrize(
+    ("rule", "agreeing", "other"),
+    [
+        (BuiltIn((20.0,)), 20, 10.0),
+        (BuiltIn((True,)), True, 1),
+        (BuiltIn((1,)), 1.0, True),
+        (BuiltIn(((0.0, 0.0),)), [0.0, 0], [0.0]),
+        (BuiltIn(("a::B",)), "a/B", "c::B"),
+        (BuiltIn(low=0.2), 2.0, 0.1),
+        (BuiltIn(high=0.2), 0, "low"),
+        (BuiltIn(includes=("a", "b")), ["b", "c", "a"], ["a"]),
+    ],
+)
+def test_what_is_built_in_knows_the_values_that_mean_it(rule, agreeing, other):
+    assert rule.agrees(agreeing)
+    assert not rule.agrees(other)
