@@ -13,14 +13,12 @@ from vastflow.flows.computing import computation
 from vastflow.flows.foresight import dry_run as dry_runs
 from vastflow.flows.foresight.dry_run import STAGES, dry_run
 from vastflow.flows.foresight.dry_run_text import whys
-from vastflow.flows.foresight.reasons import parameter_changes, scenario_reason
-from vastflow.flows.foresight.store import Overlay, untouched
 from vastflow.flows.results.past import NoPast, newest_past
 from vastflow.producers.faults import CampaignError
 from vastflow.sim.blocks import read_rows
 from vastflow.tasks import source
 from vastflow.tasks.source import SourceTree, installed_tree
-from vastflow.tasks.store import Lost, StoreError
+from vastflow.tasks.store import StoreError
 
 pytestmark = pytest.mark.timeout(240)
 
@@ -384,17 +382,6 @@ def test_what_an_earlier_selection_left_out_is_told_from_what_is_new(again, firs
     assert (kind, words, amount) == ("new configuration", "the campaign before was only a selection: room-1-1", 2)
 
 
-def test_obstacles_are_compared_one_by_one_and_named_by_their_key():
-    row = {"abstract": "builtin:x", "timeout_s": 1.0, "steps": "[]"}
-
-    def scenario(x_m):
-        parts = {"environment": {"obstacles": [{"x": 0.5}, {"x": x_m}]}, "task": {}, "system": {}}
-        return {**row, "scenario": json.dumps(parts)}
-
-    reason = str(scenario_reason(scenario(1.0), scenario(2.0)))
-    assert reason == "obstacles changed in environment: obstacles[1].x from 1.0 to 2.0"
-
-
 def test_a_lost_evaluation_is_made_here_and_not_stored(again, first):
     lost = sorted(again.store.glob("evaluate/*/*"))
     for folder in lost:
@@ -470,33 +457,6 @@ def test_an_unknown_name_is_a_users_mistake_also_in_a_dry_run(again):
 def test_a_store_at_an_address_that_is_none_is_a_users_mistake(again):
     with pytest.raises(StoreError, match="nowhere"):
         again.dry(store="nowhere://x")
-
-
-@pytest.mark.parametrize(
-    ("then", "now", "words"),
-    [
-        ({"a": 1, "b": {"c": 2.0}}, {"a": 1, "b": {"c": 2.5}}, "b.c from 2.0 to 2.5"),
-        ({"a": 1}, {"b": True}, "a from 1 to nothing, b from nothing to true"),
-        ({"v": [1, 2]}, {"v": [3, 1, 2]}, "v gained 3"),
-        ({"v": [1, 2]}, {"v": [2, 1]}, "v in another order or number"),
-        ({"v": [{"x": 1, "y": 1}]}, {"v": [{"x": 2, "y": 1}]}, "v[0].x from 1 to 2"),
-        ({"v": [1]}, {"v": [1, 2, 3, 4, 5, 6]}, "v gained 2, 3, 4 and 2 more"),
-        ({"m": {"file": "a" * 64}}, {"m": {"file": "b" * 64}}, "m from file aaaaaaaaaaaa to file bbbbbbbbbbbb"),
-        ({"n": 1}, {"n": 1.0}, "n from 1 to 1.0"),
-    ],
-)
-def test_what_differs_is_said_in_words(then, now, words):
-    assert parameter_changes(then, now) == words
-
-
-def test_what_is_put_over_a_store_is_not_in_it(tmp_path):
-    overlay = Overlay(untouched(str(tmp_path / "store")))
-    artifact = overlay.put("evaluate/aa/aa", {"x": b"1"})
-    assert overlay.read("evaluate/aa/aa", "x") == b"1"
-    assert overlay.find("evaluate/aa/aa") == artifact
-    with pytest.raises(Lost, match="evaluate/bb/bb: x is not in the store"):
-        overlay.read("evaluate/bb/bb", "x")
-    assert not (tmp_path / "store").exists()
 
 
 def called(*arguments):

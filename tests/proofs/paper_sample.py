@@ -6,7 +6,7 @@ For each campaign three small samples, in a store that is thrown away, measure w
 CPU time, by what the processes of the call used (`getrusage` of children). Then the campaign is **one** call on a store that is
 empty, as large a sample as the CPU time that is left allows: `cores × minutes` for all three calls. So whatever the page says
 of CPU time and storage is of that call, and nothing of it was there before but compiled kernels. Cores that are shared with
-others take longer, and measure about the same CPU time.
+others take longer, and measure about the same CPU time. With `--sample` the size is given, and there are no small samples.
 """
 
 import argparse
@@ -52,8 +52,10 @@ def main() -> None:
 
 
 def _sampled(name: str, asked: argparse.Namespace) -> str:
-    """The campaign directory of a sample as large as the time allows, made by one call from nothing."""
+    """The campaign directory of a sample of the size that is asked for or that the time allows, made by one call from nothing."""
     with tempfile.TemporaryDirectory(prefix="paper-sample-") as folder:
+        if asked.sample:
+            return str(_run(name, asked.sample, asked, Path(folder)).summary["results"])
         pilots = [_run(name, factor * asked.pilot, asked, Path(folder) / "pilots") for factor in PILOTS]
         left_s = asked.minutes * 60 * asked.cores - sum(call.cpu_s for call in pilots)
         of_one_s, of_call_s = _costs(pilots, asked.runs)
@@ -126,6 +128,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--minutes", type=float, default=10.0, help="of each campaign with its small samples, all cores"
     )
+    parser.add_argument("--sample", type=int, help="of each campaign, whatever time that takes; without small ones")
     parser.add_argument("--cores", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--runs", type=int, default=2, help="of each configuration")
     parser.add_argument("--pilot", type=int, default=5, help="configurations of the first sample")

@@ -1,0 +1,35 @@
+"""What differs between then and now, in words."""
+
+import json
+
+import pytest
+
+from vastflow.flows.foresight.reasons import parameter_changes, scenario_reason
+
+
+def test_obstacles_are_compared_one_by_one_and_named_by_their_key():
+    row = {"abstract": "builtin:x", "timeout_s": 1.0, "steps": "[]"}
+
+    def scenario(x_m):
+        parts = {"environment": {"obstacles": [{"x": 0.5}, {"x": x_m}]}, "task": {}, "system": {}}
+        return {**row, "scenario": json.dumps(parts)}
+
+    reason = str(scenario_reason(scenario(1.0), scenario(2.0)))
+    assert reason == "obstacles changed in environment: obstacles[1].x from 1.0 to 2.0"
+
+
+@pytest.mark.parametrize(
+    ("then", "now", "words"),
+    [
+        ({"a": 1, "b": {"c": 2.0}}, {"a": 1, "b": {"c": 2.5}}, "b.c from 2.0 to 2.5"),
+        ({"a": 1}, {"b": True}, "a from 1 to nothing, b from nothing to true"),
+        ({"v": [1, 2]}, {"v": [3, 1, 2]}, "v gained 3"),
+        ({"v": [1, 2]}, {"v": [2, 1]}, "v in another order or number"),
+        ({"v": [{"x": 1, "y": 1}]}, {"v": [{"x": 2, "y": 1}]}, "v[0].x from 1 to 2"),
+        ({"v": [1]}, {"v": [1, 2, 3, 4, 5, 6]}, "v gained 2, 3, 4 and 2 more"),
+        ({"m": {"file": "a" * 64}}, {"m": {"file": "b" * 64}}, "m from file aaaaaaaaaaaa to file bbbbbbbbbbbb"),
+        ({"n": 1}, {"n": 1.0}, "n from 1 to 1.0"),
+    ],
+)
+def test_what_differs_is_said_in_words(then, now, words):
+    assert parameter_changes(then, now) == words
