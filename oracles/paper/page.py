@@ -34,6 +34,8 @@ def paper_page(results: Sequence[PaperResults]) -> str:
         runs_of_all=[each.requested.distinct * published.RUNS for each in results],
         hours_of_all=[hours(each) for each in results],
         together=_together(results),
+        executed=sum(each.executed for each in results),
+        cpu_s=sum(each.cpu_s for each in results),
         least_runs=min((each.runs for each in results), default=0),
         sampled=any(each.sampled_from is not None for each in results),
         of_kind={each.kind: each for each in results},

@@ -51,5 +51,7 @@ DISTANCE_KM: Final = 1873.0
 STORED_GB: Final = 737.0
 CLUSTER_CPUS: Final = 1920
 CLUSTER_H: Final = 7.0
+LOCAL_RADIUS_M: Final = 0.22
+"""Of the robot in the local costmap, Nav2's default, which is not varied."""
 CPUS_OF_A_RUN: Final = 5
 """Two for the simulation, two for navigation, one for the scenario."""

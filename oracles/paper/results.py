@@ -1,6 +1,7 @@
 """A campaign directory of one of the paper's campaigns, reduced to the figures that the paper states of its own."""
 
 import json
+import statistics
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -11,14 +12,15 @@ import pyarrow.parquet as pq
 
 from vastflow.oracles.evidence.rates import Counts, counts_of, pooled
 from vastflow.oracles.evidence.weights import weights_of
+from vastflow.oracles.paper.parts import Part, parts_of
 from vastflow.oracles.paper.published import PUBLISHED, Kind, Published
+from vastflow.oracles.paper.room import Room
 from vastflow.oracles.verdict import Judgement, run_judgement
 
 BASES: Final = ("update", "step", "metre", "mean", "maximum")
 """Metrics of the oracle `robustness`, each a reading of "summed localization error"."""
 NAME: Final = "paper-"
 ORIGINAL_MAPS: Final = "-original-maps"
-DENSITIES_PER_M: Final = (0.2, 0.6)
 KEPT: Final = ("recordings", "traces", "logs")
 RUN_LOGS: Final = "logs/runs.jsonl"
 
@@ -47,15 +49,6 @@ class Requested:
     no_room: int
     duplicates: int
     distinct: int
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Some of the configurations, and what all oracles together say of their runs."""
-
-    name: str
-    configurations: int
-    counts: Counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +93,8 @@ class PaperResults:
         oracles: Name to what each says of all runs.
         reached: What the campaign's own oracle says of the runs whose mission succeeded.
         parts: Of the configurations, by what the campaign varies.
+        near_a_wall: Configurations of which a stop is nearer to a wall than the local costmap's radius, and how many runs reached the goal.
+        free: The others.
         bases: Of robustness; empty for other campaigns.
         ways: Of the runs as they are, and weighted.
         stored_bytes: Recordings, traces, behaviours, logs and tables, without report and pictures.
@@ -118,6 +113,8 @@ class PaperResults:
     oracles: Mapping[str, Counts]
     reached: Counts
     parts: tuple[Part, ...]
+    near_a_wall: Part
+    free: Part
     bases: tuple[Basis, ...]
     ways: tuple[Way, Way]
     stored_bytes: int
@@ -172,7 +169,9 @@ def paper_results(directory: Path) -> PaperResults:
     """
     metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
     kind = _kind(directory, metadata["name"])
-    configurations = _rows(directory, "configurations", ["name", "duplicate_of", "factors", "provenance"])
+    configurations = _rows(
+        directory, "configurations", ["name", "duplicate_of", "environment", "factors", "provenance"]
+    )
     runs = _rows(directory, "runs", ["configuration", "simulated_s", "distance_m"])
     verdicts = _rows(directory, "verdicts", ["configuration", "run_index", "oracle", "judgement", "metrics"])
     counts = metadata["counts"]
@@ -180,6 +179,7 @@ def paper_results(directory: Path) -> PaperResults:
     by_configuration = _by_configuration(judgements)
     weights = weights_of((row["name"], row["duplicate_of"]) for row in configurations)
     distinct = [row for row in configurations if row["duplicate_of"] is None]
+    near_a_wall, free = _by_room(Room(directory / "environments"), distinct, verdicts)
     return PaperResults(
         kind=kind,
         original_maps=metadata["name"].endswith(ORIGINAL_MAPS),
@@ -190,7 +190,9 @@ def paper_results(directory: Path) -> PaperResults:
         weights=weights,
         oracles={name: Counts(**said) for name, said in counts["oracles"].items()},
         reached=_reached(kind, verdicts),
-        parts=tuple(_parts(kind, distinct, by_configuration)),
+        parts=parts_of(kind, distinct, by_configuration),
+        near_a_wall=near_a_wall,
+        free=free,
         bases=tuple(_bases(verdicts)) if kind == "robustness" else (),
         ways=(_way(runs, {}), _way(runs, weights)),
         stored_bytes=sum(_stored(directory)),
@@ -263,35 +265,15 @@ def _reached(kind: Kind, verdicts: list[Row]) -> Counts:
     )
 
 
-def _parts(kind: Kind, distinct: list[Row], counts: Mapping[str, Counts]) -> Iterator[Part]:
-    names: dict[str, list[Counts]] = defaultdict(list)
+def _by_room(room: Room, distinct: list[Row], verdicts: list[Row]) -> tuple[Part, Part]:
+    """Configurations with a stop near a wall, and the others, with what the oracle `success` says."""
+    reached = _by_configuration(_judgements([row for row in verdicts if row["oracle"] == "success"]))
+    said: dict[bool, list[Counts]] = {False: [], True: []}
     for row in distinct:
-        factors, provenance = json.loads(row["factors"]), json.loads(row["provenance"])
-        for name in _part_names(kind, factors, provenance):
-            names[name].append(counts.get(row["name"], Counts()))
-    for name in sorted(names):
-        yield Part(name, len(names[name]), pooled(names[name]))
-
-
-def _part_names(kind: Kind, factors: Row, provenance: Row) -> Iterator[str]:
-    if kind == "robustness":
-        yield f"loops {factors['number_of_loops']}"
-        yield f"noise {factors['laserscan_gaussian_noise_std_deviation']:.2f} m"
-        yield f"lost beams {100 * factors['laserscan_random_drop_percentage']:2.0f} %"
-        return
-    yield f"global radius {factors['global_costmap.robot_radius']:.3f} m"
-    if kind == "safety":
-        yield _obstacles_text(factors, provenance)
-
-
-def _obstacles_text(factors: Row, provenance: Row) -> str:
-    obstacles = factors.get("static_objects", [])
-    if "spawn_trigger_threshold" in factors:
-        return f"obstacle appears at {factors['spawn_trigger_threshold']:g} m"
-    if not obstacles:
-        return "no obstacles"
-    density = len(obstacles) / provenance["_path_length"]
-    return f"obstacles, {min(DENSITIES_PER_M, key=lambda per_m: abs(per_m - density)):g} for each metre"
+        has_room = room.at_all_stops(row["environment"], json.loads(row["factors"]))
+        said[has_room].append(reached.get(row["name"], Counts()))
+    near, free = (Part(name, len(said[has]), pooled(said[has])) for name, has in (("near", False), ("free", True)))
+    return near, free
 
 
 def _bases(verdicts: list[Row]) -> Iterator[Basis]:
@@ -315,7 +297,7 @@ def _bases(verdicts: list[Row]) -> Iterator[Basis]:
                 judgement = "pass" if value <= metrics["threshold"]["value"] else "fail"
             alone.append(judgement)
             both.append(run_judgement([judgement, reached[key]]))
-        median_m = sorted(values)[len(values) // 2] if values else None
+        median_m = statistics.median(values) if values else None
         yield Basis(basis, counts_of(alone), counts_of(both), median_m)
 
 

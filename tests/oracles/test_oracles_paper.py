@@ -10,8 +10,15 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.paper.page import paper_page
 from vastflow.oracles.paper.published import ALL_RUNS, PUBLISHED
 from vastflow.oracles.paper.results import NotThePapers, Requested, paper_results, requested_of
+from vastflow.oracles.paper.room import Room
 
 RADIUS = "global_costmap.robot_radius"
+
+
+def stops(goal_x_m):
+    """Factors of a configuration in a room of 3 m × 3 m with walls of one cell."""
+    poses = ({"position": {"x": x_m, "y": 1.525}, "orientation": {"yaw": 0.0}} for x_m in (1.025, goal_x_m))
+    return dict(zip(("start_pose", "goal_pose"), poses, strict=True))
 
 
 def family(kind="cartesian", *, rows, product, realised, duplicate=0, rejected=None, factors=()):
@@ -49,8 +56,9 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
     metadata = {"name": name, "asked": {"runs": asked}, "counts": counts, "host": {"cpus": 2}}
     (directory / "metadata.json").write_text(json.dumps(metadata))
     (directory / "coverage.json").write_text(json.dumps(found or coverage(family(rows=2, product=2, realised=2))))
+    in_the_room = [(*row, "room") for row in configurations]
     tables = {
-        "configurations": (("name", "duplicate_of", "factors", "provenance"), configurations),
+        "configurations": (("name", "duplicate_of", "factors", "provenance", "environment"), in_the_room),
         "runs": (("configuration", "simulated_s", "distance_m"), runs),
         "verdicts": (("configuration", "run_index", "oracle", "judgement", "metrics"), verdicts),
     }
@@ -60,6 +68,11 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
             for key, c in zip(names, zip(*rows, strict=True), strict=True)
         }
         pq.write_table(pa.table(columns), directory / f"{table}.parquet")
+    room = directory / "environments" / "room"
+    room.mkdir(parents=True)
+    cells = bytes(0 if x in (0, 59) or y in (0, 59) else 254 for y in range(60) for x in range(60))
+    (room / "map.pgm").write_bytes(b"P5 60 60 255\n" + cells)
+    (room / "map.yaml").write_text("{image: map.pgm, resolution: 0.05, origin: [0, 0, 0]}")
     (directory / "logs").mkdir()
     (directory / "logs" / "runs.jsonl").write_text(
         json.dumps({"configuration": "a-1", "runs": [{"cpu_s": 0.25}] * len(runs)})
@@ -71,10 +84,10 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
 def safety(tmp_path):
     """Without obstacles everything passes, and thrice; with boxes one run reaches the goal too near to one."""
     configurations = [
-        ("a-1", None, {RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
-        ("a-2", "a-1", {RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
-        ("a-3", "a-1", {RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
-        ("a-4", None, {RADIUS: 0.175, "static_objects": [{}] * 5}, {"_path_length": 9.6}),
+        ("a-1", None, {**stops(2.525), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        ("a-2", "a-1", {**stops(2.525), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        ("a-3", "a-1", {**stops(2.525), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        ("a-4", None, {**stops(2.775), RADIUS: 0.175, "static_objects": [{}] * 5}, {"_path_length": 9.6}),
     ]
     runs = [("a-1", 20.0, 10.0), ("a-1", 20.0, 10.0), ("a-4", 60.0, 20.0), ("a-4", 60.0, 20.0)]
     verdicts = [
@@ -89,6 +102,7 @@ def safety(tmp_path):
 @pytest.fixture
 def robustness(tmp_path):
     factors = {
+        **stops(2.525),
         "number_of_loops": 0,
         "laserscan_gaussian_noise_std_deviation": 0.05,
         "laserscan_random_drop_percentage": 0.1,
@@ -157,6 +171,27 @@ def test_a_campaign_directory_is_reduced_to_its_figures(safety):
         "no obstacles": Counts(2, 0),
         "obstacles, 0.6 for each metre": Counts(0, 2),
     }
+
+
+def test_stops_nearer_to_a_wall_than_the_local_costmaps_radius_are_told_apart(safety):
+    """The goal of `a-4` is in a cell four cells from the wall's, 0.2 m; that of `a-1` is nine cells away."""
+    found = paper_results(safety)
+    assert (found.near_a_wall.configurations, found.near_a_wall.counts) == (1, Counts(1, 1))
+    assert (found.free.configurations, found.free.counts) == (1, Counts(2, 0))
+
+
+@pytest.mark.parametrize(("x_m", "free"), [(2.775, False), (2.725, True), (2.975, False), (9.0, False)])
+def test_there_is_room_from_the_fifth_cell_of_a_wall(safety, x_m, free):
+    assert Room(safety / "environments").at_all_stops("room", stops(x_m)) is free
+
+
+def test_parts_are_in_the_order_of_their_levels(safety):
+    assert [part.name for part in paper_results(safety).parts] == [
+        "global radius 0.175 m",
+        "global radius 0.220 m",
+        "no obstacles",
+        "obstacles, 0.6 for each metre",
+    ]
 
 
 def test_every_basis_of_robustness_is_tabulated(robustness):
