@@ -53,5 +53,7 @@ CLUSTER_CPUS: Final = 1920
 CLUSTER_H: Final = 7.0
 LOCAL_RADIUS_M: Final = 0.22
 """Of the robot in the local costmap, Nav2's default, which is not varied."""
+LOCAL_PADDING_M: Final = 0.01
+"""That Nav2 adds to it by default."""
 CPUS_OF_A_RUN: Final = 5
 """Two for the simulation, two for navigation, one for the scenario."""

@@ -14,7 +14,7 @@ from vastflow.oracles.evidence.rates import Counts, counts_of, pooled
 from vastflow.oracles.evidence.weights import weights_of
 from vastflow.oracles.paper.parts import Part, parts_of
 from vastflow.oracles.paper.published import PUBLISHED, Kind, Published
-from vastflow.oracles.paper.room import Room
+from vastflow.oracles.paper.starts import Starts, starts_of
 from vastflow.oracles.verdict import Judgement, run_judgement
 
 BASES: Final = ("update", "step", "metre", "mean", "maximum")
@@ -93,8 +93,7 @@ class PaperResults:
         oracles: Name to what each says of all runs.
         reached: What the campaign's own oracle says of the runs whose mission succeeded.
         parts: Of the configurations, by what the campaign varies.
-        near_a_wall: Configurations of which a stop is nearer to a wall than the local costmap's radius, and how many runs reached the goal.
-        free: The others.
+        starts: By the room that the robot has where it starts.
         bases: Of robustness; empty for other campaigns.
         ways: Of the runs as they are, and weighted.
         stored_bytes: Recordings, traces, behaviours, logs and tables, without report and pictures.
@@ -113,8 +112,7 @@ class PaperResults:
     oracles: Mapping[str, Counts]
     reached: Counts
     parts: tuple[Part, ...]
-    near_a_wall: Part
-    free: Part
+    starts: Starts
     bases: tuple[Basis, ...]
     ways: tuple[Way, Way]
     stored_bytes: int
@@ -172,14 +170,14 @@ def paper_results(directory: Path) -> PaperResults:
     configurations = _rows(
         directory, "configurations", ["name", "duplicate_of", "environment", "factors", "provenance"]
     )
-    runs = _rows(directory, "runs", ["configuration", "simulated_s", "distance_m"])
+    runs = _rows(directory, "runs", ["configuration", "run_index", "simulated_s", "distance_m"])
     verdicts = _rows(directory, "verdicts", ["configuration", "run_index", "oracle", "judgement", "metrics"])
     counts = metadata["counts"]
     judgements = _judgements(verdicts)
     by_configuration = _by_configuration(judgements)
     weights = weights_of((row["name"], row["duplicate_of"]) for row in configurations)
     distinct = [row for row in configurations if row["duplicate_of"] is None]
-    near_a_wall, free = _by_room(Room(directory / "environments"), distinct, verdicts)
+    begun = [{**row, "start": json.loads(row["factors"])["start_pose"]} for row in distinct]
     return PaperResults(
         kind=kind,
         original_maps=metadata["name"].endswith(ORIGINAL_MAPS),
@@ -191,8 +189,7 @@ def paper_results(directory: Path) -> PaperResults:
         oracles={name: Counts(**said) for name, said in counts["oracles"].items()},
         reached=_reached(kind, verdicts),
         parts=parts_of(kind, distinct, by_configuration),
-        near_a_wall=near_a_wall,
-        free=free,
+        starts=starts_of(directory / "environments", begun, runs, judgements),
         bases=tuple(_bases(verdicts)) if kind == "robustness" else (),
         ways=(_way(runs, {}), _way(runs, weights)),
         stored_bytes=sum(_stored(directory)),
@@ -263,17 +260,6 @@ def _reached(kind: Kind, verdicts: list[Row]) -> Counts:
         for row in verdicts
         if row["oracle"] == kind and (row["configuration"], row["run_index"]) in succeeded
     )
-
-
-def _by_room(room: Room, distinct: list[Row], verdicts: list[Row]) -> tuple[Part, Part]:
-    """Configurations with a stop near a wall, and the others, with what the oracle `success` says."""
-    reached = _by_configuration(_judgements([row for row in verdicts if row["oracle"] == "success"]))
-    said: dict[bool, list[Counts]] = {False: [], True: []}
-    for row in distinct:
-        has_room = room.at_all_stops(row["environment"], json.loads(row["factors"]))
-        said[has_room].append(reached.get(row["name"], Counts()))
-    near, free = (Part(name, len(said[has]), pooled(said[has])) for name, has in (("near", False), ("free", True)))
-    return near, free
 
 
 def _bases(verdicts: list[Row]) -> Iterator[Basis]:

@@ -10,15 +10,14 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.paper.page import paper_page
 from vastflow.oracles.paper.published import ALL_RUNS, PUBLISHED
 from vastflow.oracles.paper.results import NotThePapers, Requested, paper_results, requested_of
-from vastflow.oracles.paper.room import Room
+from vastflow.oracles.paper.starts import Begun, Starts, starts_of
 
 RADIUS = "global_costmap.robot_radius"
 
 
-def stops(goal_x_m):
+def start(x_m):
     """Factors of a configuration in a room of 3 m × 3 m with walls of one cell."""
-    poses = ({"position": {"x": x_m, "y": 1.525}, "orientation": {"yaw": 0.0}} for x_m in (1.025, goal_x_m))
-    return dict(zip(("start_pose", "goal_pose"), poses, strict=True))
+    return {"start_pose": {"position": {"x": x_m, "y": 1.525}, "orientation": {"yaw": 0.0}}}
 
 
 def family(kind="cartesian", *, rows, product, realised, duplicate=0, rejected=None, factors=()):
@@ -56,10 +55,11 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
     metadata = {"name": name, "asked": {"runs": asked}, "counts": counts, "host": {"cpus": 2}}
     (directory / "metadata.json").write_text(json.dumps(metadata))
     (directory / "coverage.json").write_text(json.dumps(found or coverage(family(rows=2, product=2, realised=2))))
+    numbered = [(*row, [each[0] for each in runs[:i]].count(row[0])) for i, row in enumerate(runs)]
     in_the_room = [(*row, "room") for row in configurations]
     tables = {
         "configurations": (("name", "duplicate_of", "factors", "provenance", "environment"), in_the_room),
-        "runs": (("configuration", "simulated_s", "distance_m"), runs),
+        "runs": (("configuration", "simulated_s", "distance_m", "run_index"), numbered),
         "verdicts": (("configuration", "run_index", "oracle", "judgement", "metrics"), verdicts),
     }
     for table, (names, rows) in tables.items():
@@ -84,12 +84,12 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
 def safety(tmp_path):
     """Without obstacles everything passes, and thrice; with boxes one run reaches the goal too near to one."""
     configurations = [
-        ("a-1", None, {**stops(2.525), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
-        ("a-2", "a-1", {**stops(2.525), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
-        ("a-3", "a-1", {**stops(2.525), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
-        ("a-4", None, {**stops(2.775), RADIUS: 0.175, "static_objects": [{}] * 5}, {"_path_length": 9.6}),
+        ("a-1", None, {**start(1.025), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        ("a-2", "a-1", {**start(1.025), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        ("a-3", "a-1", {**start(1.025), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
+        ("a-4", None, {**start(0.275), RADIUS: 0.175, "static_objects": [{}] * 5}, {"_path_length": 9.6}),
     ]
-    runs = [("a-1", 20.0, 10.0), ("a-1", 20.0, 10.0), ("a-4", 60.0, 20.0), ("a-4", 60.0, 20.0)]
+    runs = [("a-1", 20.0, 10.0), ("a-1", 20.0, 10.0), ("a-4", 60.0, 40.0), ("a-4", 60.0, 0.0)]
     verdicts = [
         *((name, i, oracle, "pass", {}) for name, i in (("a-1", 0), ("a-1", 1)) for oracle in ("success", "safety")),
         *(("a-4", 0, oracle, judgement, {}) for oracle, judgement in (("success", "pass"), ("safety", "fail"))),
@@ -102,7 +102,7 @@ def safety(tmp_path):
 @pytest.fixture
 def robustness(tmp_path):
     factors = {
-        **stops(2.525),
+        **start(1.025),
         "number_of_loops": 0,
         "laserscan_gaussian_noise_std_deviation": 0.05,
         "laserscan_random_drop_percentage": 0.1,
@@ -173,16 +173,15 @@ def test_a_campaign_directory_is_reduced_to_its_figures(safety):
     }
 
 
-def test_stops_nearer_to_a_wall_than_the_local_costmaps_radius_are_told_apart(safety):
-    """The goal of `a-4` is in a cell four cells from the wall's, 0.2 m; that of `a-1` is nine cells away."""
-    found = paper_results(safety)
-    assert (found.near_a_wall.configurations, found.near_a_wall.counts) == (1, Counts(1, 1))
-    assert (found.free.configurations, found.free.counts) == (1, Counts(2, 0))
+def test_runs_are_told_apart_by_the_room_at_the_start_and_by_whether_they_moved(safety):
+    """`a-4` starts in the fifth cell beside the wall's, 0.225 m from its side, and its second run does not move."""
+    assert paper_results(safety).starts == Starts(Begun(1, Counts(0, 2), 1), Begun(1, Counts(2, 0), 0), Counts(2, 1))
 
 
-@pytest.mark.parametrize(("x_m", "free"), [(2.775, False), (2.725, True), (2.975, False), (9.0, False)])
-def test_there_is_room_from_the_fifth_cell_of_a_wall(safety, x_m, free):
-    assert Room(safety / "environments").at_all_stops("room", stops(x_m)) is free
+@pytest.mark.parametrize(("x_m", "near"), [(0.275, 1), (0.325, 0), (0.025, 1), (-9.0, 1), (2.725, 1), (2.675, 0)])
+def test_five_cells_from_a_walls_the_local_costmap_has_the_robot_in_collision_and_six_it_has_not(safety, x_m, near):
+    row = {"name": "a", "environment": "room", "start": start(x_m)["start_pose"]}
+    assert starts_of(safety / "environments", [row], [], {}).near.configurations == near
 
 
 def test_parts_are_in_the_order_of_their_levels(safety):

@@ -1,0 +1,95 @@
+"""Where the runs of a campaign start: can the robot move at all?"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from vastflow.oracles.evidence.rates import Counts, counts_of
+from vastflow.oracles.paper.published import LOCAL_PADDING_M, LOCAL_RADIUS_M
+from vastflow.oracles.verdict import Judgement
+from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.nav.footprint import inscribed_radius_m, padded_outline
+
+COLLISION_M: Final = inscribed_radius_m(padded_outline(LOCAL_RADIUS_M, LOCAL_PADDING_M))
+"""Distance of the robot's centre from a wall up to which the local costmap has the robot in collision (m)."""
+STUCK_M: Final = 0.1
+"""A run that drives less than this has not moved (m)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """Configurations that start alike.
+
+    Attributes:
+        counts: What all oracles together say of their runs.
+        stuck: Runs that have not moved.
+    """
+
+    configurations: int
+    counts: Counts
+    stuck: int
+
+
+@dataclass(frozen=True, slots=True)
+class Starts:
+    """The configurations of a campaign by where they start.
+
+    Attributes:
+        near: Those that start in collision with a wall, as the local costmap sees it.
+        free: The others.
+        moved: What all oracles together say of the runs that have moved, wherever they start.
+    """
+
+    near: Begun
+    free: Begun
+    moved: Counts
+
+
+def starts_of(
+    environments: Path,
+    configurations: Iterable[Mapping[str, Any]],
+    runs: Iterable[Mapping[str, Any]],
+    judgements: Mapping[tuple[str, int], Judgement],
+) -> Starts:
+    """Sort configurations by the room they have at the start.
+
+    Args:
+        environments: Folder of the campaign directory's maps.
+        configurations: `name`, `environment` and the pose `start`, a row each.
+        runs: `configuration`, `run_index` and `distance_m`, a row each.
+        judgements: Configuration and run index to what all oracles together say.
+
+    Raises:
+        ValueError, OSError: a map is damaged.
+    """
+    maps = _Maps(environments)
+    near = {row["name"]: maps.clearance_m(row["environment"], row["start"]) <= COLLISION_M for row in configurations}
+    stuck = {(row["configuration"], row["run_index"]) for row in runs if row["distance_m"] < STUCK_M}
+
+    def begun(beside_a_wall: bool) -> Begun:
+        names = {name for name, is_near in near.items() if is_near is beside_a_wall}
+        said = counts_of(judgement for (name, _), judgement in judgements.items() if name in names)
+        return Begun(len(names), said, sum(name in names for name, _ in stuck))
+
+    return Starts(begun(True), begun(False), counts_of(said for key, said in judgements.items() if key not in stuck))
+
+
+class _Maps:
+    def __init__(self, environments: Path) -> None:
+        self._environments = environments
+        self._known: dict[str, tuple[OccupancyMap, NDArray[np.float64]]] = {}
+
+    def clearance_m(self, environment: str, pose: Mapping[str, Any]) -> float:
+        """Distance from the centre of the pose's cell to the near side of the nearest wall's; 0 off the map."""
+        if environment not in self._known:
+            occupancy = load_map(self._environments / environment / "map.yaml")
+            cells = ndimage.distance_transform_edt(~occupancy.occupied)
+            self._known[environment] = occupancy, np.maximum(cells - 0.5, 0.0) * occupancy.resolution_m
+        occupancy, distance_m = self._known[environment]
+        cell = occupancy.cell_of(pose["position"]["x"], pose["position"]["y"])
+        return round(float(distance_m[cell]), 9) if occupancy.contains(*cell) else 0.0
