@@ -1,5 +1,13 @@
-"""What all tests share: examples that are the same at every run, and that may take as long as a busy machine needs."""
+"""What all tests share: examples that are the same at every run and may take long, servers and workers of Prefect."""
 
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+
+import psutil
+import pytest
 from hypothesis import settings
 
 # A change is judged by what it changes, not by the examples of the day; `--hypothesis-profile=other` looks for new ones, and
@@ -7,3 +15,70 @@ from hypothesis import settings
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("other", deadline=None)
 settings.load_profile("same")
+
+API_S = 90
+
+
+@pytest.fixture(scope="session")
+def started_api():
+    """Starts an API with a port of its own, over the database in a folder; in that context it is the configured one.
+
+    Gives a client of it. Where it does not start within `API_S` the test is skipped.
+    """
+    from prefect.client.orchestration import get_client
+    from prefect.settings import temporary_settings
+
+    from vastflow.tasks.server import ApiServer, PrefectUnavailable
+
+    @contextlib.contextmanager
+    def started(home, log):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("PREFECT_HOME", str(home))
+            server = ApiServer(log)
+            try:
+                url = server.url(API_S)
+            except PrefectUnavailable as error:
+                server.stop(0)
+                pytest.skip(str(error))
+            try:
+                with temporary_settings({"api.url": url}), get_client(sync_client=True) as client:
+                    yield client
+            finally:
+                server.stop()
+
+    return started
+
+
+@pytest.fixture(scope="session")
+def started_worker():
+    """Starts a worker of a work pool in a folder of its own; it and all it started are gone afterwards."""
+
+    @contextlib.contextmanager
+    def started(api, folder, pool="lab", limit=2, **variables):
+        folder.mkdir(exist_ok=True)
+        environment = {
+            **os.environ,
+            "PREFECT_API_URL": str(api.api_url),
+            "PREFECT_HOME": str(folder / "prefect"),
+            "PREFECT_WORKER_QUERY_SECONDS": "1",
+            **variables,
+        }
+        command = [sys.executable, "-m", "prefect", "worker", "start", "--pool", pool, "--limit", str(limit)]
+        with open(folder / "log", "wb") as log:
+            worker = subprocess.Popen(
+                command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+            )
+        try:
+            yield worker
+        finally:
+            below = psutil.Process(worker.pid).children(recursive=True) if worker.poll() is None else []
+            worker.send_signal(signal.SIGTERM)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                worker.wait(5)
+            for process in below:
+                with contextlib.suppress(psutil.Error):
+                    process.kill()
+            worker.kill()
+            worker.wait(10)
+
+    return started

@@ -16,18 +16,15 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from prefect import Flow
-from prefect.client.orchestration import get_client
 from prefect.context import TagsContext
 from prefect.settings import temporary_settings
 
 from vastflow.tasks import ledger
-from vastflow.tasks.server import ApiServer, PrefectUnavailable
 
 pytestmark = pytest.mark.timeout(280)
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
 PROOFS = Path(__file__).parents[1] / "proofs"
-START_S = 90
 SEED = 3
 CONFIGURATIONS = 13
 
@@ -39,13 +36,14 @@ def killed():
         patch.syspath_prepend(PROOFS)
         import killed
         import killed_life
+        import killed_points
 
         fewer = killed_life.CAMPAIGN.replace("[1, 2, 3, 4, 5]", "[1, 2]").replace("[21, 22]", "[21]")
         patch.setattr(killed_life, "CAMPAIGN", fewer)
-        for module in (killed, killed_life):
+        for module in (killed, killed_life, killed_points):
             patch.setattr(module, "CONFIGURATIONS", CONFIGURATIONS)
         yield killed
-        for name in ("killed", "killed_life", "killed_outcome"):
+        for name in ("killed", "killed_life", "killed_outcome", "killed_points"):
             del sys.modules[name]
 
 
@@ -63,28 +61,16 @@ def alone(killed, lab):
 @pytest.mark.parametrize("victim", ["flow", "worker", "server"])
 def test_a_process_that_is_killed_at_a_random_time_costs_nothing_but_what_was_in_flight(killed, lab, alone, victim):
     whole, there = alone
-    (point,) = killed.points(SEED, 1, [victim], there)
+    (point,) = killed.points(SEED, 1, [("embedded", victim)], {"embedded": there})
     killed.killed(lab, point, random.Random(f"{SEED} {victim}"), whole, api=None)
     assert point.violations == []
 
 
 @pytest.fixture(scope="module")
-def api(lab, alone, tmp_path_factory):
+def api(started_api, lab, alone, tmp_path_factory):
     """A client of an API that outlives campaigns."""
-    folder = tmp_path_factory.mktemp("api")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(lab.home))
-        server = ApiServer(folder / "server.log")
-        try:
-            url = server.url(START_S)
-        except PrefectUnavailable as error:
-            server.stop(0)
-            pytest.skip(str(error))
-        try:
-            with temporary_settings({"api.url": url}), get_client(sync_client=True) as client:
-                yield client
-        finally:
-            server.stop()
+    with started_api(lab.home, tmp_path_factory.mktemp("api") / "server.log") as client:
+        yield client
 
 
 def states(api):

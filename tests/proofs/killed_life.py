@@ -30,7 +30,7 @@ POOL = "lab"
 MARK = "VASTFLOW_PROOF"
 TRACE = "VASTFLOW_PROOF_TRACE"
 ENDS_S = 420.0
-"""A life that takes longer hangs; an undisturbed one takes some 10 s on an idle machine."""
+"""A life that takes longer hangs; an undisturbed one takes some 20 s on an idle machine."""
 
 SCENARIO = """\
 import osc.helpers
@@ -92,7 +92,7 @@ def traced_run(execute):
     def run(scenario, run_index, *rest):
         if inside:  # not one that only compiles kernels
             said(what="run", key=scenario.digest, start=run_index, stop=run_index + 1)
-            time.sleep(0.05)
+            time.sleep(0.15)
         return execute(scenario, run_index, *rest)
     return run
 
@@ -115,7 +115,8 @@ class Finder(importlib.abc.MetaPathFinder):
 if os.environ.get("VASTFLOW_PROOF_TRACE"):
     sys.meta_path.insert(0, Finder())
 """
-"""`sitecustomize`: the sleep makes a run last long enough to be killed in, and costs no processor."""
+"""`sitecustomize`: the sleep makes a block of runs last longer than the half second in which a worker process notices that its
+parent is gone, else it would always be done before; it costs no processor."""
 
 
 @dataclass(frozen=True)
@@ -209,6 +210,12 @@ class Place:
         file = self.folder / "trace"
         lines = file.read_text().splitlines() if file.exists() else []
         return [json.loads(line) for line in lines if line.endswith("}")]
+
+    def begun(self) -> list[dict[str, Any]]:
+        """Blocks that were begun and are not stored: they are in flight, or were when their process died."""
+        trace = self.trace()
+        ended = {(row["pid"], row["key"], row["start"]) for row in trace if row["what"] == "end"}
+        return [row for row in trace if row["what"] == "begin" and (row["pid"], row["key"], row["start"]) not in ended]
 
     def marked(self) -> list[psutil.Process]:
         """Processes of this place that live."""
@@ -354,14 +361,17 @@ class Crew:
         self._workers = [self._started() for _ in range(WORKERS)]
 
     def victims(self, kind: str) -> list[list[psutil.Process]]:
-        """What dies together: a worker (`crew`), the process of a flow run that it started (`shard`), or both (`pair`)."""
+        """What dies together: a worker (`crew`), the process of its flow run (`shard`), or it and all below it (`node`)."""
         there = [worker for worker in self._workers if worker.poll() is None]
         if kind == "crew":
             return [[worker] for worker in there]
         found = []
         for worker in there:
             with contextlib.suppress(psutil.Error):
-                found += [[worker, child] if kind == "pair" else [child] for child in worker.children()]
+                if kind == "shard":
+                    found += [[child] for child in worker.children()]
+                elif below := worker.children(recursive=True):
+                    found.append([worker, *below])
         return found
 
     def complete(self) -> None:
