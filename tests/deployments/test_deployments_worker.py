@@ -10,18 +10,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from prefect.client.orchestration import get_client
-from prefect.settings import temporary_settings
 from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
-from vastflow.tasks.server import ApiServer, PrefectUnavailable
 
 pytestmark = pytest.mark.timeout(280)
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
-START_S, WORKER_S = 60, 180
+WORKER_S = 180
 DEPLOYMENT = "run campaign/tiny"
 CAMPAIGN = """\
 version: 1
@@ -53,21 +50,10 @@ def place(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def api(place):
-    """A client of an API that has a port and a database of its own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(place / "prefect"))
-        server = ApiServer(place / "server.log")
-        try:
-            url = server.url(START_S)
-        except PrefectUnavailable as error:
-            server.stop(0)
-            pytest.skip(str(error))
-        try:
-            with temporary_settings({"api.url": url}), get_client(sync_client=True) as client:
-                yield client
-        finally:
-            server.stop()
+def api(started_api, place):
+    """A client of an API of its own."""
+    with started_api(place / "prefect", place / "server.log") as client:
+        yield client
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import fsspec
+import platformdirs
 import pytest
 
 from vastflow.tasks.local_store import open_local_store
@@ -85,6 +86,12 @@ def start_s3(tmp_path_factory) -> Iterator:
 def shared_s3(start_s3) -> S3Server:
     """One server for all tests that leave it alive."""
     return start_s3()
+
+
+@pytest.fixture(scope="session")
+def kernels() -> Path:
+    """Where the compiled kernels are that other tests have used."""
+    return Path(platformdirs.user_cache_dir("vastflow")) / "kernels"
 
 
 @pytest.fixture

@@ -3,20 +3,15 @@
 `VASTFLOW_DEPLOYMENTS=all` adds those that take a minute each and differ little from the others.
 """
 
-import contextlib
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
-import platformdirs
-import psutil
 import pyarrow.parquet as pq
 import pytest
-from prefect.client.orchestration import get_client
 from prefect.client.schemas.actions import WorkPoolCreate
 from prefect.settings import temporary_settings
 from typer.testing import CliRunner
@@ -25,13 +20,12 @@ from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.object_store import ObjectStore
-from vastflow.tasks.server import ApiServer, PrefectUnavailable
 from vastflow.tasks.store import open_store
 
 pytestmark = pytest.mark.timeout(580)
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
-START_S, END_S = 90, 200
+END_S = 200
 
 ROOM = """
 version: 1
@@ -108,69 +102,17 @@ if how == "slow":
 
 
 @pytest.fixture(scope="module")
-def lab(tmp_path_factory):
-    """A folder with Prefect's home and logs."""
-    return tmp_path_factory.mktemp("lab")
-
-
-@pytest.fixture(scope="module")
-def api(lab):
-    """A client of an API that has a port and a database of its own, and a pool `lab`."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(lab / "prefect"))
-        server = ApiServer(lab / "server.log")
-        try:
-            url = server.url(START_S)
-        except PrefectUnavailable as error:
-            server.stop(0)
-            pytest.skip(str(error))
-        try:
-            with temporary_settings({"api.url": url}), get_client(sync_client=True) as client:
-                client.create_work_pool(WorkPoolCreate(name="lab", type="process"))
-                yield client
-        finally:
-            server.stop()
-
-
-@pytest.fixture(scope="module")
-def kernels():
-    """Where the compiled kernels are that other tests have used."""
-    return Path(platformdirs.user_cache_dir("vastflow")) / "kernels"
-
-
-@contextlib.contextmanager
-def started(api, folder, pool="lab", **variables):
-    """A worker in a folder of its own, with these variables; it and all it started are gone afterwards."""
-    folder.mkdir(exist_ok=True)
-    environment = {
-        **os.environ,
-        "PREFECT_API_URL": str(api.api_url),
-        "PREFECT_HOME": str(folder / "prefect"),
-        "PREFECT_WORKER_QUERY_SECONDS": "1",
-        **variables,
-    }
-    command = [sys.executable, "-m", "prefect", "worker", "start", "--pool", pool, "--limit", "2"]
-    with open(folder / "log", "wb") as log:
-        worker = subprocess.Popen(
-            command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log
-        )
-    try:
-        yield worker
-    finally:
-        below = psutil.Process(worker.pid).children(recursive=True) if worker.poll() is None else []
-        worker.send_signal(signal.SIGTERM)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            worker.wait(5)
-        for process in below:
-            with contextlib.suppress(psutil.Error):
-                process.kill()
-        worker.kill()
-        worker.wait(10)
+def api(started_api, tmp_path_factory):
+    """A client of an API of its own, with a pool `lab`."""
+    folder = tmp_path_factory.mktemp("lab")
+    with started_api(folder / "prefect", folder / "server.log") as client:
+        client.create_work_pool(WorkPoolCreate(name="lab", type="process"))
+        yield client
 
 
 @pytest.fixture
-def worker(api, tmp_path):
-    with started(api, tmp_path / "worker") as process:
+def worker(api, started_worker, tmp_path):
+    with started_worker(api, tmp_path / "worker") as process:
         yield process
 
 
@@ -235,7 +177,7 @@ def test_a_pool_computes_the_same_bytes_as_this_process(api, worker, room, tmp_p
     assert again.summary.executed == 0  # nothing is missing, so nobody is asked
 
 
-def test_store_and_worker_need_not_be_on_one_machine(api, room, kernels, tmp_path, s3, monkeypatch):
+def test_store_and_worker_need_not_be_on_one_machine(api, started_worker, room, kernels, tmp_path, s3, monkeypatch):
     monkeypatch.setattr(ObjectStore, "local", tmp_path / "local")
     monkeypatch.delenv("XDG_CACHE_HOME")  # where the compiled kernels are that other tests have used
     here = run_campaign(room, results=tmp_path / "here", store=tmp_path / "store-here", workers=2)
@@ -243,7 +185,7 @@ def test_store_and_worker_need_not_be_on_one_machine(api, room, kernels, tmp_pat
     (other / "cache" / "vastflow").mkdir(parents=True)
     (other / "cache" / "vastflow" / "kernels").symlink_to(kernels)
     elsewhere = {"HOME": str(other), "XDG_CACHE_HOME": str(other / "cache")}
-    with started(api, tmp_path / "elsewhere", **elsewhere):
+    with started_worker(api, tmp_path / "elsewhere", **elsewhere):
         there = run_campaign(room, results=tmp_path / "there", store=s3, pool="lab")
     assert (there.summary.executed, there.faults) == (6, ())
     assert contents(there.directory) == contents(here.directory)
@@ -336,7 +278,7 @@ def test_a_pool_without_workers_is_said_and_given_up_when_asked_so(api, programs
 
 @more
 def test_an_s3_server_that_goes_away_ends_the_campaign_and_the_next_computes_what_is_missing(
-    api, programs, start_s3, s3_variables, tmp_path
+    api, started_worker, programs, start_s3, s3_variables, tmp_path
 ):
     server = start_s3()
     s3_variables(server)
@@ -344,7 +286,7 @@ def test_an_s3_server_that_goes_away_ends_the_campaign_and_the_next_computes_wha
     options = ["--pool", "lab", "--shards", "4", "--workers", "1", "--results", str(tmp_path / "results")]
     command = [sys.executable, "-m", "vastflow.flows", "run", str(file), "--store", "s3://bucket/pooled", *options]
     environment = {**os.environ, "PREFECT_API_URL": str(api.api_url), "PREFECT_HOME": str(tmp_path / "home")}
-    with started(api, tmp_path / "worker"):
+    with started_worker(api, tmp_path / "worker"):
         with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as campaign:
             wait_until(lambda: len(executed(tmp_path)) >= 4)
             server.kill()
