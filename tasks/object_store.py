@@ -74,7 +74,7 @@ class ObjectStore:
         listed = self._listed("")
         whole = {key: files for key, files in _folders(listed).items() if MANIFEST in files}
         manifests = self._manifests({key: files[MANIFEST] for key, files in whole.items()})
-        found = [self._promised(key, manifests[key], files) for key, files in whole.items() if key in manifests]
+        found = [self._surveyed(key, manifests[key], files) for key, files in whole.items() if key in manifests]
         self._survey = Survey(artifact for artifact in found if artifact is not None)
 
     def changed(self, key: str) -> None:
@@ -207,19 +207,20 @@ class ObjectStore:
             self._copies.add(key, files[MANIFEST], manifest)
         return self._promised(key, manifest, files)
 
-    def _promised(self, key: str, manifest: bytes, files: Mapping[str, Mapping[str, Any]]) -> Artifact | None:
-        """The artifact of a manifest if `files` has what it promises."""
+    def _surveyed(self, key: str, manifest: bytes, files: Mapping[str, Mapping[str, Any]]) -> Artifact | None:
+        """As `_promised`; a long listing may have the manifest of what another campaign wrote meanwhile, and not its files."""
         try:
-            artifact = artifact_of(key, manifest)
-            for name, entry in artifact.files.items():
-                if (file := files.get(_object(name, entry))) is None:
-                    raise ValueError(f"{name} is missing")
-                if file["size"] != entry.size:
-                    raise ValueError(f"{name} has {file['size']} of {entry.size} bytes")
+            return _kept(key, manifest, files)
+        except (ValueError, KeyError, TypeError):
+            return self._look(key)
+
+    def _promised(self, key: str, manifest: bytes, files: Mapping[str, Mapping[str, Any]]) -> Artifact | None:
+        """The artifact of a manifest if `files` has what it promises; else it is discarded."""
+        try:
+            return _kept(key, manifest, files)
         except (ValueError, KeyError, TypeError) as error:
             self.discard(key, str(error))
             return None
-        return artifact
 
     def _sound(self, key: str) -> Artifact | None:
         if (artifact := self._look(key)) is None:
@@ -352,6 +353,21 @@ def _options(address: str) -> dict[str, Any]:
         "read_timeout": 60,
     }
     return {"use_listings_cache": False, "config_kwargs": config}
+
+
+def _kept(key: str, manifest: bytes, files: Mapping[str, Mapping[str, Any]]) -> Artifact:
+    """The artifact of a manifest whose promise `files` keeps.
+
+    Raises:
+        ValueError, KeyError, TypeError: they do not, or the manifest is not what was written.
+    """
+    artifact = artifact_of(key, manifest)
+    for name, entry in artifact.files.items():
+        if (file := files.get(_object(name, entry))) is None:
+            raise ValueError(f"{name} is missing")
+        if file["size"] != entry.size:
+            raise ValueError(f"{name} has {file['size']} of {entry.size} bytes")
+    return artifact
 
 
 def _object(name: str, entry: FileEntry) -> str:

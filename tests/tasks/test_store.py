@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from vastflow.tasks.object_store import ObjectStore
 from vastflow.tasks.store import Lost, open_store
 
 KEY = "execute/ab/abcd/0-5"
@@ -143,7 +144,7 @@ def test_writers_at_the_same_time_are_harmless(kind, tmp_path, request):
     place = str(tmp_path / "store") if kind == "folder" else request.getfixturevalue("s3")
     store = open_store(place)
     writers = [subprocess.Popen([sys.executable, "-c", WRITE_MANY, place, str(i)]) for i in range(2)]
-    assert [writer.wait(60) for writer in writers] == [0, 0]
+    assert [writer.wait(200) for writer in writers] == [0, 0]
     assert all(store.read(f"execute/ab/k{i}/0-1", "a.bin")[:1] in (b"0", b"1") for i in range(30))
     if kind == "folder":
         assert list((store.root / "temporary").iterdir()) == []
@@ -280,3 +281,19 @@ def test_spoilt_copies_of_manifests_are_no_fault(s3):
         again = open_store(s3)
         again.survey()
         assert again.find(KEY).content == CONTENT
+
+
+def test_a_listing_that_was_too_early_for_some_files_costs_nothing(memory, monkeypatch, caplog):
+    # Another campaign writes files and manifest while the pages of a long listing come in.
+    store = ObjectStore(memory)
+    store.put(KEY, {"a.bin": b"content"})
+    listed = ObjectStore._listed
+
+    def manifests(self, key):
+        return {name: file for name, file in listed(self, key).items() if key or name.endswith("manifest")}
+
+    monkeypatch.setattr(ObjectStore, "_listed", manifests)
+    store.survey()
+    assert store.find(KEY) is not None
+    assert store.read(KEY, "a.bin") == b"content"
+    assert caplog.records == []

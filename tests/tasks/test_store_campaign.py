@@ -1,12 +1,18 @@
-"""A whole campaign over a store on S3, with a real Prefect, worker processes, and a server that dies."""
+"""Whole campaigns over a store on S3, with a real Prefect, worker processes, and a server that dies."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
 import pytest
 
 from vastflow.flows import api, run_campaign
 from vastflow.flows.computing import computation
 from vastflow.tasks.object_store import ObjectStore
 from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.store import StoreError, open_store
 
 pytestmark = pytest.mark.timeout(280)
 
@@ -84,3 +90,86 @@ def test_a_campaign_over_s3_goes_on_after_its_server_was_gone(file, tmp_path, st
     assert (again.summary.executed, again.summary.reused) == (0, 200 * CONFIGURATIONS)
     recordings = [(result.directory / "recordings" / "room-1.parquet").read_bytes() for result in (found, again)]
     assert recordings[0] == recordings[1]
+
+
+STEPS = """
+version: 1
+metadata: {{name: {name}}}
+configuration:
+- name: crossed
+  variations:
+  - ParameterVariationList: {{name: first, values: {values}}}
+  - ParameterVariationList: {{name: second, values: [1, 2, 3, 4]}}
+execution: {{scenario_file: steps.osc, runs: {runs}, timeout: 10}}
+"""
+STEPS_OSC = """
+import osc.helpers
+
+scenario steps:
+    first: int
+    second: int
+    do serial:
+        log("first")
+        wait elapsed(0.2s)
+"""
+
+
+@pytest.fixture
+def digests(monkeypatch):
+    """Name to digest of a campaign directory's files, without what says how they were computed."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "proofs")
+    import killed_outcome
+
+    yield killed_outcome.digests
+    del sys.modules["killed_outcome"]
+
+
+@pytest.fixture
+def begun(tmp_path, kernels, s3):
+    """Begins a campaign in a process and with a Prefect of its own; at the end none is left."""
+    (tmp_path / "cache" / "vastflow").mkdir(parents=True)
+    (tmp_path / "cache" / "vastflow" / "kernels").symlink_to(kernels)
+    processes = []
+
+    def begin(name, file, store, workers):
+        kept = {variable: value for variable, value in os.environ.items() if not variable.startswith("PREFECT_")}
+        options = ["--results", tmp_path / name, "--store", store, "--workers", workers]
+        processes.append(
+            subprocess.Popen(
+                [str(each) for each in (sys.executable, "-m", "vastflow.flows", "run", file, *options)],
+                env={**kept, "PREFECT_HOME": str(tmp_path / f"prefect-{name}")},
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        )
+        return processes[-1]
+
+    yield begin
+    for process in processes:
+        process.kill()
+        process.wait(10)
+
+
+def ended_well(*processes):
+    said = [process.communicate(timeout=130)[1] for process in processes]
+    assert [process.returncode for process in processes] == [0] * len(processes), said
+
+
+def test_two_campaigns_at_once_on_one_s3_store_come_to_what_each_comes_to_alone(tmp_path, s3, begun, digests):
+    # They have most runs in common, and cut them into other blocks: each meets what the other is just writing.
+    (tmp_path / "steps.osc").write_text(STEPS_OSC)
+    values, runs, workers = {"many": [1, 2, 3, 4], "long": [3, 4, 5]}, {"many": 6, "long": 9}, {"many": 1, "long": 2}
+    files = {name: tmp_path / f"{name}.vast" for name in values}
+    for name, file in files.items():
+        file.write_text(STEPS.format(name=name, values=values[name], runs=runs[name]))
+    ended_well(*(begun(f"{name}-alone", files[name], tmp_path / f"store-{name}", workers[name]) for name in files))
+    ended_well(*(begun(f"{name}-both", files[name], s3, workers[name]) for name in files))
+
+    for name in files:
+        (alone,), (both,) = ((tmp_path / f"{name}-{how}").iterdir() for how in ("alone", "both"))
+        assert len(pq.read_table(both / "runs.parquet")) == 4 * len(values[name]) * runs[name]
+        assert digests(both) == digests(alone)
+        assert "is damaged" not in (both / "logs" / "campaign.log").read_text()
+    store = open_store(s3)
+    assert [fault for holding in store.holdings() if (fault := store.fault(holding.key))] == []
