@@ -14,7 +14,6 @@ from vastflow.tasks.store import Lost, Store
 from vastflow.tasks.workshop import MemberFault, Workshop, block_size
 
 _THREADS: Final = 64
-_MAP: Final = "map_file"
 _REPORT: Final = "report.json"
 
 
@@ -40,7 +39,7 @@ def compute(workshop: Workshop, pool: Pool, members: Sequence[Member], workers: 
         stack.callback(pool.close)  # before the threads are waited for: they wait for it
         if absent := missing_runs(workshop, members):
             workshop.block_runs = block_size(absent, workers)
-            if any(_MAP in member.scenario.environment for member in members):  # without one nothing drives
+            if any(member.drives for member in members):
                 workshop.warm_up()
         for done in [threads.submit(_through, workshop, member) for member in members]:
             done.result()

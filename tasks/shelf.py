@@ -24,6 +24,11 @@ class Member:
     scenario: Scenario
     runs: int
 
+    @property
+    def drives(self) -> bool:
+        """Whether a robot drives in it, which takes compiled kernels: without a map nothing does."""
+        return "map_file" in self.scenario.environment
+
 
 @dataclass(frozen=True, slots=True)
 class Block:

@@ -116,7 +116,7 @@ class Workshop:
 
     def start_executing(self, member: Member) -> list["_Job"]:
         """Hand the missing runs of a member to the pool, once for each number of runs that is wanted of it."""
-        if self._warm is not None:
+        if self._warm is not None and member.drives:
             self._answer(self._warm)
         with self._lock:
             key = member.name, member.runs
