@@ -173,8 +173,10 @@ def run_campaign(
                 if session.flow_run_id is not None:
                     with chatter.prefect_log(log):
                         from vastflow.flows.computing.artifacts import publish
+                        from vastflow.tasks.patience import bounded
 
-                        publish(written, name, flow_run_id=session.flow_run_id)
+                        with bounded():
+                            publish(written, name, flow_run_id=session.flow_run_id)
                         end_services()
                 return written
             raise StoreError(f"store: {kept.place!r} loses what is written to it; is the disk full or broken?")

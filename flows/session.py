@@ -119,6 +119,10 @@ class Session:
                 # What was complete is not looked at twice in a call: should it be lost by now, reading it tells.
                 if self._scanned(self._incomplete if scanned is self._instantiated else self._members) <= broken:
                     end_orphans(self._log)
+                    if self._unavailable is not None:
+                        self._tally.notice(
+                            f"all is computed, but Prefect's pages do not show the end: {self._unavailable}"
+                        )
                     return self._instantiated.instantiation
                 scanned = self._instantiated
             if self._unavailable is not None:  # tasks end without Prefect's API, but these did not

@@ -75,6 +75,10 @@ def prefect_log(log: Path) -> Iterator[None]:
     level = prefect_logger.level
     show = warnings.showwarning
     warnings.showwarning = _logged_warning
+    raises = logging.raiseExceptions
+    logging.raiseExceptions = (
+        False  # of a server that is gone Prefect would write to the terminal that it can't log there
+    )
     try:
         yield
     finally:
@@ -83,6 +87,7 @@ def prefect_log(log: Path) -> Iterator[None]:
         if imported_before:
             for logger, (handlers, propagate) in before.items():
                 logger.handlers[:], logger.propagate = handlers, propagate
+            logging.raiseExceptions = raises
             handler.close()
 
 

@@ -34,7 +34,11 @@ TIMEOUT_S: Final = 5.0
 CALLED_OFF_S: Final = 30.0
 """A worker looks every 10 s whether one of its flow runs is to end. One that is gone itself is not waited for longer."""
 
+LATE: Final = "It was called off as it ended by itself, or its worker is gone. What was finished is in the store."
+"""Of a flow run that nobody will end any more: Prefect would show it as `Cancelling` for ever."""
+
 _AT_A_TIME: Final = 50
+_BATCHES: Final = 20
 _POLL_S: Final = 0.5
 
 _FORGOTTEN_S: Final = 30 * 24 * 3600.0
@@ -172,7 +176,10 @@ def _flow_runs(client: "SyncPrefectClient", flow_run_id: str) -> "list[FlowRun]"
 
 
 def _call_off(client: "SyncPrefectClient", flow_run_id: str) -> None:
-    """Cancel what a flow run asked a work pool for, and wait for its workers: they would execute what others do now."""
+    """Cancel what a flow run asked a work pool for, and wait for its workers: they would execute what others do now.
+
+    What no worker has ended by then is ended here.
+    """
 
     def asked(what: str, *but: str, **values: Any) -> Any:
         some = {
@@ -187,6 +194,10 @@ def _call_off(client: "SyncPrefectClient", flow_run_id: str) -> None:
         asked("bulk_set_state", "CANCELLING", state={"type": "CANCELLING"}, limit=_AT_A_TIME)
     while asked("count") and time.monotonic() < deadline:
         time.sleep(_POLL_S)
+    for _ in range(_BATCHES):
+        if not asked("count"):
+            return
+        asked("bulk_set_state", state={"type": "CANCELLED", "message": LATE}, force=True, limit=_AT_A_TIME)
 
 
 def _file(flow_run_id: str) -> Path:

@@ -40,6 +40,9 @@ DRAIN_S: Final = 60.0
 QUIET_S: Final = 20.0
 """Nothing recorded for so long: what is missing then went down with a server that was killed."""
 
+SENDING_S: Final = 5.0
+"""What Prefect's services may take to send what they have when a flow has ended."""
+
 _POLL_S: Final = 0.1
 _FINAL_STATES: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 
@@ -181,13 +184,16 @@ def drain(flow_run_id: str, task_runs: int, timeout_s: float = DRAIN_S) -> bool:
 def _drained(flow_run_id: str, task_runs: int, timeout_s: float) -> bool:
     from prefect.client.orchestration import get_client
 
+    from vastflow.tasks.patience import AT_THE_END_S, patiently
+
     states = {"type": {"any_": list(_FINAL_STATES)}}
     condition = {"task_runs": {"flow_run_id": {"any_": [flow_run_id]}, "state": states}}
     began_s = changed_s = time.monotonic()
     recorded = 0
     with get_client(sync_client=True) as client:
         while True:
-            before, recorded = recorded, client.request("POST", "/task_runs/count", json=condition).json()
+            answer = patiently(lambda: client.request("POST", "/task_runs/count", json=condition), AT_THE_END_S)
+            before, recorded = recorded, answer.json()
             if recorded >= task_runs:
                 return True
             now_s = time.monotonic()
@@ -198,7 +204,7 @@ def _drained(flow_run_id: str, task_runs: int, timeout_s: float) -> bool:
             time.sleep(3 * _POLL_S)
 
 
-def end_services(timeout_s: float = 5.0) -> None:
+def end_services(timeout_s: float = SENDING_S) -> None:
     """Let Prefect's background threads of this process send what they have and end, before the server does.
 
     What they can't send within `timeout_s` is forgotten: to a server that is gone they would try 7 s for each event,

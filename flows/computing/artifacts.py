@@ -28,6 +28,9 @@ LOGGER: Final = logging.getLogger("vastflow.artifacts")
 INTERVAL_S: Final = 2.0
 """Between two updates; each is a request that costs some 20 ms."""
 
+QUIET_S: Final = 30.0
+"""After a request that was refused; it may have taken some seconds, and the next one would too."""
+
 _SAID: Final[dict[Phase, str]] = {
     "instantiating": "instantiating",
     "running": "executing, observing and judging what the store does not have",
@@ -84,8 +87,9 @@ class Page:
         self._bar = ProgressBar(f"{key_of(name)}-progress", flow_run_id)
         self._phase: Phase | None = None
         self._noticed = 0
+        self._sized = False
         self._named = False
-        self._refused = False
+        self._quiet_until_s = 0.0
 
     def update(self, progress: Progress) -> None:
         """Show `progress`."""
@@ -93,23 +97,28 @@ class Page:
             self._say(notice)
         self._noticed = len(progress.notices)
         if not self._named and progress.runs_total:
-            self._named = True
             size = size_text(progress.configurations_total, progress.runs_total, progress.at_most)
-            self._say(f"{size}; {progress.reused} runs are in the store")
-            self._send(lambda: _rename(self._flow_run_id, f"{self._name}, {size}"))
+            if not self._sized:
+                self._sized = True
+                self._say(f"{size}; {progress.reused} runs are in the store")
+            self._named = self._sent(lambda: _rename(self._flow_run_id, f"{self._name}, {size}"))
         new_phase = progress.phase != self._phase
         if new_phase and progress.phase in _SAID:
             self._say(_SAID[progress.phase])
         self._phase = progress.phase
         if progress.runs_total:
             share = progress.runs_done / progress.runs_total
-            self._send(lambda: self._bar.show(share, progress_text(progress), now=new_phase))
+            self._sent(lambda: self._bar.show(share, progress_text(progress), now=new_phase))
 
-    def _send(self, request: Callable[[], None]) -> None:
-        if not self._refused:
-            with tolerated() as refused:
-                request()
-            self._refused = bool(refused)
+    def _sent(self, request: Callable[[], None]) -> bool:
+        """Whether the API takes a request; after one that it refused none is made for a while."""
+        if time.monotonic() < self._quiet_until_s:
+            return False
+        with tolerated() as refused:
+            request()
+        if refused:
+            self._quiet_until_s = time.monotonic() + QUIET_S
+        return not refused
 
 
 def publish(found: Results, name: str, reports: str | None = None, flow_run_id: str | None = None) -> str:

@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Any, Final
 from vastflow.tasks import chatter, ending, ledger
 from vastflow.tasks.pool import Pool, PoolClosed
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.server import ApiServer, PrefectUnavailable, configured_url, embedded, end_services, prefect_home
+from vastflow.tasks.server import (
+    SENDING_S,
+    ApiServer,
+    PrefectUnavailable,
+    configured_url,
+    embedded,
+    end_services,
+    prefect_home,
+)
 from vastflow.tasks.shelf import Member, Shelf
 from vastflow.tasks.store import StoreError
 from vastflow.tasks.workshop import Workshop, block_size
@@ -23,11 +31,16 @@ if TYPE_CHECKING:
 
 LOGGER: Final = logging.getLogger("vastflow.computation")
 
+CONFIGURED: Final = "PREFECT_API_URL"
+
 FLOWS: Final = 3
 """As often a flow is begun at an embedded API that fails it; what it has computed stays."""
 
 WAVES: Final = 3
 """As often what got lost from the store meanwhile is computed again before it is given up."""
+
+GONE_S: Final = 1.0
+"""What Prefect's services may take to send what they have, to a server that has just failed the flow."""
 
 _JOIN_S: Final = 3.0
 
@@ -49,7 +62,8 @@ class Computation:
     def __init__(
         self, shelf: Shelf, oracles: bytes, workers: int, tally: Tally, prefect_results: Path, log: Path
     ) -> None:
-        self._server = ApiServer(log)
+        # Where one is configured it costs no processor time beside it; a profile of Prefect's says so only later.
+        self._server = None if os.environ.get(CONFIGURED) else ApiServer(log)
         self._pool = Pool(workers, log)
         self._prefect_results = prefect_results
         self._log = log
@@ -83,43 +97,54 @@ class Computation:
                 if self.workshop.store_error is not None:  # what else broke follows from it
                     raise self.workshop.store_error
         except KeyboardInterrupt:
-            bound = ending.bound(lambda: self._server.stop(0)) if ending.owns_process() else None
+            bound = ending.bound(self._kill_server) if ending.owns_process() else None
             chatter.hush()
             self._pool.close()
-            if not self._server.answers:
+            if self._server is not None and not self._server.answers:
                 self._server.stop(0)  # the flow waits for it
             if flow_run.ended(_JOIN_S) and bound is not None:
                 bound.cancel()
-            self._server.stop(0)
+            self._kill_server()
             raise
         finally:
             self._pool.close()
-            self._server.stop()
+            if self._server is not None:
+                self._server.stop()
+
+    def _kill_server(self) -> None:
+        if self._server is not None:
+            self._server.stop(0)
 
     def _run(self, flow: "Callable[[Bench], Any]") -> BaseException | None:
         with ExitStack() as stack:
             stack.enter_context(chatter.prefect_log(self._log))
+            from vastflow.tasks.patience import bounded
             from vastflow.tasks.stages import Bench
 
             configured = configured_url()
             if configured:
-                self._server.stop(0)
+                self._kill_server()
+                stack.enter_context(bounded())
             else:
+                self._server = self._server or ApiServer(self._log)
                 stack.enter_context(embedded(self._server.url()))
             api = configured or str(prefect_home())
             ledger.end_orphans(api)
             for tries_left in reversed(range(1 if configured else FLOWS)):
+                ended = False
                 try:
                     with ledger.announced(api):
                         state = flow(Bench(self.workshop, self._prefect_results, api))
+                    ended = True
                     break
                 except Exception as error:  # what a flow raises is in its state: this is of Prefect itself
                     LOGGER.warning("Prefect's API failed the flow", exc_info=True)
                     if not tries_left:
                         return PrefectUnavailable(_refusal(configured, self._log, error))
-                    self._server.url()  # killed before the flow had heard of it; it is back with this
+                    if self._server is not None:
+                        self._server.url()  # killed before the flow had heard of it; it is back with this
                 finally:
-                    end_services()
+                    end_services(SENDING_S if ended else GONE_S)
             if state.state_details.flow_run_id is not None:
                 ledger.leave(str(state.state_details.flow_run_id))
             if configured and not inside_flow_run() and state.state_details.flow_run_id is not None:
@@ -187,8 +212,9 @@ class _Thread:
 
 
 def begin_executing(workshop: Workshop, members: Sequence[Member], missing_runs: int, workers: int) -> None:
-    """Compile kernels, and hand the missing runs of members to the pool, while Prefect starts."""
-    workshop.warm_up()
+    """Compile kernels where a robot drives, and hand the missing runs of members to the pool, while Prefect starts."""
+    if any(member.drives for member in members):
+        workshop.warm_up()
     workshop.block_runs = block_size(missing_runs, workers)
 
     def start_all() -> None:

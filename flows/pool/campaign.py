@@ -57,6 +57,7 @@ def pool_campaign(title: str, job: PoolJob) -> None:
             store.place,
             spread.job_variables,
             spread.workers_in,
+            spread.say,
             lambda: workshop.closed,
         )
         try:

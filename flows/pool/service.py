@@ -1,35 +1,35 @@
 """A work pool at Prefect's API: shards asked for, looked at and cancelled, few requests at a time. Importing it imports Prefect."""
 
-import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from typing import Any, Final, Literal, TypeAlias, TypeVar
 from uuid import UUID
 
 import httpx
 from prefect import Task
 from prefect.client.orchestration import SyncPrefectClient
+from prefect.client.schemas.actions import DeploymentUpdate
 from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
-from prefect.states import Crashed
+from prefect.states import Cancelled, Crashed
 
 from vastflow.flows.computing.artifacts import key_of
 from vastflow.flows.pool.registration import OtherPool, register_shards, type_of_pool
 from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
 from vastflow.producers.faults import did_you_mean
-from vastflow.tasks.execution.deployment import BAR, SHARD_FLOW, TAG, ShardDeployment
+from vastflow.tasks.execution.deployment import BAR, SHARD_ENTRYPOINT, SHARD_FLOW, TAG, ShardDeployment
 from vastflow.tasks.execution.job import PoolType
+from vastflow.tasks.ledger import CALLED_OFF_S, LATE
+from vastflow.tasks.patience import IN_BETWEEN_S, is_away, patiently
 from vastflow.tasks.server import PrefectUnavailable
 
-PATIENCE_S: Final = 150.0
-"""How long a server may be away."""
-
-_PAUSE_S: Final = 2.0
-_SERVER_FAULT: Final = 500
 _WAITING: Final = ("SCHEDULED", "PENDING", "PAUSED")
 _ENDED: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 _PAGE: Final = 200
 _AT_A_TIME: Final = 50
 """Most flow runs whose state one request may change."""
+_LATE: Final = timedelta(seconds=2 * CALLED_OFF_S)
+"""After so long no worker will end what was cancelled, whatever the clocks of server and campaign."""
 
 Standing: TypeAlias = Literal["waiting", "taken", "running", "ended"]
 
@@ -60,6 +60,7 @@ class PoolService:
         parent: Id of the flow run whose children the shards are.
         job_variables: Kind of the pool to what the campaign sets of its template.
         workers: Kind of the pool to the worker processes of a shard; None for one a core.
+        say: Writes a line for the user.
         ended: Whether nobody waits for an answer any more.
 
     Attributes:
@@ -79,6 +80,7 @@ class PoolService:
         store: str,
         job_variables: Callable[[PoolType], Mapping[str, Any]],
         workers: Callable[[PoolType], int | None],
+        say: Callable[[str], None],
         ended: Callable[[], bool] = lambda: False,
     ) -> None:
         self._client = client
@@ -86,12 +88,14 @@ class PoolService:
         self._campaign = campaign
         self._parent = parent
         self._store = store
+        self._say = say
         self._ended = ended
         self._asked_for = 0
         self.kind = self._kind()
         self._workers = workers(self.kind)
         self._job_variables = dict(job_variables(self.kind))
         self._deployment = self._asked(self._registered)
+        self._end_cancelled()
 
     def submit(self, parcel: str, name: str) -> str:
         """Ask for a shard; gives the id of its flow run."""
@@ -162,11 +166,27 @@ class PoolService:
         return kind
 
     def _registered(self) -> UUID:
-        """The pool's deployment; made if it is missing, else left as `vastflow deploy` or somebody else made it."""
+        """The pool's deployment; made if it is missing, else left as `vastflow deploy` or somebody else made it.
+
+        Only the place of the flow is set anew where another version of vastflow had it elsewhere.
+        """
         try:
-            return self._client.read_deployment_by_name(f"{SHARD_FLOW}/{self._pool.name}").id
+            found = self._client.read_deployment_by_name(f"{SHARD_FLOW}/{self._pool.name}")
         except ObjectNotFound:
             return UUID(register_shards(self._client, ShardDeployment(self._pool.name)))
+        if found.entrypoint != SHARD_ENTRYPOINT:
+            self._client.update_deployment(found.id, DeploymentUpdate(entrypoint=SHARD_ENTRYPOINT))
+        return found.id
+
+    def _end_cancelled(self) -> None:
+        """End what an earlier campaign cancelled as it ended by itself: Prefect would show it as `Cancelling` for ever."""
+        some = {"deployment_id": {"any_": [str(self._deployment)]}, "state": {"type": {"any_": ["CANCELLING"]}}}
+        wanted = {"flow_runs": some, "limit": _PAGE}
+        for run in self._asked(lambda: self._client.request("POST", "/flow_runs/filter", json=wanted)).json():
+            since = datetime.fromisoformat(run["state"]["timestamp"])
+            if datetime.now(UTC) - since > _LATE:
+                state = Cancelled(message=LATE)
+                self._asked(lambda of=run, to=state: self._client.set_flow_run_state(of["id"], to, force=True))
 
     def _asked(self, request: Callable[[], T]) -> T:
         """Ask the API, again and again while it is away.
@@ -174,21 +194,19 @@ class PoolService:
         Raises:
             PrefectUnavailable: it stayed away.
         """
-        deadline = time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                return request()
-            except ObjectNotFound:
+        try:
+            return patiently(request, IN_BETWEEN_S, self._ended, self._missed)
+        except (httpx.TransportError, PrefectHTTPStatusError) as error:
+            if not is_away(error):
                 raise
-            except (httpx.TransportError, PrefectHTTPStatusError) as error:
-                if isinstance(error, PrefectHTTPStatusError) and error.response.status_code < _SERVER_FAULT:
-                    raise
-                if self._ended() or time.monotonic() > deadline:
-                    raise PrefectUnavailable(
-                        f"Prefect's API at {self._client.api_url} has not answered for {PATIENCE_S:.0f} s "
-                        f"({type(error).__name__}); start it again"
-                    ) from None
-            time.sleep(_PAUSE_S)
+            raise PrefectUnavailable(
+                f"Prefect's API at {self._client.api_url} has not answered for {IN_BETWEEN_S:.0f} s "
+                f"({type(error).__name__}); start it again"
+            ) from None
+
+    def _missed(self, error: Exception) -> None:
+        away = f"Prefect's API at {self._client.api_url} does not answer ({type(error).__name__})"
+        self._say(f"{away}; the campaign waits {IN_BETWEEN_S:.0f} s for it")
 
 
 def _seen(run: Mapping[str, Any], beat: str) -> Seen:

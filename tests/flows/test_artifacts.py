@@ -11,7 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vastflow.flows.computing import artifacts
-from vastflow.flows.computing.artifacts import Page, ProgressBar, key_of, progress_text, publish, size_text, tolerated
+from vastflow.flows.computing.artifacts import (
+    QUIET_S,
+    Page,
+    ProgressBar,
+    key_of,
+    progress_text,
+    publish,
+    size_text,
+    tolerated,
+)
 from vastflow.flows.results.results import Results
 from vastflow.flows.results.summary import Summary
 from vastflow.tasks.progress import Progress
@@ -112,7 +121,7 @@ def test_the_log_has_a_line_for_a_phase_and_none_for_a_run(client, clock):
     assert lines[-1] == "writing the report"
 
 
-def test_an_api_that_refuses_is_said_once_and_asked_no_more(client, clock, caplog):
+def test_an_api_that_refuses_is_said_once_and_left_alone_for_half_a_minute(client, clock, caplog):
     client.error = RuntimeError("gone")
     with caplog.at_level(logging.WARNING, "vastflow.artifacts"):
         lines = told(
@@ -123,6 +132,18 @@ def test_an_api_that_refuses_is_said_once_and_asked_no_more(client, clock, caplo
         "Prefect does not show the campaign's progress or results: gone"
     ]
     assert lines[0] == "2 configurations × 2 runs; 0 runs are in the store"
+
+
+def test_a_page_is_shown_again_when_its_server_is_back(client, clock):
+    lines = []
+    page = Page("Two rooms", str(uuid4()), lines.append)
+    client.error = RuntimeError("gone")
+    page.update(Progress("running", runs_total=4, configurations_total=2))
+    client.error = None
+    clock.now_s += QUIET_S
+    page.update(Progress("running", runs_total=4, configurations_total=2, runs_done=3, passed=3))
+    assert [sent[0] for sent in client.sent] == ["rename", "rename", "create"]
+    assert sum("2 configurations × 2 runs" in line for line in lines) == 1
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from vastflow.flows.computing.computation import FLOWS, Computation
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.server import PrefectUnavailable
+from vastflow.tasks.server import PrefectUnavailable, import_prefect
 from vastflow.tasks.shelf import Shelf
 
 pytestmark = pytest.mark.timeout(60)
@@ -77,3 +77,18 @@ def test_an_api_of_the_users_that_fails_is_told_with_its_address_at_once(made, m
     error = made.run(flow)
     assert str(error).startswith("Prefect's API at http://lab:4200/api failed (Failed to reach API); start it")
     assert flow.begun == 1
+
+
+def test_with_a_server_configured_none_is_started_beside_it(tmp_path, monkeypatch):
+    import_prefect()  # else it would take the variable for the settings of all tests that follow
+
+    def refused(log):
+        raise AssertionError("an embedded API was started")
+
+    monkeypatch.setattr(computation, "ApiServer", refused)
+    monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
+    monkeypatch.setattr(computation, "configured_url", lambda: "http://127.0.0.1:9/api")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    shelf = Shelf(open_local_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
+    made = Computation(shelf, pickle.dumps(()), 1, Tally(), tmp_path / "results", tmp_path / "log")
+    assert made.run(Flow(0)) is None

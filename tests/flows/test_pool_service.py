@@ -1,6 +1,7 @@
 """Requests of a work pool's service: patient with a server that is away, and few."""
 
 import uuid
+from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 
 import httpx
@@ -10,6 +11,8 @@ from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
 from vastflow.flows.pool import service as pool_service
 from vastflow.flows.pool.service import PoolService, Seen
 from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
+from vastflow.tasks import patience
+from vastflow.tasks.execution.deployment import SHARD_ENTRYPOINT
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.server import PrefectUnavailable
 
@@ -28,6 +31,7 @@ class Client:
 
     def __init__(self, kind="process", away=()):
         self.kind, self.away, self.asked, self.created = kind, list(away), [], []
+        self.cancelling, self.ended, self.moved, self.entrypoint = [], [], [], SHARD_ENTRYPOINT
 
     def _maybe_away(self):
         if self.away:
@@ -43,7 +47,10 @@ class Client:
 
     def read_deployment_by_name(self, name):
         assert name == "vastflow-shard/lab"
-        return SimpleNamespace(id="the-deployment")
+        return SimpleNamespace(id="the-deployment", entrypoint=self.entrypoint)
+
+    def update_deployment(self, deployment, update):
+        self.moved.append((deployment, update.model_dump(exclude_unset=True)))
 
     def create_task_run(self, task, flow_run_id, dynamic_key, name):
         return SimpleNamespace(id=f"task-{dynamic_key}")
@@ -53,9 +60,15 @@ class Client:
         self.created.append(named)
         return SimpleNamespace(id="the-run")
 
+    def set_flow_run_state(self, flow_run, state, force):
+        self.ended.append((flow_run, state.name, force))
+
     def request(self, method, path, json):
         self._maybe_away()
-        self.asked.append((path, json))
+        if "deployment_id" not in json["flow_runs" if "flow_runs" in json else "artifacts"]:
+            self.asked.append((path, json))
+        if path == "/flow_runs/filter" and "deployment_id" in json["flow_runs"]:
+            return SimpleNamespace(json=lambda: self.cancelling)
         if path == "/flow_runs/filter":
             ids = json["flow_runs"]["id"]["any_"]
             state = {"type": "RUNNING", "name": "Running", "message": None}
@@ -65,11 +78,11 @@ class Client:
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
-    monkeypatch.setattr(pool_service, "_PAUSE_S", 0.01)
-    monkeypatch.setattr(pool_service, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(patience, "_PAUSE_S", 0.01)
+    monkeypatch.setattr(pool_service, "IN_BETWEEN_S", 0.2)
 
 
-def service(client, name="lab", ended=lambda: False):
+def service(client, name="lab", say=lambda line: None, ended=lambda: False):
     variables = {PoolType.kubernetes: {"cpu": "3"}}
     return PoolService(
         client,
@@ -79,6 +92,7 @@ def service(client, name="lab", ended=lambda: False):
         "s3://bucket/store",
         lambda kind: variables.get(kind, {}),
         lambda kind: 3 if kind is PoolType.kubernetes else None,
+        say,
         ended,
     )
 
@@ -119,14 +133,17 @@ def test_shards_are_cancelled_fifty_a_request():
     assert sizes == [50, 50, 20]
 
 
-def test_a_server_that_stays_away_is_given_up_and_named():
-    client = Client()
-    found = service(client)
+def test_a_server_that_stays_away_is_said_at_once_and_then_given_up_and_named():
+    client, said = Client(), []
+    found = service(client, say=said.append)
     client.away = [httpx.ConnectError("refused")] * 1000
     with pytest.raises(
         PrefectUnavailable, match=r"http://lab:4200/api has not answered for 0 s .ConnectError.; start it"
     ):
         found.seen({"a"})
+    assert said == [
+        "Prefect's API at http://lab:4200/api does not answer (ConnectError); the campaign waits 0 s for it"
+    ]
 
 
 def test_nobody_waits_for_a_server_when_the_campaign_was_ended():
@@ -157,3 +174,23 @@ def test_a_pool_that_is_not_there_is_said_with_the_nearest_name():
 def test_a_pool_of_another_kind_is_refused():
     with pytest.raises(WorkPoolError, match="--pool: the work pool 'lab' is of type 'ecs'; one of process, docker"):
         service(Client("ecs"))
+
+
+def test_what_was_cancelled_as_it_ended_by_itself_is_ended_by_the_next_campaign():
+    client, now = Client(), datetime.now(UTC)
+    ages_s = {"just": 5.0, "stuck": 3600.0}
+    client.cancelling = [
+        {"id": name, "state": {"timestamp": (now - timedelta(seconds=age_s)).isoformat()}}
+        for name, age_s in ages_s.items()
+    ]
+    service(client)
+    assert client.ended == [("stuck", "Cancelled", True)]
+
+
+def test_a_deployment_of_another_version_is_told_where_the_flow_is_now_and_else_left_alone():
+    client = Client()
+    service(client)
+    assert client.moved == []
+    client.entrypoint = "vastflow.flows.elsewhere.run_shard"
+    service(client)
+    assert client.moved == [("the-deployment", {"entrypoint": SHARD_ENTRYPOINT})]

@@ -121,12 +121,15 @@ class ShardsOf:
     """An API with flow runs that a dead campaign asked a work pool for; a worker ends one at each look."""
 
     def __init__(self, waiting):
-        self.waiting, self.cancelling, self.parents = waiting, 0, set()
+        self.waiting, self.cancelling, self.ended, self.parents = waiting, 0, 0, set()
 
     def request(self, method, address, json):
         some = json["flow_runs"]
         self.parents |= set(some["parent_flow_run_id"]["any_"])
         of_all = "CANCELLING" not in some["state"]["type"]["not_any_"]
+        if address == "/flow_runs/bulk_set_state" and json["state"]["type"] == "CANCELLED":
+            self.ended += json["limit"] if json["force"] else 0
+            return Answer({})
         if address == "/flow_runs/bulk_set_state":
             moved = min(json["limit"], self.waiting)
             self.waiting, self.cancelling = self.waiting - moved, self.cancelling + moved
@@ -140,11 +143,12 @@ def test_what_a_dead_campaign_asked_a_work_pool_for_is_called_off_and_waited_for
     monkeypatch.setattr(ledger, "_POLL_S", 0.0)
     shards = ShardsOf(130)
     ledger._call_off(shards, RUN)
-    assert (shards.waiting, shards.cancelling, shards.parents) == (0, 0, {RUN})
+    assert (shards.waiting, shards.cancelling, shards.ended, shards.parents) == (0, 0, 0, {RUN})
 
 
-def test_workers_that_are_gone_too_are_not_waited_for_longer_than_a_while(monkeypatch):
+def test_workers_that_are_gone_too_are_not_waited_for_and_what_they_had_is_ended(monkeypatch):
     monkeypatch.setattr(ledger, "CALLED_OFF_S", 0.1)
     shards = ShardsOf(10**9)
     ledger._call_off(shards, RUN)
     assert shards.waiting > 0
+    assert shards.ended > 0
