@@ -104,7 +104,12 @@ def deploy(
         pool=pool,
         folder=str(Path.cwd()) if kind is PoolType.process else IMAGE_FOLDER,
         description=description_of(
-            title, place, runs or campaign.runs, str(campaign.spec.metadata.get("description") or ""), shards_in
+            title,
+            place,
+            runs or campaign.runs,
+            str(campaign.spec.metadata.get("description") or ""),
+            shards_in,
+            least=campaign.sequential.min if runs is None and campaign.sequential is not None else None,
         ),
         job_variables=_job_variables(kind, description, image, queue),
         cron=cron,

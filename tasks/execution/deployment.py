@@ -95,7 +95,14 @@ class ShardDeployment:
         }
 
 
-def description_of(campaign: str, file: str, runs: int, about: str = "", shards_in: str | None = None) -> str:
+def description_of(
+    campaign: str,
+    file: str,
+    runs: int,
+    about: str = "",
+    shards_in: str | None = None,
+    least: int | None = None,
+) -> str:
     """What a deployment's page says, in Markdown.
 
     Args:
@@ -103,10 +110,14 @@ def description_of(campaign: str, file: str, runs: int, about: str = "", shards_
         runs: Of each configuration.
         about: The campaign file's own description.
         shards_in: Work pool whose workers compute the runs.
+        least: Runs after which a configuration may end, where they end by a rule; `runs` is the most then.
     """
+    each = f"{runs} run{'s'[: runs != 1]} of each configuration"
+    if least is not None:
+        each = f"{least} to {runs} runs of each configuration, which ends when its class is decided"
     does = (
-        f"Runs the campaign **{campaign}** (`{file}`), {runs} runs of each configuration, and writes its report. What the "
-        "store has already is not computed again."
+        f"Runs the campaign **{campaign}** (`{file}`), {each}, and writes its report. What the store has already is not "
+        "computed again."
     )
     machine = "The whole campaign runs on the machine of the worker that takes it."
     if shards_in is not None:

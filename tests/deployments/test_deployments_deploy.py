@@ -38,6 +38,19 @@ def test_a_dry_run_prints_the_deployment_and_its_pool(file):
     assert "7 runs of each configuration" in deployment.description
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ((), "5 to 20 runs of each configuration, which ends when its class is decided, and writes its report"),
+        (("--runs", 1), "1 run of each configuration, and writes its report"),
+    ],
+)
+def test_of_a_campaign_that_stops_by_a_rule_the_description_says_the_least_and_the_most(campaign_file, options, said):
+    file = campaign_file("  runs: {min: 5, max: 20, stop: {systematic: 0.5, reliable: 0.9}}\n")
+    deployment, _ = printed(called(file, "--pool", "lab", *options, "--dry-run"))
+    assert said in deployment.description
+
+
 def test_the_parameters_are_those_of_the_flow_and_the_paths_are_absolute(file, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     options = (
