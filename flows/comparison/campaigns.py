@@ -7,8 +7,8 @@ from typing import Any
 
 from vastflow.oracles.directory.environment_names import environment_names
 from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.evidence.findings import named
 from vastflow.oracles.evidence.pairing import Pairing, pairing_of
+from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.statistics.comparison import (
     Change,
     Difference,
@@ -79,10 +79,8 @@ def _rows(tables: Tables, names: Sequence[str]) -> list[dict[str, Any]]:
     places = {name: k for k, name in enumerate(found.names)}
     maps = environment_names(tables.directory, dict.fromkeys(filter(None, found.environments)))
     chosen = [places[name] for name in names]
-    return [
-        {"family": found.families[k], **{key: named(value, maps) for key, value in found.factors[k].items()}}
-        for k in chosen
-    ]
+    rows = varied_rows(found, chosen, maps)
+    return [{"family": found.families[k], **row} for k, row in zip(chosen, rows, strict=True)]
 
 
 def _why(pairing: Pairing) -> str:

@@ -61,13 +61,18 @@ class ConfigurationTable:
         """Environment, task, system and programs of each one's scenario."""
         return self._decoded("scenario")
 
+    @cached_property
+    def provenances(self) -> list[Mapping[str, Any]]:
+        """What producers noted of each one's making: the path that was drawn, its length."""
+        return self._decoded("provenance")
+
     def __len__(self) -> int:
         return len(self.names)
 
     def rows(self) -> list[dict[str, Any]]:
         """The rows, JSON columns decoded."""
         rows: list[dict[str, Any]] = self.table.to_pylist()
-        decoded = zip(rows, self.abstracts, self.contents, self.factors, self._decoded("provenance"), strict=True)
+        decoded = zip(rows, self.abstracts, self.contents, self.factors, self.provenances, strict=True)
         for row, abstract, content, factors, provenance in decoded:
             row |= {"abstract": abstract, "scenario": content, "factors": factors, "provenance": provenance}
         return rows

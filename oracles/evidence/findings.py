@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_rate, weights_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import Bounds, Classes, TotalFailures, classify, shares, total_failures
@@ -109,13 +110,6 @@ def findings_json(findings: Findings) -> dict[str, Any]:
     }
 
 
-def named(value: Any, environments: Mapping[str, str]) -> Any:
-    """A file by the name that people know of it, or by the beginning of its digest."""
-    if isinstance(value, dict) and set(value) == {"file"}:
-        return environments.get(value["file"], str(value["file"])[:8])
-    return value
-
-
 def _plain(value: Any) -> Any:
     return None if value is None else asdict(value)
 
@@ -139,7 +133,7 @@ def _designs(
     for places in by_keys.values():
         at = found.distinct[places]
         families = tuple(dict.fromkeys(found.families[k] for k in at))
-        rows = [{key: named(value, environments) for key, value in found.factors[k].items()} for k in at]
+        rows = varied_rows(found, at, environments)
         if len(families) > 1:
             rows = [{"family": found.families[k], **row} for k, row in zip(at, rows, strict=True)]
         factors, dropped = factors_of(rows)

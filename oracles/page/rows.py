@@ -14,7 +14,8 @@ from vastflow.oracles.directory.column import floats
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.directory.verdict_table import FAIL, Reasons
 from vastflow.oracles.evidence.evidence import Evidence, Group, Spread
-from vastflow.oracles.evidence.findings import Findings, named
+from vastflow.oracles.evidence.findings import Findings
+from vastflow.oracles.evidence.varied import named
 from vastflow.oracles.figures.scene import Scene, environment_counts
 from vastflow.oracles.oracle import known_oracles, oracle_class
 from vastflow.oracles.page.table import Column, DataTable, configuration_cells, rate_cell

@@ -14,6 +14,7 @@ from vastflow.oracles.statistics.factors import Dropped, Factor
 from vastflow.oracles.statistics.interactions import InteractionEffect, interaction_effect
 from vastflow.oracles.statistics.intervals import Floats, counts
 from vastflow.oracles.statistics.margins import Margins, margins_of
+from vastflow.oracles.statistics.trend import trend_of
 
 LEAST_DRAWS: Final = 999
 MOST_DRAWS: Final = 9999
@@ -71,7 +72,7 @@ def factor_analysis(
     averaged there, and what a factor is measured against are the differences of configurations alike in it (analysis of cluster
     means, Donner and Klar 2000, ch. 6). Effects are differences of failure rates, in a linear model with a column for each
     level; unlike a logistic one it has an answer where a level always passes, and its effects are in the unit that is reported.
-    `Contrasts` has the tests: a factor beyond all other factors, a pair beyond all factors. All are adjusted together by Holm
+    `Contrasts` has the tests: a factor beyond all other factors, by its levels or, of a number, by its trend; a pair beyond all factors. All are adjusted together by Holm
     (Scand. J. Statist. 6 (1979) 65), which needs no independence.
 
     Effects that multiply, say a rate doubled from 0.1 to 0.2 here and from 0.4 to 0.8 there, do not add up and are an interaction.
@@ -102,7 +103,8 @@ def factor_analysis(
     for factor in present:
         others = np.column_stack([constant, *(found for name, found in columns.items() if name != factor.name)])
         tested = contrasts.test(columns[factor.name], others)
-        mains.append(factor_effect(factor, tested, margins, columns, constant, between, error))
+        trend = None if factor.values is None else trend_of(contrasts, factor.values, others, error)
+        mains.append(factor_effect(factor, tested, margins, columns, constant, between, error, trend))
     effects = [interaction_effect(*pair, contrasts, model, columns, margins.fitted, between) for pair in pairs]
     adjusted = holm([*(effect.p_value for effect in mains), *(effect.p_value for effect in effects)])
     for k, p in enumerate(adjusted[: len(mains)]):
@@ -143,7 +145,8 @@ def _present(factor: Factor, some: NDArray[np.bool_]) -> Factor | None:
     if len(used) < 2:
         return None
     levels = tuple(factor.levels[k] for k in used)
-    return Factor(factor.name, levels, np.where(codes >= 0, np.searchsorted(used, codes), -1).astype(np.int64))
+    values = None if factor.values is None else factor.values[some]
+    return Factor(factor.name, levels, np.where(codes >= 0, np.searchsorted(used, codes), -1).astype(np.int64), values)
 
 
 def _columns(factor: Factor) -> Floats:

@@ -62,7 +62,7 @@ class Contrasts:
         """Test `columns` (m, q) beside `others` (m, p), which hold the constant."""
         last = 1 + columns.shape[1]
         between, within = self._split(np.column_stack((self.response, columns, others)))
-        left_between, left_within = (_beyond(part[:, 1:last], part[:, last:])[0] for part in (between, within))
+        left_between, left_within = (beyond(part[:, 1:last], part[:, last:])[0] for part in (between, within))
         spread_between = float((self.sizes @ left_between**2).sum())
         spread_within = float((left_within**2).sum())
         if max(spread_between, spread_within) < _TINY * max(1.0, float((columns**2).sum())):
@@ -86,8 +86,8 @@ class Contrasts:
 
     def _tested(self, table: Floats, degrees: int, units: NDArray[np.int64], used: int) -> Tested:
         y, columns, others = table[:, 0], table[:, 1 : 1 + degrees], table[:, 1 + degrees :]
-        beyond, basis = _beyond(columns, others)
-        tested = _basis(beyond)
+        left_over, basis = beyond(columns, others)
+        tested = _basis(left_over)
         q = tested.shape[1]
         left = len(y) - used - basis.shape[1] - q
         if left < 1:
@@ -173,7 +173,7 @@ def _robust(y: Floats, residual: Floats, tested: Floats, basis: Floats, units: N
     return float(fdtrc(q, remaining, found * remaining / (freedom * q)))
 
 
-def _beyond(columns: Floats, others: Floats) -> tuple[Floats, Floats]:
+def beyond(columns: Floats, others: Floats) -> tuple[Floats, Floats]:
     """What `columns` have beyond `others`, and an orthonormal basis of the latter."""
     basis = _basis(others)
     return columns - basis @ (basis.T @ columns), basis

@@ -9,6 +9,7 @@ from vastflow.oracles.statistics.contrast import Tested
 from vastflow.oracles.statistics.factors import Factor
 from vastflow.oracles.statistics.intervals import Floats, Interval
 from vastflow.oracles.statistics.margins import Margins
+from vastflow.oracles.statistics.trend import Trend
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,9 @@ class FactorEffect:
         difference: Between the two.
         difference_interval: Of it, allowing for their choice among all pairs of levels (Bonferroni).
         share: Of the variance between configurations that the factor explains beyond the others, repetition noise taken out.
-        p_value: Of no effect; None where it can't be tested, `note` says why.
+        p_value: Of no effect; None where it can't be tested, `note` says why. Of a number with a trend, twice the smaller of the
+            p-values of its levels and of its trend (Bonferroni).
+        trend: Of a number with three values or more; None for others.
         adjusted: The same by Holm over all factors and pairs.
         significant: Whether `adjusted` is at most the analysis' error.
     """
@@ -53,6 +56,7 @@ class FactorEffect:
     adjusted: float | None = None
     significant: bool = False
     note: str = ""
+    trend: Trend | None = None
 
 
 def factor_effect(
@@ -63,6 +67,7 @@ def factor_effect(
     constant: Floats,
     between: float,
     error: float,
+    trend: Trend | None = None,
 ) -> FactorEffect:
     """The effect of one factor, not yet adjusted for the others that are tested.
 
@@ -85,6 +90,7 @@ def factor_effect(
     )
     low, high = int(found.means.argmin()), int(found.means.argmax())
     pairs = len(levels) * (len(levels) - 1) / 2
+    p_value = _of_either(tested.p_value, trend)
     return FactorEffect(
         factor.name,
         levels,
@@ -93,9 +99,16 @@ def factor_effect(
         float(found.means[high] - found.means[low]),
         found.difference(high, low, 1 - error / pairs),
         share_of(tested, between),
-        tested.p_value,
-        note=tested.why,
+        p_value,
+        note=tested.why if p_value is None else "",
+        trend=trend,
     )
+
+
+def _of_either(of_levels: float | None, trend: Trend | None) -> float | None:
+    """The p-value of a difference between levels or of a trend."""
+    found = [p for p in (of_levels, trend.p_value if trend else None) if p is not None]
+    return min(1.0, len(found) * min(found)) if found else None
 
 
 def share_of(tested: Tested, between: float) -> float:

@@ -21,11 +21,13 @@ class Factor:
     Attributes:
         levels: In natural order, each of at least one configuration.
         codes: (m,) index of each configuration's level; -1 where it has no such key.
+        values: (m,) the number behind the level, NaN where there is none; None where levels are no numbers.
     """
 
     name: str
     levels: tuple[str, ...]
     codes: Codes = field(repr=False)
+    values: NDArray[np.float64] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +43,8 @@ def factors_of(
 ) -> tuple[list[Factor], list[Dropped]]:
     """The factors among the values of configurations, and what varies and is none.
 
-    Equal values are a level each. Numbers with more than `most_levels` values are binned at their quantiles into `bins` levels; of lists
-    of objects, obstacles say, their number counts. What has more kinds of values, or is a place, is dropped: it can hardly be
+    Equal values are a level each. Numbers with more than `most_levels` values are levels where they come in heaps, as lengths that were drawn
+    within a tolerance do, and are binned at their quantiles into `bins` levels else; of lists of objects, obstacles say, their number counts. What has more kinds of values, or is a place, is dropped: it can hardly be
     told from the configurations themselves. Of keys that divide the configurations alike the first stays.
 
     Args:
@@ -97,26 +99,47 @@ def _comparable(key: str, values: list[Any]) -> tuple[str, list[Any]]:
 def _factor(name: str, values: Sequence[Any], kinds: Sequence[str], most_levels: int, bins: int) -> Factor | None:
     numbers = all(value is None or _is_number(value) for value in values)
     if len(kinds) > most_levels:
-        return _binned(name, values, bins) if numbers else None
+        return _binned(name, values, most_levels, bins) if numbers else None
     known = {_text(value): value for value in values if value is not None}
     levels = tuple(sorted(known, key=lambda kind: float(known[kind]))) if numbers else tuple(kinds)
     codes = {level: k for k, level in enumerate(levels)}
     at = np.array([-1 if value is None else codes[_text(value)] for value in values], dtype=np.int64)
-    return Factor(name, tuple(_level_text(known[level]) for level in levels), at)
+    return Factor(name, tuple(_level_text(known[level]) for level in levels), at, _numbers(values) if numbers else None)
 
 
-def _binned(name: str, values: Sequence[Any], bins: int) -> Factor:
-    numbers = np.array([np.nan if value is None else float(value) for value in values])
+def _numbers(values: Sequence[Any]) -> NDArray[np.float64]:
+    return np.array([np.nan if value is None else float(value) for value in values])
+
+
+def _heaps(known: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+    """Middles of the gaps between heaps of numbers, at most `most` of them; none where there are no gaps.
+
+    Gaps are at least twice as wide as the widest heap; of several ways to see it that with the most heaps counts.
+    """
+    at = np.unique(known)
+    gaps = np.diff(at)
+    widest_first = np.argsort(-gaps, kind="stable")
+    for cuts in range(min(most, len(at)) - 1, 0, -1):
+        after = np.sort(widest_first[:cuts])
+        starts, ends = np.r_[0, after + 1], np.r_[after, len(at) - 1]
+        if gaps[after].min() >= 2 * (at[ends] - at[starts]).max():
+            return np.asarray((at[after] + at[after + 1]) / 2)
+    return np.empty(0)
+
+
+def _binned(name: str, values: Sequence[Any], most_levels: int, bins: int) -> Factor:
+    numbers = _numbers(values)
     known = numbers[np.isfinite(numbers)]
-    edges = np.unique(np.quantile(known, np.linspace(0, 1, bins + 1)))
-    inner = edges[1:-1]
+    inner = _heaps(known, most_levels)
+    if not inner.size:
+        inner = np.unique(np.quantile(known, np.linspace(0, 1, bins + 1)))[1:-1]
     codes = np.where(np.isfinite(numbers), np.searchsorted(inner, numbers, side="right"), -1).astype(np.int64)
     used = np.unique(codes[codes >= 0])
     levels = tuple(
         f"{known[(codes[np.isfinite(numbers)] == k)].min():.4g} to {known[(codes[np.isfinite(numbers)] == k)].max():.4g}"
         for k in used
     )
-    return Factor(name, levels, np.where(codes >= 0, np.searchsorted(used, codes), -1).astype(np.int64))
+    return Factor(name, levels, np.where(codes >= 0, np.searchsorted(used, codes), -1).astype(np.int64), numbers)
 
 
 def _partition(codes: Codes) -> bytes:

@@ -120,6 +120,7 @@ class SyntheticCampaign:
         duplicate_of: str | None = None,
         fault: str | None = None,
         runs: int = 0,
+        provenance: Mapping[str, Any] | None = None,
     ) -> None:
         """A configuration, its recordings judged by `oracles`; with `fault` its `runs` are not judged."""
         environment = load_map(map_file).digest
@@ -145,7 +146,7 @@ class SyntheticCampaign:
                 }
             ),
             "factors": json.dumps(factors or {}),
-            "provenance": "{}",
+            "provenance": json.dumps(provenance or {}),
         }
         self.configurations.append(row)
         if duplicate_of is not None:

@@ -5,7 +5,8 @@ import json
 import pytest
 
 from vastflow.oracles.directory.tables import read_tables
-from vastflow.oracles.evidence.findings import findings_json, findings_of, named, shape_of, stopping_rule
+from vastflow.oracles.evidence.findings import findings_json, findings_of, shape_of, stopping_rule
+from vastflow.oracles.evidence.varied import named
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
@@ -42,6 +43,22 @@ def test_the_factor_that_does_harm_comes_first(found):
 def test_configurations_that_always_and_never_and_sometimes_fail_are_counted(found):
     assert shape_of(found) == {"always": 7, "never": 6, "mixed": 1}
     assert (found.total_failures.failures, found.total_failures.of_failures) == (24, 25)
+
+
+def test_the_length_of_the_path_that_was_drawn_is_a_factor(synthetic_campaign, tmp_path, build):
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+    for k in range(24):
+        task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 1.0 + 0.1 * k}}
+        failed = k // 6  # of four runs, and longer by 5 m each time
+        runs = [build.a_recording(WAY, run_index=i, outcome="aborted" if i < failed else "succeeded") for i in range(4)]
+        length = {"_path_length": 5.0 * (1 + k // 6) + 0.01 * (k % 6)}
+        synthetic_campaign.add(f"way-{k}", "way", room, task, recordings=runs, provenance=length)
+    (design,) = findings_of(read_tables(synthetic_campaign.write())).designs
+    (factor,) = design.analysis.factors
+    assert (factor.name, factor.significant) == ("path length (m)", True)
+    assert [level.level for level in factor.levels] == ["5 to 5.05", "10 to 10.05", "15 to 15.05", "20 to 20.05"]
+    assert factor.trend is not None
+    assert factor.trend.per_unit == pytest.approx(0.05, abs=1e-3)
 
 
 def test_findings_are_json(found):

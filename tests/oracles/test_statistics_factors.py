@@ -2,6 +2,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from vastflow.oracles.statistics.factors import blocks_of, factors_of
 
@@ -21,6 +23,30 @@ def test_numbers_of_many_values_are_binned_at_their_quantiles() -> None:
     (factor,), _ = factors_of([{"drawn": float(v)} for v in range(100)])
     assert factor.levels == ("0 to 24", "25 to 49", "50 to 74", "75 to 99")
     assert np.bincount(factor.codes).tolist() == [25, 25, 25, 25]
+
+
+def test_numbers_that_come_in_heaps_are_a_level_each_heap() -> None:
+    lengths = [wanted + 0.02 * k for wanted in (5.0, 10.0, 30.0) for k in range(10)]
+    (factor,), _ = factors_of([{"length": v} for v in lengths])
+    assert factor.levels == ("5 to 5.18", "10 to 10.18", "30 to 30.18")
+    assert np.bincount(factor.codes).tolist() == [10, 10, 10]
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=14, max_size=40, unique=True))
+def test_every_number_has_a_level_and_levels_are_in_order(values: list[float]) -> None:
+    (factor,), _ = factors_of([{"drawn": v} for v in values])
+    assert 2 <= len(factor.levels) <= 12
+    assert factor.codes.min() == 0
+    assert (np.diff(factor.codes[np.argsort(values)]) >= 0).all()
+    assert factor.values is not None and factor.values.tolist() == values
+
+
+def test_levels_that_are_no_numbers_have_no_values() -> None:
+    (number, word), _ = factors_of(
+        [{"noise": 0.1, "planner": "a"}, {"noise": None, "planner": "a"}, {"noise": 0.2, "planner": "b"}]
+    )
+    assert word.values is None
+    assert number.values is not None and np.array_equal(number.values, [0.1, np.nan, 0.2], equal_nan=True)
 
 
 def test_words_of_many_kinds_are_dropped_with_their_number() -> None:

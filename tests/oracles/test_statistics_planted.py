@@ -22,7 +22,15 @@ def proof():
 
 @pytest.mark.parametrize(
     ("part", "campaigns"),
-    [("classes", 150), ("factors", 40), ("rare", 40), ("pooled", 300), ("stopping", 60), ("comparison", 150)],
+    [
+        ("classes", 150),
+        ("factors", 40),
+        ("lengths", 40),
+        ("rare", 40),
+        ("pooled", 300),
+        ("stopping", 60),
+        ("comparison", 150),
+    ],
 )
 def test_what_was_planted_is_found_and_nothing_else(proof, part, campaigns):
     findings = list(getattr(proof, part)(campaigns, np.random.default_rng(12)))

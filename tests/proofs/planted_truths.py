@@ -5,6 +5,7 @@ Campaigns are drawn with known success rates, and the statistics of `vastflow.or
 - *classes*: of configurations of known rates, how many claims are wrong, and how many are found;
 - *factors*: a harmful factor and an interaction in a campaign of paths, maps and settings, whose configurations differ and share paths; how
   often they are found, whether intervals hold the truth, and how often something is found that is not there;
+- *lengths*: a failure rate that rises with the length of the path, in campaigns whose paths differ, and one that does not;
 - *pooled*: how often the pooled interval holds the mean rate of the kind;
 - *stopping*: errors and runs of the sequential rule, drawn, beside those that are computed;
 - *comparison*: how often a campaign against itself, with other noise, looks changed, and how often a loss is found.
@@ -179,6 +180,35 @@ def factors(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
         )
 
 
+def lengths(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """Campaigns of 24 paths of about 5, 10 and 15 m on 3 maps, 4 settings on each, 10 runs; paths and configurations differ."""
+    for rise, words in ((0.0, "none"), (0.05, "0.05 a metre")):
+        found = held = other = 0
+        for _ in range(campaigns):
+            wanted = np.tile([5.0, 10.0, 15.0], 8)
+            metres = wanted + rng.uniform(-0.3, 0.3, 24)
+            planted = np.clip(0.05 + rise * metres, 0.0, 1.0)
+            of_path = rng.beta(planted * 6, (1 - planted) * 6)
+            rows = [
+                {"map": "ABC"[k // 8], "setting": s, "path length (m)": float(metres[k])}
+                for k in range(24)
+                for s in range(4)
+            ]
+            path = np.repeat(np.arange(24), 4)
+            rates = np.clip(of_path, 1e-3, 1 - 1e-3)[path]
+            failed = rng.binomial(10, rng.beta(rates * 20, (1 - rates) * 20))
+            effects = {effect.name: effect for effect in analysed(rows, failed, path).factors}
+            length = effects["path length (m)"]
+            assert length.trend is not None
+            found += length.significant
+            other += any(effect.significant for name, effect in effects.items() if name != length.name)
+            held += length.trend.interval[0] <= rise <= length.trend.interval[1]
+        bound = {"most": 0.05} if rise == 0 else {"least": 0.85}
+        yield Finding(f"lengths: path length is found to matter, planted {words}", found, campaigns, **bound)
+        yield Finding(f"lengths: something else is, planted {words}", other, campaigns, most=0.05)
+        yield Finding(f"lengths: the interval of the slope holds it, planted {words}", held, campaigns, least=0.93)
+
+
 def rare(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     """Nothing planted, few failures, levels of very different size: where tests by themselves go wrong."""
     rows = [{"a": "small" if k < 30 else "large", "b": k % 3} for k in range(600)]
@@ -248,7 +278,7 @@ def comparison(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
 
 
 PARTS: tuple[Callable[[int, np.random.Generator], Iterator[Finding]], ...] = (
-    *(classes, factors, rare),
+    *(classes, factors, lengths, rare),
     *(pooled, stopping, comparison),
 )
 

@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+from scipy.stats import linregress
+
+from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
+from vastflow.oracles.statistics.contrast import contrasts_of
+from vastflow.oracles.statistics.factors import factors_of
+from vastflow.oracles.statistics.trend import trend_of
+
+ONE = np.ones((40, 1))
+ALONE = np.arange(40)
+
+
+def analysed(lengths, failed, runs=20, blocks=None, **others) -> FactorAnalysis:
+    rows = [{"length": float(v), **{name: values[k] for name, values in others.items()}} for k, v in enumerate(lengths)]
+    found = factor_analysis(factors_of(rows)[0], runs - np.asarray(failed), np.full(len(rows), runs), blocks)
+    assert found is not None
+    return found
+
+
+def test_the_slope_is_that_of_least_squares_and_its_interval_about_as_wide() -> None:
+    rng = np.random.default_rng(1)
+    lengths = rng.uniform(5, 20, 40)
+    rates = 0.02 * lengths + rng.normal(0, 0.05, 40)
+    found = trend_of(contrasts_of(rates, ALONE, 999), lengths, ONE, 0.05)
+    expected = linregress(lengths, rates)
+    assert found is not None and found.p_value is not None
+    assert found.per_unit == pytest.approx(expected.slope)
+    half = (found.interval[1] - found.interval[0]) / 2
+    assert half == pytest.approx(2.02 * expected.stderr, rel=0.35)  # robust, so not the same
+    assert (found.smallest, found.greatest) == (lengths.min(), lengths.max())
+    assert found.change == pytest.approx(expected.slope * np.ptp(lengths))
+
+
+def test_a_slope_beside_another_factor_is_that_within_its_levels() -> None:
+    # Long ways on map B, which is harder by 0.3; a metre costs 0.01 on either.
+    lengths = np.r_[np.linspace(5, 15, 20), np.linspace(10, 20, 20)]
+    b = np.repeat([0.0, 1.0], 20)
+    found = trend_of(contrasts_of(0.3 * b + 0.01 * lengths, ALONE, 999), lengths, np.column_stack((ONE, b)), 0.05)
+    assert found is not None
+    assert found.per_unit == pytest.approx(0.01)
+    assert found.interval == pytest.approx((0.01, 0.01))
+
+
+@pytest.mark.parametrize("values", [[1.0, 2.0] * 20, [3.0] * 40, [np.nan] * 39 + [1.0]])
+def test_of_two_values_or_fewer_there_is_no_trend(values: list[float]) -> None:
+    rates = np.linspace(0, 1, 40)
+    assert trend_of(contrasts_of(rates, ALONE, 999), np.array(values), ONE, 0.05) is None
+
+
+def test_a_number_that_follows_from_another_factor_has_no_trend() -> None:
+    lengths = np.repeat([5.0, 10.0, 15.0, 20.0], 10)
+    others = np.column_stack((ONE, lengths[:, None] == [10.0, 15.0, 20.0]))
+    assert trend_of(contrasts_of(np.linspace(0, 1, 40), ALONE, 999), lengths, others, 0.05) is None
+
+
+def test_configurations_without_the_number_are_in_no_trend() -> None:
+    lengths = np.r_[np.linspace(5, 15, 30), np.full(10, np.nan)]
+    rates = np.r_[0.02 * lengths[:30], np.full(10, 0.9)]
+    others = np.column_stack((ONE, np.isnan(lengths)))
+    found = trend_of(contrasts_of(rates, ALONE, 999), lengths, others, 0.05)
+    assert found is not None
+    assert found.per_unit == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("failed", [0, 20])
+def test_where_all_runs_end_alike_the_trend_is_flat(failed: int) -> None:
+    (factor,) = analysed(np.linspace(5, 20, 24), [failed] * 24).factors
+    assert factor.trend is not None
+    assert factor.trend.interval == pytest.approx((0.0, 0.0))
+    assert (factor.p_value, factor.significant) == (1.0, False)
+
+
+def test_a_rise_over_eight_paths_is_found_where_their_lengths_are_all_different() -> None:
+    # Eight blocks of three settings: bins have two blocks each, which show nothing on their own.
+    rng = np.random.default_rng(2)
+    lengths = np.repeat(np.linspace(5, 26, 8), 3)
+    failed = rng.binomial(20, np.clip((lengths - 4) / 25, 0, 1))
+    found = analysed(lengths, failed, blocks=np.repeat(np.arange(8), 3), setting=[0, 1, 2] * 8)
+    length = next(factor for factor in found.factors if factor.name == "length")
+    assert length.significant
+    assert length.trend is not None and length.trend.interval[0] < 1 / 25 < length.trend.interval[1]
+
+
+def test_the_tests_of_levels_and_of_the_trend_share_the_error() -> None:
+    rng = np.random.default_rng(5)
+    lengths, failed = np.repeat([5.0, 10.0, 15.0, 20.0], 10), rng.binomial(20, 0.3, 40)
+    (factor,) = analysed(lengths, failed).factors
+    levels = (lengths[:, None] == [10.0, 15.0, 20.0]).astype(float)
+    of_levels = contrasts_of(failed / 20, ALONE, 999).test(levels, ONE).p_value
+    assert factor.trend is not None and factor.trend.p_value is not None and of_levels is not None
+    assert factor.p_value == pytest.approx(min(1.0, 2 * min(of_levels, factor.trend.p_value)))
