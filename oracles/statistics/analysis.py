@@ -90,7 +90,8 @@ def factor_analysis(
     block = np.arange(len(rates)) if blocks is None else np.asarray(blocks)[some]
     present = [found for factor in factors if (found := _present(factor, some)) is not None]
     pairs = list(combinations(present, 2))
-    draws = int(np.clip(2 * (len(present) + len(pairs)) / error, LEAST_DRAWS, MOST_DRAWS))
+    # The least p-value, 1 / draws, doubled for a number, must not be above the error when Holm multiplies it by all tests.
+    draws = int(np.clip(3 * (len(present) + len(pairs)) / error, LEAST_DRAWS, MOST_DRAWS))
     contrasts = contrasts_of(rates, block, draws)
     columns = {factor.name: _columns(factor) for factor in present}
     # Configurations without a factor are told apart from its levels, and are in no comparison of them.
