@@ -37,6 +37,7 @@ class Pairing:
         ambiguous: Names, of the later campaign, of configurations that have several counterparts and no reason for one of them.
         oracles: That judged both campaigns; pairs are judged by these alone.
         lonely_before, lonely_after: Runs of paired configurations whose seed the other has not run or not recorded.
+        block: (M,) number of each match's block, see `blocks_of`.
         configuration: (P,) index into `matches`.
         run_before, run_after: (P,) run index.
         said_before, said_after: (P, oracles) codes of judgements.
@@ -49,6 +50,7 @@ class Pairing:
     oracles: tuple[str, ...]
     lonely_before: int
     lonely_after: int
+    block: NDArray[np.int64] = field(repr=False)
     configuration: NDArray[np.int64] = field(repr=False)
     run_before: NDArray[np.int64] = field(repr=False)
     run_after: NDArray[np.int64] = field(repr=False)
@@ -66,7 +68,8 @@ class Pairing:
         """The pairs that were judged in both campaigns."""
         before, after = self.judged(oracle)
         both = (before < NOT_JUDGED) & (after < NOT_JUDGED)
-        return Pairs(self.configuration[both], before[both] == PASS, after[both] == PASS)
+        chosen = self.configuration[both]
+        return Pairs(chosen, before[both] == PASS, after[both] == PASS, self.block[chosen])
 
 
 def pairing_of(before: Tables, after: Tables) -> Pairing:
@@ -100,6 +103,7 @@ def pairing_of(before: Tables, after: Tables) -> Pairing:
         oracles=oracles,
         lonely_before=lonely[0],
         lonely_after=lonely[1],
+        block=np.array([after.blocks[match.after] for match in matches], dtype=np.int64),
         configuration=table[:, 0],
         run_before=table[:, 1],
         run_after=table[:, 2],

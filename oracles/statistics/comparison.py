@@ -23,11 +23,13 @@ class Pairs:
     Attributes:
         configuration: (P,) number of the pair's configuration.
         before, after: (P,) whether the run of each campaign passed.
+        block: (P,) number of its configuration's block, see `blocks_of`; None where each configuration is its own.
     """
 
     configuration: Codes = field(repr=False)
     before: Bools = field(repr=False)
     after: Bools = field(repr=False)
+    block: Codes | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not len(self.configuration) == len(self.before) == len(self.after):
@@ -39,7 +41,14 @@ class Pairs:
 
     def of(self, chosen: Bools) -> "Pairs":
         """Some of the pairs."""
-        return Pairs(self.configuration[chosen], self.before[chosen], self.after[chosen])
+        block = None if self.block is None else self.block[chosen]
+        return Pairs(self.configuration[chosen], self.before[chosen], self.after[chosen], block)
+
+    def clusters(self) -> Codes:
+        """(P,) what pairs change together by: their block, or their configuration where there is but one block."""
+        if self.block is None or not (self.block != self.block[:1]).any():
+            return self.configuration
+        return self.block
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +60,7 @@ class Difference:
         before, after: Success rates.
         interval: Of the difference, within -1..1.
         mcnemar: p-value of McNemar's exact test, pairs taken as independent.
-        p_value: Of no difference, configurations as clusters; None for fewer than two configurations.
+        p_value: Of no difference, blocks as clusters; None for fewer than two configurations.
     """
 
     pairs: int
@@ -133,8 +142,9 @@ def mcnemar(lost: int, gained: int, mid_p: bool = False) -> float:
 def difference(pairs: Pairs, level: float = LEVEL) -> Difference | None:
     """The difference of all `pairs` together, each counting once; None without any.
 
-    With d = +1 for a pair gained, -1 for one lost and 0 else, D = Σ d / N. Runs of one configuration change together, so
-    configurations are clusters: V = m/(m - 1) Σ (d_i - D n_i)² / N² over the m configurations' sums d_i of n_i pairs (the ratio
+    With d = +1 for a pair gained, -1 for one lost and 0 else, D = Σ d / N. Runs on one path change together, under whatever settings: they have
+    the path and the seeds of their noise in common. So blocks are clusters, and configurations where there is one block:
+    V = m/(m - 1) Σ (d_i - D n_i)² / N² over the m clusters' sums d_i of n_i pairs (the ratio
     estimator, Cochran 1977, §6.3), with Student's t at m - 1 degrees of freedom. Where hardly anything changed V says next to nothing:
     the interval is never narrower than that of Agresti and Min for independent pairs (Statistics in Medicine 24 (2005) 729), which adds
     half a pair to each of the four outcomes. With a single configuration that is all there is, and speaks of it alone.
@@ -145,7 +155,7 @@ def difference(pairs: Pairs, level: float = LEVEL) -> Difference | None:
     change = pairs.after.astype(np.float64) - pairs.before
     lost, gained = int((change < 0).sum()), int((change > 0).sum())
     d = float(change.mean())
-    _, at = np.unique(pairs.configuration, return_inverse=True)
+    _, at = np.unique(pairs.clusters(), return_inverse=True)
     sums, sizes = np.bincount(at, weights=change), np.bincount(at)
     m = len(sizes)
     variance = m / (m - 1) * float(((sums - d * sizes) ** 2).sum()) / n**2 if m > 1 else 0.0
@@ -159,8 +169,17 @@ def difference(pairs: Pairs, level: float = LEVEL) -> Difference | None:
         half = max(half, float(stdtrit(m - 1, (1 + level) / 2)) * math.sqrt(variance))
         p_value = 2.0 * float(stdtr(m - 1, -abs(d) / math.sqrt(max(variance, independent))))
     ends = max(-1.0, d - half), min(1.0, d + half)
+    configurations = len(np.unique(pairs.configuration))
     return Difference(
-        n, m, lost, gained, float(pairs.before.mean()), float(pairs.after.mean()), ends, mcnemar(lost, gained), p_value
+        n,
+        configurations,
+        lost,
+        gained,
+        float(pairs.before.mean()),
+        float(pairs.after.mean()),
+        ends,
+        mcnemar(lost, gained),
+        p_value,
     )
 
 

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,6 +54,26 @@ def test_runs_of_one_configuration_change_together() -> None:
     assert found.interval == pytest.approx((max(-1.0, -0.25 - half), -0.25 + half))
     assert found.p_value == pytest.approx(2 * float(t.sf(1.0, 3)))
     assert found.mcnemar == pytest.approx(2 / 2**10)
+
+
+def test_configurations_on_one_path_change_together() -> None:
+    # Two settings on each of four paths; on one path both lost all: the same as four configurations of twenty pairs.
+    found = pairs(*[(0, 10, 0, 0)] * 2, *[(10, 0, 0, 0)] * 6)
+    blocked = difference(replace(found, block=found.configuration // 2))
+    alone = difference(pairs((0, 20, 0, 0), *[(20, 0, 0, 0)] * 3))
+    assert blocked is not None and alone is not None
+    assert (blocked.interval, blocked.p_value, blocked.configurations) == (alone.interval, alone.p_value, 8)
+
+
+def test_on_a_single_path_configurations_are_what_changes_together() -> None:
+    found = pairs((5, 5, 0, 0), (10, 0, 0, 0), (8, 2, 0, 0))
+    assert difference(replace(found, block=np.zeros(30, dtype=np.int64))) == difference(found)
+
+
+def test_some_of_the_pairs_keep_their_blocks() -> None:
+    found = pairs((5, 5, 0, 0), (10, 0, 0, 0))
+    some = replace(found, block=found.configuration + 7).of(found.configuration == 1)
+    assert some.block is not None and set(some.block.tolist()) == {8}
 
 
 def test_pairs_without_a_change_leave_the_interval_of_agresti_and_min() -> None:

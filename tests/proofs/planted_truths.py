@@ -251,9 +251,12 @@ def stopping(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
 
 
 def comparison(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
-    """A campaign of 100 configurations × 20 runs against itself with other noise, and against one that lost something."""
+    """A campaign of 100 configurations × 20 runs against itself with other noise, and against one that lost something.
+
+    A last comparison is of 25 paths with 4 settings each, whose paths gain and lose, all their settings alike, and nothing on the whole.
+    """
     configuration = np.repeat(np.arange(100), 20)
-    held = passed_gate = false = found = of = wrong_gate = 0
+    held = passed_gate = false = found = of = wrong_gate = shared = 0
     for _ in range(campaigns):
         rates = rng.beta(4.0, 0.5, 100)
         before, after = (rng.random(2000) < rates[configuration] for _ in range(2))
@@ -270,6 +273,14 @@ def comparison(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
         worse = difference(Pairs(configuration, before, after))
         assert worse is not None
         wrong_gate += worse.non_inferior(margin)
+        gain = np.repeat(rng.uniform(-0.3, 0.3, 25), 4)
+        before, after = rng.random(2000) < 0.6, rng.random(2000) < (0.6 + gain)[configuration]
+        on_paths = difference(Pairs(configuration, before, after, configuration // 4))
+        assert on_paths is not None
+        shared += on_paths.interval[0] <= 0.0 <= on_paths.interval[1]
+    yield Finding(
+        "comparison: the interval holds no difference where paths gain and lose", shared, campaigns, least=0.94
+    )
     yield Finding("comparison: the interval holds no difference", held, campaigns, least=0.95)
     yield Finding("comparison: a gate of 5 points holds without a loss", passed_gate, campaigns, least=0.9)
     yield Finding("comparison: any configuration seems changed where none is", false, campaigns, most=0.05)
