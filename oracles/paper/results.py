@@ -15,6 +15,7 @@ from vastflow.oracles.evidence.weights import weights_of
 from vastflow.oracles.paper.parts import Part, parts_of
 from vastflow.oracles.paper.published import PUBLISHED, Kind, Published
 from vastflow.oracles.paper.starts import Starts, starts_of
+from vastflow.oracles.statistics.factors import blocks_of
 from vastflow.oracles.verdict import Judgement, run_judgement
 
 BASES: Final = ("update", "step", "metre", "mean", "maximum")
@@ -90,6 +91,7 @@ class PaperResults:
         runs: Of each configuration.
         counts: Configuration to what all oracles together say of its runs.
         weights: Configuration to how often the file asks for it.
+        blocks: Configuration to the number of its block, equal on one map with one task.
         oracles: Name to what each says of all runs.
         reached: What the campaign's own oracle says of the runs whose mission succeeded.
         parts: Of the configurations, by what the campaign varies.
@@ -109,6 +111,7 @@ class PaperResults:
     runs: int
     counts: Mapping[str, Counts]
     weights: Mapping[str, int]
+    blocks: Mapping[str, int]
     oracles: Mapping[str, Counts]
     reached: Counts
     parts: tuple[Part, ...]
@@ -168,7 +171,7 @@ def paper_results(directory: Path) -> PaperResults:
     metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
     kind = _kind(directory, metadata["name"])
     configurations = _rows(
-        directory, "configurations", ["name", "duplicate_of", "environment", "factors", "provenance"]
+        directory, "configurations", ["name", "duplicate_of", "environment", "factors", "provenance", "scenario"]
     )
     runs = _rows(directory, "runs", ["configuration", "run_index", "simulated_s", "distance_m"])
     verdicts = _rows(directory, "verdicts", ["configuration", "run_index", "oracle", "judgement", "metrics"])
@@ -176,6 +179,7 @@ def paper_results(directory: Path) -> PaperResults:
     judgements = _judgements(verdicts)
     by_configuration = _by_configuration(judgements)
     weights = weights_of((row["name"], row["duplicate_of"]) for row in configurations)
+    blocks = blocks_of([json.loads(row["scenario"]) for row in configurations]).tolist()
     distinct = [row for row in configurations if row["duplicate_of"] is None]
     begun = [{**row, "start": json.loads(row["factors"])["start_pose"]} for row in distinct]
     return PaperResults(
@@ -186,6 +190,7 @@ def paper_results(directory: Path) -> PaperResults:
         runs=metadata["asked"]["runs"],
         counts=by_configuration,
         weights=weights,
+        blocks=dict(zip((row["name"] for row in configurations), blocks, strict=True)),
         oracles={name: Counts(**said) for name, said in counts["oracles"].items()},
         reached=_reached(kind, verdicts),
         parts=parts_of(kind, distinct, by_configuration),

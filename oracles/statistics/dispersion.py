@@ -99,7 +99,7 @@ def _tarone(x: Floats, n: Floats) -> float:
     if p in (0.0, 1.0) or spread == 0.0:
         return 1.0
     score = float(((x - n * p) ** 2).sum()) / (p * (1 - p))
-    return 1.0 - NormalDist().cdf((score - float(n.sum())) / math.sqrt(spread))
+    return NormalDist().cdf((float(n.sum()) - score) / math.sqrt(spread))
 
 
 def _fitted(x: Floats, n: Floats, start: float) -> tuple[float, float] | None:

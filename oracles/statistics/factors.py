@@ -1,6 +1,7 @@
 """Factors: what varies over the configurations of a campaign, as categories."""
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -104,7 +105,8 @@ def _factor(name: str, values: Sequence[Any], kinds: Sequence[str], most_levels:
     levels = tuple(sorted(known, key=lambda kind: float(known[kind]))) if numbers else tuple(kinds)
     codes = {level: k for k, level in enumerate(levels)}
     at = np.array([-1 if value is None else codes[_text(value)] for value in values], dtype=np.int64)
-    return Factor(name, tuple(_level_text(known[level]) for level in levels), at, _numbers(values) if numbers else None)
+    finite = numbers and all(math.isfinite(known[level]) for level in levels)
+    return Factor(name, tuple(_level_text(known[level]) for level in levels), at, _numbers(values) if finite else None)
 
 
 def _numbers(values: Sequence[Any]) -> NDArray[np.float64]:

@@ -56,9 +56,9 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
     (directory / "metadata.json").write_text(json.dumps(metadata))
     (directory / "coverage.json").write_text(json.dumps(found or coverage(family(rows=2, product=2, realised=2))))
     numbered = [(*row, [each[0] for each in runs[:i]].count(row[0])) for i, row in enumerate(runs)]
-    in_the_room = [(*row, "room") for row in configurations]
+    in_the_room = [(*row, "room", {"environment": {}, "task": {"goal_pose": row[0]}}) for row in configurations]
     tables = {
-        "configurations": (("name", "duplicate_of", "factors", "provenance", "environment"), in_the_room),
+        "configurations": (("name", "duplicate_of", "factors", "provenance", "environment", "scenario"), in_the_room),
         "runs": (("configuration", "simulated_s", "distance_m", "run_index"), numbered),
         "verdicts": (("configuration", "run_index", "oracle", "judgement", "metrics"), verdicts),
     }

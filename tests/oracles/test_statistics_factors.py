@@ -49,6 +49,11 @@ def test_levels_that_are_no_numbers_have_no_values() -> None:
     assert number.values is not None and np.array_equal(number.values, [0.1, np.nan, 0.2], equal_nan=True)
 
 
+def test_a_level_without_end_has_no_place_in_a_trend() -> None:
+    (factor,), _ = factors_of([{"range": 1.0}, {"range": 2.0}, {"range": float("inf")}])
+    assert (len(factor.levels), factor.values) == (3, None)
+
+
 def test_words_of_many_kinds_are_dropped_with_their_number() -> None:
     factors, (dropped,) = factors_of([{"seed": f"s{k}"} for k in range(20)])
     assert factors == []
