@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,19 +15,36 @@ from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, 
 from vastflow.oracles.statistics.intervals import wilson_intervals
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Group:
     """The rate of several configurations together.
 
     Attributes:
-        counts: Runs of all of them; its own interval is that of these very configurations.
-        configurations: How many there are.
-        clustered: Interval for other configurations of their kind; None for fewer than two.
+        members: Name to the runs of each configuration.
+        tables: Where their blocks stand.
     """
 
-    counts: Counts
-    configurations: int
-    clustered: Interval | None
+    members: Mapping[str, Counts] = field(repr=False)
+    tables: Tables = field(repr=False)
+
+    @cached_property
+    def counts(self) -> Counts:
+        """Runs of all of them; its own interval is that of these very configurations."""
+        return pooled(self.members.values())
+
+    @property
+    def configurations(self) -> int:
+        """How many there are."""
+        return len(self.members)
+
+    @cached_property
+    def clustered(self) -> Interval | None:
+        """Interval for other configurations of their kind; None for fewer than two.
+
+        It takes reading every scenario, which a terminal that does not show it need not wait for.
+        """
+        blocks = self.tables.blocks
+        return clustered(list(self.members.values()), blocks=[blocks[name] for name in self.members])
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,16 +84,6 @@ def spreads_of(tables: Tables) -> dict[str, dict[str, Spread]]:
         oracle: {name: _spread(metric) for name, metric in tables.verdicts.metrics(oracle).items()}
         for oracle in tables.oracles
     }
-
-
-def group_of(counts: Mapping[str, Counts], blocks: Mapping[str, int]) -> Group:
-    """Configurations together.
-
-    Args:
-        blocks: Configuration to the number of its block.
-    """
-    clusters = list(counts.values())
-    return Group(pooled(clusters), len(clusters), clustered(clusters, blocks=[blocks[name] for name in counts]))
 
 
 def configuration_intervals(evidence: Evidence) -> NDArray[np.float64]:
@@ -119,8 +127,8 @@ def _evidence(tables: Tables, oracle: str | None) -> Evidence:
     families = {family: {name: found[name] for name in members} for family, members in tables.families.items()}
     configurations = {name: counts for members in families.values() for name, counts in members.items()}
     return Evidence(
-        group_of(configurations, tables.blocks),
-        {family: group_of(members, tables.blocks) for family, members in families.items()},
+        Group(configurations, tables),
+        {family: Group(members, tables) for family, members in families.items()},
         configurations,
         tables.families,
     )
