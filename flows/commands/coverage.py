@@ -11,6 +11,7 @@ import typer
 
 from vastflow.flows.commands.run import BAD_INPUT
 from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.results.at_hand import meant_address
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.map_dir import MapDir
 
@@ -50,8 +51,10 @@ def _coverage(source: Path, map_dir: Path | None) -> "Coverage":
     from vastflow.producers.faults import CampaignError
     from vastflow.producers.instantiate import instantiate
 
-    if not source.exists():
-        wrong: object = f"{source}: no such file or folder; a campaign file, or a folder that `vastflow run` wrote"
+    if meant_address(source):
+        wrong: object = wrong_directory(source)
+    elif not source.exists():
+        wrong = f"{source}: no such file or folder; a campaign file, or a folder that `vastflow run` wrote"
     elif source.is_dir():
         wrong = wrong_directory(source)
         if not wrong:

@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Final, NoReturn
 import typer
 
 from vastflow.flows.commands.run import BAD_INPUT
-from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.commands.show import PLACE_HELP, wrong_directory
 from vastflow.flows.terminal.interruptible import Interruptible
 
 if TYPE_CHECKING:
     from vastflow.flows.export.export import Exported
+
+_NOT_EXPORTED: Final = ("traces", "figures")
 
 PERIOD_S: Final = 5.0
 """From one line about the progress to the next."""
 
 
 def export(
-    results: Annotated[
-        Path, typer.Argument(metavar="RESULTS", help="A campaign directory, as `vastflow run` names it.")
-    ],
+    results: Annotated[str, typer.Argument(metavar="RESULTS", help=PLACE_HELP)],
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder, or an empty one.")],
     only: Annotated[
         list[str] | None,
@@ -32,15 +32,20 @@ def export(
 
     With JUnit reports, CSV files, logs and what programs wrote.
     """
-    if wrong := wrong_directory(results):
-        _end(wrong)
     with Interruptible(f"interrupted; {folder} is as it was"):
         from vastflow.flows.export.export import export as lay_out
         from vastflow.flows.export.source import ExportFault
+        from vastflow.flows.results.at_hand import at_hand
+        from vastflow.tasks.store import StoreError
 
         try:
-            exported = lay_out(results, folder, only or (), _Progress())
+            with at_hand(results, _NOT_EXPORTED) as directory:
+                if wrong := wrong_directory(directory):
+                    _end(wrong)
+                exported = lay_out(directory, folder, only or (), _Progress())
         except ExportFault as error:
+            _end(str(error).replace(str(directory), results))
+        except StoreError as error:
             _end(str(error))
         except OSError as error:
             _end(f"{folder}: can't be written ({error.strerror}); name another folder")

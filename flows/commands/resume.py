@@ -54,8 +54,11 @@ def resume(
 
 def _directory(results: Path) -> Path:
     """The campaign directory that is meant; a half written one where there is no whole one."""
+    from vastflow.flows.results.at_hand import meant_address
     from vastflow.flows.results.directory import left_behind
 
+    if meant_address(results) and (wrong := wrong_directory(results)):
+        _end(wrong)
     half = left_behind(results)
     if half is not None and (half == results or not results.exists()):
         return _half_written(half)

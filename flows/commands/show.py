@@ -2,21 +2,36 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
+from vastflow.flows.results.at_hand import meant_address
 
-def show(
-    results: Annotated[
-        Path, typer.Argument(metavar="RESULTS", help="A campaign directory, as `vastflow run` names it.")
-    ],
-) -> None:
+PLACE_HELP: Final = (
+    "A campaign directory, as `vastflow run` names it: a folder, or an address such as s3://bucket/NAME."
+)
+
+
+def show(results: Annotated[str, typer.Argument(metavar="RESULTS", help=PLACE_HELP)]) -> None:
     """Show a finished campaign.
 
     Success rates, rejections with their reasons, and where the report is.
     """
-    if wrong := wrong_directory(results):
+    from vastflow.flows.results.at_hand import WITHOUT_RUNS, at_hand
+    from vastflow.tasks.store import StoreError
+
+    try:
+        with at_hand(results, WITHOUT_RUNS) as directory:
+            _show(directory, results.rstrip("/"))
+    except StoreError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(2) from None
+
+
+def _show(directory: Path, place: str) -> None:
+    """Show what lies in `directory`, for the user at `place`."""
+    if wrong := wrong_directory(directory):
         print(wrong, file=sys.stderr)
         raise typer.Exit(2)
     from vastflow.flows.terminal.outcome import details, printed
@@ -24,24 +39,30 @@ def show(
     from vastflow.oracles.evidence.evidence import evidence_of
 
     try:
-        tables = read_tables(results)
+        tables = read_tables(directory)
     except (OSError, ValueError, KeyError) as error:  # pyarrow's and json's errors are ValueErrors
-        print(f"{results}: damaged campaign directory: {error}", file=sys.stderr)
+        print(f"{place}: damaged campaign directory: {error}", file=sys.stderr)
         raise typer.Exit(2) from None
     print(f"{tables.metadata['name']}, {tables.metadata['created']}\n")
     printed(details(tables, evidence_of(tables)))
-    print(f"\n{report_line(results)}")
+    print(f"\n{report_line(directory, place)}")
 
 
-def report_line(results: Path) -> str:
-    """Where the report is, or that there is none."""
-    report = results / "report.html"
-    return f"report: {report}" if report.exists() else f"no report; tables: {results}"
+def report_line(results: Path, place: str | None = None) -> str:
+    """Where the report is, or that there is none.
+
+    Args:
+        place: Of the campaign directory, where `results` is a copy of it.
+    """
+    where = place or str(results)
+    return f"report: {where}/report.html" if (results / "report.html").exists() else f"no report; tables: {where}"
 
 
 def wrong_directory(results: Path) -> str | None:
     """Why a path is no campaign directory, and where one is; None where it is one."""
     right = "a folder that `vastflow run` wrote"
+    if address := meant_address(results):
+        return f"{address}: only `vastflow show` and `vastflow export` read an address; copy it into a folder first"
     if not results.exists():
         return f"{results}: no such folder; {right}"
     if (results / "metadata.json").is_file():

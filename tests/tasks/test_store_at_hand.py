@@ -1,0 +1,133 @@
+"""Campaign directories at an address: shown and exported from there, and a sentence where that can't be."""
+
+import re
+
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+from vastflow.flows.results.at_hand import WITHOUT_RUNS, at_hand, meant_address
+from vastflow.tasks.object_store import file_system
+from vastflow.tasks.store import StoreError
+
+CAMPAIGN = """
+version: 1
+metadata: {name: nothing}
+configuration: [{name: only}]
+execution: {scenario_file: nothing.osc, runs: 2, timeout: 5}
+"""
+NOTHING = """
+import osc.helpers
+
+scenario nothing:
+    do serial:
+        log("done")
+"""
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def files(folder):
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def kept(tmp_path, shared_s3, s3_variables):
+    """Puts files at an address of a real S3 server."""
+    s3_variables(shared_s3)
+
+    def keep(address, **contents):
+        system, root = file_system(address)
+        for name, content in contents.items():
+            system.pipe_file(f"{root}/{name.replace('__', '/').replace('_', '.')}", content)
+        return address
+
+    return keep
+
+
+@pytest.mark.timeout(280)
+def test_a_campaign_on_s3_is_shown_and_exported_as_it_is_from_a_folder(tmp_path, shared_s3, s3_variables, monkeypatch):
+    s3_variables(shared_s3)
+    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    (tmp_path / "nothing.vast").write_text(CAMPAIGN)
+    (tmp_path / "nothing.osc").write_text(NOTHING)
+    run = called("run", tmp_path / "nothing.vast", "--results", "s3://bucket/shown", "--store", tmp_path / "store")
+    assert run.exit_code == 0, run.output
+    (address,) = re.findall(r"uploaded to (\S+);", run.stdout)
+    (folder,) = (tmp_path / "store" / "results").iterdir()
+
+    here, there = called("show", folder), called("show", f"{address}/")
+    assert (here.exit_code, there.exit_code) == (0, 0), there.output
+    assert here.stdout.replace(str(folder), address) == there.stdout
+    assert f"report: {address}/report.html" in there.stdout
+
+    here, there = called("export", folder, tmp_path / "here"), called("export", address, tmp_path / "there")
+    assert (here.exit_code, there.exit_code) == (0, 0), there.output
+    assert files(tmp_path / "here") == files(tmp_path / "there") != {}
+
+
+def test_what_is_left_out_is_not_fetched(kept):
+    address = kept("s3://bucket/one", metadata_json=b"{}", recordings__a=b"1", logs__b=b"2", inputs__recordings=b"3")
+    with at_hand(address, ("recordings",)) as folder:
+        assert set(files(folder)) == {"metadata.json", "logs/b", "inputs/recordings"}
+    assert not folder.exists()
+    with at_hand(address, WITHOUT_RUNS) as folder:
+        assert set(files(folder)) == {"metadata.json"}
+
+
+def test_a_folder_is_itself(tmp_path):
+    with at_hand(str(tmp_path)) as folder:
+        assert folder == tmp_path
+
+
+@pytest.mark.parametrize("command", ["show", "export"])
+def test_an_address_that_holds_campaigns_but_is_none_names_one(kept, tmp_path, command):
+    kept("s3://bucket/some/nothing-1", metadata_json=b"{}")
+    kept("s3://bucket/some/nothing-2", metadata_json=b"{}")
+    result = called(command, "s3://bucket/some", *[tmp_path / "out"] * (command == "export"))
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == (
+        "s3://bucket/some: holds 2 campaign directories; name one of them, such as s3://bucket/some/nothing-2\n"
+    )
+
+
+def test_an_address_with_nothing_there_is_said_in_a_sentence(kept):
+    kept("s3://bucket/other", report_html=b"<html>")
+    with (
+        pytest.raises(StoreError, match=r"s3://bucket/other: not a campaign directory, there is no metadata\.json"),
+        at_hand("s3://bucket/other"),
+    ):
+        pass
+
+
+def test_wrong_credentials_are_said_in_a_sentence(shared_s3, s3_variables):
+    s3_variables(shared_s3, secret="WRONG")
+    result = called("show", "s3://bucket/x")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "check the credentials" in result.stderr and "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["explain", "ADDRESS", "only"], ["coverage", "ADDRESS"], ["resume", "ADDRESS"], ["compare", "ADDRESS", "."]],
+)
+def test_commands_that_read_no_address_say_which_do(command):
+    address = "s3://bucket/shown/nothing-1"
+    result = called(*(word.replace("ADDRESS", address) for word in command))
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr == (
+        f"{address}: only `vastflow show` and `vastflow export` read an address; copy it into a folder first\n"
+    )
+
+
+def test_a_path_that_is_there_was_meant_as_a_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ab:" / "c").mkdir(parents=True)
+    from pathlib import Path
+
+    assert meant_address(Path("ab:/c")) is None
+    assert meant_address(Path("s3://bucket/c")) == "s3://bucket/c"
+    assert meant_address(Path("results/c")) is None
