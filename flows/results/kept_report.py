@@ -1,7 +1,7 @@
 """A report that is kept in the store: what of a campaign directory follows from the campaign's content alone, as one artifact."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,8 +16,13 @@ LOGGER: Final = logging.getLogger("vastflow.results")
 REPORT: Final = "report.html"
 
 _RUN_LOGS: Final = "runs.jsonl"
-_CALLS_OWN: Final = ("metadata.json", "campaign.vast", WRITER)
-_CONFIGURATIONS_OWN: Final = ("inputs", "environments", "recordings", "traces", "outputs", "logs")
+_OTHERS: Final = frozenset(
+    {
+        *("metadata.json", "campaign.vast", WRITER),
+        *("inputs", "environments", "recordings", "traces", "outputs", "logs"),
+    }
+)
+"""What of a campaign directory is a call's own, or a configuration's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +72,7 @@ class KeptReport:
 
     def keep(self, place: Path, counts: Counts, by_oracle: Mapping[str, Counts]) -> None:
         """Keep what was written into a campaign directory. A store that does not take it costs the next call time, no more."""
-        files = [file for file in sorted(place.rglob("*")) if file.is_file() and _is_content(file.relative_to(place))]
+        files = sorted(file for entry in place.iterdir() if entry.name not in _OTHERS for file in _files(entry))
         places = {file.relative_to(place).as_posix().replace("/", "-"): file for file in files}
         info: dict[str, Any] = {
             "places": {name: file.relative_to(place).as_posix() for name, file in places.items()},
@@ -93,5 +98,5 @@ def renew_work(place: Path, metadata: Mapping[str, Any]) -> None:
         report.write_text(with_work(report.read_text(encoding="utf-8"), metadata), encoding="utf-8")
 
 
-def _is_content(file: Path) -> bool:
-    return file.parts[0] not in _CONFIGURATIONS_OWN and file.as_posix() not in _CALLS_OWN
+def _files(entry: Path) -> Iterable[Path]:
+    return (file for file in entry.rglob("*") if file.is_file()) if entry.is_dir() else (entry,)

@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -127,13 +128,17 @@ def exclusion_row(excluded: ExcludedInstance) -> Row:
 
 def run_columns(configuration: Configuration, runs: Sequence[Row]) -> Columns:
     """Columns of `runs.parquet`, from rows of a configuration's runs in a block."""
-    copied = {name: [run.get(name) for run in runs] for name in RUNS.names}
+    copied = zip(*map(_COPIED_OF, runs), strict=True) if runs else ((),) * len(_COPIED)
     return {
-        **copied,
         "configuration": [configuration.name] * len(runs),
         "family": [configuration.family] * len(runs),
+        **dict(zip(_COPIED, copied, strict=True)),
         "contacts": [sum(event["kind"] == "contact" for event in run["events"]) for run in runs],
     }
+
+
+_COPIED: Final = tuple(name for name in RUNS.names if name not in ("configuration", "family", "contacts"))
+_COPIED_OF: Final = itemgetter(*_COPIED)
 
 
 def verdict_columns(configuration: Configuration, verdicts: Sequence[Verdict]) -> Columns:
@@ -224,12 +229,12 @@ def json_text(value: Value) -> str:
 
 def plain(value: Value) -> Any:
     """`value` as `json.dumps` takes it, see `json_text`."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, str | int):  # most are, and the others take long to tell
+        return value
     if isinstance(value, FileContent):
         return {"file": value.digest}
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    return [plain(item) for item in value]

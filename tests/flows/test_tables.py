@@ -100,7 +100,11 @@ def test_a_run_is_written_with_its_contacts_counted():
     columns = run_columns(CONFIGURATION, [run, {**run, "run_index": 3, "events": []}])
     assert list(columns) == RUNS.names
     assert (columns["configuration"], columns["family"]) == (["rooms-1"] * 2, ["rooms"] * 2)
-    assert (columns["run_index"], columns["error_code"], columns["contacts"]) == ([2, 3], [103, 103], [2, 0])
+    assert [*zip(*map(columns.get, ("run_index", "error_code", "contacts")), strict=True)] == [(2, 103, 2), (3, 103, 0)]
+
+
+def test_a_configuration_of_which_no_run_was_recorded_has_no_rows():
+    assert {*map(len, run_columns(CONFIGURATION, []).values())} == {0}
 
 
 def test_a_verdict_is_written_with_its_metrics_and_units():
