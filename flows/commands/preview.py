@@ -30,7 +30,8 @@ def preview(
     Configurations, what is rejected or excluded and why, an estimate of the time, and pictures.
     """
     with Interruptible("interrupted"):
-        from vastflow.flows.foresight.estimate import cores_here, estimate_of
+        from vastflow.flows.computing.computation import cores
+        from vastflow.flows.foresight.estimate import estimate_of
         from vastflow.flows.foresight.preview import preview_json, preview_text
         from vastflow.flows.request.campaign_file import campaign_name, read_campaign
         from vastflow.flows.results.directory import directory_name
@@ -49,7 +50,7 @@ def preview(
             raise typer.Exit(BAD_INPUT) from None
         for fault in campaign.unexecutable:
             print(f"not to be run by this version: {fault}", file=sys.stderr)
-        estimate = estimate_of(found.configurations, campaign.runs, campaign.timeout_s, cores_here())
+        estimate = estimate_of(found.configurations, campaign.runs, campaign.timeout_s, cores())
         least = None if campaign.sequential is None else campaign.sequential.min
         if not as_json:
             from vastflow.flows.terminal.outcome import printed

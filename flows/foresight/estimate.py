@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
@@ -51,13 +50,6 @@ def estimate_of(configurations: Iterable[Configuration], runs: int, timeout_s: f
     return Estimate(simulated_s, timeout_s, cores)
 
 
-def cores_here() -> int:
-    """Cores that this process may use: as many as `vastflow run` starts workers."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def way_m(configuration: Configuration) -> float:
     """Length of a configuration's way: of its path, else straight from stop to stop; infinite where it has no mission."""
     try:
@@ -67,8 +59,7 @@ def way_m(configuration: Configuration) -> float:
     if script.start is None or not script.goals:
         return math.inf
     length_m = configuration.provenance.get(PATH_LENGTH_KEY)
-    if not isinstance(length_m, int | float):
-        stops = (script.start, *script.goals)
-        length_m = sum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise(stops))
-        return length_m
-    return script.rounds * length_m
+    if isinstance(length_m, int | float):
+        return script.rounds * length_m
+    stops = (script.start, *script.goals)  # of every round
+    return sum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise(stops))

@@ -1,17 +1,15 @@
 """The behaviours of a campaign directory's runs: what the scenario of each did, by configuration."""
 
-from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vastflow.sim.archive import read_table
+from vastflow.sim.archive import columns_of, read_table
 
 BEHAVIORS_FILE: Final = "behaviors.parquet"
 CONFIGURATION: Final = "configuration"
@@ -36,11 +34,7 @@ class Behaviors:
             return {}
         parts = [self._group(group) for group in self._groups[configuration]]
         rows = pa.concat_tables([part.filter(pc.equal(part.column(CONFIGURATION), configuration)) for part in parts])
-        return {
-            name: np.array(rows.column(name).to_pylist(), _DTYPES[str(rows.column(name).type)])
-            for name in rows.column_names
-            if name != CONFIGURATION
-        }
+        return columns_of(rows.drop_columns([CONFIGURATION]))
 
     @cached_property
     def _file(self) -> Any:
@@ -62,6 +56,3 @@ class Behaviors:
         if self._last is None or self._last[0] != group:
             self._last = group, self._file.read_row_group(group)
         return self._last[1]
-
-
-_DTYPES: Final[Mapping[str, Any]] = {"double": np.float64, "int64": np.int64, "bool": np.bool_, "string": object}
