@@ -196,13 +196,20 @@ class TableWriter:
 def _array(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
     """Texts or numbers, None for null, as an array. Built by hand, because `pyarrow.array` imports pandas (0.4 s)."""
     if pa.types.is_string(kind):
-        builder = pa.lib.StringBuilder()
-        builder.append_values(values)
-        return builder.finish()
+        try:
+            return _texts(values)
+        except UnicodeEncodeError:  # a plug-in's words, say, with a file's name that is no text
+            return _texts([text and text.encode("utf-8", "backslashreplace").decode() for text in values])
     there = np.array([value is not None for value in values], dtype=np.bool_)
     numbers = np.array([0 if value is None else value for value in values], dtype=kind.to_pandas_dtype())
     bits = np.packbits(there, bitorder="little").tobytes()
     return pa.Array.from_buffers(kind, len(values), [pa.py_buffer(bits), pa.py_buffer(numbers)])
+
+
+def _texts(values: Sequence[str | None]) -> pa.Array:
+    builder = pa.lib.StringBuilder()
+    builder.append_values(values)
+    return builder.finish()
 
 
 def column_table(schema: pa.Schema, parts: Iterable[Columns]) -> pa.Table:

@@ -110,7 +110,8 @@ def write_report(directory: Path) -> None:
         places=rows.place_table(scenes, names),
         measured=rows.measured_table(spreads),
     )
-    (directory / "report.html").write_text(with_work(page, tables.metadata), encoding="utf-8")
+    whole = with_work(page, tables.metadata)
+    (directory / "report.html").write_text(whole, encoding="utf-8", errors="backslashreplace")
 
 
 def _case_pictures(tables: Tables, findings: Findings) -> dict[int, Picture]:

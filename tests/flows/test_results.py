@@ -16,6 +16,7 @@ from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.page.report import write_report
 from vastflow.oracles.trace import NOWHERE_MM
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
@@ -174,6 +175,22 @@ def test_the_summary_counts_runs_and_each_oracles_verdicts(small_room, tmp_path)
     assert (summary.passed, summary.failed, summary.not_judged) == (2, 2, 0)
     assert (summary.executed, summary.reused, summary.simulated_s) == (3, 1, 30.0)
     assert summary.oracles == {"success": Counts(2, 2, 0)}
+
+
+def test_what_was_said_of_a_run_may_hold_what_no_text_file_can(small_room, tmp_path):
+    said = "no file a\udcff.csv"
+    fault = RunFault("room-2", None, "judge", said)
+
+    def found(configuration):
+        verdicts = [Verdict("success", k, "fail", said) for k in range(2)]
+        if configuration.name == "room-2":
+            return ConfigurationResult(faults=[fault])
+        return ConfigurationResult(verdicts=verdicts)
+
+    results = written(small_room, tmp_path, found, write_report)
+    assert results.faults == (fault,)
+    assert json.loads((results.directory / "metadata.json").read_text())["faults"][0]["error"] == said
+    assert "no file a\\udcff.csv" in (results.directory / "report.html").read_text()
 
 
 def test_metadata_has_the_summary_and_our_own_faults(small_room, tmp_path):

@@ -55,6 +55,11 @@ def test_text_comes_back_as_it_was(tmp_path):
     assert [row["reason"] for row in rows_of(tmp_path / "t.parquet")] == texts
 
 
+def test_text_that_utf_8_does_not_have_is_written_as_an_escape(tmp_path):
+    write_table(tmp_path / "t.parquet", RUNS, [{"reason": "no file a\udcff.csv"}, {"reason": None}, {"reason": ""}])
+    assert [row["reason"] for row in rows_of(tmp_path / "t.parquet")] == ["no file a\\udcff.csv", None, ""]
+
+
 def test_numbers_come_back_bit_for_bit(tmp_path):
     numbers = [0.1 + 0.2, 1e-300, -0.0, 1e22, 5.0]
     write_table(tmp_path / "t.parquet", RUNS, [{"simulated_s": number} for number in numbers])
