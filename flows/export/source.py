@@ -44,7 +44,7 @@ class ExportSource:
         with self._reading():
             tables = read_tables(directory)
             self.campaign = str(tables.metadata["name"])
-            campaign_file = next(yaml.safe_load_all(tables.campaign))
+            campaign_file = next(yaml.safe_load_all(tables.campaign), None) or {}
             self._scenario_file = Path(campaign_file.get("execution", {}).get("scenario_file") or "").name
             self.configurations = tables.configurations.rows()
             self._rows = {(row["configuration"], row["run_index"]): row for row in tables.runs.to_pylist()}

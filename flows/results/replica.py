@@ -26,7 +26,10 @@ def replica(directory: Path, asked: Asked) -> Iterator[Path]:
             system is another one by now.
     """
     with TemporaryDirectory(prefix="vastflow-") as folder:
-        file = _laid_out(directory, asked, Path(folder))
+        try:
+            file = _laid_out(directory, asked, Path(folder))
+        except OSError as error:
+            raise NotReplicable(f"{directory}: its inputs can't be read: {error}") from None
         kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
         try:
             found = inputs_of(*read_campaign(file))

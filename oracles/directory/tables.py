@@ -68,10 +68,21 @@ def read_tables(directory: Path) -> Tables:
     verdicts = read_columns(directory / "verdicts.parquet", "configuration", "family", "oracle", "judgement", "reason")
     return Tables(
         directory=directory,
-        metadata=json.loads((directory / "metadata.json").read_text(encoding="utf-8")),
+        metadata=_metadata(directory / "metadata.json"),
         campaign=(directory / "campaign.vast").read_text(encoding="utf-8"),
         configurations=configurations,
         rejections=read_columns(directory / "rejections.parquet").to_pylist(),
         runs=read_columns(directory / "runs.parquet", "configuration", "family", "outcome", "reason"),
         verdicts=verdict_table(verdicts, configurations.names),
     )
+
+
+def _metadata(file: Path) -> Mapping[str, Any]:
+    found = json.loads(file.read_text(encoding="utf-8"))
+    if (
+        not isinstance(found, dict)
+        or not {"name", "created"} <= found.keys()
+        or not isinstance(found.get("counts", {}), dict)
+    ):
+        raise ValueError(f"{file.name} is not what was written: no name, time or counts")
+    return found
