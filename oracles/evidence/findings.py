@@ -24,10 +24,18 @@ STOPPING: Final = "sequential"
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Families in which the same things vary, and what matters in them."""
+    """Configurations in which the same things vary, and what matters in them.
+
+    Attributes:
+        families: Those that they are of; a family can have configurations in several designs.
+        alone: Keys that these configurations have and those of some other design have not.
+        lacking: Keys that those of some other design have and these have not.
+    """
 
     families: tuple[str, ...]
     analysis: FactorAnalysis
+    alone: tuple[str, ...] = ()
+    lacking: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +138,8 @@ def _designs(
     by_keys: dict[frozenset[str], list[int]] = {}
     for place, k in enumerate(found.distinct):
         by_keys.setdefault(frozenset(found.factors[k]), []).append(place)
-    for places in by_keys.values():
+    common, known = (frozenset.intersection(*by_keys), frozenset().union(*by_keys)) if by_keys else (frozenset(),) * 2
+    for keys, places in by_keys.items():
         at = found.distinct[places]
         families = tuple(dict.fromkeys(found.families[k] for k in at))
         rows = varied_rows(found, at, environments)
@@ -140,4 +149,4 @@ def _designs(
         blocks = [tables.blocks[found.names[k]] for k in at]
         analysis = factor_analysis(factors, passed[places], judged[places], blocks, dropped)
         if analysis is not None:
-            yield Design(families, analysis)
+            yield Design(families, analysis, tuple(sorted(keys - common)), tuple(sorted(known - keys)))

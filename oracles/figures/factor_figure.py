@@ -23,20 +23,16 @@ _ROW_IN: Final = 0.26
 def factor_figure(factors: Sequence[FactorEffect]) -> Figure:
     """A panel for each factor, the strongest first: adjusted failure rates with their intervals, plain rates as rings."""
     shown = factors[:MAX_FACTORS]
-    rows = [shown[i : i + _COLUMNS] for i in range(0, len(shown), _COLUMNS)]
-    heights_in = [0.85 + _ROW_IN * max(len(factor.levels) for factor in row) for row in rows]
-    figure = Figure(figsize=(_WIDTH_IN, sum(heights_in)), dpi=_DPI)
+    places, whole_in = _packed([0.85 + _ROW_IN * len(factor.levels) for factor in shown])
+    figure = Figure(figsize=(_WIDTH_IN, whole_in), dpi=_DPI)
     highest = max((level.interval.high for factor in shown for level in factor.levels), default=1.0)
-    top_in = sum(heights_in)
-    for row, height_in in zip(rows, heights_in, strict=True):
-        top_in -= height_in
-        for i, factor in enumerate(row):
-            inner_in = _ROW_IN * len(factor.levels)
-            bottom_in = top_in + height_in - 0.5 - inner_in
-            left_in, width_in = 0.15 + i * _WIDTH_IN / _COLUMNS + 1.55, _WIDTH_IN / _COLUMNS - 1.95
-            whole = sum(heights_in)
-            axes = figure.add_axes((left_in / _WIDTH_IN, bottom_in / whole, width_in / _WIDTH_IN, inner_in / whole))
-            _draw_factor(axes, factor, min(1.0, highest * 1.04 + 0.01))
+    width_in = _WIDTH_IN / _COLUMNS - 1.95
+    for factor, (column, top_in) in zip(shown, places, strict=True):
+        inner_in = _ROW_IN * len(factor.levels)
+        bottom_in = whole_in - top_in - 0.35 - inner_in
+        left_in = 0.15 + column * _WIDTH_IN / _COLUMNS + 1.55
+        axes = figure.add_axes((left_in / _WIDTH_IN, bottom_in / whole_in, width_in / _WIDTH_IN, inner_in / whole_in))
+        _draw_factor(axes, factor, min(1.0, highest * 1.04 + 0.01))
     return figure
 
 
@@ -56,6 +52,17 @@ def interaction_figure(interactions: Sequence[InteractionEffect]) -> Figure:
         box = (left_in / _WIDTH_IN, bottom_in / (rows * height_in), width_in / _WIDTH_IN, inner_in / (rows * height_in))
         _draw_interaction(figure.add_axes(box), pair, -0.9 / width_in)
     return figure
+
+
+def _packed(heights_in: Sequence[float]) -> tuple[list[tuple[int, float]], float]:
+    """Column and upper end of each panel, one after the other in the column that has most room; and the height of all."""
+    used_in = [0.0] * _COLUMNS
+    places = []
+    for height_in in heights_in:
+        column = int(np.argmin(used_in))
+        places.append((column, used_in[column]))
+        used_in[column] += height_in
+    return places, max(used_in)
 
 
 def _draw_factor(axes: Axes, factor: FactorEffect, most: float) -> None:
@@ -117,7 +124,12 @@ def _frame(column: int, row: int) -> matplotlib.patches.Rectangle:
 
 
 def _levels(pair: InteractionEffect, side: int) -> list[str]:
-    return list(dict.fromkeys(cell.levels[side] for cell in pair.cells))
+    """In the order of the analysis; numbers by their size, which cells that are missing would upset."""
+    levels = list(dict.fromkeys(cell.levels[side] for cell in pair.cells))
+    try:
+        return sorted(levels, key=float)
+    except ValueError:
+        return levels
 
 
 def _cut(text: str, most: int) -> str:

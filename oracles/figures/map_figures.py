@@ -102,6 +102,10 @@ def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
             axes.set_xticks([])
             axes.set_yticks([])
             if row == 0:
+                # On a large map the blur is smaller than a pixel; the rings show where to look.
+                rings: dict[str, Any] = {"ms": 4.5, "mfc": "none", "mec": INK, "mew": 0.5, "ls": "none", "alpha": 0.5}
+                (drawn,) = axes.plot(*scene.failed_xy_m.T, "o", **rings)
+                drawn.set_rasterized(len(scene.failed_xy_m) > MAX_CROSSES)
                 draw_final_poses(axes, scene)
                 axes.set_title(titles[k], fontsize=10, color=INK, pad=5)
             else:

@@ -80,36 +80,11 @@ def rate_pictures(evidence: Mapping[str | None, Evidence]) -> Iterator[Picture]:
         )
 
 
-def factor_pictures(designs: Sequence[Design]) -> dict[str, list[Picture]]:
-    """For each design, by its first family, the effects of its factors and of its pairs of factors."""
-    found: dict[str, list[Picture]] = {}
-    for k, design in enumerate(designs):
-        mine = found.setdefault(design.families[0], [])
-        ending = f"-{k + 1}" if len(designs) > 1 else ""
-        if design.analysis.factors:
-            mine.append(
-                _picture(
-                    f"factors{ending}",
-                    "",
-                    "Failure rate at each level of each factor, with intervals",
-                    "Diamond: failure rate adjusted for the other factors, with its 95 % interval; ring: the plain rate. "
-                    "Orange: the factor matters at the stated error rate; grey: it has not been shown to.",
-                    factor_figure(design.analysis.factors),
-                    drawn=True,
-                )
-            )
-        if pairs := [pair for pair in design.analysis.interactions if pair.significant]:
-            mine.append(
-                _picture(
-                    f"interactions{ending}",
-                    "",
-                    "Failure rate for each combination of levels of two factors that act together",
-                    "Failure rate of each combination. Framed: the effects of both factors alone don't add up to it.",
-                    interaction_figure(pairs),
-                    drawn=True,
-                )
-            )
-    return found
+def factor_pictures(designs: Sequence[Design]) -> list[list[Picture]]:
+    """For each design the effects of its factors and of its pairs of factors."""
+    return [
+        list(_design_pictures(design, f"-{k}" if len(designs) > 1 else "")) for k, design in enumerate(designs, start=1)
+    ]
 
 
 def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
@@ -163,7 +138,7 @@ def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
         "maps",
         "",
         "A column for each map: final poses of failed runs, failed trajectories, passed trajectories",
-        "Above: final poses of failed runs, blurred with 0.2 m, yellow few, purple many for the map. Middle: failed "
+        "Above: final poses of failed runs in rings, blurred with 0.2 m, yellow few, purple many for the map. Middle: failed "
         "trajectories. Below: passed trajectories, from circle to cross; at most 1,000 of each are drawn.",
         all_maps_figure(scenes, names),
     )
@@ -186,6 +161,28 @@ def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Pictur
     occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
     figure = case_figure(occupancy, situation, obstacles, ways)
     return _picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
+
+
+def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
+    if design.analysis.factors:
+        yield _picture(
+            f"factors{ending}",
+            "",
+            "Failure rate at each level of each factor, with intervals",
+            "Diamond: failure rate adjusted for the other factors, with its 95 % interval; ring: the plain rate. "
+            "Orange: the factor matters at the stated error rate; grey: it has not been shown to.",
+            factor_figure(design.analysis.factors),
+            drawn=True,
+        )
+    if pairs := [pair for pair in design.analysis.interactions if pair.significant]:
+        yield _picture(
+            f"interactions{ending}",
+            "",
+            "Failure rate for each combination of levels of two factors that act together",
+            "Failure rate of each combination. Framed: the effects of both factors alone don't add up to it.",
+            interaction_figure(pairs),
+            drawn=True,
+        )
 
 
 def _picture(name: str, title: str, alt: str, caption: str, figure: Figure, *, drawn: bool = False) -> Picture:

@@ -21,12 +21,14 @@
   const number = (value) => {
     if (value === null || value === undefined || value === "") return "–";
     const rounded = Math.round(value * 1000) / 1000;
-    if (Math.abs(rounded) >= 100 || Number.isInteger(rounded)) return Math.round(rounded).toLocaleString("en-US");
-    return String(Number(rounded.toPrecision(3)));
+    if (Math.abs(rounded) >= 100 || Number.isInteger(rounded)) return Math.round(rounded).toLocaleString("en-US").replace("-", "\u2212");
+    return String(Number(rounded.toPrecision(3))).replace("-", "\u2212");
   };
 
+  const wide = (text) => (text.length > 40 ? "long" : text.length > 24 ? "" : "brief");
+
   const cell = {
-    text: (value, first) => element("td", first ? { class: "name" } : { class: String(value).length > 40 ? "long" : "" }, String(value ?? "")),
+    text: (value, first) => element("td", { class: first ? "name" : wide(String(value ?? "")) }, String(value ?? "")),
     choice: (value) => element("td", { class: "name" }, String(value ?? "")),
     code: (value) => element("td", {}, element("code", {}, value)),
     number: (value) => element("td", { class: "n" }, number(value)),
@@ -54,7 +56,10 @@
     return sign * (typeof a === "number" ? a - b : COLLATOR.compare(a, b));
   };
 
-  const words = (row, kinds) => row.filter((_, k) => kinds[k] !== "rate").join(" ").toLowerCase();
+  // A minus is found by the hyphen that keyboards have.
+  const plain = (text) => text.toLowerCase().replaceAll("\u2212", "-");
+
+  const words = (row, kinds) => plain(row.filter((_, k) => kinds[k] !== "rate").join(" "));
 
   function enhance(table) {
     const { kinds, rows } = JSON.parse(document.getElementById(`data-${table.id}`).textContent);
@@ -82,7 +87,7 @@
     tools.append(count);
 
     function wanted() {
-      const asked = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+      const asked = plain(search.value).split(/\s+/).filter(Boolean);
       return order.filter((row) => asked.every((word) => texts.get(row).includes(word))
         && choices.every(([k, select]) => !select.value || String(row[k]) === select.value));
     }

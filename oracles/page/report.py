@@ -16,7 +16,7 @@ from vastflow.oracles.evidence.evidence import Evidence, evidence_json, evidence
 from vastflow.oracles.evidence.findings import Findings, findings_json, findings_of, shape_of, stopping_rule
 from vastflow.oracles.figures.palette import CLASS_COLOURS
 from vastflow.oracles.figures.scene import MAX_SCENES, scenes_of
-from vastflow.oracles.page import rows
+from vastflow.oracles.page import reasons, rows
 from vastflow.oracles.page.pictures import (
     MAX_EMBEDDED,
     Picture,
@@ -50,13 +50,13 @@ class Gallery:
     """All pictures of a report, by what they are about.
 
     Attributes:
-        factors: By the first family of their design.
+        factors: Of each design.
         overview: All maps beside each other; None where there is but one.
         cases: By the index of the configuration.
     """
 
     rates: Sequence[Picture]
-    factors: Mapping[str, Sequence[Picture]]
+    factors: Sequence[Sequence[Picture]]
     overview: Picture | None
     places: Sequence[Place]
     cases: Mapping[int, Picture]
@@ -65,7 +65,7 @@ class Gallery:
     def pictures(self) -> Iterable[Picture]:
         """All of them, what a reader should have at hand first."""
         yield from self.rates
-        for found in self.factors.values():
+        for found in self.factors:
             yield from found
         if self.overview is not None:
             yield self.overview
@@ -165,20 +165,22 @@ def _html(
         group_rows=rows.group_rows(evidence),
         shown_oracles=rows.shown_oracles(evidence),
         configurations=rows.configuration_table(tables, evidence, findings, names),
-        failures=rows.failure_table(tables, evidence),
+        failure_kinds=reasons.failure_kinds(tables),
+        failures=reasons.failure_table(tables, evidence),
         cases=[
             (rows.case_row(tables, k, findings, said, names), picture)
             for k, picture in _cases(tables, findings, gallery)
         ],
         bases=rows.basis_rows(tables),
-        rejections=rows.rejection_rows(tables),
+        designs=list(zip(findings.designs, gallery.factors, strict=True)),
+        rejections=reasons.rejection_rows(tables),
         coverage=rows.coverage_rows(tables),
         duplicates=[
             (name, of)
             for name, of in zip(tables.configurations.names, tables.configurations.duplicate_of, strict=True)
             if of
         ],
-        not_judged=rows.not_judged_rows(tables),
+        not_judged=reasons.not_judged_rows(tables),
         explanations={oracle: rows.explanation(oracle) for oracle in tables.oracles},
         embedded=embedded,
         campaign_text=tables.campaign,

@@ -1,7 +1,6 @@
 """What the report's tables and lists show, row by row."""
 
 import inspect
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from vastflow.oracles.evidence.varied import named
 from vastflow.oracles.figures.scene import Scene, environment_counts
 from vastflow.oracles.oracle import known_oracles, oracle_class
 from vastflow.oracles.page.table import Column, DataTable, configuration_cells, rate_cell
-from vastflow.oracles.page.words import short
+from vastflow.oracles.page.words import position, short
 
 MAX_ROWS: Final = 500
 """Rows of a list; the files beside the report have all."""
@@ -119,66 +118,6 @@ def varied_factors(tables: Tables) -> dict[str, bool]:
     }
 
 
-def failure_table(tables: Tables, evidence: Mapping[str | None, Evidence]) -> DataTable:
-    """A row for each configuration and oracle that failed runs of it, most failures first."""
-    said = tables.verdicts.reasons("fail")
-    keys = said.configuration * len(tables.oracles) + said.oracle
-    order = np.argsort(keys, kind="stable")
-    distinct, first, counts = np.unique(keys[order], return_index=True, return_counts=True)
-    rows = []
-    for key, at, n in zip(distinct.tolist(), first.tolist(), counts.tolist(), strict=True):
-        name, oracle = (
-            tables.configurations.names[key // len(tables.oracles)],
-            tables.oracles[key % len(tables.oracles)],
-        )
-        reasons = dict.fromkeys(said.known[k] for k in said.reason[order[at : at + n]])
-        others = f" (and {len(reasons) - 1} other reason{'s' if len(reasons) > 2 else ''})" if len(reasons) > 1 else ""
-        judged = evidence[oracle].configurations[name].judged
-        rows.append([name, oracle, n, f"{n} of {judged}", next(iter(reasons)) + others])
-    rows.sort(key=lambda row: -row[2])
-    columns = [Column("Configuration"), Column("Oracle", "choice"), Column("Failed", "number"), Column("Why")]
-    return DataTable("failed", columns, [[name, oracle, n, why] for name, oracle, n, _, why in rows])
-
-
-def not_judged_rows(tables: Tables) -> list[Mapping[str, Any]]:
-    """A row for each oracle and reason."""
-    said = tables.verdicts.reasons("not judged")
-    grouped: dict[tuple[int, int], list[int]] = {}
-    for oracle, reason, configuration in zip(
-        said.oracle.tolist(), said.reason.tolist(), said.configuration.tolist(), strict=True
-    ):
-        grouped.setdefault((oracle, reason), []).append(configuration)
-    names = tables.configurations.names
-    return [
-        {
-            "oracle": tables.oracles[oracle],
-            "reason": said.known[reason],
-            "runs": len(where),
-            "configurations": [names[k] for k in dict.fromkeys(where)],
-        }
-        for (oracle, reason), where in grouped.items()
-    ]
-
-
-def rejection_rows(tables: Tables) -> list[Mapping[str, Any]]:
-    """A row for each family, producer and reason."""
-    grouped: dict[tuple[str, str, str], list[str]] = {}
-    for row in tables.rejections:
-        grouped.setdefault((row["family"], row["producer"], row["reason"]), []).append(row["requested"])
-    return [
-        {
-            "family": family,
-            "producer": producer,
-            "reason": reason,
-            "times": len(requested),
-            "requested": [
-                ", ".join(f"{key} {short(value)}" for key, value in json.loads(one).items()) for one in requested[:3]
-            ],
-        }
-        for (family, producer, reason), requested in grouped.items()
-    ]
-
-
 def environment_table(tables: Tables, names: Mapping[str, str]) -> DataTable:
     """The rate on each map."""
     rows = [[names[key], rate_cell(counts)] for key, counts in environment_counts(tables).items()]
@@ -199,14 +138,9 @@ def place_table(scenes: Sequence[Scene], names: Mapping[str, str]) -> DataTable:
                 y = found.grid.origin_xy_m[1] + (row + 0.5) * found.grid.cell_m
                 n, failed = int(found.visits[row, column]), int(found.failures[row, column])
                 ends = (round(1000 * float(end)) for end in intervals[row, column])
-                rows.append([names[scene.environment], round(x, 2), round(y, 2), [failed, n, 0, *ends]])
-    rows.sort(key=lambda row: -row[3][0] / row[3][1])
-    columns = [
-        Column("Map", "choice"),
-        Column("x (m)", "number"),
-        Column("y (m)", "number"),
-        Column("Failed of visits", "rate"),
-    ]
+                rows.append([names[scene.environment], position(x, y), [failed, n, 0, *ends]])
+    rows.sort(key=lambda row: -row[2][0] / row[2][1])
+    columns = [Column("Map", "choice"), Column("Place"), Column("Failed of visits", "rate")]
     return DataTable("places", columns, rows)
 
 

@@ -45,7 +45,13 @@ def number(value: float | None) -> str:
     if value is None:
         return "–"
     value = round(value, 3) + 0.0  # + 0.0 turns -0.0 into 0.0
-    return f"{value:,.0f}" if abs(value) >= 100 or value == int(value) else f"{value:.3g}"
+    text = f"{value:,.0f}" if abs(value) >= 100 or value == int(value) else f"{value:.3g}"
+    return text.replace("-", "−")
+
+
+def position(x_m: float, y_m: float) -> str:
+    """Where something is on a map, in metres."""
+    return f"({x_m:.2f}, {y_m:.2f}) m".replace("-", "−")
 
 
 def short(value: Any) -> str:
@@ -55,8 +61,8 @@ def short(value: Any) -> str:
     if isinstance(value, list):
         return f"{len(value)} of them" if len(value) != 1 else "one"
     if isinstance(value, dict):
-        if isinstance(position := value.get("position", value), dict) and "x" in position:
-            return f"({position['x']:.2f}, {position['y']:.2f}) m"
+        if isinstance(at := value.get("position", value), dict) and "x" in at:
+            return position(at["x"], at["y"])
         if set(value) == {"file"}:
             return str(value["file"])[:8]
         return json.dumps(value, ensure_ascii=False)
