@@ -30,6 +30,12 @@ def _when(metadata: Mapping[str, Any]) -> str:
     return str(Markup(" · {}").format(str(metadata["created"]).replace("T", " ")))
 
 
+def _host_line(key: str, value: Any) -> tuple[str, str]:
+    if key == "memory_bytes":
+        return "host memory", f"{value / 1e9:.1f} GB"
+    return f"host {key.replace('_', ' ')}", str(value)
+
+
 def _section(metadata: Mapping[str, Any]) -> str:
     counts = metadata.get("counts", {})
     lines = [("written", str(metadata["created"]).replace("T", " "))]
@@ -37,6 +43,6 @@ def _section(metadata: Mapping[str, Any]) -> str:
         lines.append(("runs", f"{counts['executed']:,} executed, {counts['reused']:,} from the store"))
     if {"cpu_s", "wall_s"} <= counts.keys():
         lines += [("CPU time", f"{counts['cpu_s']:,.0f} s"), ("time", f"{counts['wall_s']:,.0f} s")]
-    lines += [(f"host {key.replace('_', ' ')}", value) for key, value in metadata["host"].items()]
+    lines += [_host_line(key, value) for key, value in metadata["host"].items()]
     facts = "".join(_LINE.format(name, value) for name, value in lines)
     return f'\n<section id="work">\n<h2>This call</h2>\n<dl>\n{facts}</dl>\n</section>\n'

@@ -9,6 +9,7 @@ from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.figures.factor_figure import factor_figure, interaction_figure
 from vastflow.oracles.page.reasons import failure_kinds, kind_of, rejection_rows
 from vastflow.oracles.page.report import write_report
+from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.statistics.effects import FactorEffect, LevelEffect
 from vastflow.oracles.statistics.interactions import Cell, InteractionEffect
 from vastflow.oracles.statistics.intervals import Interval
@@ -107,3 +108,10 @@ def test_panels_of_factors_fill_both_columns_and_none_hides_another() -> None:
     assert boxes[1].x0 == boxes[2].x0 > boxes[0].x1
     assert boxes[2].y1 < boxes[1].y0
     assert all(box.y0 >= 0 and box.y1 <= 1 for box in boxes)
+
+
+def test_memory_of_the_host_is_said_in_gigabytes() -> None:
+    metadata = {"created": "2026-11-21T06:00:00", "host": {"name": "lab", "memory_bytes": 25_276_502_016}}
+    page = with_work("<!-- work --><!-- /work -->", metadata)
+    assert "<dt>host memory</dt><dd>25.3 GB</dd>" in page
+    assert "<dt>host name</dt><dd>lab</dd>" in page
