@@ -21,13 +21,14 @@ from vastflow.producers.vast.spec import (
     DEFAULT_TIMEOUT_S,
     TOLERATED_IN_FAMILY,
     CampaignSpec,
+    EvaluationSpec,
     FamilySpec,
     unexecuted,
 )
 from vastflow.sim.digest import FileContent
 from vastflow.sim.process.setup import ProcessSetup
 
-__all__ = ["Campaign", "Family", "OracleRequest", "load_campaign"]
+__all__ = ["Campaign", "Family", "OracleRequest", "load_campaign", "oracle_requests"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +132,7 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
         sequential=runs if isinstance(runs, Sequential) else None,
         seed=spec.execution.seed,
         timeout_s=spec.execution.timeout or DEFAULT_TIMEOUT_S,
-        oracles=tuple(_oracles(spec)),
+        oracles=tuple(oracle_requests(spec.evaluation)),
         notes=(*sorted([*document.notes, *notes], key=lambda note: (note.line, note.column)), *nav2.notes),
         unexecutable=tuple(unexecutable),
         document=document,
@@ -223,10 +224,11 @@ def _shares_names(one: str, other: str) -> bool:
     return re.fullmatch(rf"{re.escape(short)}(-[0-9]+)*", long) is not None
 
 
-def _oracles(spec: CampaignSpec) -> list[OracleRequest]:
+def oracle_requests(evaluation: EvaluationSpec) -> list[OracleRequest]:
+    """The oracles that a file's section `evaluation` asks for, in its order."""
     return [
         OracleRequest(name, parameters, ("evaluation", "oracles", k, name))
-        for k, entry in enumerate(spec.evaluation.oracles)
+        for k, entry in enumerate(evaluation.oracles)
         for name, parameters in entry.items()
     ]
 

@@ -130,7 +130,15 @@ def test_a_file_that_is_not_there_exits_with_2(tmp_path, monkeypatch, command):
 def test_all_faults_of_a_file_are_said_at_once(small_room):
     unknown_key(small_room)
     missing_map(small_room)
-    assert len(called("validate", small_room).stderr.splitlines()) == 2
+    oracle_parameter_of_wrong_type(small_room)
+    assert len(called("validate", small_room).stderr.splitlines()) == 3
+
+
+def test_a_section_that_is_wrong_itself_is_said_once(small_room):
+    missing_map(small_room)
+    small_room.write_text(small_room.read_text() + "evaluation:\n  oracles: {1: 2}\n")
+    said = called("validate", small_room).stderr
+    assert len(said.splitlines()) == 2 and "evaluation.oracles" in said
 
 
 def test_a_valid_file_is_ok_with_its_counts(small_room):
