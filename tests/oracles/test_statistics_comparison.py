@@ -99,6 +99,7 @@ def test_a_loss_is_ruled_out_where_the_whole_interval_is_above_it() -> None:
     assert found is not None
     assert found.non_inferior(0.02)
     assert not found.non_inferior(0.019)
+    assert not found.non_inferior(-found.interval[0])  # a loss of just as much may be
 
 
 def test_configurations_that_fail_newly_are_shown_first_and_chance_is_not() -> None:
