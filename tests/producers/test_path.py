@@ -255,6 +255,13 @@ def test_poses_in_the_parameters_are_written(hall):
     assert [pose_of(pose) for pose in item.values["goal_poses"]] == [pose_of({"x": 5.0, "y": 3.0})]
 
 
+@pytest.mark.parametrize(("goal_x", "fits"), [(6.525, True), (6.475, False), (7.525, True), (7.575, False)])
+def test_given_poses_may_miss_the_length_by_the_tolerance_and_no_more(hall, goal_x, fits):
+    given_poses = {"start_pose": {"x": 3.025, "y": 3.025}, "goal_poses": [{"x": goal_x, "y": 3.025}]}
+    (item,) = evaluate(path_variation(path_length=4, path_length_tolerance=0.5), {"map_file": hall, **given_poses})
+    assert isinstance(item, Rejection) is not fits
+
+
 @pytest.mark.parametrize(
     ("inputs", "reason"),
     [
