@@ -48,10 +48,17 @@ def test_a_larger_sample_contains_a_smaller_one(one, other, seed):
 
 
 @given(st.integers(1, 100), st.integers(0, 3))
-def test_each_family_has_its_share_to_the_nearest_whole_number(size, seed):
+def test_each_family_has_its_share_to_within_one(size, seed):
     shares = Counter(each.family for each in sampled(LARGE, size, seed).configurations)
     for family, of in (("a", 60), ("b", 30), ("c", 10)):
         assert abs(shares[family] - size * of / 100) <= 1
+
+
+@pytest.mark.parametrize(("size", "seats"), [(12, {"a": 12}), (13, {"a": 12, "b": 1}), (38, {"a": 36, "b": 2})])
+def test_shares_are_rounded_by_websters_method(size, seats):
+    """The first of the small family has the place 0.5 / 4: behind the 12th of the large one, 11.5 / 96, before the 13th."""
+    found = sampled(instantiation(a=list(range(96)), b=list(range(100, 104))), size, 0)
+    assert Counter(each.family for each in found.configurations) == seats
 
 
 def test_the_sample_follows_from_content_and_seed_and_not_from_names_or_order():
