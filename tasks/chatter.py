@@ -76,9 +76,8 @@ def prefect_log(log: Path) -> Iterator[None]:
     show = warnings.showwarning
     warnings.showwarning = _logged_warning
     raises = logging.raiseExceptions
-    logging.raiseExceptions = (
-        False  # of a server that is gone Prefect would write to the terminal that it can't log there
-    )
+    # Of a server that is gone, Prefect would write to the terminal that it can't log there.
+    logging.raiseExceptions = False
     try:
         yield
     finally:
