@@ -84,9 +84,10 @@ def rate_words(cell: Sequence[float]) -> Mapping[str, str]:
     passed, judged, not_judged, low, high = cell
     if not judged:
         return {"rate": "–", "of": "not judged" if not_judged else "not run", "span": "", "rest": ""}
+    digits = 0 if round(low / 10) < round(high / 10) else 1  # ends that would look the same
     return {
         "rate": percent(passed / judged),
         "of": f"{passed:,.0f} of {judged:,.0f}",
-        "span": f"{low / 10:.0f}\u2060–\u2060{high / 10:.0f} %",
+        "span": f"{low / 10:.{digits}f}\u2060–\u2060{high / 10:.{digits}f} %",
         "rest": f"{not_judged:,.0f} not judged" if not_judged else "",
     }

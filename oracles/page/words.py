@@ -18,8 +18,10 @@ def percent(rate: float | None) -> str:
 
 
 def span(interval: Interval) -> str:
-    """An interval for people: `52–70 %`."""
+    """An interval for people: `52–70 %`, with more digits where its ends would look the same."""
     low, high = percent(interval.low), percent(interval.high)
+    if low == high and interval.low < interval.high:
+        low, high = (f"{100 * end:.1f}\N{NO-BREAK SPACE}%" for end in (interval.low, interval.high))
     return f"{low[:-2]}\N{WORD JOINER}–\N{WORD JOINER}{high}"
 
 

@@ -14,6 +14,7 @@ from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.rates import Interval
 from vastflow.oracles.page.report import write_report
+from vastflow.oracles.page.table import rate_words
 from vastflow.oracles.page.words import number, percent, span
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
@@ -305,6 +306,12 @@ def test_a_rate_is_never_rounded_to_none_or_all(rate: float | None, text: str) -
 
 def test_an_interval_is_written_with_one_sign() -> None:
     assert span(Interval(0.523, 0.704)).replace("\u2060", "") == "52–70\u00a0%"
+
+
+def test_an_interval_whose_ends_would_look_the_same_has_more_digits() -> None:
+    assert span(Interval(0.7601, 0.7649)).replace("\u2060", "") == "76.0–76.5\u00a0%"
+    assert rate_words([760, 1000, 0, 757, 762])["span"].replace("\u2060", "") == "75.7–76.2 %"
+    assert rate_words([5, 10, 0, 237, 763])["span"].replace("\u2060", "") == "24–76 %"
 
 
 @pytest.mark.parametrize(
