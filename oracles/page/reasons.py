@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.evidence import Evidence
@@ -26,18 +27,25 @@ def failure_kinds(tables: Tables) -> list[Mapping[str, Any]]:
     kinds: dict[str, int] = {}
     kind = np.array([kinds.setdefault(kind_of(reason), len(kinds)) for reason in said.known], dtype=np.int64)
     keys = said.oracle * max(len(kinds), 1) + (kind[said.reason] if len(kind) else said.reason)
-    distinct, first, counts = np.unique(keys, return_index=True, return_counts=True)
+    distinct, first, places, counts = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
+    reasons, configurations = (_different(places, of, len(distinct)) for of in (said.reason, said.configuration))
     rows = [
         {
             "oracle": tables.oracles[said.oracle[at]],
             "reason": said.known[said.reason[at]],
-            "alike": len(np.unique(said.reason[keys == key])) == 1,
-            "runs": n,
-            "configurations": len(np.unique(said.configuration[keys == key])),
+            "alike": reasons[k] == 1,
+            "runs": runs,
+            "configurations": configurations[k],
         }
-        for key, at, n in zip(distinct.tolist(), first.tolist(), counts.tolist(), strict=True)
+        for k, (at, runs) in enumerate(zip(first.tolist(), counts.tolist(), strict=True))
     ]
     return sorted(rows, key=lambda row: -row["runs"])
+
+
+def _different(places: NDArray[np.int64], values: NDArray[np.int64], length: int) -> list[int]:
+    """How many different `values` (n,) are at each of the places 0 to `length` - 1, given the place (n,) of each."""
+    pairs = np.unique(np.stack((places, values)), axis=1)
+    return [int(count) for count in np.bincount(pairs[0], minlength=length)]
 
 
 def failure_table(tables: Tables, evidence: Mapping[str | None, Evidence]) -> DataTable:
