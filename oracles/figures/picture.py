@@ -1,9 +1,19 @@
 """Pictures: a figure as the bytes of a PNG or an SVG file. The same figure gives the same bytes."""
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import matplotlib
 from matplotlib.figure import Figure
+
+
+@contextmanager
+def plain_style() -> Iterator[None]:
+    """Matplotlib as it comes: no `matplotlibrc` of a user changes a picture that is kept for everybody."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        yield
 
 
 def png(figure: Figure) -> bytes:

@@ -15,6 +15,7 @@ from vastflow.oracles.directory.tables import Tables, read_tables
 from vastflow.oracles.evidence.evidence import Evidence, evidence_json, evidence_of, spreads_of
 from vastflow.oracles.evidence.findings import Findings, findings_json, findings_of, shape_of, stopping_rule
 from vastflow.oracles.figures.palette import CLASS_COLOURS
+from vastflow.oracles.figures.picture import plain_style
 from vastflow.oracles.figures.scene import MAX_SCENES, scenes_of
 from vastflow.oracles.page import reasons, rows
 from vastflow.oracles.page.pictures import (
@@ -74,6 +75,7 @@ class Gallery:
             yield from place.pictures
 
 
+@plain_style()
 def write_report(directory: Path) -> None:
     """Write `evidence.json`, `figures/` and `report.html` into the campaign directory `directory`.
 

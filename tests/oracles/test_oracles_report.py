@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
+import matplotlib
 import pytest
 from PIL import Image
 
@@ -268,6 +269,15 @@ def test_a_report_can_be_written_again(directory: Path) -> None:
     first = (directory / "report.html").read_bytes()
     write_report(directory)
     assert (directory / "report.html").read_bytes() == first
+
+
+def test_what_a_user_has_set_for_matplotlib_changes_no_picture(directory: Path) -> None:
+    write_report(directory)
+    before = {file.name: file.read_bytes() for file in (directory / "figures").iterdir()}
+    with matplotlib.rc_context({"font.size": 30, "axes.facecolor": "black", "savefig.bbox": "tight"}):
+        write_report(directory)
+        assert matplotlib.rcParams["font.size"] == 30
+    assert {file.name: file.read_bytes() for file in (directory / "figures").iterdir()} == before
 
 
 def test_a_campaign_of_which_nothing_could_be_built_has_a_report(synthetic_campaign) -> None:
