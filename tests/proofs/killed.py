@@ -209,6 +209,10 @@ def descendants(process: psutil.Process) -> set[int]:
     return set()
 
 
+_OF_THE_SERVER = {0: "pages do not show the end", 3: "start it (`prefect server start`)"}
+"""What is said of a server that stays away, by how the campaign ended."""
+
+
 def _judge_end(life: Life, point: Point) -> None:
     """What may happen to the flow: it dies with its own death, and outlives that of a worker or of its server."""
     if point.exit_code is None:
@@ -222,7 +226,7 @@ def _judge_end(life: Life, point: Point) -> None:
         point.violations.append(f"ended with {point.exit_code}: {life.words()[-300:]}")
     elif point.exit_code == 3 and "again computes only what is missing" not in life.words():
         point.violations.append(f"does not say how to go on: {life.words()[-300:]}")
-    elif point.back_s < 0 and point.phase == "executing" and "pages do not show the end" not in life.words():
+    elif point.back_s < 0 and point.phase == "executing" and _OF_THE_SERVER[point.exit_code] not in life.words():
         point.violations.append(f"does not say that Prefect's server was gone: {life.words()[-300:]}")
     if "Traceback" in life.words():
         point.violations.append("a traceback on the terminal")
