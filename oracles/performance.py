@@ -66,7 +66,7 @@ class Performance(Oracle[PerformanceParameters]):
             "length_ratio": float(arc_lengths_m(trace.xy_m)[-1]) / reference.length_m,
         }
         if round(rmse_m - threshold, 9) > 0:
-            reason = f"RMSE {rmse_m:.2f} m to the reference path, more than {threshold:.2f}"
+            reason = f"RMSE {rmse_m:.2f} m to the reference path, more than {threshold:.2f} m"
             return self.failed(trace, reason, **metrics)
         return self.passed(trace, **metrics)
 

@@ -98,7 +98,7 @@ def test_exactly_the_bound_passes(offset_m: float, judgement: str) -> None:
 def test_a_way_beyond_the_bound_fails_and_says_by_how_much() -> None:
     verdict = judged("performance", a_trace(along(0.3)), local_robot_radius_m=0.029)
     assert verdict.judgement == "fail"
-    assert verdict.reason == "RMSE 0.30 m to the reference path, more than 0.29"
+    assert verdict.reason == "RMSE 0.30 m to the reference path, more than 0.29 m"
 
 
 def test_a_robot_that_never_moved_is_compared_with_the_whole_reference() -> None:
