@@ -8,6 +8,9 @@ from vastflow.oracles.directory.configuration_table import ConfigurationTable
 MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}
 """Numbers that follow from how a configuration was drawn, and what they are called."""
 
+_DIGITS: Final = 2
+"""Of `MEASURED`: a centimetre, which is less than a cell of a map."""
+
 
 def varied_rows(
     configurations: ConfigurationTable, chosen: Iterable[int], environments: Mapping[str, str]
@@ -20,10 +23,15 @@ def varied_rows(
     return [
         {
             **{key: named(value, environments) for key, value in configurations.factors[k].items()},
-            **{name: drawn[key] for key, name in MEASURED.items() if (drawn := configurations.provenances[k]).get(key)},
+            **_measured(configurations.provenances[k]),
         }
         for k in chosen
     ]
+
+
+def _measured(provenance: Mapping[str, Any]) -> dict[str, float]:
+    found = {name: provenance.get(key) for key, name in MEASURED.items()}
+    return {name: round(value, _DIGITS) for name, value in found.items() if isinstance(value, int | float) and value}
 
 
 def named(value: Any, environments: Mapping[str, str]) -> Any:
