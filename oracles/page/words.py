@@ -27,7 +27,8 @@ def span(interval: Interval) -> str:
 
 def points(difference: float) -> str:
     """A difference of rates in percentage points, with its sign: `+12`."""
-    return f"{100 * difference:+.0f}".replace("-", "−")
+    said = f"{100 * difference:+.0f}"
+    return "+0" if said == "-0" else said.replace("-", "−")
 
 
 def chance(p_value: float | None) -> str:

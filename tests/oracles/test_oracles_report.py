@@ -16,7 +16,7 @@ from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.rates import Interval
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.table import rate_words
-from vastflow.oracles.page.words import number, percent, span
+from vastflow.oracles.page.words import number, percent, points, span
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
@@ -316,6 +316,11 @@ def test_a_rate_is_never_rounded_to_none_or_all(rate: float | None, text: str) -
 
 def test_an_interval_is_written_with_one_sign() -> None:
     assert span(Interval(0.523, 0.704)).replace("\u2060", "") == "52–70\u00a0%"
+
+
+@pytest.mark.parametrize(("difference", "text"), [(0.124, "+12"), (-0.5, "−50"), (-0.004, "+0"), (0.0, "+0")])
+def test_a_difference_has_its_sign_and_nothing_is_not_less_than_nothing(difference: float, text: str) -> None:
+    assert points(difference) == text
 
 
 def test_an_interval_whose_ends_would_look_the_same_has_more_digits() -> None:
