@@ -52,9 +52,18 @@
     rate: ([passed, judged]) => (judged ? passed / judged : null),
   };
 
+  // Places on a map go by x and then by y; their minus is U+2212.
+  const PLACE = /^\((\S+), (\S+)\) m$/;
+  const place = (value) => {
+    const found = PLACE.exec(value);
+    return found && found.slice(1).map((metres) => Number(metres.replace("\u2212", "-")));
+  };
+
   // Nothing comes last, whichever way the rest goes.
   const compare = (a, b, sign) => {
     if (a === null || b === null) return (a === null) - (b === null);
+    const [here, there] = [place(a), place(b)];
+    if (here && there) return sign * (here[0] - there[0] || here[1] - there[1]);
     return sign * (typeof a === "number" ? a - b : COLLATOR.compare(a, b));
   };
 

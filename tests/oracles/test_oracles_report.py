@@ -111,6 +111,8 @@ def test_links_to_figures_lead_to_files_beside_the_report(page: Page, directory:
     links = {address for address in page.addresses if address.startswith("figures/")}
     assert {Path(link).suffix for link in links} == {".png", ".svg"}
     assert all((directory / link).is_file() for link in links)
+    text = (directory / "report.html").read_text(encoding="utf-8")
+    assert text.count('href="figures/') == text.count('title="In the folder figures/ beside report.html"') > 0
 
 
 def test_links_within_the_report_lead_somewhere(page: Page) -> None:
@@ -178,7 +180,9 @@ def test_a_campaign_that_was_stopped_early_says_how_many_runs_that_saved(directo
     (directory / "metadata.json").write_text(json.dumps({**metadata, "sequential": {"min": 3, "max": 20}}))
     write_report(directory)
     page = Page((directory / "report.html").read_text(encoding="utf-8"))
-    assert "60 of 80 runs were saved" in " ".join(page.text.split())
+    text = " ".join(page.text.split())
+    assert "60 of 80 runs were saved" in text
+    assert "those that took longest to decide count most" in text
 
 
 def test_a_sample_and_a_selection_are_said_at_the_top(directory: Path) -> None:

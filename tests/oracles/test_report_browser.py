@@ -112,9 +112,8 @@ def report(synthetic_campaign, tmp_path: Path, build) -> Path:
         ]
         runs += [build.a_recording(way, run_index=i) for i in range(lost, 3)]
         family = ("quiet", "noisy")[k % 2]
-        synthetic_campaign.add(
-            f"{family}-{k + 1}", family, room, task, recordings=runs, factors={"noise": 0.1 * (k % 7), "way": k % 3}
-        )
+        factors = {"stop": {"x": 7.0 * (k % 4) - 9.0, "y": -1.5}, "noise": 0.1 * (k % 7), "way": k % 3}
+        synthetic_campaign.add(f"{family}-{k + 1}", family, room, task, recordings=runs, factors=factors)
     directory = synthetic_campaign.write()
     write_report(directory)
     return directory / "report.html"
@@ -154,6 +153,15 @@ def test_a_click_on_a_head_sorts_and_a_second_one_turns_the_order_round(browser:
     assert browser.value("document.querySelector('#configurations th').ariaSort") == "descending"
     browser.value(click("noise"))
     assert [float(row[-2]) for row in browser.value(ROWS)][:11] == [0.6] * 10 + [0.5]
+
+
+def test_places_are_sorted_by_where_they_are(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    browser.value(click("stop"))
+    places = [row[-3] for row in browser.value(ROWS)]
+    assert list(dict.fromkeys(places)) == [f"({x}, −1.50) m" for x in ("−9.00", "−2.00", "5.00")]  # 50 of 70 rows
+    browser.value(click("stop"))
+    assert browser.value(ROWS)[0][-3] == "(12.00, −1.50) m"
 
 
 def test_words_and_choices_filter_the_rows_and_the_count_says_so(browser: Browser, report: Path) -> None:
@@ -204,6 +212,15 @@ def test_a_phone_shows_the_page_without_scrolling_sideways(browser: Browser, rep
     browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=2, mobile=True)
     browser.open(report)
     assert browser.value("document.documentElement.scrollWidth") <= 390
+
+
+def test_a_table_that_is_wider_than_its_frame_shows_a_shadow_there(browser: Browser, report: Path) -> None:
+    browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=1, mobile=True)
+    browser.open(report)
+    frame = "document.querySelector('#all .card.scroll')"
+    assert browser.value(f"{frame}.scrollWidth > {frame}.clientWidth")
+    layers = browser.value(f"getComputedStyle({frame}).backgroundAttachment").split(", ")
+    assert sorted(set(layers[:4])) == ["local", "scroll"]
 
 
 def test_what_a_run_says_ends_no_script(report: Path) -> None:
