@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.directory.verdict_table import Metric
 from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled
-from vastflow.oracles.statistics.intervals import wilson_intervals
+from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, wilson_intervals
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +109,7 @@ def evidence_json(
         "level": LEVEL,
         "intervals": {
             "interval": "Wilson score interval of these configurations' runs",
+            "exact": "Clopper-Pearson interval of the same: at least the level whatever the rate, and wider",
             "clustered": "Wilson interval at the effective sample size with blocks as clusters, configurations on one map with "
             "one task, or with configurations where there is one block: what to expect of others of the kind; null for fewer than two",
         },
@@ -150,33 +151,33 @@ def _document(evidence: Evidence, spreads: Mapping[str, Spread]) -> dict[str, An
     return {
         "campaign": _group(evidence.campaign),
         "families": {name: _group(group) for name, group in evidence.families.items()},
-        "configurations": dict(zip(evidence.configurations, _all_counts(evidence), strict=True)),
+        "configurations": dict(
+            zip(evidence.configurations, _with_intervals(list(evidence.configurations.values())), strict=True)
+        ),
         "metrics": {name: asdict(spread) for name, spread in spreads.items()},
     }
 
 
 def _group(group: Group) -> dict[str, Any]:
     return {
-        **_counts(group.counts, group.counts.interval.low, group.counts.interval.high),
+        **next(_with_intervals([group.counts])),
         "configurations": group.configurations,
         "clustered": asdict(group.clustered) if group.clustered else None,
     }
 
 
-def _all_counts(evidence: Evidence) -> Iterator[dict[str, Any]]:
-    ends = configuration_intervals(evidence).tolist()
-    for counts, (low, high) in zip(evidence.configurations.values(), ends, strict=True):
-        yield _counts(counts, low, high)
-
-
-def _counts(counts: Counts, low: float, high: float) -> dict[str, Any]:
-    return {
-        "passed": counts.passed,
-        "failed": counts.failed,
-        "not_judged": counts.not_judged,
-        "rate": counts.rate,
-        "interval": {"low": low, "high": high},
-    }
+def _with_intervals(of: Sequence[Counts]) -> Iterator[dict[str, Any]]:
+    passed, judged = [counts.passed for counts in of], [counts.judged for counts in of]
+    wilson, exact = wilson_intervals(passed, judged).tolist(), clopper_pearson_intervals(passed, judged).tolist()
+    for counts, ends, exact_ends in zip(of, wilson, exact, strict=True):
+        yield {
+            "passed": counts.passed,
+            "failed": counts.failed,
+            "not_judged": counts.not_judged,
+            "rate": counts.rate,
+            "interval": dict(zip(("low", "high"), ends, strict=True)),
+            "exact": dict(zip(("low", "high"), exact_ends, strict=True)),
+        }
 
 
 def _lines(value: Any, depth: int = 1) -> Iterator[str]:

@@ -257,6 +257,8 @@ def test_evidence_has_rates_and_intervals_for_campaign_family_and_configuration(
     assert together["families"]["noisy"]["rate"] == pytest.approx(0.3)
     assert together["families"]["quiet"]["clustered"] is None
     assert together["configurations"]["quiet-1"]["interval"] == pytest.approx({"low": 0.5655, "high": 1.0}, abs=1e-4)
+    assert together["configurations"]["quiet-1"]["exact"] == pytest.approx({"low": 0.025 ** (1 / 5), "high": 1.0})
+    assert together["configurations"]["quiet-2"]["exact"] == {"low": 0.0, "high": 1.0}
     assert together["configurations"]["quiet-2"]["rate"] is None
     assert evidence["oracles"]["success"]["families"]["noisy"]["passed"] == 8
     assert evidence["oracles"]["success"]["metrics"]["final_distance"]["n"] == 15
