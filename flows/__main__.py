@@ -4,7 +4,11 @@ A spawned worker may import this module again, and `--help` must not wait: Prefe
 imported inside the commands.
 """
 
+import sys
+from typing import Any
+
 import typer
+from typer.core import TyperGroup
 
 from vastflow.flows.commands.bench import bench
 from vastflow.flows.commands.compare import compare
@@ -25,7 +29,21 @@ from vastflow.flows.commands.scenario import scenario
 from vastflow.flows.commands.show import show
 from vastflow.flows.commands.store import store
 
+
+class Commands(TyperGroup):
+    """Commands whose exit code is their own, whatever a plug-in does in this process."""
+
+    def invoke(self, ctx: typer.Context) -> Any:
+        """Run a command; click's own ends are other exceptions than `SystemExit`."""
+        try:
+            return super().invoke(ctx)
+        except SystemExit as error:
+            print(f"a plug-in's code raised SystemExit({error.code!r}), which would end vastflow", file=sys.stderr)
+            raise typer.Exit(3) from None
+
+
 app = typer.Typer(
+    cls=Commands,
     help="Find out whether a robot's navigation can be trusted: from a campaign file to evidence.",
     no_args_is_help=True,
     add_completion=False,

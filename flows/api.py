@@ -25,6 +25,7 @@ from vastflow.flows.session import Session
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.faults import CampaignError
+from vastflow.producers.postprocessing import steps_of
 from vastflow.tasks import chatter, ending
 from vastflow.tasks.garbage import few_collections
 from vastflow.tasks.instantiation import Instantiator
@@ -53,6 +54,7 @@ def run_campaign(
     only: str | Sequence[str] | None = None,
     sample: int | None = None,
     map_dir: str | os.PathLike[str] | None = None,
+    as_v1: bool = False,
     observer: Observer | None = None,
     pool: "str | WorkPool | None" = None,
 ) -> CampaignResult:
@@ -73,6 +75,7 @@ def run_campaign(
         sample: How many distinct configurations of these are run, at most: a sample that follows from their content and
             the campaign's seed, spread over families, and contained in every larger one.
         map_dir: Folder in which maps are looked for that are not beside the campaign file, by the same relative path.
+        as_v1: Whether every obstacle is placed as version 1 of RoboVAST does, whatever the file says.
         observer: Is shown the progress, from one thread.
         pool: A work pool of Prefect whose workers compute what is missing, else this process does. They must find the store.
 
@@ -80,6 +83,7 @@ def run_campaign(
         CampaignError: faults of the file, or a name in `only` that nothing has.
         StoreError: the store can't be used.
         ResultsError: the campaign directory can't be written; nothing of it is left, and everything is in the store.
+        SurroundingsError: this machine lacks something that a computation needs, such as a home that can be written.
         PrefectUnavailable: Prefect's API can't be started, or stayed away.
         WorkPoolError: there is no such pool, or no API of Prefect is configured.
         WorkersFailed: the pool's workers can't compute the campaign.
@@ -92,7 +96,7 @@ def run_campaign(
     created = datetime.now()
     tally = Tally()
     with ending.terminable(), few_collections(), Reporter(tally, observer):
-        campaign, oracles = read_campaign(Path(path), None if map_dir is None else Path(map_dir))
+        campaign, oracles = read_campaign(Path(path), None if map_dir is None else Path(map_dir), as_v1=as_v1)
         if campaign.unexecutable:
             raise CampaignError(campaign.unexecutable)
         inputs = inputs_of(campaign, oracles)
@@ -106,7 +110,9 @@ def run_campaign(
             names = (only,) if isinstance(only, str) else tuple(only or ())
             selection = Selection(names, sample, campaign.seed)
             maps = str(map_dir) if campaign.borrowed_maps else None
-            asked = Asked(campaign.path.name, runs or campaign.runs, names, inputs.places, sample, maps)
+            asked = Asked(
+                campaign.path.name, campaign.runs_asked(runs, sample), names, inputs.places, sample, maps, as_v1
+            )
             stopping = _stopping(campaign) if runs is None and campaign.sequential is not None else None
             rule = {} if stopping is None else {SEQUENTIAL: stopping.as_json}
             record = {"asked": asked.as_json(), **rule, **code_row(tree, campaign.families, oracles)}
@@ -144,7 +150,7 @@ def run_campaign(
                 found = report_key(
                     keys, tree, inputs.campaign, metadata, instantiation, session.contents(), session.runs, oracles
                 )
-                return KeptReport(kept, found)
+                return KeptReport(kept, found, keys.sources)
 
             for _ in range(_TRIES):
                 instantiation = session.complete()
@@ -169,6 +175,11 @@ def run_campaign(
                     )
                 except Lost:  # found out when it was read: the damaged artifact is gone now, so it gets computed
                     continue
+                if steps := steps_of(campaign.spec.results_processing.postprocessing):
+                    from vastflow.flows.postprocessing.postprocess import postprocessed
+
+                    tally.begin("postprocessing")
+                    written = postprocessed(written, steps, campaign.path.parent)
                 written = goes_to.delivered(written)
                 if session.flow_run_id is not None:
                     with chatter.prefect_log(log):

@@ -23,7 +23,7 @@ Positive: TypeAlias = Annotated[int, Field(ge=1)]
 
 
 class CampaignFault(RuntimeError):
-    """Something of ours broke in the campaign, so that runs are not judged."""
+    """Something broke in the campaign, so that runs are not judged."""
 
 
 def _name() -> str:
@@ -38,6 +38,7 @@ def run_scheduled(
     only: list[Text] = [],  # noqa: B006 - as Prefect's form shows it
     sample: Positive | None = None,
     map_dir: Text | None = None,
+    as_v1: bool = False,
     results: Text = "results",
     store: Text | None = None,
     workers: Positive | None = None,
@@ -52,6 +53,7 @@ def run_scheduled(
         only: Families or configurations to run, by name; all if left out.
         sample: How many distinct configurations of these to run, the same ones each time; all if left out.
         map_dir: Folder, as the worker finds it, of maps that are not beside the campaign file.
+        as_v1: Whether every obstacle is placed as version 1 of RoboVAST does, whatever the file says.
         results: Folder the campaign directory is made in.
         store: Where results are kept for the next time; the worker's VASTFLOW_STORE if left out.
         workers: Worker processes; one a core if left out.
@@ -60,10 +62,10 @@ def run_scheduled(
 
     Raises:
         CampaignError: faults of the campaign file.
-        CampaignFault: runs could not be judged because of faults of ours; the report has the rest.
+        CampaignFault: runs could not be judged because of faults; the report has the rest.
     """
     log = get_run_logger()
-    name = campaign_name(load_campaign(Path(campaign), None if map_dir is None else Path(map_dir)))
+    name = campaign_name(load_campaign(Path(campaign), None if map_dir is None else Path(map_dir), as_v1=as_v1))
     page = Page(name, str(flow_run.id), log.info)
     with held():
         found = run_campaign(
@@ -75,6 +77,7 @@ def run_scheduled(
             only=only or None,
             sample=sample,
             map_dir=map_dir,
+            as_v1=as_v1,
             observer=page,
             pool=pool,
         )
@@ -82,7 +85,7 @@ def run_scheduled(
     log.info("%s; report: %s", outcome, found.directory.resolve() / "report.html")
     if found.faults:
         first = found.faults[0]
-        raise CampaignFault(f"{len(found.faults)} faults of ours, the first in {first.stage}: {first.error}")
+        raise CampaignFault(f"{len(found.faults)} faults, the first in {first.stage}: {first.error}")
     return Completed(message=outcome)
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class CampaignFault:
-    """Something of ours that broke, of no single configuration."""
+    """Something that broke, of no single configuration."""
 
     stage: str
     error: str
@@ -96,7 +96,7 @@ class Session:
     def campaign_faults(self) -> list[CampaignFault]:
         """Faults that concern no single configuration."""
         faults = [
-            CampaignFault("instantiate", f"{fault.producer} of {fault.family}: {fault.error}")
+            CampaignFault("instantiate", str(fault))
             for fault in (self._instantiated.faults if self._instantiated else ())
         ]
         return [*faults, *filter(None, [self._flow_fault])]
@@ -136,7 +136,7 @@ class Session:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing of ours broke."""
+        """Whether nothing broke."""
         return not self.campaign_faults and not self._faults
 
     def contents(self) -> Iterator[list[str]]:
@@ -165,9 +165,9 @@ class Session:
         return StoredResult(self._shelf.store, shelved, member.runs, faults)
 
     def _instantiate(self, instantiated: Instantiated) -> None:
-        instantiation = narrowed(instantiated.instantiation, self._only, self._instantiator.campaign.path)
-        self._instantiated = Instantiated(instantiation, instantiated.faults)
-        self._members = {member.name: member for member in members_of(instantiation, self._runs)}
+        self._instantiated = narrowed(instantiated, self._only, self._instantiator.campaign.document.file)
+        members = members_of(self._instantiated.instantiation, self._runs)
+        self._members = {member.name: member for member in members}
         if self._stopping is not None:
             first = self._stopping.wanted({})
             self._members = {name: replace(member, runs=first) for name, member in self._members.items()}

@@ -5,11 +5,13 @@ from dataclasses import replace
 from typing import Any
 
 from vastflow.oracles.oracle import Oracle
-from vastflow.oracles.situation import situation_of
-from vastflow.oracles.trace import trace_of
+from vastflow.oracles.situation import Situation, situation_of
+from vastflow.oracles.trace import Trace, trace_of
 from vastflow.oracles.verdict import Verdict
 from vastflow.sim.archive import read_outputs
 from vastflow.sim.blocks import read_block, read_recordings
+from vastflow.sim.frozen.loading import snapshot_behind
+from vastflow.sim.frozen.watch import watched
 from vastflow.sim.process.outputs import Outputs
 from vastflow.sim.scenario import Scenario
 
@@ -30,6 +32,7 @@ def judge_block(
 
     Raises:
         ValueError: the blocks are not of the same runs.
+        PlugInError: a plug-in read a file that it does not declare.
     """
     situation = situation_of(scenario)
     recordings, observed = read_recordings(recording_block), read_block(trace_block)
@@ -41,5 +44,10 @@ def judge_block(
         trace_of(replace(recording, outputs=written.get(recording.run.run_index, Outputs())), row, columns)
         for recording, (row, columns) in zip(recordings, observed, strict=True)
     ]
-    said = [oracle.judge_all(traces, situation) for oracle in oracles]
+    said = [_said(oracle, traces, situation) for oracle in oracles]
     return [verdict for of_run in zip(*said, strict=True) for verdict in of_run]
+
+
+def _said(oracle: Oracle[Any], traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
+    with watched(snapshot_behind(type(oracle))):
+        return oracle.judge_all(traces, situation)

@@ -21,7 +21,7 @@ from vastflow.oracles.trace import NOWHERE_MM, MaybeReference, NoReference, Refe
 from vastflow.oracles.whereabouts import Whereabouts, whereabouts_of
 from vastflow.sim.blocks import read_recordings, write_block
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.maps import MapError, OccupancyMap, load_map
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.obstacle import Obstacle
 from vastflow.sim.recording import Recording, si
@@ -95,12 +95,12 @@ def observer_of(scenario: Scenario) -> Observer:
     The reference is that of a robot of the system's `robot_radius`, by default Nav2's 0.22 m.
 
     Raises:
-        MapError: the map can't be read.
+        MapError: the map can't be read, or is another than when the campaign was read.
         ValueError: the mission, an obstacle or the robot's radius can't be read.
     """
     situation = situation_of(scenario)
     file = scenario.environment.get("map_file")
-    occupancy = load_map(file.path) if isinstance(file, FileContent) else None
+    occupancy = _map(file) if isinstance(file, FileContent) else None
     radius_m = parameters_of(scenario.system).local_costmap.robot_radius
 
     @functools.cache
@@ -108,6 +108,13 @@ def observer_of(scenario: Scenario) -> Observer:
         return reference_path(occupancy, replace(situation, obstacles=obstacles), radius_m)
 
     return Observer(situation, occupancy, _wall_cells(occupancy) if occupancy is not None else None, reference)
+
+
+def _map(content: FileContent) -> OccupancyMap:
+    occupancy = load_map(content.path)
+    if occupancy.digest != content.digest:
+        raise MapError(f"{content.path} changed since the campaign was read; run the campaign again")
+    return occupancy
 
 
 def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
@@ -145,8 +152,7 @@ def _clearance_m(
     occupancy: OccupancyMap, wall_cells: cKDTree, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Distances (N,) to the nearest occupied cell, taken as a square rather than by its centre."""
-    origin_x_m, origin_y_m = occupancy.origin_xy_m
-    at = np.column_stack((y_m - origin_y_m, x_m - origin_x_m)) / occupancy.resolution_m
+    at = occupancy.in_cells(np.column_stack((x_m, y_m)))
     candidates = min(_CANDIDATES, wall_cells.n)
     _, nearest = wall_cells.query(at - 0.5, k=candidates)
     centres = wall_cells.data[np.reshape(nearest, (len(at), candidates))] + 0.5

@@ -1,12 +1,11 @@
 """Oracles: what every one is, and how one is found."""
 
-import importlib.util
-import sys
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, TypeVar
 
@@ -15,7 +14,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Metric, Verdict
-from vastflow.sim.digest import digest, file_digest
+from vastflow.sim.files import is_file
+from vastflow.sim.frozen.loading import module_of, snapshot_behind
+from vastflow.sim.frozen.neighbors import PlugInError
+from vastflow.sim.frozen.snapshot import Snapshot, snapshot_of
+from vastflow.sim.plug_in import plug_in_code
 
 GROUP: Final = "vastflow.oracles"
 SUCCESS: Final = "success"
@@ -78,8 +81,8 @@ class Oracle(ABC, Generic[P]):
         return Verdict(self.name, trace.run.run_index, judgement, reason, values)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        if _is_file(self.name):  # whose class is in no module that another process could import
-            return oracle_of, (self.name, self.parameters.model_dump(), self.base)
+        if (snapshot := snapshot_behind(type(self))) is not None:  # in no module that another process could import
+            return _frozen_oracle, (snapshot, self.name, self.parameters.model_dump(), self.base)
         return type(self), (self.parameters, self.name, self.base)  # searching the entry points takes 10 ms
 
 
@@ -110,7 +113,13 @@ class OracleError(ValueError):
 
 def known_oracles() -> tuple[str, ...]:
     """Names in the entry-point group `vastflow.oracles`, sorted."""
-    return tuple(sorted({entry.name for entry in entry_points(group=GROUP)}))
+    return tuple(sorted({entry.name for entry in _installed()}))
+
+
+@functools.cache
+def _installed() -> tuple[EntryPoint, ...]:
+    """Entry points of the group; to look through all distributions takes 10 ms, and a campaign may name many oracles."""
+    return tuple(entry_points(group=GROUP))
 
 
 def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> Oracle[Any]:
@@ -121,10 +130,14 @@ def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> 
     """
     found = oracle_class(name, base)
     try:
-        checked = found.Parameters.model_validate(dict(parameters))
+        with plug_in_code():
+            checked = found.Parameters.model_validate(dict(parameters))
+            return found(checked, name, base)
     except ValidationError as error:
         raise OracleError(name, [_fault(detail, found.Parameters) for detail in error.errors()]) from None
-    return found(checked, name, base)
+    except Exception as error:
+        what = f"it raised {type(error).__name__}: {error}"
+        raise OracleError(name, [OracleFault((), what, "an oracle that can be made")]) from error
 
 
 def oracles_of(requests: Sequence[tuple[str, Mapping[str, Any]]], base: Path = Path()) -> tuple[Oracle[Any], ...]:
@@ -145,18 +158,9 @@ def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
         OracleError: there is none of this name.
     """
     if _is_file(name):
-        file_name, _, class_name = name.rpartition(":") if ".py:" in name else (name, "", "")
-        file = base / file_name
-        if not file.is_file():
-            what = "a Python file" if class_name else "a notebook"
-            raise OracleError(name, [OracleFault((), f"no file {str(file)!r}", f"{what} beside the campaign file")])
-        if not class_name:
-            return _class_of_notebook(name, file)
-        found = getattr(_module_of(file), class_name, None)
-        if found is None:
-            raise OracleError(name, [OracleFault((), f"{str(file)!r} has no class {class_name!r}", "file.py:Class")])
+        found = _class_of_file(name, base)
     else:
-        entries = [entry for entry in entry_points(group=GROUP) if entry.name == name]
+        entries = [entry for entry in _installed() if entry.name == name]
         if not entries:
             near = get_close_matches(name, known_oracles(), n=1)
             right = f"did you mean {near[0]!r}?" if near else f"known oracles: {', '.join(known_oracles())}"
@@ -172,36 +176,49 @@ def _is_file(name: str) -> bool:
     return ".py:" in name or name.endswith(".ipynb")
 
 
-def _module_name(file: Path) -> str:
-    """Of a plug-in's place and content, so that an edited file is never served stale."""
-    return f"vastflow_oracle_{digest(str(file.resolve()), file_digest(file))[:16]}"
+def _class_of(snapshot: Snapshot, name: str) -> Any:
+    """What a plug-in's file has under the name of a class; the class that a notebook is. None where there is none."""
+    if ".py:" in name:
+        return getattr(module_of(snapshot), name.rpartition(":")[2], None)
+    from vastflow.oracles.notebook.notebook import notebook_oracle  # which needs this module
+
+    return notebook_oracle(snapshot)
 
 
-def _class_of_notebook(name: str, file: Path) -> type[Oracle[Any]]:
-    from vastflow.oracles.notebook.notebook import NotebookError, notebook_oracle  # which needs this module
+def _frozen_oracle(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> Oracle[Any]:
+    """An oracle in another process, from the same copies of its files."""
+    found = _class_of(snapshot, name)
+    oracle: Oracle[Any] = found(found.Parameters.model_validate(parameters), name, base)
+    return oracle
+
+
+def _snapshot(name: str, file: Path, base: Path) -> Snapshot:
+    if ".py:" in name:
+        return snapshot_of(file, base)
+    from vastflow.oracles.notebook.file import notebook_code, read_cells
+
+    read_cells(file)  # a cell that is no Python is named as such
+    return snapshot_of(file, base, notebook_code(file))
+
+
+def _class_of_file(name: str, base: Path) -> Any:
+    file_name, _, class_name = name.rpartition(":") if ".py:" in name else (name, "", "")
+    file = base / file_name
+    if not is_file(file):
+        what = "a Python file" if class_name else "a notebook"
+        raise OracleError(name, [OracleFault((), f"no file {str(file)!r}", f"{what} beside the campaign file")])
+    from vastflow.oracles.notebook.file import NotebookError
 
     try:
-        return notebook_oracle(file, _module_name(file))
-    except NotebookError as error:
+        found = _class_of(_snapshot(name, file, base), name)
+    except (NotebookError, PlugInError) as error:
         raise OracleError(name, [OracleFault((), error.what, error.right)]) from None
-
-
-def _module_of(file: Path) -> Any:
-    """A plug-in's module."""
-    module_name = _module_name(file)
-    if module_name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(module_name, file)
-        if spec is None or spec.loader is None:
-            raise OracleError(str(file), [OracleFault((), "it can't be imported", "a Python module")])
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[module_name] = module
-        try:
-            spec.loader.exec_module(module)
-        except Exception as error:
-            del sys.modules[module_name]
-            what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
-            raise OracleError(str(file), [OracleFault((), what, "a Python module")]) from error
-    return sys.modules[module_name]
+    except Exception as error:
+        what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
+        raise OracleError(str(file), [OracleFault((), what, "a Python module")]) from error
+    if found is None:
+        raise OracleError(name, [OracleFault((), f"{str(file)!r} has no class {class_name!r}", "file.py:Class")])
+    return found
 
 
 def _fault(detail: Mapping[str, Any], model: type[Parameters]) -> OracleFault:

@@ -54,8 +54,9 @@ def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_
 def _covered(occupancy: OccupancyMap, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
     """(H, W), True where a cell's centre lies in an obstacle."""
     covered = np.zeros(occupancy.shape, dtype=np.bool_)
+    frame, occupancy = occupancy.frame, occupancy.upright
     for obstacle in obstacles:
-        footprint = obstacle.footprint()
+        footprint = obstacle.in_grid(frame).footprint()
         x0, y0, x1, y1 = footprint.bounds
         row0, column0 = (max(index, 0) for index in occupancy.cell_of(x0, y0))
         row1, column1 = (max(index + 1, 0) for index in occupancy.cell_of(x1, y1))

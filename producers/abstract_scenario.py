@@ -1,6 +1,6 @@
 """The abstract scenario a campaign names: its file read, and what it asks of the campaign's families."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -13,10 +13,12 @@ from vastflow.sim.abstract import BUILTIN, SHIPPED, AbstractError, content_of, d
 from vastflow.sim.behaviour.support import unsupported
 from vastflow.sim.behaviour.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.files import is_file
+from vastflow.sim.goals import goal_keys
 from vastflow.sim.osc.definition import ScenarioDefinition
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
-from vastflow.sim.script import calls_of, overrides_of
+from vastflow.sim.script import calls_of, is_optional_list, overrides_of
 
 WHERE: Final[Location] = ("execution", "scenario_file")
 
@@ -43,14 +45,34 @@ class AbstractScenario:
         """Keys that every configuration needs, one of each group."""
         if self.definition is None:
             return ((MAP_KEY,), (START_KEY,), (GOAL_KEY, GOALS_KEY))
-        groups: list[Group] = [(MAP_KEY,)] if self.in_world else []
+        groups: list[Group] = [(MAP_KEY,)] if self.in_world and not self.launches_own_map else []
         calls = {call.action.rpartition(".")[2] for call in calls_of(self.definition.root)}
         if self.in_world and "init_nav2" not in calls and START_KEY not in self.parameters:
             groups.append((START_KEY,))
         for parameter in self.definition.parameters:
-            if parameter.default is None:
+            if parameter.default is None and not is_optional_list(parameter):
                 groups.append((GOALS_KEY, GOAL_KEY) if parameter.name == GOALS_KEY else (parameter.name,))
         return groups
+
+    @property
+    def launches_own_map(self) -> bool:
+        """Whether it launches a simulation with a map that no parameter names."""
+        if self.definition is None or MAP_KEY in self.parameters:
+            return False
+        return any(call.action == "ros_launch" for call in calls_of(self.definition.root))
+
+    @property
+    def optional_objects(self) -> tuple[str, ...]:
+        """Its parameters of objects to spawn, of which there may be none."""
+        return (
+            tuple(each.name for each in self.definition.parameters if is_optional_list(each)) if self.definition else ()
+        )
+
+    def goal_keys(self, keys: Collection[str]) -> tuple[str, ...]:
+        """Of a configuration's keys, those whose goals the robot is sent to in turn where a file's scenario has but one."""
+        if self.definition is None or not isinstance(self.content, FileContent):
+            return ()
+        return goal_keys(self.definition, keys)
 
     @property
     def in_world(self) -> bool:
@@ -90,7 +112,7 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
             return None, [document.fault(WHERE, f"found {name!r}", right)]
         return AbstractScenario(name, name, definition_of(name)), []
     file = base / name
-    if not file.is_file():
+    if not is_file(file):
         return None, [document.fault(WHERE, f"found {name!r}, and there is no such file", "an OpenSCENARIO DSL file")]
     try:
         content = content_of(file)

@@ -1,28 +1,34 @@
 """The campaign: a `.vast` file, read, checked and ready to be instantiated."""
 
 import re
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import ValidationError
 
+from vastflow.producers import plug_in_file
 from vastflow.producers.abstract_scenario import FROM_GOAL, abstract_scenario_of
 from vastflow.producers.family import Family, FamilyReader
 from vastflow.producers.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, path_text
 from vastflow.producers.places.map_search import MapSearch
+from vastflow.producers.postprocessing import step_notes, steps_of
 from vastflow.producers.programs import programs_of
+from vastflow.producers.size import most_configurations, runs_faults, size_faults
 from vastflow.producers.vast.document import Document, read_document
 from vastflow.producers.vast.model_faults import faults_of
 from vastflow.producers.vast.nav2_params import nav2_params_of
 from vastflow.producers.vast.repetition import Sequential
+from vastflow.producers.vast.search import SearchSpec
+from vastflow.producers.vast.search_template import SEARCH, marker_faults, with_first_point
 from vastflow.producers.vast.spec import (
     DEFAULT_TIMEOUT_S,
-    TOLERATED_IN_FAMILY,
     CampaignSpec,
     EvaluationSpec,
-    FamilySpec,
+    ExecutionSpec,
+    is_tolerated_in_family,
     unexecuted,
 )
 from vastflow.sim.digest import FileContent
@@ -49,7 +55,7 @@ class Campaign:
     """A campaign file that has no fault.
 
     Attributes:
-        path: The file as the user named it.
+        path: The file itself, absolute and without links: how it was named reaches nothing but messages.
         abstract: `builtin:…`, a scenario file, or empty where each family's mission follows from its goal.
         programs: What the programs of a run are given; None where the scenario starts none.
         runs: Repetitions of each configuration, at most.
@@ -58,6 +64,7 @@ class Campaign:
         timeout_s: Simulated time after which a run ends as timed out.
         notes: Warnings, and keys that are not executed by this version; then what of the Nav2 parameter file is not
             modelled.
+        unavailable: What is missing of each family that lacks files or goals; it is not among the families.
         unexecutable: Why this version can't run the campaign; empty where it can.
         borrowed_maps: Path of each map that is not beside the file, to the name that the file has for it.
     """
@@ -74,27 +81,50 @@ class Campaign:
     oracles: tuple[OracleRequest, ...]
     notes: tuple[Note, ...]
     unexecutable: tuple[Fault, ...]
+    unavailable: Mapping[str, Sequence[Fault]]
     document: Document = field(repr=False)
     borrowed_maps: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> tuple[Fault, ...]:
+        """All files that are missing."""
+        return tuple(fault for faults in self.unavailable.values() for fault in faults)
+
+    def runs_asked(self, runs: int | None, sample: int | None = None) -> int:
+        """Runs of each configuration: `runs`, or the file's where that is None.
+
+        Args:
+            sample: How many configurations are run at most, where not all are.
+
+        Raises:
+            CampaignError: these are more than the file permits.
+        """
+        if runs is None:
+            return self.runs
+        configurations = min(sum(map(most_configurations, self.families)), sample or sys.maxsize)
+        if faults := runs_faults(self.document, configurations, self.spec.execution, runs):
+            raise CampaignError(faults)
+        return runs
 
     def fault(self, location: Location, what: str, right: str, at: Literal["key", "value"] = "value") -> Fault:
         """A fault at a place of the file that was found elsewhere, such as in an oracle's parameters."""
         return self.document.fault(location, what, right, at)
 
 
-def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
+def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool = False) -> Campaign:
     """Read a campaign file, with its producers' parameters and its maps.
 
     Maps and `file.py:Class` are relative to the file.
 
     Args:
         map_dir: Folder in which maps are looked for that are not beside the file, by the same relative path.
+        as_v1: Whether all its obstacles are placed as version 1 of RoboVAST does, whatever the file says.
 
     Raises:
         CampaignError: every fault of the file.
     """
-    path = Path(path)
     document = read_document(path)
+    path = Path(path).resolve()
     data, notes = _without_tolerated(document)
     faults: list[Fault] = []
     spec = CampaignSpec()
@@ -106,17 +136,30 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
     programs, program_notes, program_faults = programs_of(document, path.parent, spec.execution, abstract or FROM_GOAL)
     faults += [*abstract_faults, *program_faults]
     nav2 = nav2_params_of(document, path.parent)
-    maps = MapSearch(path.parent, map_dir)
-    reader = FamilyReader(document, path.parent, abstract, nav2.system, maps)
-    families = _families(document, data, reader)
+    maps = MapSearch(path.parent, map_dir and map_dir.resolve())
+    reader = FamilyReader(
+        document, path.parent, abstract, nav2.system, maps, spec.execution.max_configurations, as_v1=as_v1
+    )
+    families = [family for family in _families(document, data, reader) if family.name not in reader.unavailable]
+    if spec.search and not spec.configuration:
+        template = with_first_point(document, spec.search)
+        searched = FamilyReader(template, path.parent, abstract, nav2.system, maps, as_v1=as_v1)
+        searched.read(SEARCH, "search", {})
+        faults += [*marker_faults(document, spec.search), *searched.faults, *searched.unavailable.get("search", ())]
+        faults += _search_plug_in_faults(document, spec.search, path.parent)
     faults += [*reader.faults, *_family_set_faults(document), *_oracle_faults(document)]
-    if faults or document.faults or nav2.faults:
+    if faults or document.faults or nav2.faults or (reader.unavailable and not families):
+        faults += [fault for missing in reader.unavailable.values() for fault in missing]
         # What could not be read stands as nothing in the data, so the model complains of it a second time.
         places = {(fault.line, fault.column) for fault in document.faults}
         own = [fault for fault in faults if (fault.line, fault.column) not in places]
         raise CampaignError([*document.faults, *own, *nav2.faults])
+    if too_many := size_faults(document, families, spec.execution):
+        raise CampaignError(too_many)
     notes += [document.note("not executed", where, NOT_EXECUTED, why) for where, why in unexecuted(spec)]
     notes += [*program_notes, *reader.notes]
+    steps = steps_of(spec.results_processing.postprocessing)
+    notes += step_notes(document, steps, path.parent, ("results_processing", "postprocessing"))
     unexecutable: list[Fault] = []
     if spec.search:
         right = "scenario families under configuration"
@@ -133,8 +176,12 @@ def load_campaign(path: str | Path, map_dir: Path | None = None) -> Campaign:
         seed=spec.execution.seed,
         timeout_s=spec.execution.timeout or DEFAULT_TIMEOUT_S,
         oracles=tuple(oracle_requests(spec.evaluation)),
-        notes=(*sorted([*document.notes, *notes], key=lambda note: (note.line, note.column)), *nav2.notes),
+        notes=(
+            *sorted(dict.fromkeys([*document.notes, *notes]), key=lambda note: (note.line, note.column)),
+            *nav2.notes,
+        ),
         unexecutable=tuple(unexecutable),
+        unavailable=reader.unavailable,
         document=document,
         borrowed_maps=maps.borrowed,
     )
@@ -151,9 +198,9 @@ def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Note]]:
         if not isinstance(family, dict):
             kept.append(family)
             continue
-        tolerated = [key for key in family if key in TOLERATED_IN_FAMILY and key not in FamilySpec.model_fields]
+        tolerated = [key for key in family if is_tolerated_in_family(key)]
         for key in tolerated:
-            right = f"execution.{key} is for all families" if key not in ("description", "title", "metadata") else ""
+            right = f"execution.{key} is for all families" if key in ExecutionSpec.model_fields else ""
             notes.append(document.note("warning", ("configuration", i, key), "has no effect in a family", right))
         kept.append({key: value for key, value in family.items() if key not in tolerated})
     return {**document.data, "configuration": kept}, notes
@@ -231,6 +278,19 @@ def oracle_requests(evaluation: EvaluationSpec) -> list[OracleRequest]:
         for k, entry in enumerate(evaluation.oracles)
         for name, parameters in entry.items()
     ]
+
+
+def _search_plug_in_faults(document: Document, search: SearchSpec, base: Path) -> Iterator[Fault]:
+    """Plug-ins of a search that are named by a file which does not have them."""
+    named: list[tuple[Location, str]] = [(("search", "strategy"), search.strategy)]
+    if search.extract is not None:
+        named.append((("search", "extract", "plugin"), search.extract.plugin))
+    named += [(("search", "variations", k, name), name) for k, entry in enumerate(search.variations) for name in entry]
+    for where, reference in named:
+        what = plug_in_file.complaint(reference, base) if plug_in_file.names_file(reference) else None
+        if what is not None:
+            at: Literal["key", "value"] = "key" if where[1] == "variations" else "value"
+            yield document.fault(where, what, "file.py:Class, relative to this file", at)
 
 
 def _oracle_faults(document: Document) -> list[Fault]:

@@ -56,7 +56,9 @@ class DataFlow:
     def mission_faults(self, abstract: AbstractScenario) -> Iterator[Fault]:
         """Keys that the abstract scenario needs and nothing writes."""
         written = self.written
-        missing = [" or ".join(group) for group in abstract.needed if written.isdisjoint(group)]
+        if abstract.goal_keys(written):
+            written = {*written, GOAL_KEY}
+        missing = list(dict.fromkeys(" or ".join(group) for group in abstract.needed if written.isdisjoint(group)))
         if not missing:
             return
         name = abstract.name or "a navigation mission"
@@ -72,7 +74,8 @@ class DataFlow:
         else:
             what = f"{name} needs {', '.join(missing)}, which nothing writes"
             right = "a fixed parameter, or a producer that writes it"
-            yield self.document.fault((*self.location, "name"), what, right)
+            where = self.document.known((*self.location, "name"))
+            yield self.document.fault(where, what, right, at="key" if where == self.location else "value")
 
     def _mention(self, link: Link, key: str) -> Location:
         """Where a producer's parameters name the key, or else the producer."""

@@ -2,13 +2,13 @@
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import TypeAdapter, ValidationError
 
-from vastflow.producers.abstract_scenario import AbstractScenario
+from vastflow.producers.abstract_scenario import WHERE, AbstractScenario
 from vastflow.producers.configuration import Fragment
 from vastflow.producers.constraint_foresight import foreseeable_faults
 from vastflow.producers.constraints.constraint import NOWHERE, Constraint, Place
@@ -17,14 +17,22 @@ from vastflow.producers.dataflow import DataFlow, Link
 from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, did_you_mean, path_text, shown
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.map_search import MapSearch
-from vastflow.producers.producer import Producer, UnknownProducer, draws_of, find_producer
+from vastflow.producers.places.start_check import room_m
+from vastflow.producers.places.stops import GOALS_KEY
+from vastflow.producers.producer import ROOM_KEY, Producer, UnknownProducer, draws_of, find_producer
 from vastflow.producers.scenario_values import Complaint, combined_complaint, complaint_of, dimension_of, unread_keys
 from vastflow.producers.vast.design import CARTESIAN, Design, DesignSpec
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.model_faults import faults_of
-from vastflow.producers.vast.spec import TOLERATED_IN_FAMILY, FamilySpec
+from vastflow.producers.vast.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
+from vastflow.sim.abstract import hall_file
 from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.frozen.neighbors import PlugInError
+from vastflow.sim.maps import MissingMap
+from vastflow.sim.plug_in import plug_in_code
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
+
+OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
 
 MAX_CHECKED_VALUES: Final = 10_000
 """Values of one producer that are looked at in advance."""
@@ -43,6 +51,9 @@ class Family:
         constraints: φ.
         design: Which combinations of the producers' choices become configurations.
         place: Where the design stands, for messages.
+        max_configurations: How many there may be.
+        overrides: Values that take the place of those of every configuration.
+        start_check: Whether the robot's own footprint must fit where they begin and end.
     """
 
     name: str
@@ -52,13 +63,17 @@ class Family:
     constraints: tuple[Constraint, ...] = ()
     design: DesignSpec = CARTESIAN
     place: Place = NOWHERE
+    max_configurations: int = ExecutionSpec().max_configurations
+    overrides: Mapping[str, Value] = field(default_factory=dict)
+    start_check: StartCheckKind = "none"
 
 
 class FamilyReader:
     """Reads the families of one file and gathers what there is to say about them.
 
     Attributes:
-        faults: Everything wrong.
+        faults: Everything wrong, but for that.
+        unavailable: What is missing of each family that lacks nothing but files or goals.
     """
 
     def __init__(
@@ -68,6 +83,9 @@ class FamilyReader:
         abstract: AbstractScenario | None,
         system: Mapping[str, Value] | None = None,
         maps: MapSearch | None = None,
+        max_configurations: int = ExecutionSpec().max_configurations,
+        *,
+        as_v1: bool = False,
     ) -> None:
         """Read families of `document`, whose file names are relative to `base`.
 
@@ -75,20 +93,30 @@ class FamilyReader:
             abstract: The abstract scenario of every family; None where it could not be read.
             system: Values of the system dimension that every family has.
             maps: Where maps are; else below `base`.
+            max_configurations: Of each family.
+            as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
         """
         self.faults: list[Fault] = []
+        self.unavailable: dict[str, list[Fault]] = {}
         self.notes: list[Note] = []
         self._document = document
         self._base = base
         self._abstract = abstract
         self._system = system or {}
+        self._max_configurations = max_configurations
         self._search = maps or MapSearch(base)
+        self._context = {"base": base, "maps": self._search, "as_v1": as_v1}
+        self._remarked: set[str] = set()
         self._maps: dict[str, FileContent] = {}
+        self._overridden, self._overrides = self._fixed(OVERRIDES)
+        self._refuse_unknown_overrides()
 
     def read(self, location: Location, name: str, dimensions: Mapping[str, Dimension]) -> Family:
         """The family at `location`, with all that is right of it; what is not is among the faults."""
         known_faults = len(self.faults)
         places, values = self._fixed((*location, "parameters"))
+        places |= self._overridden
+        values |= self._overrides
         tags = {key: dimension_of(key, value, dimensions.get(key)) for key, value in values.items()}
         for key in set(dimensions) - set(places):
             where = (*location, "dimensions", key)
@@ -98,8 +126,8 @@ class FamilyReader:
         constraints = self._constraints(location)
         flow = DataFlow(self._document, location, places, links)
         self._check_fixed(flow, values, tags, system)
-        slips = self._document.value(location).keys() - FamilySpec.model_fields.keys() - TOLERATED_IN_FAMILY
-        if whole and not slips:  # what could not be read may write anything
+        unknown = self._document.value(location).keys() - FamilySpec.model_fields.keys()
+        if whole and all(map(is_tolerated_in_family, unknown)):  # what could not be read may write anything
             self.faults += flow.faults()
             self._check_mission(flow)
             self._check_names(constraints, {*self._system, *flow.written})
@@ -107,12 +135,34 @@ class FamilyReader:
         producers = tuple(link.producer for link in links)
         design = (*location, "design")
         place = Place(self._document.file, *self._document.place(design, "key"), path_text(design))
-        fixed = {**self._system, **values}
-        family = Family(name, fixed, given, producers, tuple(constraints), self._design(design), place)
-        if len(self.faults) == known_faults:
-            self._note_unread(places, tags, links, system)
+        left_open = self._left_open(self._abstract, flow) if self._abstract and whole else {}
+        fixed = {**self._system, **left_open, **values}
+        start_check = self._start_check((*location, "start_check"))
+        if start_check == "footprint" and any(ROOM_KEY in producer.reads for producer in producers):
+            fixed[ROOM_KEY] = room_m(fixed, producers)
+        family = Family(
+            *(name, fixed, given, producers, tuple(constraints), self._design(design), place, self._max_configurations),
+            overrides=self._overrides,
+            start_check=start_check,
+        )
+        own = self.faults[known_faults:]
+        if own and all(fault.missing for fault in own):
+            self.unavailable[name] = own
+            del self.faults[known_faults:]
+        elif not own:
+            self._note_unread(flow, tags, system)
+            self._note_remarks(links)
             self.faults += foreseeable_faults(family)
         return family
+
+    def _refuse_unknown_overrides(self) -> None:
+        if self._abstract is None:
+            return
+        known = self._abstract.parameters
+        for key, where in self._overridden.items():
+            if key not in known:
+                what = f"{key!r} is no parameter of {self._abstract.name or 'a navigation mission'}"
+                self._fault(where, what, did_you_mean(key, known) if known else "a scenario_file with it", at="key")
 
     def _fault(self, location: Location, what: str, right: str, *, at: Any = "value") -> None:
         self.faults.append(self._document.fault(location, what, right, at))
@@ -153,7 +203,8 @@ class FamilyReader:
                 self._maps[value] = self._search.content(value)
             except ValueError as error:  # MapError; ValueError for a NUL in the path
                 what, _, right = str(error).partition("; ")
-                self._fault(location, what, right or "a map_server YAML file and its picture")
+                fault = self._document.fault(location, what, right or "a map_server YAML file and its picture")
+                self.faults.append(replace(fault, missing=isinstance(error, MissingMap)))
         return self._maps.get(value)
 
     def _check_fixed(
@@ -172,7 +223,8 @@ class FamilyReader:
                     known = value[1:] in flow.written
                     what += ", a reference" if known else ", a reference to a parameter that nothing writes"
                     right += "; references are for producers"
-                self._fault(flow.fixed[key], what, right)
+                fault = self._document.fault(flow.fixed[key], what, right)
+                self.faults.append(replace(fault, missing=key == GOALS_KEY and value == []))
         good = {key: value for key, value in system.items() if not complaints.get(key)}
         if complaint := combined_complaint(good):
             self._fault((*flow.location, "parameters"), *complaint, at="key")
@@ -201,6 +253,9 @@ class FamilyReader:
             right = did_you_mean(name, error.known) if error.known else "file.py:Class, a subclass of Producer"
             self._fault(location, str(error), right, at="key")
             return None
+        except PlugInError as error:
+            self._fault(location, error.what, error.right, at="key")
+            return None
         except Exception as error:  # noqa: BLE001 - whatever a user's file raises while it is imported
             what = f"{name!r} can't be imported: {type(error).__name__}: {error}"
             self._fault(location, what, "a producer that can be imported", at="key")
@@ -209,10 +264,11 @@ class FamilyReader:
             self._fault(location, f"found {shown(given)}", f"the parameters of {name} as a mapping")
             return None
         try:
-            producer = kind(
-                kind.Parameters.model_validate(given or {}, context={"base": self._base, "maps": self._search})
-            )
-            self._check_produced(location, producer, system)
+            with plug_in_code():
+                producer = kind(kind.Parameters.model_validate(given or {}, context=self._context))
+                self._check_produced(location, producer, system)
+                self.notes += producer.notes
+                _ = (*producer.needs, producer.most_choices)  # what a property of a user's class raises is said here
         except ValidationError as error:
             self.faults += faults_of(self._document, location, kind.Parameters, error)
             return None
@@ -266,19 +322,54 @@ class FamilyReader:
         except ValidationError:
             return CARTESIAN
 
+    def _start_check(self, location: Location) -> StartCheckKind:
+        """As the file has it; the model has said what is wrong with another value."""
+        given = self._document.value(location) if self._document.known(location) == location else None
+        return "none" if given == "none" else "footprint"
+
     def _check_mission(self, flow: DataFlow) -> None:
         if self._abstract is not None:
             self.faults += flow.mission_faults(self._abstract)
 
-    def _note_unread(
-        self,
-        places: Mapping[str, Location],
-        tags: Mapping[str, Dimension],
-        links: list[Link],
-        system: Mapping[str, Value],
-    ) -> None:
+    def _left_open(self, abstract: AbstractScenario, flow: DataFlow) -> dict[str, Value]:
+        """What the family gets where it leaves open what its scenario needs; said once for all families."""
+        written = flow.written
+        values: dict[str, Value] = {}
+        if abstract.launches_own_map and MAP_KEY not in written and (hall := self._map(WHERE, str(hall_file()))):
+            values[MAP_KEY] = hall
+            self._say_of_scenario(
+                "launches a simulation with a map of its own, which is not here",
+                "the robot drives in a hall of ours, 60 m x 60 m with pillars, unless a family names a map_file",
+            )
+        if keys := abstract.goal_keys(written):
+            given = keys[0] if len(keys) == 1 else f"{keys[0]} to {keys[-1]}"
+            self._say_of_scenario(
+                f"takes one goal_pose, and there are {given}", "the robot is sent to each of them in turn"
+            )
+        for name in abstract.optional_objects:
+            if name not in written:
+                self._say_of_scenario(f"takes {name}, which nothing writes", "it spawns none of them there")
+        return values
+
+    def _say_of_scenario(self, what: str, right: str) -> None:
+        note = self._document.note("warning", WHERE, what, right)
+        if note not in self.notes:
+            self.notes.append(note)
+
+    def _note_remarks(self, links: Sequence[Link]) -> None:
+        """What producers have to say of themselves, once for a file."""
+        for link in links:
+            for remark in link.producer.remarks:
+                if remark not in self._remarked:
+                    self._remarked.add(remark)
+                    what, _, right = remark.partition("; ")
+                    self.notes.append(self._document.note("warning", link.location, what, right))
+
+    def _note_unread(self, flow: DataFlow, tags: Mapping[str, Dimension], system: Mapping[str, Value]) -> None:
+        places, links = flow.fixed, flow.links
         read = {key for link in links for key in link.producer.reads}
-        read |= self._abstract.parameters if self._abstract else frozenset()
+        if self._abstract:
+            read |= {*self._abstract.parameters, *self._abstract.goal_keys(flow.written)}
         varied: dict[str, Location] = {}
         for link in links:
             for key, tag in link.producer.writes.items():

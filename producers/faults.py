@@ -8,6 +8,8 @@ from typing import Final, Literal, TypeAlias
 Location: TypeAlias = tuple[str | int, ...]
 """Path of a value from the top of the file: keys of mappings and indices of lists."""
 
+MISSING_FILE: Final = "missing_file"
+"""Type of the pydantic error of a parameter that names a file which is not there."""
 NOT_EXECUTED = "not executed by this version"
 
 
@@ -20,6 +22,8 @@ class Fault:
         where: Path of the value, such as `configuration[0].name`.
         what: What was found.
         right: What would be right.
+        missing: Whether all that is wrong is that a named file is not there, or a list of goals is empty: the family that needs it can't be
+            had, the others can.
     """
 
     file: str
@@ -28,6 +32,7 @@ class Fault:
     where: str
     what: str
     right: str
+    missing: bool = False
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}:{self.column}: {self.where}: {self.what}; {self.right}"

@@ -9,6 +9,7 @@ from vastflow.producers.constraints.constraint import Constraint, Place
 from vastflow.producers.coverage import FamilyCount
 from vastflow.producers.producer import Producer
 from vastflow.producers.vast.design import DesignSpec
+from vastflow.producers.vast.spec import StartCheckKind
 from vastflow.sim.digest import Value
 from vastflow.sim.scenario import Dimension
 
@@ -43,6 +44,18 @@ class Family(Protocol):
     @property
     def place(self) -> Place:
         """Where the design stands, for messages."""
+
+    @property
+    def start_check(self) -> StartCheckKind:
+        """Whether the robot's own footprint must fit where a configuration begins and ends."""
+
+    @property
+    def max_configurations(self) -> int:
+        """How many there may be."""
+
+    @property
+    def overrides(self) -> Mapping[str, Value]:
+        """Values that take the place of those of every configuration."""
 
 
 class Growth(Protocol):

@@ -24,6 +24,7 @@ from vastflow.producers.coverage import FamilyCount, coverage_of
 from vastflow.producers.designs.growth import DesignGrowth
 from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.growth import Family, Grown, Growth
+from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
 from vastflow.producers.producer import Producer, evaluate
 from vastflow.sim.digest import FileContent, Texts, Value
@@ -130,6 +131,8 @@ class CartesianGrowth:
         self._family = family
         self._checker = Checker(family.name)
         self._steps = [step_of(constraint, family.producers) for constraint in family.constraints]
+        self._start_check = StartCheck(family.name, family.overrides) if family.start_check == "footprint" else None
+        self._check_step = step_of(self._start_check, family.producers) if self._start_check else None
         self._rejections: list[RejectedInstance] = []
         self._excluded: list[ExcludedInstance] = []
         self._levels: list[int] = []
@@ -142,10 +145,23 @@ class CartesianGrowth:
     def join(self, results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
         """See `Growth`."""
         producer = self._family.producers[len(self._levels)]
+        self._check_size(producer, results)
         children, rejected = join(self._family, producer, self._partials, results)
         self._rejections += rejected
         self._levels.append(max(map(len, results.values()), default=0))
         self._partials = self._kept(children)
+
+    def _check_size(self, producer: Producer[Any], results: Mapping[str, Sequence[Fragment | Rejection]]) -> None:
+        """Most producers have told before how many there are at most; this is for those that have not."""
+        most = self._family.max_configurations
+        if len(self._partials) * max(map(len, results.values()), default=0) <= most:
+            return
+        digest_of = _Digests()
+        total = sum(len(results.get(digest_of(each.restricted(producer.reads)), ())) for each in self._partials)
+        if total > most:
+            what = f"{type(producer).__name__} makes {total:,} configurations of family {self._family.name!r}"
+            right = f"at most {most:,}, or 'execution: {{max_configurations: {total}}}'"
+            raise CampaignError([self._family.place.fault(what, right)])
 
     def grown(self) -> Grown:
         """See `Growth`."""
@@ -153,18 +169,21 @@ class CartesianGrowth:
         return Grown(self._partials, self._rejections, self._excluded, count)
 
     def _kept(self, partials: list[Partial]) -> list[Partial]:
-        """The partial configurations that keep all constraints which can be looked at by now."""
+        """The partial configurations that keep all constraints which can be looked at by now, and the start check then."""
         step = len(self._levels) - 1
         ready = [c for c, own in zip(self._family.constraints, self._steps, strict=True) if own == step]
-        if not ready:
+        start_check = self._start_check if step == self._check_step else None
+        if not ready and start_check is None:
             return partials
         kept = []
         for partial in partials:
             excluded = self._checker.excluded(partial, ready)
-            if excluded is None:
-                kept.append(partial)
-            else:
+            if excluded is not None:
                 self._excluded.append(excluded)
+            elif start_check is not None and (rejected := start_check.rejected(partial)):
+                self._rejections.append(rejected)
+            else:
+                kept.append(partial)
         self._checker.raise_faults()
         return kept
 
@@ -265,6 +284,7 @@ def finish(
         abstract: The abstract scenario; empty: navigate_to_pose with a `goal_pose`, else navigate_through_poses.
         timeout_s: Simulated time after which a run ends.
     """
+    chosen = [replace(partial, values={**partial.values, **family.overrides}) for partial in partials]
     return [
         Configuration(
             name=partial.name,
@@ -280,7 +300,7 @@ def finish(
             provenance={key: value for key, value in partial.values.items() if key.startswith("_")},
             steps=partial.steps,
         )
-        for partial in partials
+        for partial in chosen
     ]
 
 

@@ -3,13 +3,14 @@
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final, Self
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.places.as_v1 import place_as_v1
 from vastflow.producers.places.ground import MapParameter, map_needed
 from vastflow.producers.places.placement import Site, Wanted, place
 from vastflow.producers.places.site import LIST_KEY, SiteRequest
@@ -27,8 +28,32 @@ from vastflow.sim.digest import Value, digest
 from vastflow.sim.obstacle import Obstacle, obstacle_of
 from vastflow.sim.scenario import Dimension
 
+MOST_OBSTACLES: Final = 1_000
+"""In one configuration."""
 ROUNDING: Final = 1e-9
 """What floor(amount_per_m × length) forgives, so that 0.29/m on 100 m is 29."""
+
+
+AS_V1: Final = "as_v1"
+"""Key of the validation context by which every producer of a file places as version 1 does, whatever the file says."""
+
+
+def _of_the_file(value: Any, info: ValidationInfo) -> Any:
+    return AS_V1 if (info.context or {}).get(AS_V1) else value
+
+
+Placement: TypeAlias = Annotated[
+    Literal["constructive", "as_v1"], BeforeValidator(_of_the_file), Field(validate_default=True)
+]
+"""How places are found: so that all stand free, or as version 1 of RoboVAST does."""
+
+
+DIFFERS: Final[Mapping[str, str]] = {
+    "constructive": "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does "
+    "--as-v1 or placement: as_v1",
+    "as_v1": "obstacles may stand in walls and in each other, as in version 1 of RoboVAST; without --as-v1 they keep clear",
+}
+"""What there is to say of a placement that nobody chose in the file, where the other one gives other places."""
 
 
 def _with_args(schema: dict[str, Any]) -> None:
@@ -48,7 +73,7 @@ class ObstacleConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, json_schema_extra=_with_args)
 
-    amount: Amount | None = None
+    amount: Annotated[Amount, Field(le=MOST_OBSTACLES)] | None = None
     amount_per_m: NotNegatives | None = None
     max_distance: NotNegatives
     model: str = "box"
@@ -65,12 +90,22 @@ class ObstacleConfig(BaseModel):
             raise PydanticCustomError("size", "{error}", {"error": str(error)}) from None
         return self
 
+    @property
+    def places_any(self) -> bool:
+        """Whether any of its listed values asks for an obstacle."""
+        return bool(self.amount) or any(self.amount_per_m or ())
+
     def pattern(self) -> Obstacle:
         """An obstacle of this kind, wherever it stands."""
         return obstacle_of(
             {"spawn_pose": {"x": 0.0, "y": 0.0}, "model": self.model, "xacro_arguments": self.xacro_arguments},
             "xacro_arguments",
         )
+
+    @property
+    def n_choices(self) -> int:
+        """How many `choices` there are."""
+        return len(self.amount_per_m or (None,)) * len(self.max_distance)
 
     def choices(self) -> list["ObstacleConfig"]:
         """Every combination of its listed values, as configs of one value each."""
@@ -108,6 +143,8 @@ class ObstacleParameters(producer.Parameters):
         obstacle_configs: The kinds of obstacle in each configuration. Listed values are combined, within a
             kind and over the kinds.
         count: Placements drawn of each combination.
+        placement: `constructive`, clear of walls, of each other and of the robot; or `as_v1`, as version 1 of RoboVAST places
+            them: centres apart and a way left, but into walls and into each other.
         robot_diameter: Of the robot that must stand at its stops and find a way (m).
         map_file: A map, in place of the configuration's own.
     """
@@ -115,16 +152,24 @@ class ObstacleParameters(producer.Parameters):
     name: KeyParameter = LIST_KEY
     obstacle_configs: list[ObstacleConfig] = Field(min_length=1)
     count: Count = 1
+    placement: Placement = "constructive"
     seed: Seed = 0
     robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
     map_file: MapParameter = None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """That the other placement would give other places, where the file does not choose one."""
+        if "placement" in self.model_fields_set or not any(config.places_any for config in self.obstacle_configs):
+            return ()
+        return (DIFFERS[self.placement],)
 
 
 class ObstacleVariation(Producer[ObstacleParameters]):
     """Boxes and cylinders near the path, on free cells, so that the robot still finds a way.
 
     They keep clear of walls, unknown space, each other, obstacles that are there already, and the robot at its start and
-    goals. The path is the one a path producer drew, else the shortest one from start to goals.
+    goals, unless they are placed as version 1 does. The path is the one a path producer drew, else the shortest one from start to goals.
     """
 
     Parameters = ObstacleParameters
@@ -144,6 +189,16 @@ class ObstacleVariation(Producer[ObstacleParameters]):
         """The list of obstacles."""
         return {self.parameters.name: self.parameters.dimension or "environment"}
 
+    @property
+    def most_choices(self) -> int:
+        """A placement for each combination and each of `count`."""
+        return self.parameters.count * math.prod(config.n_choices for config in self.parameters.obstacle_configs)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """That version 1 of RoboVAST would place the obstacles elsewhere, where the file does not say how to."""
+        return self.parameters.remarks
+
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield `count` placements of each combination, earlier kinds and amounts outermost.
 
@@ -156,7 +211,9 @@ class ObstacleVariation(Producer[ObstacleParameters]):
                     "obstacle_configs": [kind.requested() for kind in kinds],
                     "placement": number,
                 }
-                entries = site if isinstance(site, str) else placed(site, kinds, draws, requested)
+                entries = (
+                    site if isinstance(site, str) else placed(self.parameters.placement, site, kinds, draws, requested)
+                )
                 if isinstance(entries, str):
                     yield Rejection(entries, requested)
                 else:
@@ -174,14 +231,17 @@ def combinations(configs: Sequence[ObstacleConfig]) -> Iterator[tuple[ObstacleCo
 
 
 def placed(
-    site: Site, kinds: Sequence[ObstacleConfig], draws: Draws, requested: Mapping[str, Value]
+    placement: Placement, site: Site, kinds: Sequence[ObstacleConfig], draws: Draws, requested: Mapping[str, Value]
 ) -> list[dict[str, Value]] | str:
     """The obstacles of configs of one value each, as entries of a list; or why there is no room.
 
     The randomness is that of `requested`.
     """
     wanted = [kind.wanted(site.length_m) for kind in kinds]
-    obstacles = place(site, wanted, draws(int(digest(dict(requested))[:16], 16)))
+    if (total := sum(each.amount for each in wanted)) > MOST_OBSTACLES:
+        return f"{total} obstacles were asked for; at most {MOST_OBSTACLES}"
+    find = place if placement == "constructive" else place_as_v1
+    obstacles = find(site, wanted, draws(int(digest(dict(requested))[:16], 16)))
     if isinstance(obstacles, str):
         return obstacles
     kind_of_each = itertools.chain.from_iterable([k] * w.amount for k, w in zip(kinds, wanted, strict=True))

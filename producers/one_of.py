@@ -13,6 +13,7 @@ from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.faults import did_you_mean
 from vastflow.producers.producer import Draws, Producer, UnknownProducer, evaluate, find_producer
 from vastflow.sim.digest import Value
+from vastflow.sim.frozen.neighbors import PlugInError
 from vastflow.sim.scenario import Dimension
 
 PYDANTICS_OWN: Final = frozenset(get_args(ErrorType))
@@ -30,6 +31,10 @@ def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
         right = did_you_mean(name, error.known) if error.known else "file.py:Class, a subclass of Producer"
         raise PydanticCustomError(
             "child", "{what}; {right}", {"what": str(error), "right": right, "at": name}
+        ) from None
+    except PlugInError as error:
+        raise PydanticCustomError(
+            "child", "{what}; {right}", {"what": error.what, "right": error.right, "at": name}
         ) from None
     except Exception as error:
         what = f"{name!r} can't be imported: {type(error).__name__}: {error}"
@@ -112,6 +117,17 @@ class OneOfVariation(Producer[OneOfParameters]):
             for key, tag in child.writes.items():
                 writes.setdefault(key, self.parameters.dimension or tag)
         return writes
+
+    @property
+    def most_choices(self) -> int | None:
+        """Those of all children."""
+        choices = [child.most_choices for child in self.children]
+        return sum(n or 0 for n in choices) if None not in choices else None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What any child has to say."""
+        return tuple(remark for child in self.children for remark in child.remarks)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield what the children yield; a rejection's reason says whose it is. Draws nothing itself."""

@@ -86,6 +86,11 @@ class ParameterVariationList(Producer[ListParameters]):
         name = self.parameters.name
         return dict.fromkeys([name] if isinstance(name, str) else name, self.parameters.dimension)
 
+    @property
+    def most_choices(self) -> int:
+        """The values."""
+        return len(self.parameters.values)
+
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield the values in the order of the file; draws nothing."""
         name = self.parameters.name
@@ -120,6 +125,11 @@ class DistributionProducer(Producer[D]):
     def writes(self) -> Mapping[str, Dimension | None]:
         """The named key."""
         return {self.parameters.name: self.parameters.dimension}
+
+    @property
+    def most_choices(self) -> int:
+        """The values that are drawn."""
+        return self.parameters.num_variations
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield `num_variations` values; the k-th is the same however many there are."""

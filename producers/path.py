@@ -12,7 +12,16 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.places.ground import MAP_KEY, Ground, MapParameter, ground_of, map_key, map_needed, map_of
+from vastflow.producers.places.ground import (
+    MAP_KEY,
+    Ground,
+    MapParameter,
+    ground_of,
+    map_key,
+    map_needed,
+    map_of,
+    room_of,
+)
 from vastflow.producers.places.route import (
     MAX_STARTS,
     Cell,
@@ -38,10 +47,12 @@ from vastflow.producers.places.stops import (
     goals_key,
     start_key,
 )
-from vastflow.producers.producer import Draws, Producer
+from vastflow.producers.producer import ROOM_KEY, Draws, Producer
 from vastflow.producers.quantities import (
     DEFAULT_ROBOT_DIAMETER_M,
+    MOST_GOALS,
     Count,
+    Goals,
     NotNegative,
     Positive,
     Positives,
@@ -76,7 +87,7 @@ class PathParameters(producer.Parameters):
     path_length_tolerance: NotNegative = 0.5
     num_paths: Count = 1
     min_distance: NotNegative = 1.0
-    num_goal_poses: Count | None = None
+    num_goal_poses: Goals | None = None
     num_goal_poses_per_m: Positives | None = None
     robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
     seed: Seed = 0
@@ -111,6 +122,7 @@ class PathVariationRandom(Producer[PathParameters]):
         """The map, and start and goals that may be given already."""
         return (
             map_key(self.parameters.map_file),
+            ROOM_KEY,
             start_key(self.parameters.start_pose),
             goals_key(self.parameters.goal_poses),
         )
@@ -131,6 +143,15 @@ class PathVariationRandom(Producer[PathParameters]):
             **({map_key(None): "environment"} if own_map else {}),
         }
 
+    @property
+    def most_choices(self) -> int:
+        """A path for each length, each number of goals and each of `num_paths`."""
+        return (
+            self.parameters.num_paths
+            * len(self.parameters.path_length)
+            * len(self.parameters.num_goal_poses_per_m or (None,))
+        )
+
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield `num_paths` paths for each number of goals and, within it, for each length.
 
@@ -147,7 +168,9 @@ class PathVariationRandom(Producer[PathParameters]):
         if isinstance(map_file, Rejection):
             yield from (Rejection(map_file.reason, requested) for requested in self._requests(goals))
             return
-        task = _Task(ground_of(map_file, self.parameters.robot_diameter), start, goals, self.parameters)
+        task = _Task(
+            ground_of(map_file, self.parameters.robot_diameter, room_of(inputs)), start, goals, self.parameters
+        )
         for (length_m, n_goals), instances in itertools.groupby(self._requests(goals), _size):
             draw = task.drawer(length_m, n_goals)
             for requested in instances:
@@ -209,9 +232,13 @@ class _Task:
     def drawer(self, length_m: float, n_goals: int) -> Drawer:
         """How a path of this length through so many goals is drawn."""
         asked, ground = self.asked, self.ground
+        if n_goals > MOST_GOALS:
+            return _always(f"a path of {length_m:g} m was to have {n_goals} goals; at most {MOST_GOALS}")
         for name, pose in (("start", self.start), *((f"goal {i}", goal) for i, goal in enumerate(self.goals, 1))):
             if pose is not None and not ground.stands(pose.x_m, pose.y_m):
-                return _always(f"the given {name} ({pose.x_m:g}, {pose.y_m:g}) is no place for {self._robot}")
+                return _always(
+                    f"the given {name} ({pose.x_m:g}, {pose.y_m:g}) is no place for {self.ground.robot_text}"
+                )
         if self.goals:
             return self._to_given_goals(length_m)
         request = LegRequest(length_m / n_goals, asked.path_length_tolerance / n_goals, asked.min_distance)
@@ -225,7 +252,7 @@ class _Task:
 
         def from_given_start(rng: np.random.Generator) -> list[Leg] | str:
             return draw_legs(ground, start, n_goals, request, rng) or (
-                f"from the given start there is no {what} for {self._robot}; "
+                f"from the given start there is no {what} for {self.ground.stopping_robot_text}; "
                 f"the longest shortest path from there is {farthest_m(ground, start):.2f} m"
             )
 
@@ -240,12 +267,10 @@ class _Task:
                 return legs
             if search.gave_up:
                 return (
-                    f"no {what} was found for {self._robot} from {MAX_STARTS} starts, nor proved impossible; "
+                    f"no {what} was found for {self.ground.stopping_robot_text} from {MAX_STARTS} starts, nor proved impossible; "
                     f"the longest shortest path found is {search.longest_m:.2f} m"
                 )
-            return (
-                f"this map has no {what} for {self._robot}; the longest shortest path found is {search.longest_m:.2f} m"
-            )
+            return f"this map has no {what} for {self.ground.stopping_robot_text}; the longest shortest path found is {search.longest_m:.2f} m"
 
         return anywhere
 
@@ -255,7 +280,7 @@ class _Task:
         for one, other in itertools.pairwise(((self.start,) if self.start else ()) + self.goals):
             leg = shortest_leg(ground, self._cell(one), self._cell(other))
             if leg is None:
-                return _always(f"there is no way for {self._robot} through the given poses")
+                return _always(f"there is no way for {self.ground.robot_text} through the given poses")
             legs.append(leg)
         given_m = sum(leg.length_m for leg in legs)
         if self.start is not None:
@@ -277,14 +302,10 @@ class _Task:
                 return [leg.reversed(), *legs]
             return (
                 f"no start is {length_text(request.length_m, request.tolerance_m)} from the first given goal for "
-                f"{self._robot}; the longest shortest path from there is {farthest_m(ground, first_goal):.2f} m"
+                f"{self.ground.stopping_robot_text}; the longest shortest path from there is {farthest_m(ground, first_goal):.2f} m"
             )
 
         return to_given_goals
-
-    @property
-    def _robot(self) -> str:
-        return f"a robot {self.asked.robot_diameter:g} m across"
 
     def _cell(self, pose: Pose) -> Cell:
         return self.ground.occupancy.cell_of(pose.x_m, pose.y_m)
@@ -312,7 +333,7 @@ def _arrival_rad(ground: Ground, leg: Leg) -> float:
     """Direction of the last `ARRIVAL_M` of a leg."""
     back = min(math.ceil(ARRIVAL_M / ground.occupancy.resolution_m), len(leg.cells) - 1)
     row, column = leg.cells[-1] - leg.cells[-1 - back]
-    return math.atan2(row, column)
+    return math.remainder(math.atan2(row, column) + ground.occupancy.yaw_rad, math.tau)
 
 
 def centre_m(ground: Ground, cell: Cell) -> tuple[float, float]:

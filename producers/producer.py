@@ -1,11 +1,10 @@
 """The producer p_i: what every plug-in is, and how it is found."""
 
 import functools
-import importlib.util
-import sys
+import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
-from importlib.metadata import entry_points
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, TypeVar
 
@@ -13,10 +12,21 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.sim.digest import Value, digest, file_digest
+from vastflow.producers.faults import Note
+from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.files import Unreadable, is_file, read_text, yaml_value
+from vastflow.sim.frozen.loading import module_of, snapshot_behind
+from vastflow.sim.frozen.snapshot import snapshot_of
+from vastflow.sim.frozen.watch import watched
+from vastflow.sim.plug_in import plug_in_code
 from vastflow.sim.scenario import Dimension
 
 GROUP: Final = "vastflow.producers"
+ROOM_KEY: Final = "_room_m"
+"""Provenance: how far from walls the robot's center is wherever a producer lets it begin or end (m). It narrows what is drawn and
+seeds nothing: for robots of two sizes the same is drawn wherever the larger fits."""
+MOST_UNTOLD: Final = 100_000
+"""Choices for one input of a producer that does not say how many there are."""
 
 
 class Parameters(BaseModel):
@@ -83,6 +93,21 @@ class Producer(ABC, Generic[P]):
     def writes(self) -> Mapping[str, Dimension | None]:
         """Keys it may write, with their dimension (None: decided by the key), without provenance."""
 
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is worth knowing of the files that its parameters name."""
+        return ()
+
+    @property
+    def most_choices(self) -> int | None:
+        """How many fragments and rejections there are for one input, at most; None where only `produce` tells."""
+        return None
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the author of a file should know of parameters that are right, `what; what follows from it` each."""
+        return ()
+
     @abstractmethod
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield a fragment for each realisable choice and a rejection for each that is not.
@@ -93,14 +118,54 @@ class Producer(ABC, Generic[P]):
         """
 
 
+class TooManyChoices(ValueError):
+    """A producer that yields without end, or more than anybody asked for."""
+
+
 def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragment | Rejection]:
-    """p_i on one restricted input: the same list whatever else varies, whoever asks, in whatever order."""
-    return list(producer.produce(inputs, draws_of(producer, inputs)))
+    """p_i on one restricted input: the same list whatever else varies, whoever asks, in whatever order.
+
+    Raises:
+        TooManyChoices: more than the producer says, or more than `MOST_UNTOLD` where it says nothing.
+        PlugInError: a plug-in read a file that it does not declare.
+    """
+    most = producer.most_choices or MOST_UNTOLD
+    snapshot = snapshot_behind(type(producer))
+    given = _files([producer.parameters, inputs]) if snapshot is not None else ()
+    with plug_in_code(), watched(snapshot, given):
+        items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), most + 1))
+    if len(items) > most:
+        raise TooManyChoices(f"{type(producer).__name__} yields more than {most:,} choices for one input")
+    return items
+
+
+def _files(value: object) -> Iterator[str]:
+    """Paths of the files that a producer is given, and of maps' pictures."""
+    if isinstance(value, FileContent):
+        yield value.path
+        yield from _picture(Path(value.path))
+    elif isinstance(value, BaseModel):
+        yield from _files([getattr(value, name) for name in type(value).model_fields])
+    elif isinstance(value, Mapping):
+        yield from _files(list(value.values()))
+    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        for item in value:
+            yield from _files(item)
+
+
+def _picture(header: Path) -> Iterator[str]:
+    try:
+        content = yaml_value(read_text(header)) if header.suffix in (".yaml", ".yml") else None
+    except Unreadable:
+        return
+    if isinstance(content, dict) and isinstance(content.get("image"), str):
+        yield str(header.parent / content["image"])
 
 
 def draws_of(producer: Producer[Any], inputs: Mapping[str, Value]) -> Draws:
     """The randomness of one evaluation of `producer`."""
-    return Draws(producer.seed, digest(type(producer).__name__, sorted(producer.writes), dict(inputs)))
+    seeding = {key: value for key, value in inputs.items() if key != ROOM_KEY}
+    return Draws(producer.seed, digest(type(producer).__name__, sorted(producer.writes), seeding))
 
 
 class UnknownProducer(LookupError):
@@ -113,7 +178,13 @@ class UnknownProducer(LookupError):
 
 def known_producers() -> tuple[str, ...]:
     """Names in the entry-point group `vastflow.producers`, sorted."""
-    return tuple(sorted({entry.name for entry in entry_points(group=GROUP)}))
+    return tuple(sorted({entry.name for entry in _installed()}))
+
+
+@functools.cache
+def _installed() -> tuple[EntryPoint, ...]:
+    """Entry points of the group; to look through all distributions takes 10 ms, and a campaign may name many producers."""
+    return tuple(entry_points(group=GROUP))
 
 
 def find_producer(name: str, base: Path) -> type[Producer[Any]]:
@@ -121,34 +192,18 @@ def find_producer(name: str, base: Path) -> type[Producer[Any]]:
 
     Raises:
         UnknownProducer: no such entry point, file or class, or a class that is no producer.
+        PlugInError: what the file uses can't be taken; and whatever its code raises.
     """
     if ".py:" in name:
         file, _, class_name = name.rpartition(":")
-        found = getattr(_module_of(base / file), class_name, None) if (base / file).is_file() else None
+        found = getattr(module_of(snapshot_of(base / file, base)), class_name, None) if is_file(base / file) else None
         if found is None:
             raise UnknownProducer(f"no class {class_name!r} in {str(base / file)!r}", ())
     else:
-        entries = [entry for entry in entry_points(group=GROUP) if entry.name == name]
+        entries = [entry for entry in _installed() if entry.name == name]
         if not entries:
             raise UnknownProducer(f"no producer {name!r}", known_producers())
         found = entries[0].load()
     if not (isinstance(found, type) and issubclass(found, Producer)):
         raise UnknownProducer(f"{name!r} is not a subclass of vastflow.producers.producer.Producer", ())
     return found
-
-
-def _module_of(file: Path) -> Any:
-    return _imported(str(file.resolve()), file_digest(file))
-
-
-@functools.lru_cache(maxsize=64)
-def _imported(file: str, content: str) -> Any:
-    """A plug-in's module under a name of its place and content, so that an edited file is never served stale."""
-    module_name = f"vastflow_plugin_{digest(file, content)[:16]}"
-    spec = importlib.util.spec_from_file_location(module_name, file)
-    if spec is None or spec.loader is None:
-        raise UnknownProducer(f"{file!r} can't be imported as a Python module", ())
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
-    spec.loader.exec_module(module)
-    return module

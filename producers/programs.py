@@ -1,15 +1,18 @@
 """What a campaign file gives the programs of its runs: files, environment, commands before and after."""
 
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Final
 
 from vastflow.producers.abstract_scenario import AbstractScenario
-from vastflow.producers.faults import Fault, Note
+from vastflow.producers.faults import Fault, Location, Note
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.spec import ExecutionSpec
+from vastflow.sim.digest import FileContent, file_digest
+from vastflow.sim.files import is_file
 from vastflow.sim.process.actions import PROCESSES
 from vastflow.sim.process.folder import RunFileError, files_matching, unmatched
+from vastflow.sim.process.folders import CONFIG, below_config
 from vastflow.sim.process.setup import ProcessSetup, RunFiles
 from vastflow.sim.script import calls_of
 
@@ -28,25 +31,55 @@ def programs_of(
     if not _starts_programs(abstract):
         why = "the scenario starts no program"
         return None, [document.note("not executed", ("execution", key), "has no effect", why) for key in given], []
-    commands = [path for path in (execution.pre_command, _program(execution.post_command)) if path]
-    patterns = [*execution.run_files, *(path for path in commands if (base / path).is_file())]
-    faults = [
-        document.fault(("execution", key), f"found {path!r}, and there is no such file", "a file beside the campaign")
-        for key, path in (("pre_command", execution.pre_command), ("post_command", _program(execution.post_command)))
-        if path and "/" in path and not Path(path).is_absolute() and not (base / path).is_file()
-    ]
+    scripts, notes, faults = _scripts(document, base, execution)
     try:
-        files = run_files(base, patterns)
+        files = run_files(base, execution.run_files)
     except RunFileError as error:
         what, _, right = str(error).partition("; ")
         return None, [], [*faults, document.fault(("execution", "run_files"), what, right)]
-    notes = [
+    notes += [
         document.note("warning", ("execution", "run_files"), f"no file matches {pattern!r}")
         for pattern in unmatched(files, execution.run_files)
     ]
     environment = {name: _text(value) for entry in execution.env for name, value in entry.items()}
-    setup = ProcessSetup(base, files, environment, execution.pre_command or "", execution.post_command or "")
+    folder = PurePosixPath(execution.scenario_file or "").parent
+    own = {path: FileContent(str(base / path), file_digest(base / path)) for path in scripts}
+    setup = ProcessSetup(
+        tuple(sorted({**own, **dict(files)}.items())),
+        environment,
+        execution.pre_command or "",
+        execution.post_command or "",
+        "" if folder == PurePosixPath() else folder.as_posix(),
+    )
     return setup, notes, faults
+
+
+def _scripts(document: Document, base: Path, execution: ExecutionSpec) -> tuple[list[str], list[Note], list[Fault]]:
+    """The files below `base` that `pre_command` and `post_command` name, and what there is to say of what they name."""
+    found: list[str] = []
+    notes: list[Note] = []
+    faults: list[Fault] = []
+    for key in ("pre_command", "post_command"):
+        command = getattr(execution, key) or ""
+        program = command if _is_file(base, command) else _program(command)
+        if program is None or (key == "post_command" and "/" not in program and not _is_file(base, program)):
+            continue  # nothing, or a program that PATH leads to
+        where: Location = ("execution", key)
+        if _is_file(base, program):
+            found.append(str(below_config(program)))
+        elif PurePosixPath(program).is_absolute() and not PurePosixPath(program).is_relative_to(CONFIG):
+            if not is_file(program):
+                right = f"a file beside the campaign is {CONFIG}/NAME"
+                notes.append(document.note("warning", where, f"this machine has no {program!r}", right))
+        else:
+            right = "a file below the campaign file's folder"
+            faults.append(document.fault(where, f"found {program!r}, and there is no such file", right))
+    return found, notes, faults
+
+
+def _is_file(base: Path, name: str) -> bool:
+    inside = below_config(name)
+    return inside is not None and is_file(base / inside)
 
 
 def run_files(base: Path, patterns: Sequence[str]) -> RunFiles:
@@ -62,8 +95,8 @@ def run_files(base: Path, patterns: Sequence[str]) -> RunFiles:
 
 
 def _is_left_by_a_campaign(folder: Path) -> bool:
-    written = all((folder / name).is_file() for name in ("campaign.vast", "metadata.json"))
-    return written or (folder / "_config" / "campaign.vast").is_file()
+    written = all(is_file(folder / name) for name in ("campaign.vast", "metadata.json"))
+    return written or is_file(folder / "_config" / "campaign.vast")
 
 
 def _starts_programs(abstract: AbstractScenario) -> bool:

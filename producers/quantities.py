@@ -1,5 +1,6 @@
 """The kinds of number a producer's parameters are made of, with their ranges."""
 
+import re
 from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import BeforeValidator, Field, Strict
@@ -16,6 +17,11 @@ def _no_flag(value: Any) -> Any:
     return value
 
 
+def _unquoted(value: Any) -> Any:
+    """A whole number that is written in quotes as the number it is."""
+    return int(value) if isinstance(value, str) and re.fullmatch(r"[+-]?[0-9]{1,19}", value) else value
+
+
 def _listed(value: Any) -> Any:
     values = value if isinstance(value, list | tuple) else [value]
     if not values:
@@ -27,9 +33,14 @@ Number: TypeAlias = Annotated[float, BeforeValidator(_no_flag), Field(allow_inf_
 """A finite number; text such as `5e-2`, which YAML 1.1 does not take for a number, is read as one."""
 Positive: TypeAlias = Annotated[Number, Field(gt=0)]
 NotNegative: TypeAlias = Annotated[Number, Field(ge=0)]
-Count: TypeAlias = Annotated[int, Strict(), Field(ge=1)]
-Amount: TypeAlias = Annotated[int, Strict(), Field(ge=0)]
-Seed: TypeAlias = Annotated[int, Strict(), Field(ge=0)]
+Whole: TypeAlias = Annotated[int, Strict(), BeforeValidator(_unquoted, json_schema_input_type=int)]
+"""A whole number, also one in quotes."""
+Count: TypeAlias = Annotated[Whole, Field(ge=1)]
+Amount: TypeAlias = Annotated[Whole, Field(ge=0)]
+MOST_GOALS: Final = 1_000
+"""Of one path."""
+Goals: TypeAlias = Annotated[Count, Field(le=MOST_GOALS)]
+Seed: TypeAlias = Annotated[Whole, Field(ge=0)]
 """η: any whole number from 0."""
 
 Positives: TypeAlias = Annotated[

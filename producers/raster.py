@@ -11,11 +11,20 @@ from numpy.typing import NDArray
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.path import centre_m, legs_text, length_text, way_values
-from vastflow.producers.places.ground import MAP_KEY, Ground, MapParameter, ground_of, map_key, map_needed, map_of
+from vastflow.producers.places.ground import (
+    MAP_KEY,
+    Ground,
+    MapParameter,
+    ground_of,
+    map_key,
+    map_needed,
+    map_of,
+    room_of,
+)
 from vastflow.producers.places.route import FIELD_ERROR_M, Cell, Leg, LegRequest, Reach, reach_of
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, StartParameter, given_start, start_key
-from vastflow.producers.producer import Draws, Producer
-from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M, Count, NotNegative, Number, Positive, Positives
+from vastflow.producers.producer import ROOM_KEY, Draws, Producer
+from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M, Goals, NotNegative, Number, Positive, Positives
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.pose import Pose
 from vastflow.sim.scenario import Dimension
@@ -42,7 +51,7 @@ class RasterParameters(producer.Parameters):
     """
 
     start_pose: StartParameter = START_KEY
-    num_goal_poses: Count = 1
+    num_goal_poses: Goals = 1
     map_file: MapParameter = None
     raster_size: Positive
     raster_offset_x: Number = 0.0
@@ -66,7 +75,7 @@ class PathVariationRasterized(Producer[RasterParameters]):
     @property
     def reads(self) -> tuple[str, ...]:
         """The map, and a start that may be given already."""
-        return map_key(self.parameters.map_file), start_key(self.parameters.start_pose)
+        return map_key(self.parameters.map_file), ROOM_KEY, start_key(self.parameters.start_pose)
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -97,7 +106,7 @@ class PathVariationRasterized(Producer[RasterParameters]):
         if isinstance(map_file, Rejection):
             yield from (Rejection(map_file.reason, requested) for requested in requests)
             return
-        ground = ground_of(map_file, asked.robot_diameter)
+        ground = ground_of(map_file, asked.robot_diameter, room_of(inputs))
         raster = self._raster(ground, start)
         if isinstance(raster, str):
             yield from (Rejection(raster, requested) for requested in requests)
@@ -115,14 +124,13 @@ class PathVariationRasterized(Producer[RasterParameters]):
 
     def _raster(self, ground: Ground, start: Pose | None) -> "_Raster | str":
         asked = self.parameters
-        robot = f"a robot {asked.robot_diameter:g} m across"
         if start is not None and not ground.stands(start.x_m, start.y_m):
-            return f"the given start ({start.x_m:g}, {start.y_m:g}) is no place for {robot}"
+            return f"the given start ({start.x_m:g}, {start.y_m:g}) is no place for {ground.robot_text}"
         points = raster_points(ground, asked.raster_size, asked.raster_offset_x, asked.raster_offset_y)
         raster = _Raster(ground, points, None if start is None else ground.occupancy.cell_of(start.x_m, start.y_m))
         if raster.n_others < 1 or len(points) > MAX_POINTS:
             bound = f"at most {MAX_POINTS}" if len(points) > MAX_POINTS else "too few for a path"
-            return f"a raster of {asked.raster_size:g} m has {len(points)} points for {robot} on this map; {bound}"
+            return f"a raster of {asked.raster_size:g} m has {len(points)} points for {ground.stopping_robot_text} on this map; {bound}"
         return raster
 
     def _values(
@@ -157,7 +165,7 @@ def raster_points(ground: Ground, size_m: float, offset_x_m: float, offset_y_m: 
     rows, columns = ground.passable.shape
     grid = np.meshgrid(lines(rows, offset_y_m), lines(columns, offset_x_m), indexing="ij")
     points = np.column_stack([axis.ravel() for axis in grid])
-    return np.asarray(points[ground.passable[points[:, 0], points[:, 1]]])
+    return np.asarray(points[ground.stops[points[:, 0], points[:, 1]]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +208,7 @@ class _Raster:
 
     def left_out(self, request: LegRequest, n_goals: int, n_paths: int) -> str | None:
         """What the request leaves out, and why; None where that is nothing."""
-        starts, robot = self.starts, f"a robot {self.ground.robot_diameter_m:g} m across"
+        starts, robot = self.starts, self.ground.robot_text
         n_pairs = len(starts) * self.n_others
         n_asked, of = (n_pairs, "pairs") if n_goals == 1 else (len(starts), "starts")
         if n_paths == n_asked:

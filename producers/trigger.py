@@ -1,5 +1,6 @@
 """The producer of an obstacle that appears on a configuration's path when the robot comes near."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Self
@@ -10,7 +11,7 @@ from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.obstacle import ObstacleConfig, ObstacleParameters, combinations, placed
+from vastflow.producers.obstacle import ObstacleConfig, ObstacleParameters, Placement, combinations, placed
 from vastflow.producers.places.ground import map_needed
 from vastflow.producers.places.placement import Site
 from vastflow.producers.places.site import SiteRequest
@@ -55,7 +56,7 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
 
     It is placed like those of `ObstacleVariation`, as if it stood from the beginning, anywhere along the path that is
     farther from the start than the trigger's distance: along the path and in a straight line, so that it is not there when
-    the robot sets out.
+    the robot sets out. As version 1 places it, along the path counts.
     """
 
     Parameters = TriggeredObstacleParameters
@@ -78,6 +79,20 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
         keys = (asked.name, asked.spawn_trigger_point, asked.spawn_trigger_threshold)
         return dict.fromkeys(keys, asked.dimension or "environment")
 
+    @property
+    def most_choices(self) -> int:
+        """A placement for each trigger distance, each combination and each of `count`."""
+        return (
+            len(self.parameters.trigger_distance)
+            * self.parameters.count
+            * math.prod(config.n_choices for config in self.parameters.obstacle_configs)
+        )
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """As those of `ObstacleVariation`."""
+        return self.parameters.remarks
+
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield `count` placements of each combination of each trigger distance, the distances outermost.
 
@@ -93,8 +108,10 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
                         "obstacle_configs": [kind.requested() for kind in kinds],
                         "placement": number,
                     }
-                    there = site if isinstance(site, str) else _from(site, kinds, distance_m)
-                    entries = there if isinstance(there, str) else placed(there, kinds, draws, requested)
+                    there = site if isinstance(site, str) else _from(asked.placement, site, kinds, distance_m)
+                    entries = (
+                        there if isinstance(there, str) else placed(asked.placement, there, kinds, draws, requested)
+                    )
                     if isinstance(entries, str):
                         yield Rejection(entries, requested)
                     else:
@@ -123,22 +140,25 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
         return SiteRequest(asked.name, asked.map_file, asked.robot_diameter, asked.start_pose, asked.goal_pose)
 
 
-def _from(site: Site, kinds: tuple[ObstacleConfig, ...], distance_m: float) -> Site | str:
-    """The site beyond the trigger's distance from the start; or why nothing can be triggered there."""
+def _from(placement: Placement, site: Site, kinds: tuple[ObstacleConfig, ...], distance_m: float) -> Site | str:
+    """The site beyond the trigger's distance from the start; or why nothing can be triggered there.
+
+    Version 1 asks for that distance along the path alone: its obstacle may be there when the robot sets out.
+    """
     wanted = [kind.wanted(site.length_m) for kind in kinds]
     total = sum(each.amount for each in wanted)
     if total != 1:
         return f"{total} obstacles were asked for on a path of {site.length_m:.2f} m; one for one trigger"
     (pattern,) = [each.pattern for each in wanted if each.amount]
     least_m = pattern.circumradius_m + site.ground.robot_diameter_m / 2
-    if distance_m < least_m:
+    if distance_m < least_m and placement == "constructive":
         return (
             f"at {distance_m:g} m the obstacle would appear where the robot is; a trigger_distance of {least_m:.2f} m"
         )
     rest = beyond(site.path_xy_m, distance_m)
     if not len(rest):
         return f"the path of {site.length_m:.2f} m ends before {distance_m:g} m, where the trigger could be set off"
-    return replace(site, path_xy_m=rest, from_start_m=distance_m)
+    return replace(site, path_xy_m=rest, from_start_m=distance_m if placement == "constructive" else 0.0)
 
 
 def beyond(path_xy_m: NDArray[np.float64], distance_m: float) -> NDArray[np.float64]:

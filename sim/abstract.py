@@ -27,8 +27,17 @@ class AbstractError(ValueError):
 
 def shipped_file(name: str) -> Path:
     """The file behind `builtin:` and a name."""
+    return _beside_shipped(f"{name}.osc")
+
+
+def hall_file() -> Path:
+    """The map for scenarios that launch a simulation with a map of its own."""
+    return _beside_shipped("hall.yaml")
+
+
+def _beside_shipped(name: str) -> Path:
     spec = find_spec("vastflow.campaigns.scenarios")  # a folder of data: of an editable install `files` finds none
-    places = [Path(place) / f"{name}.osc" for place in (spec.submodule_search_locations or () if spec else ())]
+    places = [Path(place) / name for place in (spec.submodule_search_locations or () if spec else ())]
     return next(place for place in places if place.is_file())
 
 
@@ -76,10 +85,13 @@ def _read(file: Path) -> ScenarioDefinition:
 
 
 def _only_one(file: Path, scenarios: Sequence[ScenarioDefinition]) -> ScenarioDefinition:
-    if len(scenarios) != 1:
-        names = ", ".join(scenario.name for scenario in scenarios) or "none"
+    """The scenario that no other of the file inherits from."""
+    bases = {base for scenario in scenarios for base in scenario.bases}
+    last = [scenario for scenario in scenarios if scenario.name not in bases]
+    if len(last) != 1:
+        names = ", ".join(scenario.name for scenario in last)
         raise AbstractError(f"{file}: found the scenarios {names}; one, for a run is one scenario")
-    return scenarios[0]
+    return last[0]
 
 
 def definition_digest(definition: ScenarioDefinition) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.grid_frame import GridFrame
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.mission import Mission
 from vastflow.sim.motion import FREE, MOVING, NOT_THERE, Body, new_body
@@ -28,6 +29,9 @@ class ClosedLoop:
     Kernels run tick after tick by themselves while the robot moves freely; only where bodies may touch, and where an obstacle
     appears, do they come back for the engine. A run without either never builds one.
 
+    What is given to it is in the map's frame. Inside, everything is in the frame of the map's grid, which `frame` turns: a map
+    whose origin is turned is driven in as the same map that is not.
+
     Args:
         start_pose: Where the robot stands at first.
         obstacles: What stands there from the start, or appears when the robot comes near.
@@ -38,7 +42,7 @@ class ClosedLoop:
         stack: What the stack has at the end of the last tick.
         body: The robot and the obstacles as they stand.
         last_tick: Ticks there is time for.
-        obstacles: All that there ever were, in the order of `body.obstacles`.
+        obstacles: All that there ever were, in the order of `body.obstacles`, in the grid's frame as `stack` and `body` are.
     """
 
     def __init__(
@@ -52,9 +56,10 @@ class ClosedLoop:
         entropy: Sequence[int],
         timeout_s: float,
     ) -> None:
-        self.obstacles = every = list(obstacles)
-        rows = obstacle_rows(obstacles)
-        self.body = new_body(start_pose, robot.radius_m, rows, trigger_rows(obstacles))
+        self.frame = frame = prepared.occupancy.frame
+        self.obstacles = every = [obstacle.in_grid(frame) for obstacle in obstacles]
+        start_pose, rows = frame.pose_to_grid(start_pose), obstacle_rows(every)
+        self.body = new_body(start_pose, robot.radius_m, rows, trigger_rows(every))
         self.stack = new_stack(prepared, parameters, lidar, robot, start_pose, rows, streams_of(entropy), timeout_s)
         self.last_tick = round(timeout_s / TICK_S)
         # Without `self` in it: a circle would keep a run's grids, some 20 MB, until the collector comes by.
@@ -93,23 +98,45 @@ class ClosedLoop:
         return int(self.stack.m[0]["recoveries"])
 
     @property
+    def missed(self) -> int:
+        """Stops that all missions so far left out because they could not be reached."""
+        return int(self.stack.m[0]["missed"])
+
+    @property
     def localized(self) -> bool:
         """Whether AMCL has given a pose since the last `localize`."""
         return bool(self.stack.m[0]["initialised"]) and not self.stack.m[0]["first_scan"]
 
     @property
+    def true_pose(self) -> Pose:
+        """Where the robot is, in the map's frame."""
+        return self.frame.pose_to_map(Pose(*self.body.pose.tolist()))
+
+    @property
+    def estimate(self) -> Pose:
+        """Where the robot takes itself to be, in the map's frame."""
+        m = self.stack.m[0]
+        return self.frame.pose_to_map(Pose(float(m["x"]), float(m["y"]), float(m["yaw"])))
+
+    @property
     def events(self) -> Sequence[Event]:
-        """What happened in the world so far, in order."""
-        return self._world.events if self._world else ()
+        """What happened in the world so far, in order and in the map's frame."""
+        return [_in_map(event, self.frame) for event in self._world.events] if self._world else ()
 
     def localize(self, pose: Pose) -> None:
         """Give AMCL an initial pose; from the next tick on the stack is awake."""
-        set_pose(self.stack, pose)
+        set_pose(self.stack, self.frame.pose_to_grid(pose))
 
     def navigate(self, mission: Mission) -> None:
         """Give the robot a mission, in place of any it had."""
         self.cancel()
-        self.stack = give(self.stack, mission)
+        goals = tuple(self.frame.pose_to_grid(goal) for goal in mission.goals)
+        self.stack = give(self.stack, replace(mission, goals=goals))
+
+    def command(self, speed_mps: float, yaw_rate_radps: float) -> None:
+        """Give the velocity smoother a command, as the controller does while there is a mission."""
+        m = self.stack.m[0]
+        m["command_v"], m["command_w"], m["command_tick"] = speed_mps, yaw_rate_radps, m["tick"]
 
     def cancel(self) -> None:
         """Take the robot's mission away."""
@@ -127,6 +154,7 @@ class ClosedLoop:
     def spawn(self, obstacle: Obstacle, pushable: bool) -> None:
         """Put an obstacle into the world now, at its pose; one that can be pushed has its mass and friction."""
         self._world = world = self._world or self._make_world()
+        obstacle = obstacle.in_grid(self.frame)
         self.obstacles.append(obstacle)
         world.add(len(self.obstacles) - 1, self.now_s, pushable)
         rows = np.concatenate([self.body.obstacles, obstacle_rows([obstacle])])
@@ -168,7 +196,7 @@ class ClosedLoop:
 
     def conclude(self) -> None:
         """Write the recording's last row: where the robot is now."""
-        conclude(self.stack.m, self.body, self.stack.rows)
+        conclude(self.stack.p, self.stack.m, self.body, self.stack.rows)
 
     def _drive(self) -> None:
         """The engine's part of the tick whose commands the stack has just given."""
@@ -188,6 +216,16 @@ class ClosedLoop:
 
     def _place(self, index: int, x_m: float, y_m: float, yaw_rad: float) -> None:
         self.body.obstacles[index, :4] = x_m, y_m, math.cos(yaw_rad), math.sin(yaw_rad)
+
+
+def _in_map(event: Event, frame: GridFrame) -> Event:
+    if frame.yaw_rad == 0.0:
+        return event
+    x_m, y_m = frame.to_map(event.x_m, event.y_m)
+    if event.kind == "contact":
+        return replace(event, x_m=x_m, y_m=y_m)
+    # Of an obstacle: rounded as the world rounds it, and its value is its yaw.
+    return replace(event, x_m=round(x_m, 4), y_m=round(y_m, 4), value=round(event.value + frame.yaw_rad, 4))
 
 
 def obstacle_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.closed_loop import ClosedLoop
+from vastflow.sim.grid_frame import GridFrame
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.mission import Mission
 from vastflow.sim.nav.parameters.stack import NavParameters
@@ -18,6 +19,8 @@ from vastflow.sim.process.tables import Columns
 from vastflow.sim.recording import Entity, Event, Outcome, Recording, Run
 from vastflow.sim.robot import Robot
 from vastflow.sim.simulation import told
+from vastflow.sim.standstill import STANDSTILL_M, standstill
+from vastflow.sim.standstill import told as standstill_told
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +63,7 @@ def drive(
                 watch(loop.stack, tick)
     if loop.status == RUNNING:
         loop.advance()
-    return recording_of(loop, entropy, _ending(loop))
+    return recording_of(loop, entropy, _ending(loop), sent_s=0.0)
 
 
 def recording_of(
@@ -69,28 +72,33 @@ def recording_of(
     ending: Ending,
     behaviors: Columns | None = None,
     spawned: Sequence[Obstacle] = (),
+    sent_s: float | None = None,
 ) -> Recording:
     """What a loop recorded until now, which is the run's end.
 
     Args:
         behaviors: See `Recording`.
         spawned: What a scenario put into the world.
+        sent_s: Simulated time of the robot's first mission; None where it was given none.
     """
     loop.conclude()
     stack = loop.stack
     m = stack.m[0]
-    reason = ending.reason
-    contacts = [event for event in loop.events if event.kind == "contact"]
-    if contacts:
-        reason = f"{reason}; {_told(contacts)}" if reason else _told(contacts)
-    events = [*(_event(row) for row in m["event_rows"][: int(m["events"])]), *loop.events]
+    columns = {name: stack.rows[: int(m["rows"]), k].copy() for k, name in enumerate(COLUMNS)}
+    events = [*(_event(row, loop.frame) for row in m["event_rows"][: int(m["events"])]), *loop.events]
+    reasons = [ending.reason] if ending.reason else []
+    if sent_s is not None and float(m["distance"]) < STANDSTILL_M and ending.outcome != "succeeded":
+        events.append(standstill(columns, events, sent_s))
+        reasons.append(standstill_told(events[-1]))
+    if contacts := [event for event in loop.events if event.kind == "contact"]:
+        reasons.append(_told(contacts))
     return Recording(
         Run(
             run_index=entropy[-1],
             seed=_seed(entropy),
             outcome=ending.outcome,
             error_code=ending.error_code,
-            reason=reason,
+            reason="; ".join(reasons),
             simulated_s=round(loop.now_s, 3),
             distance_m=round(float(m["distance"]), 3),
             recoveries=int(m["recoveries"]),
@@ -98,7 +106,7 @@ def recording_of(
             events=tuple(sorted(events, key=lambda event: event.t_s)),
             entities=tuple(Entity(o.name, o.shape, o.length_m, o.width_m) for o in spawned),
         ),
-        {name: stack.rows[: int(m["rows"]), k].copy() for k, name in enumerate(COLUMNS)},
+        columns,
         behaviors or {},
     )
 
@@ -136,7 +144,8 @@ def _told(contacts: Sequence[Event]) -> str:
     return f"a contact {first}" if len(contacts) == 1 else f"{len(contacts)} contacts, the first {first}"
 
 
-def _event(row: NDArray[np.float64]) -> Event:
+def _event(row: NDArray[np.float64], frame: GridFrame) -> Event:
     t_s, kind, x_m, y_m, what, value = row.tolist()
+    x_m, y_m = frame.to_map(x_m, y_m)
     detail = RECOVERIES[int(what)] if int(kind) == EVENT_RECOVERY else str(int(what))
     return Event(round(t_s, 3), EVENT_KINDS[int(kind)], round(x_m, 3), round(y_m, 3), detail, value)

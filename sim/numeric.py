@@ -18,6 +18,8 @@ import platformdirs
 from llvmlite import binding
 from numba.core import config
 
+from vastflow.sim.kernel_cache import KernelCache
+
 
 def _import_without_blas() -> None:
     """Import Numba's array functions, which look for SciPy's BLAS: 0.3 s of a worker's start that no kernel here needs."""
@@ -90,18 +92,23 @@ config.CACHE_DIR = str(kernel_cache_dir())
 # LLVM's third level costs a fifth more compile time and gains nothing here (measured).
 config.OPT = config._OptLevel("2")
 
-OPTIONS: Final = {"cache": True, "error_model": "numpy", "fastmath": False}
+OPTIONS: Final = {"error_model": "numpy", "fastmath": False}
 _compile = numba.njit(**OPTIONS)
 _compile_inner = numba.njit(**OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def njit(function: Function) -> Function:
     """Compile a kernel that Python calls, or kernels and Python both."""
-    compiled: Function = _compile(function)
-    return compiled
+    return _cached(_compile(function), function)
 
 
 def inner(function: Function) -> Function:
     """Compile a kernel that only kernels call; without Python's entry it compiles in about half the time."""
-    compiled: Function = _compile_inner(function)
-    return compiled
+    return _cached(_compile_inner(function), function)
+
+
+def _cached(compiled: Any, function: Function) -> Function:
+    """A dispatcher whose compiled forms are kept, as numba's option `cache` would have it."""
+    compiled._cache = KernelCache(function)
+    dispatcher: Function = compiled
+    return dispatcher

@@ -9,6 +9,7 @@ from shapely.affinity import rotate, translate
 from shapely.geometry import Point, Polygon, box
 
 from vastflow.sim.digest import Value
+from vastflow.sim.grid_frame import GridFrame
 from vastflow.sim.pose import Pose, pose_of
 
 Shape: TypeAlias = Literal["box", "cylinder"]
@@ -78,6 +79,13 @@ class Obstacle:
         if self.shape == "cylinder":
             return f"cylinder {self.length_m:g} m"
         return f"box {self.length_m:g} x {self.width_m:g} m"
+
+    def in_grid(self, frame: GridFrame) -> "Obstacle":
+        """The same obstacle in the frame of a map's grid."""
+        if frame.yaw_rad == 0.0:
+            return self
+        trigger = self.trigger and Trigger(*frame.to_grid(self.trigger.x_m, self.trigger.y_m), self.trigger.distance_m)
+        return replace(self, pose=frame.pose_to_grid(self.pose), trigger=trigger)
 
     def footprint(self) -> Polygon:
         """Outline in the map frame (m); a cylinder is a 64-gon round its circle."""

@@ -17,15 +17,22 @@ from vastflow.sim.maps import OccupancyMap
 from vastflow.sim.numeric import inner, njit
 
 UNREACHED: Final = np.float32(np.inf)
+ROUNDING_CELLS: Final = 1e-9
+"""What a radius in cells forgives, so that 1.1 m are 11 cells of 0.1 m."""
 
 
 def passable(occupancy: OccupancyMap, radius_m: float) -> NDArray[np.bool_]:
     """(H, W), True where the centre of a robot of `radius_m` may be.
 
     A cell is blocked where the distance from its centre to that of the nearest cell not known to be free
-    is at most `radius_m`; the grid's outside counts as not free.
+    is at most `radius_m`, rounded up to whole cells; the grid's outside counts as not free.
     """
-    return inflated_free(occupancy.free, radius_m / occupancy.resolution_m)
+    return inflated_free(occupancy.free, whole_cells(radius_m, occupancy.resolution_m))
+
+
+def whole_cells(radius_m: float, resolution_m: float) -> int:
+    """The cells that a radius takes: part of a cell is one, so that no robot has less room than it needs."""
+    return math.ceil(radius_m / resolution_m - ROUNDING_CELLS)
 
 
 def inflated_free(free: NDArray[np.bool_], radius_cells: float) -> NDArray[np.bool_]:
@@ -65,7 +72,7 @@ def descend(field: NDArray[np.float32], row: int, column: int) -> NDArray[np.int
 
 def path_xy_m(occupancy: OccupancyMap, cells: NDArray[np.int64]) -> NDArray[np.float64]:
     """Map positions (N, 2) in metres of the centres of (row, column) cells."""
-    return np.asarray((cells[:, ::-1] + 0.5) * occupancy.resolution_m + np.asarray(occupancy.origin_xy_m))
+    return occupancy.centres_of(cells)
 
 
 def shortest_path(

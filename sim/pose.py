@@ -1,5 +1,6 @@
 """Poses in the plane, and how configuration values write them."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -29,13 +30,21 @@ def pose_of(value: Value, where: str = "pose") -> Pose:
         position = value.get("position", value)
         orientation = value.get("orientation", value)
         if isinstance(position, Mapping) and isinstance(orientation, Mapping):
-            x, y, yaw = position.get("x"), position.get("y"), orientation.get("yaw", 0.0)
-            if _is_number(x) and _is_number(y) and _is_number(yaw):
-                return Pose(float(x), float(y), float(yaw))  # type: ignore[arg-type]
+            numbers = [_number(each) for each in (position.get("x"), position.get("y"), orientation.get("yaw", 0.0))]
+            x, y, yaw = numbers
+            if x is not None and y is not None and yaw is not None:
+                return Pose(x, y, yaw)
     raise ValueError(
         f"{where}: found {value!r}; a pose is {{x, y, yaw}} or {{position: {{x, y}}, orientation: {{yaw}}}}"
     )
 
 
-def _is_number(value: Value) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+def _number(value: Value) -> float | None:
+    """A number, also one that is written as a text; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    try:
+        number = float(value)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None

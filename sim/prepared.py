@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from vastflow.sim.leaps import Leaps, leaps_of
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.nav.footprint import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.inflation import FREE, LETHAL, UNKNOWN, cost_stamp, inflation_of, with_unknown
 from vastflow.sim.nav.likelihood import likelihood_cubed, usable_range_m
 from vastflow.sim.nav.navfn import travel_costs
+from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.walls import WallIndex

@@ -23,9 +23,11 @@ class Event:
 
     Attributes:
         kind: `contact`, `recovery`, `goal_reached`, `goal_missed`, `plan_failed`, `control_failed`, `stopped_by_monitor`;
+            `stood_still` where the robot was sent and never moved (`vastflow.sim.standstill`);
             of an obstacle `spawned`, `deleted`, and `obstacle_moved` at each row at which it stands elsewhere than before.
         x_m, y_m: True position of the robot's centre; of the obstacle's where the event is one of an obstacle.
-        what: The partner of a contact, the recovery's name, the number of a goal, the code of a failure, the obstacle.
+        what: The partner of a contact, the recovery's name, the number of a goal, the code of a failure, the obstacle, the cause of
+            a standstill.
         value: Closing speed of a contact (m/s), yaw of an obstacle (rad); 0 where there is nothing to measure.
     """
 

@@ -1,24 +1,24 @@
 """One scenario, one seed → one run's recording."""
 
 import functools
+import os
 import resource
 import time
 import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.abstract import file_of
 from vastflow.sim.archive import table
 from vastflow.sim.behaviour.entities import ENTITIES
 from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
 from vastflow.sim.behaviour.navigation import NAVIGATION
 from vastflow.sim.behaviour.stand_ins import stand_ins
+from vastflow.sim.behaviour.topics import ROS
 from vastflow.sim.behaviour.tree import ScenarioTree
 from vastflow.sim.behaviour.vocabulary import WORLDLY
 from vastflow.sim.behaviour.world import in_world
@@ -31,13 +31,15 @@ from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.play import Watch, play
 from vastflow.sim.prepared import KEPT_MAPS, prepare
 from vastflow.sim.process.actions import PROCESSES, process_actions
+from vastflow.sim.process.folders import CONFIG, OUT
 from vastflow.sim.process.run import ProcessRecord, ProcessRun, process_run
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.recording import Recording
 from vastflow.sim.robot import Robot
 from vastflow.sim.runlog import RunLog
 from vastflow.sim.scenario import Scenario
-from vastflow.sim.script import Script, calls_of, script_of
+from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.script import Script, calls_of, navigates, script_of
 from vastflow.sim.simulation import Simulation, recorded
 from vastflow.sim.streams import run_entropy
 
@@ -57,10 +59,6 @@ BEHAVIORS: Final[Mapping[str, type]] = {
 
 _SCENARIO_STREAM: Final = 0x5CE
 """Sets the numbers that a scenario draws apart from those of the robot's subsystems."""
-
-
-class ScenarioError(ValueError):
-    """A scenario that can't be executed; says which key, what was found and what would be right."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +85,10 @@ def run(
         watch_ticks: The ticks it is called after, in increasing order; those after the run's end are left out.
 
     Raises:
-        ScenarioError: no map, or a map that changed since the scenario was made.
+        ScenarioError: the scenario can't work: no map, a map that changed since the scenario was made, a `pre_command` that
+            failed, a program that can't be started, an expression without a value, or a robot that the scenario should have sent
+            somewhere and gave no goal.
         ValueError: a scenario file or a value that can't be used, see `vastflow.sim.script.script_of`.
-        CommandFailed: the campaign's `pre_command` did.
     """
     return execute(scenario, run_index, seed, watch, watch_ticks).recording
 
@@ -112,8 +111,9 @@ def execute(
     simulation = Simulation(loop) if loop else None
     lines: list[str] = []
     with ExitStack() as stack:
-        setup = scenario.programs or ProcessSetup(file_of(scenario.abstract).parent)
-        programs = stack.enter_context(process_run(setup)) if used & PROCESSES.keys() or scenario.programs else None
+        setup = scenario.programs or ProcessSetup()
+        needs_programs = used & PROCESSES.keys() or scenario.programs
+        programs = stack.enter_context(process_run(setup, _handed(scenario, script))) if needs_programs else None
         tree = _tree(scenario, script, simulation, programs, entropy, lines)
         try:
             play(tree, scenario.timeout_s, loop, programs, watch, watch_ticks)
@@ -122,7 +122,9 @@ def execute(
         record = programs.close() if programs else None
     ending, behaviors = _ending(tree), behaviors_of(tree)
     if loop and simulation:
-        recording = recording_of(loop, entropy, ending, behaviors, tuple(simulation.spawned))
+        if simulation.sent_s is None and navigates(used):
+            raise ScenarioError(f"the robot was never given a goal: {ending.reason or 'the scenario ended before'}")
+        recording = recording_of(loop, entropy, ending, behaviors, tuple(simulation.spawned), simulation.sent_s)
         recording = replace(recording, columns=recorded(recording.columns, script.topics))
     else:
         recording = recording_without_world(tree.now_s, entropy, ending, behaviors)
@@ -137,6 +139,13 @@ def execute(
         notes=notes,
     )
     return Execution(recording, log)
+
+
+def _handed(scenario: Scenario, script: Script) -> dict[str, FileContent]:
+    """Files that are values of the scenario's parameters."""
+    values = {**scenario.environment, **scenario.system, **scenario.task}
+    given = {parameter.name: values.get(parameter.name) for parameter in script.definition.parameters}
+    return {key: value for key, value in given.items() if isinstance(value, FileContent)}
 
 
 def _loop(scenario: Scenario, script: Script, entropy: Sequence[int]) -> ClosedLoop:
@@ -158,11 +167,11 @@ def _tree(
     lines: list[str],
 ) -> ScenarioTree:
     own = {**HELPERS, **(process_actions(programs) if programs else {})}
-    worldly = in_world(simulation, {**ENTITIES, **NAVIGATION}) if simulation else {}
+    worldly = in_world(simulation, {**ENTITIES, **NAVIGATION, **ROS}) if simulation else {}
     actions = {**own, **stand_ins(own), **worldly}
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([*entropy, _SCENARIO_STREAM])))
-    output = programs.folder if programs else Path()
-    functions = helper_functions(rng, file_of(scenario.abstract).parent, output)
+    below_config = scenario.programs.scenario_folder if scenario.programs else ""
+    functions = helper_functions(rng, os.path.join(CONFIG, below_config).rstrip("/"), OUT)
     made: list[weakref.ref[ScenarioTree]] = []  # weak: the tree holds its log
 
     def log(line: str) -> None:

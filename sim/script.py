@@ -1,18 +1,20 @@
 """The script of a run: an abstract scenario with the values of a concrete one."""
 
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from vastflow.sim.abstract import definition_of
 from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.goals import GOAL_KEY, GOALS_KEY, goal_keys, sent_to_each
 from vastflow.sim.obstacle import Obstacle, obstacles_of
 from vastflow.sim.osc.definition import (
     Behaviour,
     Call,
     Composition,
     Modified,
+    Parameter,
     Place,
     ScenarioDefinition,
     Until,
@@ -20,11 +22,10 @@ from vastflow.sim.osc.definition import (
 from vastflow.sim.osc.evaluation import EvaluationError, evaluate
 from vastflow.sim.osc.parameters import bound
 from vastflow.sim.pose import Pose, pose_of
+from vastflow.sim.process.handed import handed_name
 from vastflow.sim.scenario import Scenario
 
 START_KEY: Final = "start_pose"
-GOAL_KEY: Final = "goal_pose"
-GOALS_KEY: Final = "goal_poses"
 
 ROBOT_ACTIONS: Final = "differential_drive_robot."
 """How the names of a robot's actions begin."""
@@ -48,7 +49,8 @@ class Script:
             before a run.
         rounds: How often the goals are visited in turn.
         obstacles: What stands there, or appears, whatever the scenario does; entities it spawns itself are not among them.
-        topics: What its `bag_record`s name; None where there are none, or where only a run knows.
+        topics: What its `bag_record`s name; None where there are none, where one names none and so all, or where only a
+            run knows.
     """
 
     definition: ScenarioDefinition
@@ -68,7 +70,9 @@ def script_of(scenario: Scenario) -> Script:
             (`ParameterMismatch`), a pose or an obstacle that is none, a second robot.
     """
     definition = definition_of(scenario.abstract)
-    given = {**scenario.environment, **scenario.system, **scenario.task}
+    given: Mapping[str, Value] = {**scenario.environment, **scenario.system, **scenario.task}
+    if isinstance(scenario.abstract, FileContent) and (keys := goal_keys(definition, given)):
+        definition, given = sent_to_each(definition, given, keys)
     overrides = overrides_of(definition, given)
     values = bound(definition, overrides)
     start, goals, rounds = None, [], 1
@@ -91,14 +95,15 @@ def script_of(scenario: Scenario) -> Script:
     if START_KEY in given:
         start = pose_of(given[START_KEY], START_KEY)
     standing = {key: value for key, value in scenario.environment.items() if key not in overrides}
-    topics = tuple(str(topic) for bag in bags for topic in bag) if bags and None not in bags else None
+    topics = tuple(str(topic) for bag in bags for topic in bag) if bags and all(bags) else None
     return Script(definition, values, start, tuple(goals), rounds, obstacles_of(standing), topics)
 
 
 def overrides_of(definition: ScenarioDefinition, given: Mapping[str, Value]) -> dict[str, Any]:
-    """The values of a scenario that are for parameters of its definition, poses in full.
+    """The values of a scenario that are for parameters of its definition, poses in full, files by the names programs have for them.
 
-    The shipped missions through several poses take a single `goal_pose` for a list of one.
+    The shipped missions through several poses take a single `goal_pose` for a list of one. Where no objects are given there
+    are none to spawn.
     """
     found: dict[str, Any] = {}
     for parameter in definition.parameters:
@@ -106,13 +111,20 @@ def overrides_of(definition: ScenarioDefinition, given: Mapping[str, Value]) -> 
             value = given[parameter.name]
         elif parameter.name == GOALS_KEY and GOAL_KEY in given:
             value = [given[GOAL_KEY]]
+        elif is_optional_list(parameter):
+            value = []
         else:
             continue
         if parameter.type.name in _SHAPED:
             shaped = _SHAPED[parameter.type.name]
             value = [shaped(item) for item in value] if isinstance(value, list | tuple) else shaped(value)
-        found[parameter.name] = value.path if isinstance(value, FileContent) else value
+        found[parameter.name] = handed_name(parameter.name, value) if isinstance(value, FileContent) else value
     return found
+
+
+def is_optional_list(parameter: Parameter) -> bool:
+    """Whether a parameter without a value stands for nothing: a list of objects to spawn that has no default."""
+    return parameter.type.is_list and parameter.type.name == "spawn_entity" and parameter.default is None
 
 
 def calls_of(behaviour: Behaviour) -> Iterator[Call]:
@@ -124,6 +136,11 @@ def calls_of(behaviour: Behaviour) -> Iterator[Call]:
             yield from calls_of(child)
     elif isinstance(behaviour, Modified | Until):
         yield from calls_of(behaviour.child)
+
+
+def navigates(actions: Iterable[str]) -> bool:
+    """Whether one of these actions, by their names in a file, sends the robot somewhere."""
+    return any(action.rpartition(".")[2] in NAVIGATIONS for action in actions)
 
 
 def _one_robot(calls: Sequence[Call]) -> None:

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 from vastflow.sim.blocks import Columns
 from vastflow.sim.closed_loop import ClosedLoop
+from vastflow.sim.grid_frame import GridFrame
 from vastflow.sim.mission import Mission
-from vastflow.sim.nav.state import ABORTED, RUNNING, SUCCEEDED
+from vastflow.sim.nav.state import ABORTED, RUNNING, SUCCEEDED, Stack
 from vastflow.sim.obstacle import Obstacle
 from vastflow.sim.pose import Pose
 
@@ -40,10 +41,16 @@ class Simulation:
 
     Attributes:
         spawned: Obstacles that the scenario put into the world, in order.
+        sent_s: Simulated time of the robot's first mission; None before.
+        published: Topic to the messages that the scenario published on it, in order.
+        told: What the scenario had Nav2 do, as its nodes log it: node and text, in order.
     """
 
     def __init__(self, loop: ClosedLoop) -> None:
         self.spawned: list[Obstacle] = []
+        self.sent_s: float | None = None
+        self.published: dict[str, list[Any]] = {}
+        self.told: list[tuple[str, str]] = []
         self._loop = loop
         self._orders = 0
 
@@ -58,15 +65,34 @@ class Simulation:
         return self._loop.localized
 
     @property
+    def stack(self) -> Stack:
+        """What the navigation stack has at this moment, to be read: positions in `frame`."""
+        return self._loop.stack
+
+    @property
+    def frame(self) -> GridFrame:
+        """The frame of the map's grid."""
+        return self._loop.frame
+
+    @property
+    def status(self) -> int:
+        """What became of the robot's mission, see `vastflow.sim.nav.state`."""
+        return self._loop.status
+
+    @property
+    def error_code(self) -> int:
+        """Nav2's code of a mission that was given up, else 0."""
+        return self._loop.error_code
+
+    @property
     def estimate(self) -> Pose:
         """Where the robot takes itself to be."""
-        m = self._loop.stack.m[0]
-        return Pose(float(m["x"]), float(m["y"]), float(m["yaw"]))
+        return self._loop.estimate
 
     @property
     def true_pose(self) -> Pose:
         """Where the robot is."""
-        return Pose(*self._loop.body.pose.tolist())
+        return self._loop.true_pose
 
     @property
     def odometry(self) -> Pose:
@@ -76,11 +102,27 @@ class Simulation:
 
     def localize(self, pose: Pose) -> None:
         """Give AMCL an initial pose."""
+        self.told.append(("amcl", f"Setting pose: {pose.x_m:.3f} {pose.y_m:.3f} {pose.yaw_rad:.3f}"))
         self._loop.localize(pose)
+
+    def command(self, speed_mps: float, yaw_rate_radps: float) -> None:
+        """Drive as told, unless the controller commands; ends with the velocity smoother's timeout."""
+        self._loop.command(speed_mps, yaw_rate_radps)
 
     def order(self, mission: Mission) -> "Order":
         """Send the robot on a mission; it drops the one it has."""
         self._orders += 1
+        if self.sent_s is None:
+            self.sent_s = self._loop.now_s
+        here, goal = self.estimate, mission.goals[-1]
+        if mission.kind == "follow_waypoints":
+            self.told.append(
+                ("waypoint_follower", f"Received follow waypoint request with {len(mission.goals)} waypoints.")
+            )
+        else:
+            way = "" if mission.kind == "navigate_to_pose" else f"through {len(mission.goals)} poses "
+            begun = f"({here.x_m:.2f}, {here.y_m:.2f}) {way}to ({goal.x_m:.2f}, {goal.y_m:.2f})"
+            self.told.append(("bt_navigator", f"Begin navigating from current location {begun}"))
         self._loop.navigate(mission)
         return Order(self._loop, self._orders, lambda: self._orders)
 
@@ -109,6 +151,7 @@ class Order:
         self._number = number
         self._newest = newest
         self._recoveries_before = loop.recoveries
+        self._missed_before = loop.missed
 
     @property
     def current(self) -> bool:
@@ -124,6 +167,11 @@ class Order:
     def succeeded(self) -> bool:
         """Whether it ended well."""
         return self.current and self._loop.status == SUCCEEDED
+
+    @property
+    def missed(self) -> int:
+        """Stops that were left out because they could not be reached."""
+        return self._loop.missed - self._missed_before if self.current else 0
 
     @property
     def error_code(self) -> int:

@@ -1,12 +1,13 @@
 """Snapshots: what a robot sees, knows and does at one tick, copied from its stack while a run goes on."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.grid_frame import GridFrame
 from vastflow.sim.nav.controllers.control import Mppi
 from vastflow.sim.nav.inflation import UNKNOWN
 from vastflow.sim.nav.state import (
@@ -140,13 +141,13 @@ class Snapshot:
 
 def moment_of(stack: Stack, tick: int) -> Moment:
     """The moment after tick `tick`, which the stack has just done."""
-    m = stack.m[0]
+    m, frame = stack.m[0], _frame(stack)
     following = m["state"] == FOLLOWING and m["path_n"] > 0
     return Moment(
         tick=tick,
         activity=_ACTIVITIES[int(m["state"])],
-        true=Pose(float(m["true_x"]), float(m["true_y"]), float(m["true_yaw"])),
-        estimate=Pose(float(m["x"]), float(m["y"]), float(m["yaw"])),
+        true=frame.pose_to_map(Pose(float(m["true_x"]), float(m["true_y"]), float(m["true_yaw"]))),
+        estimate=frame.pose_to_map(Pose(float(m["x"]), float(m["y"]), float(m["yaw"]))),
         speed_mps=float(m["true_v"]),
         yaw_rate_radps=float(m["true_w"]),
         stopped=bool(m["stopped"]),
@@ -164,25 +165,54 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box) -> Snapshot:
     Args:
         box: The part of the map whose costs are kept.
     """
-    m, p = stack.m[0], stack.p[0]
+    m, p, frame = stack.m[0], stack.p[0], _frame(stack)
     odom = Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), float(m["map_odom_yaw"]))
     plan = stack.route.path[int(m["path_i"]) : int(m["path_n"])].copy()
     costs, resolution_m = stack.grids.costs, float(p["resolution"])
     origin = float(p["origin_x"]), float(p["origin_y"])
+    particles = stack.cloud.particles[:, : int(m["particles"])].T
+    local = _local(stack, odom) if m["has_local"] else None
     return Snapshot(
         moment=moment,
-        plan_xy_m=plan,
-        ahead_xy_m=_ahead(stack, plan, odom) if moment.activity == "following" else plan[:0],
+        plan_xy_m=frame.points_to_map(plan),
+        ahead_xy_m=frame.points_to_map(_ahead(stack, plan, odom) if moment.activity == "following" else plan[:0]),
         intended_xy_m=_intended(stack, moment),
-        scan_xy_m=_placed(_scan(stack), odom),
-        particles=stack.cloud.particles[:, : int(m["particles"])].T.copy(),
+        scan_xy_m=frame.points_to_map(_placed(_scan(stack), odom)),
+        particles=np.column_stack([frame.points_to_map(particles[:, :2]), particles[:, 2] + frame.yaw_rad]),
         outline_m=m["outline"].copy(),
-        obstacles=stack.obstacles.copy(),
-        goals=tuple(Pose(*goal) for goal in stack.route.goals.tolist()),
-        global_costs=_cut(costs, origin, resolution_m, box),
-        local_costs=_local(stack, odom) if m["has_local"] else None,
-        overview=_coarse(costs, origin, resolution_m),
+        obstacles=_obstacles(stack.obstacles, frame),
+        goals=tuple(frame.pose_to_map(Pose(*goal)) for goal in stack.route.goals.tolist()),
+        global_costs=_in_map(_cut(costs, origin, resolution_m, _box_in_grid(box, frame)), frame),
+        local_costs=local and _in_map(local, frame),
+        overview=_in_map(_coarse(costs, origin, resolution_m), frame),
     )
+
+
+def _frame(stack: Stack) -> GridFrame:
+    p = stack.p[0]
+    return GridFrame((float(p["origin_x"]), float(p["origin_y"])), float(p["grid_yaw"]))
+
+
+def _in_map(patch: Patch, frame: GridFrame) -> Patch:
+    return replace(patch, corner=frame.pose_to_map(patch.corner))
+
+
+def _box_in_grid(box: Box, frame: GridFrame) -> Box:
+    """What of the grid's frame holds a box of the map's."""
+    corners = np.array([(x, y) for x in (box.x0, box.x1) for y in (box.y0, box.y1)])
+    turned = frame.points_to_grid(corners)
+    return Box(*turned.min(axis=0).tolist(), *turned.max(axis=0).tolist())
+
+
+def _obstacles(rows: NDArray[np.float64], frame: GridFrame) -> NDArray[np.float64]:
+    """Rows of obstacles in the map's frame; those that are nowhere stay there."""
+    placed = rows.copy()
+    there = np.isfinite(rows[:, :2]).all(axis=1)
+    placed[there, :2] = frame.points_to_map(rows[there, :2])
+    if frame.yaw_rad != 0.0:
+        (c, s), cos, sin = frame.turn, rows[there, 2], rows[there, 3]
+        placed[there, 2], placed[there, 3] = c * cos - s * sin, s * cos + c * sin
+    return placed
 
 
 def _placed(xy_m: NDArray[np.float64], frame: Pose) -> NDArray[np.float64]:

@@ -1,18 +1,26 @@
 """Prefect's API for one campaign, as a process of its own: `python -m vastflow.tasks.api_server [PORT]`.
 
-It says its port on standard output, and ends when its standard input does: with the process that started it,
-however that one died. Prefect's own temporary server outlives a killed flow, and dies of the flow's Ctrl-C.
+On standard output it says what a user should hear, a line each, and then its port. It ends when its standard input does: with
+the process that started it, however that one died. Prefect's own temporary server outlives a killed flow, and dies of the flow's Ctrl-C.
 """
 
 import os
 import socket
 import sys
 import threading
+from datetime import datetime
+
+from vastflow.tasks.prefect_database import set_aside_if_damaged
 
 
 def main() -> None:
     """Serve until standard input ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    from prefect.settings import get_current_settings
+
+    connection_url = get_current_settings().server.database.connection_url
+    if connection_url and (found := set_aside_if_damaged(connection_url.get_secret_value(), datetime.now())):
+        print(found, flush=True)
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     if os.name == "posix":  # elsewhere this means that two may listen at once
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # the port of one that was killed just now

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import pickle
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,42 +12,37 @@ from pydantic import BaseModel
 from pydantic_core import to_jsonable_python
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.producer import Producer, find_producer
+from vastflow.producers.producer import Producer
 from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.frozen.loading import module_of, snapshot_behind
+from vastflow.sim.frozen.snapshot import Snapshot
 from vastflow.tasks.keys import EVALUATE_SOURCE, Keys
 from vastflow.tasks.source import SourceTree
 from vastflow.tasks.store import Lost
 
 FRAGMENTS: Final = "fragments.json"
 
-_PLUG_IN_MODULE: Final = "vastflow_plugin_"
-"""How `vastflow.producers.producer` begins the name of a module that is a file beside the campaign file."""
-
 
 @dataclass(frozen=True, slots=True)
 class PackedProducer:
-    """A producer on its way to a worker, where the files of plug-ins have to be imported first."""
+    """A producer on its way to a worker, where the snapshots of plug-ins have to be opened first."""
 
-    plug_ins: tuple[str, ...]
+    plug_ins: tuple[Snapshot, ...]
     pickled: bytes
 
     def unpacked(self) -> Producer[Any]:
         """The producer, in any process."""
-        for plug_in in self.plug_ins:
-            find_producer(plug_in, Path())
+        for snapshot in self.plug_ins:
+            module_of(snapshot)
         producer: Producer[Any] = pickle.loads(self.pickled)
         return producer
 
 
 def packed(producer: Producer[Any]) -> PackedProducer:
     """`producer` ready to be sent."""
-    kinds = (type(each) for each in (producer, *producers_in(producer.parameters)))
-    files = [
-        f"{sys.modules[kind.__module__].__file__}:{kind.__name__}"
-        for kind in kinds
-        if kind.__module__.startswith(_PLUG_IN_MODULE)
-    ]
-    return PackedProducer(tuple(dict.fromkeys(files)), pickle.dumps(producer))
+    snapshots = (snapshot_behind(type(each)) for each in (producer, *producers_in(producer.parameters)))
+    plug_ins = {snapshot.digest: snapshot for snapshot in filter(None, snapshots)}
+    return PackedProducer(tuple(plug_ins.values()), pickle.dumps(producer))
 
 
 def evaluation_keys(

@@ -52,11 +52,22 @@ class NotEvaluated(Exception):
 
 @dataclass(frozen=True, slots=True)
 class ProducerFault:
-    """A producer raised: what it would have made of some partial configurations is not known."""
+    """A producer raised, or a file of a family is not there: what some partial configurations would have been is not known.
+
+    Attributes:
+        producer: Empty where nothing of the family could be had.
+    """
 
     family: str
     producer: str
     error: str
+
+    def concerns(self, name: str) -> bool:
+        """Whether a family or configuration of this name may be different without it."""
+        return name == self.family or name.startswith(f"{self.family}-")
+
+    def __str__(self) -> str:
+        return f"{self.producer} of {self.family}: {self.error}" if self.producer else f"{self.family}: {self.error}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +105,13 @@ class Instantiator:
         for step in range(max((len(family.producers) for family in self.campaign.families), default=0)):
             self._step([growing for growing in families if step < len(growing.family.producers)], step, evaluator)
         instantiation = instantiation_of(self.campaign, [growing.growth.grown() for growing in families])
-        return Instantiated(instantiation, tuple(fault for growing in families for fault in growing.faults))
+        unavailable = [
+            ProducerFault(family, "", str(fault))
+            for family, missing in self.campaign.unavailable.items()
+            for fault in missing
+        ]
+        faults = [fault for growing in families for fault in growing.faults]
+        return Instantiated(instantiation, (*unavailable, *faults))
 
     def _all_there(self, requests: Sequence[Request]) -> Mapping[str, str]:
         for request in requests:

@@ -3,11 +3,12 @@
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim.digest import Value, digest
+from vastflow.sim.digest import Value, digest, file_digest
+from vastflow.tasks.source_files import SourceFiles
 
 LAYOUT: Final = 1
 """Number of the form in which `vastflow.tasks.work` writes artifacts: a new one makes all of them anew."""
@@ -24,6 +25,15 @@ _SELECTING_FEATURES: Final = frozenset(
 
 _SELECTING_VARIABLES: Final = ("GLIBC_TUNABLES", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES")
 
+_NUMBA: Final = "NUMBA_"
+_NUMBA_THAT_ONLY_SAYS: Final = (
+    *("CACHE", "COLOR_SCHEME", "DEVELOPER_MODE", "DISABLE_PERFORMANCE_WARNINGS", "DUMP_", "FULL_TRACEBACKS"),
+    *("NUM_THREADS", "SHOW_HELP", "THREADING_LAYER", "WARNINGS"),
+)
+"""Beginnings of Numba's settings, after `NUMBA_`, that change no compiled code; every other one may."""
+_NUMBA_FILE: Final = ".numba_config.yaml"
+"""Numba reads it in the working directory."""
+
 
 @dataclass(frozen=True, slots=True)
 class Keys:
@@ -34,6 +44,7 @@ class Keys:
         execute_source, observe_source, judge_source: Source digests of the stages.
         seed: `execution.seed`.
         oracles: The oracles as they judge: name and parameters of each, in order.
+        sources: The files of which the source digests are; None where nothing is computed under these keys.
     """
 
     numeric: str
@@ -42,6 +53,7 @@ class Keys:
     judge_source: str
     seed: int
     oracles: Sequence[Value]
+    sources: SourceFiles | None = field(default=None, compare=False, repr=False)
 
     def recordings(self, scenario: str) -> str:
         """Where the blocks of a scenario's runs lie. The number of runs is no part of it: 5 + 3 more are 8.
@@ -94,8 +106,12 @@ def numeric_class(
     library: str | None = None,
     features: frozenset[str] | None = None,
     environment: Mapping[str, str] | None = None,
+    python: str | None = None,
 ) -> str:
-    """What hosts must have in common to compute the same bits: architecture, C library, CPU features that matter.
+    """What hosts must have in common to compute the same bits.
+
+    That is the architecture, the C library, the CPU features that matter, variables that choose between variants of functions
+    or of compiled code, and Python's minor version: from 3.12 on `sum` of floats has other last bits.
 
     Args default to this host's.
     """
@@ -104,8 +120,18 @@ def numeric_class(
     features = _cpu_features() if features is None else features
     environment = os.environ if environment is None else environment
     chosen = " ".join(sorted(features & _SELECTING_FEATURES))
-    forced = " ".join(f"{name}={environment[name]}" for name in _SELECTING_VARIABLES if environment.get(name))
-    return f"{machine}; {library}; {chosen}; {forced}"
+    names = [*_SELECTING_VARIABLES, *sorted(filter(_changes_kernels, environment))]
+    forced = [f"{name}={environment[name]}" for name in names if environment.get(name)]
+    if Path(_NUMBA_FILE).is_file():
+        forced.append(f"{_NUMBA_FILE}={file_digest(_NUMBA_FILE)}")
+    return (
+        f"{machine}; {library}; {chosen}; {' '.join(forced)}; {python or '.'.join(platform.python_version_tuple()[:2])}"
+    )
+
+
+def _changes_kernels(variable: str) -> bool:
+    """Whether a variable may change what Numba compiles."""
+    return variable.startswith(_NUMBA) and not variable.removeprefix(_NUMBA).startswith(_NUMBA_THAT_ONLY_SAYS)
 
 
 def _c_library() -> str:

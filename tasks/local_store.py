@@ -29,8 +29,8 @@ from vastflow.tasks.store import (
 LOGGER: Final = logging.getLogger("vastflow.store")
 
 _TEMPORARY: Final = "temporary"
-_TRIES: Final = 5
-"""Another writer can get in between as often as this before something else must be wrong."""
+_TRIES: Final = 100
+"""Others who write and remove can get in between as often as this before something else must be wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,22 +57,20 @@ class LocalStore:
 
     def find(self, key: str) -> Artifact | None:
         """See `Store.find`."""
-        place = f"{self.root}/{key}"
-        try:
-            artifact = artifact_of(key, _content(f"{place}/{MANIFEST}"))
-            for name, entry in artifact.files.items():
-                if (found := os.stat(f"{place}/{name}").st_size) != entry.size:
-                    raise ValueError(f"{name} has {found} of {entry.size} bytes")
-        except FileNotFoundError as error:
-            if os.path.exists(place):
-                self.discard(key, f"no file {error.filename}")
-            return None
-        except OSError as error:
-            raise self._unreadable(error) from None
-        except (ValueError, KeyError, TypeError) as error:
-            self.discard(key, str(error))
-            return None
-        return artifact
+        for last in (False, True):
+            try:
+                return self._found(key)
+            except FileNotFoundError as error:
+                if not os.path.exists(f"{self.root}/{key}"):
+                    return None
+                if last:  # at the first look another process may have been removing it, and another writing it anew
+                    self.discard(key, f"no file {error.filename}")
+            except OSError as error:
+                raise self._unreadable(error) from None
+            except (ValueError, KeyError, TypeError) as error:
+                self.discard(key, str(error))
+                return None
+        return None
 
     def under(self, key: str) -> tuple[str, ...]:
         """See `Store.under`."""
@@ -125,24 +123,30 @@ class LocalStore:
             prepared.mkdir(parents=True)
             for name, content in {**(sidecar or {}), **files, MANIFEST: manifest_of(artifact)}.items():
                 (prepared / name).write_bytes(content)
-            place.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             shutil.rmtree(prepared, ignore_errors=True)
             raise self._unwritable(error) from None
         refused: OSError | None = None
         for _ in range(_TRIES):
             try:
+                place.parent.mkdir(parents=True, exist_ok=True)
                 prepared.rename(place)
                 return artifact
-            except FileNotFoundError:  # the folder was empty, and somebody tidied up
-                place.parent.mkdir(parents=True, exist_ok=True)
-            except OSError as error:  # a directory that isn't empty can't be replaced
+            except OSError as error:  # somebody put this key, or removed a folder above it while it was empty
                 refused = error
             if (kept := self._sound(key)) is not None:
                 shutil.rmtree(prepared, ignore_errors=True)
                 return kept
         shutil.rmtree(prepared, ignore_errors=True)
         raise self._unwritable(refused or OSError(0, f"{key} can't be moved into place"))
+
+    def _found(self, key: str) -> Artifact:
+        place = f"{self.root}/{key}"
+        artifact = artifact_of(key, _content(f"{place}/{MANIFEST}"))
+        for name, entry in artifact.files.items():
+            if (found := os.stat(f"{place}/{name}").st_size) != entry.size:
+                raise ValueError(f"{name} has {found} of {entry.size} bytes")
+        return artifact
 
     def sweep(self) -> None:
         """Remove what killed writers left a day ago or longer."""

@@ -16,11 +16,12 @@ from typing import Any, Final
 
 from vastflow.oracles.oracle import Oracle, oracle_of
 from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.frozen.loading import snapshot_behind
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.process.setup import ProcessSetup, setup_of
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.parcel_files import PLUG_IN_FILE, needed_files
+from vastflow.tasks.parcel_files import needed_files
 from vastflow.tasks.shelf import Member
 from vastflow.tasks.store import Store
 
@@ -76,6 +77,7 @@ class Packer:
         self._keys = keys
         self._oracles = oracles
         self._base = _absolute(base)
+        self._copies = _plug_ins(oracles)
         self._files: dict[Path, _Packed] = {}
         self._bundles: dict[Path, tuple[Path, ...]] = {}
 
@@ -109,7 +111,7 @@ class Packer:
     def _files_of(self, members: Sequence[Member]) -> set[Path]:
         """Every file that the members and oracles need, digested."""
         contents = {_absolute(file.path) for member in members for file in _contents_of(member.scenario)}
-        found = set(_plug_ins(self._oracles))
+        found = set(self._copies)
         for path in contents:
             if path not in self._bundles:
                 try:
@@ -121,17 +123,20 @@ class Packer:
             found.update(self._bundles[path])
         for path in found - self._files.keys():
             try:
-                self._files[path] = _Packed(
-                    hashlib.sha256(path.read_bytes()).hexdigest(), bool(path.stat().st_mode & 0o100)
-                )
+                content, mode = self._copy(path).read_bytes(), self._copy(path).stat().st_mode
+                self._files[path] = _Packed(hashlib.sha256(content).hexdigest(), bool(mode & 0o100))
             except OSError as error:
                 raise ParcelError(f"{path} can't be read ({error.strerror}); workers elsewhere need it") from None
         return found
 
+    def _copy(self, path: Path) -> Path:
+        """Where the content of a file is: of a plug-in's, its copy."""
+        return self._copies.get(path, path)
+
     def _put(self, files: Iterable[Path]) -> None:
         def put(path: Path) -> None:
             sha256 = self._files[path].sha256
-            content = path.read_bytes()
+            content = self._copy(path).read_bytes()
             if hashlib.sha256(content).hexdigest() != sha256:
                 raise ParcelError(f"{path} changed since the campaign was read; run the campaign again")
             self._store.put(_key(sha256), {_FILE: content})
@@ -155,11 +160,7 @@ class Packer:
             "environment": _written(scenario.environment, root),
             "task": _written(scenario.task, root),
             "system": _written(scenario.system, root),
-            "programs": scenario.programs
-            and {
-                "base": _inside(root, _absolute(scenario.programs.base)),
-                "content": _written(scenario.programs.content, root),
-            },
+            "programs": scenario.programs and _written(scenario.programs.content, root),
         }
 
     def _written_oracle(self, oracle: Oracle[Any], root: Path) -> dict[str, Any]:
@@ -217,12 +218,10 @@ def oracle_base(oracle: Oracle[Any]) -> Path:
     return _absolute(oracle.base)
 
 
-def _plug_ins(oracles: Sequence[Oracle[Any]]) -> Iterator[Path]:
-    """Files of oracles that are named by one; a name from the root of the file system means the worker's own file."""
-    for oracle in oracles:
-        file, found, _ = oracle.name.rpartition(PLUG_IN_FILE)
-        if found and not Path(f"{file}.py").is_absolute():
-            yield _absolute(oracle_base(oracle) / f"{file}.py")
+def _plug_ins(oracles: Sequence[Oracle[Any]]) -> dict[Path, Path]:
+    """Where each file of oracles' plug-ins lay, to its copy; a name from the root of the file system means the worker's own file."""
+    snapshots = [snapshot_behind(type(oracle)) for oracle in oracles if not Path(oracle.name).is_absolute()]
+    return {path: copy for each in snapshots if each is not None for path, copy in each.contents.items()}
 
 
 def _contents_of(scenario: Scenario) -> Iterator[FileContent]:
@@ -269,8 +268,7 @@ def _read(written: Any, folder: Path) -> Any:
 def _member(row: Mapping[str, Any], folder: Path) -> Member:
     programs: ProcessSetup | None = None
     if row["programs"] is not None:
-        base = _placed(folder, row["programs"]["base"])
-        programs = setup_of(_read(row["programs"]["content"], folder), base)
+        programs = setup_of(_read(row["programs"], folder))
     parts = (_read(row[part], folder) for part in ("environment", "task", "system"))
     scenario = Scenario(_read(row["abstract"], folder), row["timeout_s"], *parts, programs)
     if scenario.digest != row["digest"]:

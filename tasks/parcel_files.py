@@ -4,12 +4,8 @@ import os
 from pathlib import Path
 from typing import Final
 
-import yaml
-
+from vastflow.sim.files import Unreadable, read_text, yaml_value
 from vastflow.sim.osc.reading import files_of
-
-PLUG_IN_FILE: Final = ".py:"
-"""What stands between the file and the class in the name of a plug-in."""
 
 _SCENARIO: Final = ".osc"
 _HEADERS: Final = (".yaml", ".yml")
@@ -30,8 +26,8 @@ def needed_files(path: Path) -> tuple[Path, ...]:
 def _picture(path: Path) -> Path | None:
     """The picture of a map's header; None if the file is something else."""
     try:
-        content = yaml.load(path.read_bytes(), Loader=yaml.CSafeLoader)
-    except (OSError, yaml.YAMLError):
+        content = yaml_value(read_text(path))
+    except Unreadable:
         return None
     if not isinstance(content, dict) or not {"image", "resolution", "origin"} <= content.keys():
         return None

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol, Self, TypeAlias
 
-Phase: TypeAlias = Literal["scanning", "starting Prefect", "instantiating", "running", "reporting"]
+Phase: TypeAlias = Literal["scanning", "starting Prefect", "instantiating", "running", "reporting", "postprocessing"]
 
 INTERVAL_S: Final = 0.1
 
@@ -18,7 +18,7 @@ class Progress:
     Attributes:
         configurations_total, runs_total: 0 until they are known.
         at_most: Whether there may be fewer runs than `runs_total`, for configurations end when their class is decided.
-        configurations_done, runs_done: Judged, or found to be broken by our own fault.
+        configurations_done, runs_done: Judged, or found to be broken.
         executed, reused: Runs simulated now, and runs whose recordings were in the store.
         passed, failed, not_judged: Of the runs that are done.
         simulated_s: Simulated time of the executed runs.

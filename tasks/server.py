@@ -65,12 +65,14 @@ class ApiServer:
     Attributes:
         answers: Whether it has ever answered.
         lost: Whether it has ended and nobody starts it again.
+        notices: What it said that a user should hear.
     """
 
     def __init__(self, log: Path) -> None:
         self._log = log
         self.answers = False
         self.lost = False
+        self.notices: list[str] = []
         self._port = 0
         self._stopping = False
         self._lock = threading.Lock()
@@ -127,8 +129,11 @@ class ApiServer:
                     LOGGER.warning("Prefect's API was killed; it is started again")
                     self._process = self._started()
             assert self._process.stdout is not None
-            said = self._process.stdout.readline().strip()
-            self._port = int(said) if said.isdigit() else self._port
+            for said in map(bytes.strip, self._process.stdout):
+                if said.isdigit():
+                    self._port = int(said)
+                    break
+                self.notices.append(said.decode(errors="replace"))
             if self._process.wait() >= 0:  # by itself: a second one would fare no better
                 break
         self.lost = True

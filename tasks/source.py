@@ -2,7 +2,7 @@
 
 import ast
 import copy
-import hashlib
+import functools
 import importlib.metadata
 import importlib.util
 import io
@@ -14,8 +14,12 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.sim.digest import digest, file_digest
-from vastflow.tasks import source_cache
+from vastflow.sim.frozen.loading import snapshot_behind
+from vastflow.sim.frozen.snapshot import Snapshot
+from vastflow.tasks import code_digest, source_cache
+from vastflow.tasks.code_digest import tree_digest
 from vastflow.tasks.source_cache import Module, SourceCache, source_cache_file
+from vastflow.tasks.source_files import SourceFiles, source_files
 
 PACKAGES: Final = tuple(f"vastflow.{name}" for name in ("sim", "producers", "oracles", "tasks", "campaigns.scenarios"))
 
@@ -37,12 +41,9 @@ NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
 """Import name to the distributions whose versions can change a number or a stored byte."""
 
 PLUG_IN: Final = "plug-in"
-"""Module name under which a plug-in's single file enters a digest: where it lies doesn't matter."""
+"""Name under which a plug-in's file enters a digest: where it lies doesn't matter. What it uses begins with this and a slash."""
 
 _CODE: Final = (".py", ".pyc", ".typed")
-
-_SILENT: Final = frozenset({tokenize.COMMENT, tokenize.NL, tokenize.ENCODING, tokenize.ENDMARKER})
-_LAYOUT: Final = frozenset({tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT})
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,7 @@ class SourceTree:
     ) -> None:
         self._packages = dict(packages)
         self._files = dict(files or {})
-        self._cache = SourceCache(cache, [Path(__file__), Path(source_cache.__file__)])
+        self._cache = SourceCache(cache, [Path(__file__), Path(code_digest.__file__), Path(source_cache.__file__)])
         self._read: dict[Path, Module] = {}
         self._places: dict[str, Path | None] = {}
         self._codes: dict[tuple[str, ...], Code] = {}
@@ -120,6 +121,10 @@ class SourceTree:
             {library: _version(library) for library in libraries},
         )
 
+    def files(self) -> SourceFiles:
+        """The source files of all packages of the tree, as they are now."""
+        return source_files(self._packages.values())
+
     def closure(self, *entries: str) -> tuple[str, ...]:
         """Names of `entries` and of all they import within the tree, sorted."""
         return tuple(sorted(self._closure(entries)))
@@ -128,17 +133,19 @@ class SourceTree:
         """Digest of the code behind a class, wherever it is from.
 
         A class of the tree has its module's digest. One from a package elsewhere is followed inside that
-        package and into the tree, one from a single file is that file and what it uses of the tree.
+        package and into the tree, one from a file beside a campaign is all of its snapshot and what that uses of the tree.
         """
         top = plug_in.__module__.partition(".")[0]
         code = self.plug_in_code(plug_in)
         return digest(code.digest, _version(top)) if self._is_elsewhere(plug_in) else code.digest
 
     def plug_in_code(self, plug_in: type) -> Code:
-        """The code behind a class; the file of a plug-in that is a single one is called `PLUG_IN`."""
+        """The code behind a class. Of a plug-in beside a campaign the file is called `PLUG_IN`, what it uses below that."""
         name = plug_in.__module__
         if self._file(name) is not None:
             return self.code(name)
+        if (snapshot := snapshot_behind(plug_in)) is not None:
+            return self._frozen_code(snapshot)
         top = name.partition(".")[0]
         if self._is_elsewhere(plug_in):
             return self._with({top: Path(next(iter(sys.modules[top].__path__)))}, {}).code(name)
@@ -147,6 +154,19 @@ class SourceTree:
             raise ModuleNotFoundError(f"{plug_in!r} has no source file; a plug-in is a Python file or package")
         return self._with({}, {PLUG_IN: Path(single)}).code(PLUG_IN)
 
+    def _frozen_code(self, snapshot: Snapshot) -> Code:
+        """The code of a snapshot, its data by content, and the versions of all that it imports from elsewhere."""
+        own = {snapshot.local_name(place): snapshot.folder / place for place in snapshot.modules}
+        own = {PLUG_IN if file == snapshot.file else f"{PLUG_IN}/{name}": file for name, file in own.items()}
+        live = {top: place for top in snapshot.outside if (place := _live_source(top)) is not None}
+        packages = {top: place for top, place in live.items() if place.is_dir()}
+        single = {top: place for top, place in live.items() if not place.is_dir()}
+        code = self._with(packages, {**own, **single}).code(*own)
+        data = {f"{PLUG_IN}/{snapshot.local_name(place)}": sha256 for place, sha256 in snapshot.data.items()}
+        others = [top for top in snapshot.outside if top not in live and top not in NUMERIC_LIBRARIES]
+        versions = {name: _version(name) for top in others for name in _distributions().get(top, [top])}
+        return Code(code.modules, {**code.data, **data}, {**code.libraries, **versions})
+
     def with_packages(self, *packages: str) -> "SourceTree":
         """A tree that has these packages of vastflow too, as this process would import them."""
         return self._with(_folders(packages), {})
@@ -154,6 +174,8 @@ class SourceTree:
     def _is_elsewhere(self, plug_in: type) -> bool:
         """Whether a class is from a package that is not in the tree."""
         name = plug_in.__module__
+        if snapshot_behind(plug_in) is not None:
+            return False
         return self._file(name) is None and getattr(sys.modules[name.partition(".")[0]], "__path__", None) is not None
 
     def _with(self, packages: Mapping[str, Path], files: Mapping[str, Path]) -> "SourceTree":
@@ -234,68 +256,10 @@ def _folders(packages: Iterable[str]) -> dict[str, Path]:
     return folders
 
 
-def code_digest(text: str) -> str:
-    """Digest of Python source by its tokens, without comments, docstrings and layout of no meaning.
-
-    An f-string counts as the one token it was before Python 3.12, so the digest is the same on every minor version.
-    """
-    hashed = hashlib.sha256()
-    for statement in _statements(text):
-        for kind, token in statement:
-            hashed.update(f"{kind} {len(token)} {token}\n".encode())
-    return hashed.hexdigest()
-
-
-def _statements(text: str) -> Iterator[list[tuple[str, str]]]:
-    """Logical lines as (kind, text) tokens; those that are only strings (docstrings) are left out."""
-    statement: list[tuple[str, str]] = []
-    for kind, token in _tokens(text):
-        if kind in _LAYOUT and statement:
-            if not all(part == "STRING" and not _is_formatted(string) for part, string in statement):
-                yield statement
-            statement = []
-        if kind in (tokenize.INDENT, tokenize.DEDENT):
-            yield [(tokenize.tok_name[kind], "")]
-        elif kind != tokenize.NEWLINE:
-            statement.append((tokenize.tok_name[kind], token))
-    if statement:
-        yield statement
-
-
-def _tokens(text: str) -> Iterator[tuple[int, str]]:
-    lines = io.StringIO(text).readlines()
-    depth = 0
-    start = (0, 0)
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        kind = tokenize.tok_name[token.type]
-        if kind in ("FSTRING_START", "TSTRING_START"):
-            if depth == 0:
-                start = token.start
-            depth += 1
-        if depth == 0 and token.type not in _SILENT:
-            yield token.type, token.string
-        if kind in ("FSTRING_END", "TSTRING_END"):
-            depth -= 1
-            if depth == 0:
-                yield tokenize.STRING, _between(lines, start, token.end)
-
-
-def _between(lines: list[str], start: tuple[int, int], end: tuple[int, int]) -> str:
-    if start[0] == end[0]:
-        return lines[start[0] - 1][start[1] : end[1]]
-    inner = lines[start[0] : end[0] - 1]
-    return "".join([lines[start[0] - 1][start[1] :], *inner, lines[end[0] - 1][: end[1]]])
-
-
-def _is_formatted(string: str) -> bool:
-    prefix = string[: min(string.find(quote) for quote in "'\"" if quote in string)]
-    return not {"f", "t"}.isdisjoint(prefix.lower())
-
-
 def _module_of(content: bytes, package: str) -> Module:
-    text = _text(content)
-    nodes = list(ast.walk(ast.parse(text)))
-    return Module(code_digest(text), frozenset(_imports(nodes, package)), frozenset(_data_packages(nodes)))
+    tree = ast.parse(_text(content))
+    nodes = list(ast.walk(tree))
+    return Module(tree_digest(tree), frozenset(_imports(nodes, package)), frozenset(_data_packages(nodes)))
 
 
 def _imports(nodes: Iterable[ast.AST], package: str) -> Iterator[str]:
@@ -338,6 +302,25 @@ def _python(file: Path) -> bytes:
 def _text(content: bytes) -> str:
     encoding, _ = tokenize.detect_encoding(io.BytesIO(content).readline)  # by a coding cookie, if there is one
     return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _live_source(top: str) -> Path | None:
+    """Folder or file of a module that is found and is part of no installed distribution, whose version would tell of an edit."""
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    places = list(spec.submodule_search_locations or ()) or [spec.origin] if spec is not None else []
+    place = Path(places[0]) if places and places[0] else None
+    if place is None or not (place.is_dir() or place.suffix == ".py"):
+        return None
+    return None if {"site-packages", "dist-packages"} & {*place.parts} else place
+
+
+@functools.cache
+def _distributions() -> Mapping[str, list[str]]:
+    """Import name to the distributions that are installed under it; takes a tenth of a second."""
+    return importlib.metadata.packages_distributions()
 
 
 def _version(distribution: str) -> str:

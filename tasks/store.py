@@ -16,6 +16,9 @@ VARIABLE: Final = "VASTFLOW_STORE"
 STAGES: Final = ("evaluate", "execute", "observe", "judge", "report", "parcel")
 """The first name of an artifact's key; a store's place may hold other things beside them."""
 
+EARLIER: Final = "an earlier version of vastflow wrote it, without its key; it is never used"
+"""What `Store.fault` says of an artifact whose manifest has no key: nothing tells whether it is in its place."""
+
 WRITING_S: Final = 24 * 3600.0
 """What is younger may be half of what a campaign is just writing."""
 
@@ -153,9 +156,9 @@ def entry_of(content: bytes) -> FileEntry:
 
 
 def manifest_of(artifact: Artifact) -> bytes:
-    """Two lines: SHA-256 of the second, and what is promised as JSON."""
+    """Two lines: SHA-256 of the second, and what is promised as JSON, under which key."""
     files = {name: asdict(entry) for name, entry in artifact.files.items()}
-    promise = json.dumps({"files": files, "info": artifact.info}, sort_keys=True).encode()
+    promise = json.dumps({"files": files, "info": artifact.info, "key": artifact.key}, sort_keys=True).encode()
     return hashlib.sha256(promise).hexdigest().encode() + b"\n" + promise
 
 
@@ -163,12 +166,16 @@ def artifact_of(key: str, manifest: bytes) -> Artifact:
     """The artifact that a manifest promises.
 
     Raises:
-        ValueError: it is not what was written.
+        ValueError: it is not what was written, or not under this key.
     """
     hashed, _, promise = manifest.partition(b"\n")
     if hashlib.sha256(promise).hexdigest().encode() != hashed:
         raise ValueError(f"{MANIFEST} is not what was written")
     body = json.loads(promise)
+    if "key" not in body:
+        raise ValueError(EARLIER)
+    if body["key"] != key:
+        raise ValueError(f"it is a copy of {body['key']}")
     return Artifact(key, {name: FileEntry(**entry) for name, entry in body["files"].items()}, body["info"])
 
 

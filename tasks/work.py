@@ -1,7 +1,7 @@
 """What worker processes do: one stage of one block of runs, from the store and into it.
 
 Simulator, oracles and producers are imported when they are needed, so that a worker starts fast. Nothing raises but
-`StoreError`: an error of one run or block comes back as a value, its traceback is in the log, and nothing is stored.
+`StoreError`: why one run or block has no result comes back as a value, and nothing is stored.
 """
 
 import importlib.metadata
@@ -18,8 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
 
 from vastflow.sim.digest import Value
+from vastflow.sim.plug_in import plug_in_code
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.scenario_error import ScenarioError
 from vastflow.tasks.evaluation import FRAGMENTS, PackedProducer, write_evaluation
+from vastflow.tasks.source_files import KeyedStore
 from vastflow.tasks.store import Lost, Store, StoreError
 
 if TYPE_CHECKING:
@@ -40,7 +43,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Broken:
-    """An error of ours, in one line."""
+    """Why a run or a block has no result, in one line: a scenario that can't work, or an error of ours."""
 
     error: str
 
@@ -58,7 +61,7 @@ class Executed:
 
     Attributes:
         simulated_s: Run index to simulated time, of the runs that are in the store now.
-        broken: Run index to the error, of the others.
+        broken: Run index to the reason, of the others.
     """
 
     simulated_s: Mapping[int, float]
@@ -66,9 +69,12 @@ class Executed:
 
 
 def broken(error: BaseException) -> Broken:
-    """`error` as a value, its traceback in the log."""
+    """`error` as a value. A scenario that can't work says why in words for its author; of any other error the traceback is logged."""
+    words = " ".join(str(error).split())
+    if isinstance(error, ScenarioError):
+        return Broken(words[:500])
     traceback.print_exception(error)
-    return Broken(f"{type(error).__name__}: {' '.join(str(error).split())}"[:500])
+    return Broken(f"{type(error).__name__}: {words}"[:500])
 
 
 def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T | Broken | Gone:
@@ -78,7 +84,8 @@ def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) ->
         StoreError: without its store no job can be done, whatever it is.
     """
     try:
-        return function(*arguments, **named)
+        with plug_in_code():
+            return function(*arguments, **named)
     except Lost as error:
         return Gone(str(error))
     except StoreError:
@@ -105,7 +112,9 @@ def compile_kernels() -> None:
         run(Scenario("builtin:navigate_to_pose", 20.0, {"map_file": map_content(room)}, poses, {}), 0, 0)
 
 
-def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed | Broken:
+def execute(
+    store: Store | KeyedStore, key: str, scenario: Scenario, start: int, stop: int, seed: int
+) -> Executed | Broken:
     """Execute runs `start` to `stop` - 1 of a scenario and store those that end, in blocks without a gap.
 
     If the store has that very block by now nothing is executed: another worker died before this one's answer was heard.
@@ -145,7 +154,7 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
     return Executed(simulated_s, errors)
 
 
-def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:
+def observe(store: Store | KeyedStore, recording_key: str, key: str, scenario: Scenario) -> None:
     """Observe one block of recordings and store the trace."""
     _log_plainly()
     from vastflow.oracles.observe import observe_block
@@ -153,7 +162,9 @@ def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> N
     store.put(key, {TRACES: observe_block(scenario, store.read(recording_key, RECORDINGS))})
 
 
-def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: bytes) -> None:
+def judge(
+    store: Store | KeyedStore, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: bytes
+) -> None:
     """Judge one block and store the verdicts, with what all oracles together say of each run.
 
     Args:
@@ -174,7 +185,7 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
     store.put(key, {VERDICTS: write_verdicts(verdicts)}, {"runs": together})
 
 
-def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:
+def evaluate(store: Store | KeyedStore, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:
     """Evaluate a producer on one restricted input and store what it yields."""
     _log_plainly()
     from vastflow.producers import producer as producers

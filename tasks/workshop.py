@@ -15,6 +15,7 @@ from vastflow.tasks.instantiation import Evaluation
 from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.shelf import Block, Member, Shelf, missing, stretches
+from vastflow.tasks.source_files import KeyedStore
 from vastflow.tasks.store import Artifact, StoreError
 from vastflow.tasks.work import Broken, Executed, Stage
 
@@ -32,7 +33,7 @@ class Died(Broken):
 
 @dataclass(frozen=True, slots=True)
 class MemberFault:
-    """An error of ours that cost a member something.
+    """Why a member lacks something.
 
     Attributes:
         member: Its name; empty where the whole campaign is concerned.
@@ -69,6 +70,7 @@ class Workshop:
         self.shelf = shelf
         self.block_runs = MOST_RUNS_A_BLOCK
         self.store_error: StoreError | None = None
+        self._store = KeyedStore(shelf.store, shelf.keys.sources)
         self._pool = pool
         self._tally = tally
         self._oracles = oracles
@@ -101,7 +103,7 @@ class Workshop:
         """
         store = self.shelf.store
         jobs = {
-            each.key: self._submit(Priority.EVALUATE, work.evaluate, store, each.key, producer, each.inputs)
+            each.key: self._submit(Priority.EVALUATE, work.evaluate, self._store, each.key, producer, each.inputs)
             for each in evaluations
             if store.find(each.key) is None
         }
@@ -131,7 +133,7 @@ class Workshop:
         keys = self.shelf.keys
         home = keys.recordings(member.scenario.digest)
         future = self._submit(
-            Priority.EXECUTE, work.execute, self.shelf.store, home, member.scenario, start, stop, keys.seed
+            Priority.EXECUTE, work.execute, self._store, home, member.scenario, start, stop, keys.seed
         )
         future.add_done_callback(lambda done: self._count(member, done))
         return _Job(start, stop, future)
@@ -171,7 +173,7 @@ class Workshop:
             blocks,
             keys,
             lambda member, block, key: self._submit(
-                Priority.OBSERVE, work.observe, self.shelf.store, block.key, key, member.scenario
+                Priority.OBSERVE, work.observe, self._store, block.key, key, member.scenario
             ),
         )
         rows: dict[str, list[list[Any]]] = {member.name: [] for member in members}
@@ -190,7 +192,7 @@ class Workshop:
             lambda member, block, key: self._submit(
                 Priority.JUDGE,
                 work.judge,
-                self.shelf.store,
+                self._store,
                 block.key,
                 self.shelf.trace_key(member, block),
                 key,

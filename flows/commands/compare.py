@@ -10,6 +10,7 @@ import typer
 from vastflow.flows.commands.run import BAD_INPUT
 from vastflow.flows.commands.show import wrong_directory
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.reading import reading
 
 if TYPE_CHECKING:
     from vastflow.flows.comparison.campaigns import Compared
@@ -51,10 +52,12 @@ def compare(
         from vastflow.flows.comparison.campaigns import compared
         from vastflow.flows.comparison.text import compared_json, compared_text
 
-        try:
-            found = compared(_tables(before), _tables(after), oracle, margin)
-        except ValueError as error:
-            _end(str(error))
+        tables = _tables(before), _tables(after)
+        with reading(after):
+            try:
+                found = compared(*tables, oracle, margin)
+            except ValueError as error:
+                _end(str(error))
         try:
             drawn = _drawn(found, pictures, out or after / "comparisons" / before.resolve().name)
             if junit is not None:
@@ -76,10 +79,8 @@ def compare(
 def _tables(directory: Path) -> "Tables":
     from vastflow.oracles.directory.tables import read_tables
 
-    try:
+    with reading(directory):
         return read_tables(directory)
-    except (OSError, ValueError, KeyError) as error:  # pyarrow's and json's errors are ValueErrors
-        _end(f"{directory}: damaged campaign directory: {error}")
 
 
 def _drawn(found: "Compared", most: int, folder: Path) -> dict[str, Path]:

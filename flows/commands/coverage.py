@@ -12,8 +12,10 @@ import typer
 from vastflow.flows.commands.run import BAD_INPUT
 from vastflow.flows.commands.show import wrong_directory
 from vastflow.flows.results.at_hand import meant_address
+from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.flows.terminal.reading import reading
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -28,6 +30,7 @@ MOST_PAIRS: Final = 30
 def coverage(
     source: Annotated[Path, typer.Argument(metavar="FILE|RESULTS", help="A campaign file, or a campaign directory.")],
     map_dir: MapDir = None,
+    as_v1: AsV1 = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
 ) -> None:
     """Show how much of the requested test space is realised.
@@ -35,21 +38,23 @@ def coverage(
     And what constraints exclude, what can't be built and why, by dimension and by pairs of producers.
     """
     with Interruptible("interrupted"):
-        found = _coverage(source, map_dir)
+        found = _coverage(source, map_dir, as_v1)
         if as_json:
             print(json.dumps(found, ensure_ascii=False))
             return
         from vastflow.flows.terminal.outcome import printed
 
-        printed(_text(found))
+        with reading(source):
+            printed(_text(found))
 
 
-def _coverage(source: Path, map_dir: Path | None) -> "Coverage":
+def _coverage(source: Path, map_dir: Path | None, as_v1: bool) -> "Coverage":
     """Of a campaign directory as it was written, of a campaign file by instantiating it."""
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.oracles.directory.coverage import read_coverage
     from vastflow.producers.faults import CampaignError
     from vastflow.producers.instantiate import instantiate
+    from vastflow.sim.effects import looking_only
 
     if meant_address(source):
         wrong: object = wrong_directory(source)
@@ -66,7 +71,11 @@ def _coverage(source: Path, map_dir: Path | None) -> "Coverage":
                 wrong = f"{source}: damaged campaign directory: {error}"
     else:
         try:
-            return instantiate(read_campaign(source, map_dir)[0]).coverage
+            with looking_only():
+                campaign, _ = read_campaign(source, map_dir, as_v1=as_v1)
+                for fault in campaign.missing:
+                    print(f"left out: {fault}", file=sys.stderr)
+                return instantiate(campaign).coverage
         except CampaignError as error:
             wrong = error
     print(wrong, file=sys.stderr)

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT, OUR_FAULT
+from vastflow.flows.commands.run import BAD_INPUT, FAULT
 from vastflow.flows.pool.work_pool import NO_API
+from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.map_dir import MapDir
 from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
 
@@ -40,6 +41,7 @@ def deploy(
         typer.Option(min=1, metavar="N", help="Only N distinct configurations of these, the same ones each time."),
     ] = None,
     map_dir: MapDir = None,
+    as_v1: AsV1 = False,
     results: Annotated[
         str | None, typer.Option(metavar="FOLDER", help="Where the worker makes the campaign directory.")
     ] = None,
@@ -76,7 +78,7 @@ def deploy(
     from vastflow.tasks.server import import_prefect
 
     try:
-        campaign, _ = read_campaign(file, map_dir)
+        campaign, _ = read_campaign(file, map_dir, as_v1=as_v1)
         if campaign.unexecutable:
             raise CampaignError(campaign.unexecutable)
         description = described(campaign, context)
@@ -91,6 +93,7 @@ def deploy(
         "only": only,
         "sample": sample,
         "map_dir": None if map_dir is None else _place(map_dir, kind),
+        "as_v1": True if as_v1 else None,
         "results": results or _results(kind),
         "store": store,
         "workers": workers or requested_cores(kind, campaign, context),
@@ -106,7 +109,7 @@ def deploy(
         description=description_of(
             title,
             place,
-            runs or campaign.runs,
+            campaign.runs_asked(runs),
             str(campaign.spec.metadata.get("description") or ""),
             shards_in,
             least=campaign.sequential.min if runs is None and campaign.sequential is not None else None,
@@ -208,7 +211,7 @@ def _register(
         with get_client(sync_client=True) as client:
             if (unhealthy := client.api_healthcheck()) is not None:
                 print(f"Prefect's API at {url} does not answer: {unhealthy}", file=sys.stderr)
-                raise typer.Exit(OUR_FAULT)
+                raise typer.Exit(FAULT)
             new = {deployment.pool: register_pool(client, deployment.pool, kind)}
             theirs = type_of_pool(client, shards_in) or kind
             if shards_in != deployment.pool:
@@ -220,7 +223,7 @@ def _register(
         raise typer.Exit(BAD_INPUT) from None
     except PrefectHTTPStatusError as error:
         print(f"Prefect's API at {url} did not take it: {error}", file=sys.stderr)
-        raise typer.Exit(OUR_FAULT) from None
+        raise typer.Exit(FAULT) from None
     for name, is_new in new.items():
         made = "made" if is_new else "found"
         room = " --limit 2" if shards_in == name == deployment.parameters.get("pool") else ""

@@ -19,6 +19,7 @@ def print_dry_run(
     only: Sequence[str],
     sample: int | None,
     map_dir: Path | None,
+    as_v1: bool,
     since: Path | None,
     as_json: bool,
 ) -> None:
@@ -26,20 +27,23 @@ def print_dry_run(
     from vastflow.flows.foresight.dry_run import dry_run
     from vastflow.flows.results.past import NoPast
     from vastflow.producers.faults import CampaignError
+    from vastflow.sim.effects import looking_only
     from vastflow.tasks.store import StoreError
 
     with Interruptible("interrupted; nothing was written"):
         try:
-            found = dry_run(
-                file,
-                runs=runs,
-                results=results,
-                store=store,
-                only=only,
-                sample=sample,
-                map_dir=map_dir,
-                since=since,
-            )
+            with looking_only():
+                found = dry_run(
+                    file,
+                    runs=runs,
+                    results=results,
+                    store=store,
+                    only=only,
+                    sample=sample,
+                    map_dir=map_dir,
+                    as_v1=as_v1,
+                    since=since,
+                )
         except NoPast as error:
             print(f"--since {error}", file=sys.stderr)
             raise typer.Exit(2) from None

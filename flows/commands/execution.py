@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from vastflow.flows.commands.run import BAD_INPUT
+from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.map_dir import MapDir
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def describe(
         typer.Option(metavar="NAME", help="Cluster whose resources count; else the first that the file names."),
     ] = None,
     map_dir: MapDir = None,
+    as_v1: AsV1 = False,
 ) -> None:
     """Print the containers of a run as YAML.
 
@@ -49,13 +51,15 @@ def describe(
     from vastflow.flows.request.campaign_file import campaign_name
     from vastflow.producers.campaign import load_campaign
     from vastflow.producers.faults import CampaignError
+    from vastflow.sim.effects import looking_only
     from vastflow.tasks.execution.compose import compose_file
     from vastflow.tasks.execution.manifest import yaml_text
     from vastflow.tasks.execution.pod import pod_template
     from vastflow.tasks.execution.reading import describe as described
 
     try:
-        campaign = load_campaign(file, map_dir)
+        with looking_only():
+            campaign = load_campaign(file, map_dir, as_v1=as_v1)
         found = described(campaign, campaign_name(campaign), context)
     except CampaignError as error:
         print(error, file=sys.stderr)

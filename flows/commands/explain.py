@@ -10,6 +10,7 @@ import typer
 from vastflow.flows.commands.run import BAD_INPUT
 from vastflow.flows.commands.show import wrong_directory
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.reading import reading
 
 
 def explain(
@@ -40,14 +41,15 @@ def explain(
         from vastflow.flows.terminal.outcome import printed
         from vastflow.tasks.store import StoreError
 
-        try:
-            found = explanation(results, configuration, store=store, since=since)
-        except (Unexplained, NoPast, StoreError) as error:
-            _end(str(error))
-        if as_json:
-            print(json.dumps(explanation_json(found), ensure_ascii=False))
-        else:
-            printed(explanation_text(found))
+        with reading(results):
+            try:
+                found = explanation(results, configuration, store=store, since=since)
+            except (Unexplained, NoPast, StoreError) as error:
+                _end(str(error))
+            if as_json:
+                print(json.dumps(explanation_json(found), ensure_ascii=False))
+            else:
+                printed(explanation_text(found))
 
 
 def _end(message: str) -> NoReturn:

@@ -7,11 +7,14 @@ from typing import Annotated
 
 import typer
 
+from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.map_dir import MapDir
 
 
 def validate(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")], map_dir: MapDir = None
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    map_dir: MapDir = None,
+    as_v1: AsV1 = False,
 ) -> None:
     """Check a campaign file.
 
@@ -20,9 +23,11 @@ def validate(
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.flows.request.notes import terminal_lines
     from vastflow.producers.faults import CampaignError
+    from vastflow.sim.effects import looking_only
 
     try:
-        campaign, oracles = read_campaign(file, map_dir)
+        with looking_only():
+            campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1)
     except CampaignError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(2) from None
@@ -32,6 +37,12 @@ def validate(
         print(line)
     for fault in campaign.unexecutable:
         print(fault)
+    if campaign.missing:
+        for fault in campaign.missing:
+            print(fault, file=sys.stderr)
+        lost = _number(len(campaign.unavailable), "family", "families")
+        print(f"{lost} left out for want of a file, {len(campaign.families)} to be run", file=sys.stderr)
+        raise typer.Exit(2)
     producers = sum(len(family.producers) for family in campaign.families)
     counts = [_number(len(campaign.families), "family", "families"), _number(producers, "producer", "producers")]
     counts.append(_number(len(oracles), "oracle", "oracles"))

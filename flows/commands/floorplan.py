@@ -92,7 +92,7 @@ def variations(
         try:
             PlanFile(name, sample.text).building()
         except FloorplanError as error:
-            print(f"not written: {error.brief}", file=sys.stderr)
+            print(f"{file}: not written: {error.brief}", file=sys.stderr)
             continue
         _write(out, {name: sample.text.encode()})
         written += 1

@@ -9,6 +9,7 @@ import typer
 from vastflow.flows.commands.run import BAD_INPUT
 from vastflow.flows.commands.show import wrong_directory
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.reading import reading
 
 
 def paper(
@@ -28,12 +29,11 @@ def paper(
         for directory in results:
             if wrong := wrong_directory(directory):
                 _end(wrong)
-            try:
-                found.append(paper_results(directory))
-            except NotThePapers as error:
-                _end(str(error))
-            except (OSError, ValueError, KeyError, TypeError) as error:
-                _end(f"{directory}: damaged campaign directory: {' '.join(str(error).split())}")
+            with reading(directory):
+                try:
+                    found.append(paper_results(directory))
+                except NotThePapers as error:
+                    _end(str(error))
         print(paper_page(found), end="")
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vastflow.flows.commands.run import BAD_INPUT, unwritable
+from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.map_dir import MapDir
 
@@ -23,6 +24,7 @@ def preview(
         Path | None, typer.Option(metavar="FOLDER", help="Where pictures are written; else preview-NAME.")
     ] = None,
     map_dir: MapDir = None,
+    as_v1: AsV1 = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
 ) -> None:
     """Show what a campaign would run, without running it.
@@ -37,19 +39,24 @@ def preview(
         from vastflow.flows.results.directory import directory_name
         from vastflow.producers.faults import CampaignError
         from vastflow.producers.instantiate import instantiate
+        from vastflow.sim.effects import looking_only
 
         try:
-            campaign, _ = read_campaign(file, map_dir)
+            with looking_only():
+                campaign, _ = read_campaign(file, map_dir, as_v1=as_v1)
             folder = out or Path(f"preview-{directory_name(campaign_name(campaign))}")
             if pictures and (wrong := unwritable(folder)):
                 print(f"--out {wrong}", file=sys.stderr)
                 raise typer.Exit(BAD_INPUT)
-            found = instantiate(campaign)
+            with looking_only():
+                found = instantiate(campaign)
         except CampaignError as error:
             print(error, file=sys.stderr)
             raise typer.Exit(BAD_INPUT) from None
         for fault in campaign.unexecutable:
             print(f"not to be run by this version: {fault}", file=sys.stderr)
+        for fault in campaign.missing:
+            print(f"left out: {fault}", file=sys.stderr)
         estimate = estimate_of(found.configurations, campaign.runs, campaign.timeout_s, cores())
         least = None if campaign.sequential is None else campaign.sequential.min
         if not as_json:

@@ -12,6 +12,7 @@ import typer
 
 from vastflow.flows.commands.show import wrong_directory
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.reading import reading
 
 if TYPE_CHECKING:
     from vastflow.oracles.replay.recorded import RecordedRun
@@ -71,13 +72,13 @@ def replay(
     if wrong := wrong_directory(results):
         _end(wrong)
     from vastflow.flows.results.origin import versions
-    from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
+    from vastflow.oracles.replay.recorded import NotRecorded
     from vastflow.oracles.replay.times import TimeError
     from vastflow.sim.replay import first_difference
 
     folder = out or results / "replays" / f"{configuration}-{run}"
     try:
-        recorded = recorded_run(results, configuration, run)
+        recorded = _recorded(results, configuration, run)
         if not recorded.recording.columns:
             where = f"what its programs wrote is in outputs/{recorded.configuration}.zip"
             raise NotRecorded(f"{results}: {configuration} has no robot, so there is nothing to draw; {where}")
@@ -112,6 +113,16 @@ def replay(
     else:
         _say(title, configuration, recorded, replayed, difference is None, written)
     raise typer.Exit(0 if difference is None else 1)
+
+
+def _recorded(results: Path, configuration: str, run: int) -> "RecordedRun":
+    from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
+
+    with reading(results):
+        try:
+            return recorded_run(results, configuration, run)
+        except NotRecorded as error:
+            _end(str(error))
 
 
 def _differences(metadata: Mapping[str, Any]) -> list[str]:

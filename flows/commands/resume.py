@@ -1,6 +1,5 @@
 """The command `resume`: a campaign again from its own directory."""
 
-import json
 import sys
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -33,21 +32,34 @@ def resume(
     directory = _directory(results)
     from vastflow.flows.request.asked import asked_of
     from vastflow.flows.results.replica import NotReplicable, replica
+    from vastflow.sim.files import read_json
 
     try:
-        metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+        metadata = read_json(directory / "metadata.json")
         asked, title = asked_of(metadata), f"{metadata['name']} of {metadata['created'].replace('T', ' ')}"
     except (OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
         _end(f"{directory}: damaged campaign directory: {' '.join(str(error).split())}")
     only = f", only {', '.join(asked.only)}" if asked.only else ""
     only += "" if asked.sample is None else f", a sample of {asked.sample}"
+    only += ", obstacles as version 1 of RoboVAST places them" if asked.as_v1 else ""
     runs = f"{asked.runs} run{'' if asked.runs == 1 else 's'} of each configuration{' at most' * asked.sequential}"
     print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
     try:
         with replica(directory, asked) as file:
             selected = list(asked.only)
             runs_asked = asked.fixed_runs
-            run_and_show(file, runs_asked, directory.parent, store, workers, selected, as_json, chosen, asked.sample)
+            run_and_show(
+                file,
+                runs_asked,
+                directory.parent,
+                store,
+                workers,
+                selected,
+                as_json,
+                chosen,
+                asked.sample,
+                as_v1=asked.as_v1,
+            )
     except NotReplicable as error:
         _end(str(error))
 

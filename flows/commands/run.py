@@ -1,5 +1,6 @@
 """The command `run`: a campaign from file to report."""
 
+import errno
 import os
 import shlex
 import sys
@@ -10,6 +11,7 @@ import typer
 
 from vastflow.flows.commands.dry_run import print_dry_run
 from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.map_dir import MapDir
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from vastflow.flows.results.results import Results
 
 BAD_INPUT: Final = 2
-OUR_FAULT: Final = 3
+FAULT: Final = 3
 
 PoolOption = Annotated[
     str | None,
@@ -54,6 +56,7 @@ def run(
         typer.Option(min=1, metavar="N", help="Only N distinct configurations of these, the same ones each time."),
     ] = None,
     map_dir: MapDir = None,
+    as_v1: AsV1 = False,
     pool: PoolOption = None,
     shards: ShardsOption = None,
     pool_wait: PoolWaitOption = None,
@@ -82,11 +85,13 @@ def run(
             only=only or (),
             sample=sample,
             map_dir=map_dir,
+            as_v1=as_v1,
             since=since,
             as_json=as_json,
         )
         return
-    run_and_show(file, runs, results, store, workers, only, as_json, pool_of(pool, shards, pool_wait), sample, map_dir)
+    chosen = pool_of(pool, shards, pool_wait)
+    run_and_show(file, runs, results, store, workers, only, as_json, chosen, sample, map_dir, as_v1)
 
 
 def _wrong_since(since: Path, dry_run: bool) -> str | None:
@@ -106,6 +111,7 @@ def run_and_show(
     pool: "WorkPool | None" = None,
     sample: int | None = None,
     map_dir: Path | None = None,
+    as_v1: bool = False,
 ) -> None:
     """Run a campaign as the command line does: with a display, the outcome in words, and an exit code."""
     from vastflow.tasks.store import is_address
@@ -125,6 +131,7 @@ def run_and_show(
             from vastflow.producers.faults import CampaignError
             from vastflow.tasks.server import PrefectUnavailable
             from vastflow.tasks.store import StoreError
+            from vastflow.tasks.surroundings import SurroundingsError
 
             try:
                 found = run_campaign(
@@ -136,15 +143,16 @@ def run_and_show(
                     only=only,
                     sample=sample,
                     map_dir=map_dir,
+                    as_v1=as_v1,
                     observer=display,
                     pool=pool,
                 )
-            except (CampaignError, StoreError, ResultsError, WorkPoolError) as error:
+            except (CampaignError, StoreError, ResultsError, SurroundingsError, WorkPoolError) as error:
                 display.close(str(error))
                 raise typer.Exit(BAD_INPUT) from None
             except (PrefectUnavailable, WorkersFailed) as error:
                 display.close(f"{error}; {going_on}")
-                raise typer.Exit(OUR_FAULT) from None
+                raise typer.Exit(FAULT) from None
     for note in found.notes:
         print(note, file=sys.stderr)
     if as_json:
@@ -152,7 +160,7 @@ def run_and_show(
     else:
         _show(found)
     if found.faults:
-        raise typer.Exit(OUR_FAULT)
+        raise typer.Exit(FAULT)
 
 
 def pool_of(name: str | None, shards: int | None, wait_s: float | None) -> "WorkPool | None":
@@ -172,8 +180,17 @@ def pool_of(name: str | None, shards: int | None, wait_s: float | None) -> "Work
 def unwritable(results: Path) -> str | None:
     """Why no folder can be made in `results`, found before hours are spent; None where one can."""
     place = results.absolute()
-    while not place.exists():
-        place = place.parent
+    try:
+        while not place.exists():
+            if place.is_symlink():
+                return f"{results}: {place} is a link that leads nowhere; name a folder, or one that can be made"
+            if place.name == "..":
+                return f"{results}: {place.parent} is not there; name a folder, or one that can be made"
+            place = place.parent
+        if any(len(os.fsencode(part)) > os.pathconf(place, "PC_NAME_MAX") for part in results.parts):
+            raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
+    except OSError as error:
+        return f"{results}: {error.strerror}; name a folder, or one that can be made"
     if not place.is_dir():
         return f"{results}: {place} is not a folder; name a folder, or one that can be made"
     if not os.access(place, os.W_OK | os.X_OK):

@@ -7,6 +7,7 @@ from typing import Annotated, Final
 import typer
 
 from vastflow.flows.results.at_hand import meant_address
+from vastflow.flows.terminal.reading import reading
 
 PLACE_HELP: Final = (
     "A campaign directory, as `vastflow run` names it: a folder, or an address such as s3://bucket/NAME."
@@ -38,13 +39,14 @@ def _show(directory: Path, place: str) -> None:
     from vastflow.oracles.directory.tables import read_tables
     from vastflow.oracles.evidence.evidence import evidence_of
 
-    try:
+    with reading(place):
         tables = read_tables(directory)
-    except (OSError, ValueError, KeyError) as error:  # pyarrow's and json's errors are ValueErrors
-        print(f"{place}: damaged campaign directory: {error}", file=sys.stderr)
-        raise typer.Exit(2) from None
-    print(f"{tables.metadata['name']}, {tables.metadata['created']}\n")
-    printed(details(tables, evidence_of(tables)))
+        title, shown = (
+            f"{tables.metadata['name']}, {tables.metadata['created']}\n",
+            details(tables, evidence_of(tables)),
+        )
+        print(title)
+        printed(shown)
     print(f"\n{report_line(directory, place)}")
 
 

@@ -69,21 +69,27 @@ def verify(
 
     Exit code 1 if something damaged is left.
     """
+    from vastflow.tasks.store import EARLIER
+
     with _usable("interrupted; nothing more is discarded"):
         opened = _opened(place)
         holdings = [holding for holding in opened.holdings() if holding.whole]
-        faults = _faults(opened, [holding.key for holding in holdings])
+        found = _faults(opened, [holding.key for holding in holdings])
+        faults = {key: fault for key, fault in found.items() if fault != EARLIER}
         if repair:
             opened.remove(list(faults))
+    earlier = len(found) - len(faults)
     if as_json:
         size = sum(holding.size_bytes for holding in holdings)
-        found = {"artifacts": len(holdings), "bytes": size, "damaged": faults, "repaired": repair}
-        print(json.dumps({"store": opened.place, **found}))
+        said = {"artifacts": len(holdings), "bytes": size, "damaged": faults, "repaired": repair, "earlier": earlier}
+        print(json.dumps({"store": opened.place, **said}))
     else:
         for key, fault in faults.items():
             print(f"{key}: {fault}")
         discarded = "; discarded, to be computed again" if repair and faults else ""
         print(f"{_number(len(holdings), 'artifact')} read, {len(faults)} damaged{discarded}")
+        if earlier:
+            print(f"{earlier:,} of an earlier version, which are never used; `vastflow store gc` deletes them")
     if faults and not repair:
         raise typer.Exit(DAMAGED)
 

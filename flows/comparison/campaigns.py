@@ -1,6 +1,7 @@
 """A comparison of two campaign directories."""
 
 import difflib
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -45,8 +46,14 @@ class Compared:
 
     @property
     def holds(self) -> bool:
-        """Whether a loss of the margin or more is ruled out."""
-        return self.whole.non_inferior(self.margin)
+        """Whether a loss of the margin or more is ruled out, which it is not where runs can no longer be judged."""
+        return self.whole.non_inferior(self.margin) and not self.new_faults
+
+    @property
+    def new_faults(self) -> int:
+        """Faults of the later campaign in configurations of which the earlier one has none."""
+        before, after = (_faulty(tables) for tables in (self.before, self.after))
+        return sum(after[match.after] for match in self.pairing.matches if not before[match.before])
 
     def shown(self, *, worse: bool) -> list[Change]:
         """Configurations that are shown to fail newly, or to pass newly."""
@@ -71,6 +78,10 @@ def compared(before: Tables, after: Tables, oracle: str | None = None, margin: f
     each = {name: found for name in pairing.oracles if (found := difference(pairing.pairs(name))) is not None}
     factors, _ = factors_of(_rows(after, [match.after for match in pairing.matches]))
     return Compared(before, after, pairing, oracle, whole, each, changes(pairs), by_level(factors, pairs), margin)
+
+
+def _faulty(tables: Tables) -> Counter[str]:
+    return Counter(fault["configuration"] for fault in tables.metadata.get("faults", []))
 
 
 def _rows(tables: Tables, names: Sequence[str]) -> list[dict[str, Any]]:

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from vastflow.flows.comparison.campaigns import Compared
 from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.evidence.standstills import standstills_of
 from vastflow.oracles.statistics.comparison import Change, Difference
 
 MOST_CHANGES: Final = 12
@@ -28,6 +29,7 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
         yield Text(line, "yellow")
     yield ""
     yield _differences(found)
+    yield from _standstills(found)
     for title, worse in (("newly failing", True), ("newly passing", False)):
         if shown := found.shown(worse=worse):
             yield ""
@@ -77,17 +79,24 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
         "difference": _difference_json(found.whole),
         "oracles": {name: _difference_json(one) for name, one in found.oracles.items()},
         "changes": [_change_json(found, change, drawn) for change in found.changes],
+        "stood_still": {
+            "before": standstills_of(found.before).runs,
+            "after": standstills_of(found.after).runs,
+        },
         "levels": [
             {"factor": one.factor, "level": one.level, **_difference_json(one.difference), "adjusted": one.adjusted}
             for one in found.levels
         ],
-        "gate": {"margin": found.margin, "holds": found.holds},
+        "gate": {"margin": found.margin, "holds": found.holds, "new_faults": found.new_faults},
     }
 
 
 def gate_text(found: Compared) -> str:
     """What the gate says, and why."""
     low, margin = 100 * found.whole.interval[0], 100 * found.margin
+    if found.new_faults:
+        several = "s" if found.new_faults > 1 else ""
+        return f"gate does not hold: {found.new_faults:,} new fault{several} in B, whose runs could not be judged"
     if found.holds:
         return f"gate holds: a loss of {margin:g} points or more is ruled out (lower end of the interval {low:+.2f})"
     return f"gate does not hold: a loss of {margin:g} points is not ruled out (lower end of the interval {low:+.2f})"
@@ -167,6 +176,12 @@ def _differences(found: Compared) -> Table:
             _p(each.mcnemar),
         )
     return table
+
+
+def _standstills(found: Compared) -> Iterator[Text]:
+    for letter, tables in (("A", found.before), ("B", found.after)):
+        if (stood := standstills_of(tables)).runs:
+            yield Text(f"{letter}  {stood.text}", "yellow")
 
 
 def _changes(found: Compared, changes: Sequence[Change]) -> Table:

@@ -35,6 +35,7 @@ _SAID: Final[dict[Phase, str]] = {
     "instantiating": "instantiating",
     "running": "executing, observing and judging what the store does not have",
     "reporting": "writing the report",
+    "postprocessing": "running the steps of postprocessing",
 }
 
 

@@ -24,6 +24,7 @@ from vastflow.tasks.server import (
 )
 from vastflow.tasks.shelf import Member, Shelf
 from vastflow.tasks.store import StoreError
+from vastflow.tasks.surroundings import check_surroundings
 from vastflow.tasks.workshop import Workshop, block_size
 
 if TYPE_CHECKING:
@@ -54,6 +55,9 @@ class Computation:
         prefect_results: Folder for the results of Prefect's tasks.
         log: File for all that would be said on the terminal otherwise.
 
+    Raises:
+        SurroundingsError: this machine lacks something that a computation needs.
+
     Attributes:
         workshop: What the flow's stages work with.
         flow_run_id: Of the flow run that has ended, where an API is configured that outlives it and no other flow run is round it.
@@ -62,11 +66,13 @@ class Computation:
     def __init__(
         self, shelf: Shelf, oracles: bytes, workers: int, tally: Tally, prefect_results: Path, log: Path
     ) -> None:
+        check_surroundings()
         # Where one is configured it costs no processor time beside it; a profile of Prefect's says so only later.
         self._server = None if os.environ.get(CONFIGURED) else ApiServer(log)
         self._pool = Pool(workers, log)
         self._prefect_results = prefect_results
         self._log = log
+        self._tally = tally
         self.flow_run_id: str | None = None
         self.workshop = Workshop(shelf, self._pool, tally, oracles)
 
@@ -128,6 +134,8 @@ class Computation:
             else:
                 self._server = self._server or ApiServer(self._log)
                 stack.enter_context(embedded(self._server.url()))
+                for notice in self._server.notices:
+                    self._tally.notice(notice)
             api = configured or str(prefect_home())
             ledger.end_orphans(api)
             for tries_left in reversed(range(1 if configured else FLOWS)):

@@ -43,6 +43,7 @@ def export(
     folder: Path,
     only: Sequence[str] = (),
     progress: Callable[[int, int], None] = lambda done, of: None,
+    outputs: str = "outputs/",
 ) -> Exported:
     """Lay out the campaign directory `results` in `folder`, which is filled when all is written, and not before.
 
@@ -50,6 +51,7 @@ def export(
         folder: Must not be there, or be empty.
         only: Patterns (`*`, `?`, `[…]`) of names of configurations and families; all of them where there is no pattern.
         progress: Is told how many configurations are done, and of how many.
+        outputs: Where below a run's folder goes what its programs wrote, with `/`; empty: among the other files, as RoboVAST has it.
 
     Raises:
         ExportFault: the folder is in use, a pattern fits nothing, or the campaign directory is damaged.
@@ -73,7 +75,7 @@ def export(
                 continue
             suites.append(Suite(row["name"], [_write_run(place, run) for run in source.runs_of(row)]))
             for run_index, name, content in source.outputs_of(row):
-                _write(place, f"{row['name']}/{run_index}/outputs/{name}", content)
+                _write(place, f"{row['name']}/{run_index}/{outputs}{name}", content)
         (place / REPORT).write_bytes(campaign_report(source.campaign, suites))
     return Exported(folder, len(chosen) - len(suites), suites)
 

@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 
 from vastflow.flows.export.junit import Case, Flaw, Suite, suite_report
+from vastflow.flows.results.found import FAULT
 from vastflow.oracles.trace import signal_name
 from vastflow.oracles.verdict import run_judgement
 from vastflow.sim.blocks import Columns as Recorded
@@ -21,9 +22,6 @@ from vastflow.sim.play import PERIOD_S
 from vastflow.sim.process.resources import Use
 from vastflow.sim.process.tables import Columns
 from vastflow.sim.runlog import RunLog
-
-OUR_FAULT: Final = "our own fault"
-"""What the reason of a missing verdict begins with."""
 
 BRIEFLY: Final = ("simulated_time_s", "wall_time_s", "outcome")
 """Properties that a case keeps in a report of many."""
@@ -81,6 +79,8 @@ def files_of(run: ExportedRun, case: Case) -> Iterator[tuple[str, bytes]]:
     yield "test.xml", suite_report(Suite(run.configuration, [case]))
     if run.recorded:
         yield "recording.csv", recording_csv(run.recorded)
+        if all(f"{begin}{name}" in run.recorded for begin in FRAMES.values() for name in _POSE):
+            yield "poses.csv", poses_csv(run.recorded)
     if run.behaviors:
         yield "behaviors.csv", _csv(_BEHAVIOR_COLUMNS, _behavior_rows(run.behaviors))
         yield "behaviors.jsonl", _behavior_lines(run)
@@ -95,6 +95,27 @@ def recording_csv(recorded: Recorded) -> bytes:
     """The columns of a recording in SI units, one row a sample."""
     columns = {signal_name(name): _si(name, column) for name, column in recorded.items()}
     return table_csv(pa.table(columns))
+
+
+FRAMES: Final = {"base_link": "estimated_", "turtlebot4_base_link_gt": ""}
+"""Frame, as RoboVAST's recordings call it, to how the columns of its pose begin: where the robot believes to be, and where it is."""
+
+
+def poses_csv(recorded: Recorded) -> bytes:
+    """The robot's poses on the map, a row for each frame and sample: s, m, rad."""
+    pose = ("position.x", "position.y", "position.z", "orientation.roll", "orientation.pitch", "orientation.yaw")
+    rows = [
+        (frame, t_s, x_m, y_m, 0.0, 0.0, 0.0, yaw_rad)
+        for frame, begin in FRAMES.items()
+        for t_s, x_m, y_m, yaw_rad in zip(
+            *(_si(name, recorded[name]).tolist() for name in ("t_ms", *(f"{begin}{each}" for each in _POSE))),
+            strict=True,
+        )
+    ]
+    return _csv(("frame", "timestamp", *pose), sorted(rows, key=lambda row: row[1]))
+
+
+_POSE: Final = ("x_mm", "y_mm", "yaw_mrad")
 
 
 def table_csv(table: pa.Table) -> bytes:
@@ -119,7 +140,7 @@ def _properties(run: ExportedRun) -> Iterator[tuple[str, str]]:
         yield "cpu_time_s", str(round(run.log.cpu_s, 6))
         yield "max_rss_bytes", str(run.log.max_rss_bytes)
         yield "host", str(run.host["host"]["name"])
-    for name in ("outcome", "reason", "seed", "distance_m", "recoveries", "missed_goals", "contacts"):
+    for name in ("outcome", "reason", "seed", "distance_m", "recoveries", "missed_goals", "contacts", "stood_still"):
         if row.get(name) not in (None, ""):
             yield name, str(row[name])
     for verdict in run.verdicts:
@@ -139,8 +160,8 @@ def _flaw(run: ExportedRun) -> Flaw | None:
     text = "\n".join([*map(_told, run.verdicts), *_ended_as(run)])
     if judgement == "fail":
         return Flaw("failure", message, text)
-    if not against or any(verdict["reason"].startswith(OUR_FAULT) for verdict in against):
-        return Flaw("error", message or f"{OUR_FAULT}: there is no verdict", text)
+    if not against or any(verdict["reason"].startswith(FAULT) for verdict in against):
+        return Flaw("error", message or f"{FAULT}: there is no verdict", text)
     return Flaw("skipped", f"not judged by {message}", text)
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow.parquet as pq
-import yaml
 
 from vastflow.flows.export.run import ExportedRun, table_csv
 from vastflow.flows.results.kept_logs import KeptLogs
@@ -17,9 +16,11 @@ from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import read_tables
 from vastflow.sim.abstract import BUILTIN
 from vastflow.sim.blocks import read_block
+from vastflow.sim.files import yaml_value
+from vastflow.sim.goals import GOAL_KEY, GOALS_KEY
 from vastflow.sim.pose import pose_of
 from vastflow.sim.runlog import run_log_of
-from vastflow.sim.script import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.sim.script import START_KEY
 
 _NO_NAME: Final = "scenario"
 
@@ -44,7 +45,7 @@ class ExportSource:
         with self._reading():
             tables = read_tables(directory)
             self.campaign = str(tables.metadata["name"])
-            campaign_file = next(yaml.safe_load_all(tables.campaign), None) or {}
+            campaign_file = yaml_value(tables.campaign) or {}
             self._scenario_file = Path(campaign_file.get("execution", {}).get("scenario_file") or "").name
             self.configurations = tables.configurations.rows()
             self._rows = {(row["configuration"], row["run_index"]): row for row in tables.runs.to_pylist()}
@@ -172,7 +173,7 @@ class ExportSource:
         except ExportFault:
             raise
         # pyarrow's and json's errors are ValueErrors
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, yaml.YAMLError) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
             what = " ".join(f"{type(error).__name__}: {error}".split())
             raise ExportFault(f"{self._directory}: damaged campaign directory: {what}") from None
 

@@ -99,6 +99,7 @@ def dry_run(
     only: Sequence[str] = (),
     sample: int | None = None,
     map_dir: Path | None = None,
+    as_v1: bool = False,
     since: Path | None = None,
 ) -> DryRun:
     """Find out what a run of the campaign at `file` would do with the same arguments.
@@ -113,7 +114,7 @@ def dry_run(
         NoPast: `since` is no campaign directory.
         StoreError: the store can't be used.
     """
-    campaign, oracles = read_campaign(file, map_dir)
+    campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1)
     if campaign.unexecutable:
         raise CampaignError(campaign.unexecutable)
     name = campaign_name(campaign)
@@ -128,8 +129,10 @@ def dry_run(
             overlay, ProducerReasons(past, origins, campaign.families, today["producers"]), Path(environments)
         )
         found = _instantiated(Instantiator(campaign, overlay, keys, tree), evaluator)
-    instantiation = narrowed(found.instantiation, Selection(only, sample, campaign.seed), campaign.path)
-    members = members_of(instantiation, runs or campaign.runs)
+    chosen = narrowed(found, Selection(only, sample, campaign.seed), campaign.document.file)
+    instantiation = chosen.instantiation
+    wanted = campaign.runs_asked(runs, sample)
+    members = members_of(instantiation, wanted)
     shelf = Shelf(overlay, keys)
     stopping = stopping_of(campaign.sequential) if runs is None else None
     if stopping is not None:
@@ -141,13 +144,13 @@ def dry_run(
         _count(member, shelved[member.name], reasons, reused, due)
     return DryRun(
         name,
-        runs or campaign.runs,
+        wanted,
         past,
         instantiation.configurations,
         reused,
         due,
         shelved,
-        found.faults,
+        chosen.faults,
         keys,
         instantiation.sampled_from,
         stopping is not None,

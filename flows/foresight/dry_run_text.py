@@ -85,7 +85,7 @@ def dry_run_json(found: DryRun, file: Path) -> dict[str, Any]:
             }
             for why in whys(found.due)
         ],
-        "faults": [f"{fault.producer} of {fault.family}: {fault.error}" for fault in found.faults],
+        "faults": [str(fault) for fault in found.faults],
     }
 
 
@@ -131,7 +131,7 @@ def dry_run_text(found: DryRun) -> Iterator[RenderableType]:
     if any(due.reason.kind == "follows" for due in found.due):
         yield Text("what is computed anew is observed and judged; a run that comes out as before keeps both", "dim")
     for fault in found.faults:
-        yield Text(f"{fault.producer} of {fault.family} raises: {fault.error}", "red")
+        yield Text(str(fault), "red")
 
 
 def _sentence(why: Why) -> str:

@@ -141,7 +141,10 @@ def _today(past: Past, name: str, store: str | None) -> tuple[DryRun | None, str
     asked = asked_of(past.metadata)
     try:
         with replica(past.directory, asked) as file:
-            return dry_run(file, runs=asked.fixed_runs, store=store, only=[name], since=past.directory), ""
+            found = dry_run(
+                file, runs=asked.fixed_runs, store=store, only=[name], as_v1=asked.as_v1, since=past.directory
+            )
+            return found, ""
     except NotReplicable as error:
         return None, str(error)
     except CampaignError as error:

@@ -181,9 +181,7 @@ class RunReasons:
             return changed
         if (row["name"], run) in past.recorded:
             return _lost(past)
-        return Reason(
-            "broke", "not recorded in the campaign before", "its metadata.json says which fault of ours it was"
-        )
+        return Reason("broke", "not recorded in the campaign before", "its metadata.json says which fault it was")
 
     def _pair(self, past: Past) -> None:
         """Find out of which configuration, no longer there, each one came that is new: of the most like it."""

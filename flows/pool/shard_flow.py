@@ -91,7 +91,7 @@ def _computed(kept: Store, parcel: Parcel, workers: int) -> State[Any]:
 def _in_words(faults: Sequence[MemberFault]) -> str:
     if not faults:
         return ""
-    return f"; {len(faults)} faults of ours, the first of {faults[0].member} in {faults[0].stage}: {faults[0].error}"
+    return f"; {len(faults)} faults, the first of {faults[0].member} in {faults[0].stage}: {faults[0].error}"
 
 
 def _opened(place: str) -> Store:

@@ -19,6 +19,7 @@ class Asked:
         places: File from outside of the campaign file's folder, relative to that, to its place below `inputs/`.
         sample: How many distinct configurations, drawn from those; None for all.
         map_dir: Folder of maps that were not beside the file; the maps themselves are among the inputs, beside it.
+        as_v1: Whether every obstacle was placed as version 1 of RoboVAST does, whatever the file says.
         sequential: Whether they end by the file's rule.
     """
 
@@ -28,6 +29,7 @@ class Asked:
     places: Mapping[str, str] = field(default_factory=dict)
     sample: int | None = None
     map_dir: str | None = None
+    as_v1: bool = False
     sequential: bool = False
 
     @property
@@ -58,5 +60,6 @@ def asked_of(metadata: Mapping[str, Any]) -> Asked:
         said["places"],
         said.get("sample"),
         said.get("map_dir"),
+        bool(said.get("as_v1")),
         bool(metadata.get(SEQUENTIAL)),
     )

@@ -1,6 +1,8 @@
 """The campaign file as the flows need it: read and checked, its oracles too."""
 
+import os
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,28 +10,46 @@ from pydantic import ValidationError
 
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, oracle_requests
-from vastflow.producers.faults import CampaignError, Fault
+from vastflow.producers.faults import CampaignError, Fault, Note
 from vastflow.producers.vast.document import Document, read_document
 from vastflow.producers.vast.spec import EvaluationSpec
+from vastflow.sim.frozen.loading import snapshot_behind
+from vastflow.tasks.evaluation import producers_in
 
 
-def read_campaign(path: Path, map_dir: Path | None = None) -> tuple[Campaign, tuple[Oracle[Any], ...]]:
+def read_campaign(
+    path: Path, map_dir: Path | None = None, *, as_v1: bool = False
+) -> tuple[Campaign, tuple[Oracle[Any], ...]]:
     """The campaign at `path` and the oracles that judge it, `success` first.
 
     Args:
         map_dir: Folder of maps that are not beside the file.
+        as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
 
     Raises:
         CampaignError: every fault of the file.
     """
     try:
-        campaign = load_campaign(path, map_dir)
+        campaign = load_campaign(path, map_dir, as_v1=as_v1)
     except CampaignError as error:
         raise CampaignError([*error.faults, *_faults_beside(path)]) from None
     if faults := list(_faults(campaign.oracles, campaign.document, campaign.path.parent)):
         raise CampaignError(faults)
     requests = [(request.name, request.parameters) for request in campaign.oracles]
-    return campaign, oracles_of(requests, campaign.path.parent)
+    oracles = oracles_of(requests, campaign.path.parent)
+    return replace(campaign, notes=(*campaign.notes, *_hidden(campaign, oracles))), oracles
+
+
+def _hidden(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Note]:
+    """What plug-ins use that is in no key."""
+    chain = [producer for family in campaign.families for producer in family.producers]
+    producers = [each for producer in chain for each in (producer, *producers_in(producer.parameters))]
+    snapshots = [snapshot_behind(kind) for kind in dict.fromkeys(map(type, [*producers, *oracles]))]
+    base = campaign.path.parent
+    for hidden in dict.fromkeys(each for snapshot in snapshots if snapshot is not None for each in snapshot.hidden):
+        file = base / os.path.relpath(hidden.file, base)
+        what = f"{hidden.what} is in no key: an edit of it goes unnoticed"
+        yield Note("warning", str(file), hidden.line, 1, hidden.name, what, "a parameter is noticed")
 
 
 def _faults_beside(path: Path) -> list[Fault]:
@@ -39,7 +59,7 @@ def _faults_beside(path: Path) -> list[Fault]:
         evaluation = EvaluationSpec.model_validate(document.data.get("evaluation") or {})
     except (CampaignError, ValidationError):  # said already
         return []
-    return list(_faults(oracle_requests(evaluation), document, path.parent))
+    return list(_faults(oracle_requests(evaluation), document, path.resolve().parent))
 
 
 def _faults(requests: Iterable[OracleRequest], document: Document, base: Path) -> Iterator[Fault]:

@@ -16,6 +16,7 @@ def campaign_keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -
     Args:
         seed: `execution.seed`.
     """
+    sources = tree.files()  # before they are read: what is edited in between is found out, too
     judge_source = [tree.digest(*JUDGE_SOURCE), *(tree.plug_in_digest(type(oracle)) for oracle in oracles)]
     return Keys(
         numeric=numeric_class(),
@@ -24,6 +25,7 @@ def campaign_keys(tree: SourceTree, seed: int, oracles: Sequence[Oracle[Any]]) -
         judge_source=digest(judge_source),
         seed=seed,
         oracles=[[oracle.name, content_of(oracle.parameters)] for oracle in oracles],
+        sources=sources,
     )
 
 

@@ -1,13 +1,12 @@
 """A campaign's members: what of an instantiation is executed."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TypeAlias
 
 from vastflow.flows.request.selection import Selection, sampled
 from vastflow.producers.faults import CampaignError, Fault, did_you_mean
 from vastflow.producers.instantiate import Instantiation
-from vastflow.tasks.instantiation import UnknownName, selected
+from vastflow.tasks.instantiation import Instantiated, UnknownName, selected
 from vastflow.tasks.shelf import Member
 
 Runs: TypeAlias = int | Mapping[str, int]
@@ -19,21 +18,29 @@ def runs_of(runs: Runs, name: str) -> int:
     return runs if isinstance(runs, int) else runs[name]
 
 
-def narrowed(instantiation: Instantiation, selection: Selection, file: Path) -> Instantiation:
+def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Instantiated:
     """What remains with the families and configurations that are selected by name, and then with the sample of these.
 
+    Faults remain that may concern one of these.
+
     Args:
-        file: The campaign file, for the message.
+        file: The campaign file as the user named it, for the message.
 
     Raises:
-        CampaignError: nothing is called so.
+        CampaignError: nothing is called so, or nothing of what is called so could be made.
     """
-    try:
-        found = selected(instantiation, selection.only) if selection.only else instantiation
-    except UnknownName as error:
-        fault = Fault(str(file), 1, 1, "only", str(error), did_you_mean(error.name, error.known))
-        raise CampaignError([fault]) from None
-    return found if selection.sample is None else sampled(found, selection.sample, selection.seed)
+    found, faults = instantiated.instantiation, instantiated.faults
+    if selection.only:
+        try:
+            found = selected(found, selection.only)
+        except UnknownName as error:
+            why = next((str(fault) for fault in faults if fault.concerns(error.name)), None)
+            right = "a family that can be made" if why else did_you_mean(error.name, error.known)
+            raise CampaignError([Fault(file, 1, 1, "only", why or str(error), right)]) from None
+        faults = tuple(fault for fault in faults if any(map(fault.concerns, selection.only)))
+    if selection.sample is not None:
+        found = sampled(found, selection.sample, selection.seed)
+    return Instantiated(found, faults)
 
 
 def members_of(instantiation: Instantiation, runs: int) -> list[Member]:

@@ -30,19 +30,29 @@ class OpenCampaign:
         return self.campaign.path
 
     @property
+    def file(self) -> str:
+        """The campaign file as it was named, for messages."""
+        return self.campaign.document.file
+
+    @property
     def name(self) -> str:
         """`metadata.name`, else the file's stem."""
         return str(self.campaign.spec.metadata.get("name") or self.path.stem)
 
 
-def open_campaign(path: str | os.PathLike[str], store: str | os.PathLike[str] | None) -> OpenCampaign:
+def open_campaign(
+    path: str | os.PathLike[str], store: str | os.PathLike[str] | None, *, as_v1: bool = False
+) -> OpenCampaign:
     """Read a campaign file and open the store.
+
+    Args:
+        as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
 
     Raises:
         CampaignError: every fault of the file, or why this version can't run it.
         StoreError: the store can't be used.
     """
-    campaign, oracles = read_campaign(Path(path))
+    campaign, oracles = read_campaign(Path(path), as_v1=as_v1)
     if campaign.unexecutable:
         raise CampaignError(campaign.unexecutable)
     return OpenCampaign(campaign, oracles, open_store(store))

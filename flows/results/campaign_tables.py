@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from vastflow.flows.request.members import Runs, runs_of
 from vastflow.flows.results.found import Found, complete
+from vastflow.flows.results.summary import Tally
 from vastflow.flows.results.tables import (
     CONFIGURATIONS,
     EXCLUSIONS,
@@ -53,6 +54,7 @@ class CampaignTables:
         self._runs = runs
         self._oracles = oracles
         self._together: Counter[Judgement] = Counter()
+        self._stood_still = 0
         self._by_oracle: dict[str, Counter[Judgement]] = {oracle: Counter() for oracle in oracles}
         self._open = ExitStack()
         self._run_rows = self._open.enter_context(TableWriter(place / "runs.parquet", RUNS))
@@ -61,14 +63,10 @@ class CampaignTables:
         self._logs = RunLogs(place)
 
     @property
-    def counts(self) -> Counts:
-        """Of runs, by what all oracles together say."""
-        return _counts(self._together)
-
-    @property
-    def by_oracle(self) -> dict[str, Counts]:
-        """Of runs, by what each oracle says."""
-        return {oracle: _counts(counter) for oracle, counter in self._by_oracle.items()}
+    def tally(self) -> Tally:
+        """Of the runs that were added."""
+        by_oracle = {oracle: _counts(counter) for oracle, counter in self._by_oracle.items()}
+        return Tally(_counts(self._together), by_oracle, self._stood_still)
 
     def __enter__(self) -> Self:
         return self
@@ -84,7 +82,9 @@ class CampaignTables:
         runs = runs_of(self._runs, configuration.name)
         rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
         wanted = [rows[index] for index in sorted(rows) if index < runs]
-        self._run_rows.add_columns(run_columns(configuration, wanted))
+        columns = run_columns(configuration, wanted)
+        self._run_rows.add_columns(columns)
+        self._stood_still += sum(cause is not None for cause in columns["stood_still"])
         verdicts = complete(found, runs, self._oracles)
         self._verdict_rows.add_columns(verdict_columns(configuration, verdicts))
         self._count(verdicts)

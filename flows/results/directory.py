@@ -17,6 +17,7 @@ from typing import Final
 
 import psutil
 
+from vastflow.sim.files import read_json
 from vastflow.tasks.store import StoreError
 
 ABANDONED_S: Final = 24 * 3600.0
@@ -24,6 +25,8 @@ WRITER: Final = ".writer.json"
 """In a directory that is being written: which process does it."""
 
 _OF_THE_DISK: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG, errno.EACCES, errno.EPERM)
+_LONGEST_NAME: Final = 150
+"""Characters; file systems have room for 255 bytes, of which time, number and the mark of a half written folder take some."""
 _PARTIAL: Final = ".{}.partial"
 _OURS: Final = re.compile(r"\..+-\d{4}-\d\d-\d\d-\d{6}(-\d+)?\.partial")
 
@@ -56,9 +59,7 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
         ResultsError: the disk is full or broken, or may not be written.
     """
     with _written_to(root):
-        root.mkdir(parents=True, exist_ok=True)
-        sweep(root)
-        directory = _reserved(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
+        directory = _begun(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
         try:
             yield directory
             (directory.partial / WRITER).unlink(missing_ok=True)
@@ -78,15 +79,29 @@ def _written_to(root: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno not in _OF_THE_DISK:
             raise
-        raise ResultsError(
-            f"results: can't write to {str(root)!r} ({os.strerror(error.errno)}); make room there or give another folder "
-            f"with --results; what was computed is in the store"
-        ) from None
+        raise _unwritable(root, error) from None
+
+
+def _unwritable(root: Path, error: OSError) -> ResultsError:
+    return ResultsError(
+        f"results: can't write to {str(root)!r} ({error.strerror}); make room there or give another folder "
+        f"with --results; what was computed is in the store"
+    )
+
+
+def _begun(root: Path, name: str) -> NewDirectory:
+    """A new directory in `root`, which is made; whatever keeps it from being made is about the place."""
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        sweep(root)
+        return _reserved(root, name)
+    except OSError as error:
+        raise _unwritable(root, error) from None
 
 
 def directory_name(name: str) -> str:
-    """`name` as a folder is called: `_` and everything that is trouble in a file name become `-`."""
-    return re.sub(r"[^A-Za-z0-9.-]+", "-", name).strip("-.") or "campaign"
+    """`name` as a folder is called: `_` and everything that is trouble in a file name become `-`, and a long one is cut."""
+    return re.sub(r"[^A-Za-z0-9.-]+", "-", name)[:_LONGEST_NAME].strip("-.") or "campaign"
 
 
 def sweep(root: Path) -> None:
@@ -113,7 +128,7 @@ def writer_of(partial: Path) -> int | None:
     On a file system that hosts share, the process of another host counts as gone.
     """
     try:
-        writer = json.loads((partial / WRITER).read_text(encoding="utf-8"))
+        writer = read_json(partial / WRITER)
         alive = writer["host"] == platform.node() and _began_s(writer["pid"]) == writer["began_s"]
         return int(writer["pid"]) if alive else None
     except (OSError, ValueError, KeyError, TypeError):

@@ -49,7 +49,7 @@ def write_map(directory: Path, occupancy: OccupancyMap) -> None:
         "image": "map.pgm",
         "mode": "trinary" if trinary else "raw",
         "resolution": float(occupancy.resolution_m),
-        "origin": [*(float(metres) for metres in occupancy.origin_xy_m), 0.0],
+        "origin": [*(float(metres) for metres in occupancy.origin_xy_m), float(occupancy.yaw_rad)],
         "negate": 0,
         "occupied_thresh": 0.65,
         "free_thresh": 0.196,  # just below the grey of unknown cells, which Nav2's 0.25 would read as free

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Final, Protocol
 
 from vastflow.oracles.trace import levelled
 from vastflow.oracles.verdict import Verdict, read_verdicts
@@ -12,16 +12,21 @@ from vastflow.tasks.shelf import Shelved
 from vastflow.tasks.store import Store
 from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
 
+FAULT: Final = "fault"
+"""What the reason of a verdict that is missing begins with."""
+
 
 @dataclass(frozen=True, slots=True)
 class RunFault:
-    """Something of ours that broke: the run is not judged, and never counted as a failure of the robot.
+    """Something that broke: the run is not judged, and never counted as a failure of the robot.
+
+    Either its scenario can't work, such as one whose program can't be started, or an error is ours.
 
     Attributes:
         configuration: Its name; empty where the fault concerns the whole campaign.
         run_index: None for all runs of the configuration.
         stage: `execute`, `observe`, `judge` or `report`.
-        error: What was raised, in one line.
+        error: Why, in one line.
     """
 
     configuration: str
@@ -152,5 +157,5 @@ def complete(result: Found, runs: int, oracles: Sequence[str]) -> list[Verdict]:
 def _reason(faults: Sequence[RunFault], run: int) -> str:
     for fault in faults:
         if fault.run_index in (None, run):
-            return f"our own fault in {fault.stage}: {fault.error}"
-    return "our own fault: there is no verdict"
+            return f"{FAULT} in {fault.stage}: {fault.error}"
+    return f"{FAULT}: there is no verdict"

@@ -1,19 +1,21 @@
 """The files a campaign was asked for with, kept as they were when it was read."""
 
-import inspect
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel
 
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
+from vastflow.producers.postprocessing import steps_of
 from vastflow.sim.digest import FileContent, digest
+from vastflow.sim.files import read_text, yaml_value
+from vastflow.sim.frozen.loading import snapshot_behind
+from vastflow.sim.frozen.snapshot import Snapshot
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.sim.osc.reading import files_of
@@ -27,7 +29,7 @@ class Inputs:
     Attributes:
         campaign: The campaign file.
         files: Place below `inputs/` to content: maps with their pictures, Nav2 parameter files, the scenario file and
-            what it imports, floor plans and their variations, run files, plug-ins.
+            what it imports, floor plans and their variations, run files, plug-ins with all that they use.
         maps: Digest to map.
         places: File from elsewhere, relative to the campaign file's folder, to its place below `inputs/`. A map of the
             user's folder of maps is kept as if it lay beside the campaign file, for there it is looked for first.
@@ -72,10 +74,23 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     for _, run_file in campaign.programs.files if campaign.programs else ():
         _keep(files, places, base, Path(run_file.path))
     for plug_in in (*producers, *oracles):
-        if type(plug_in).__module__.startswith(("vastflow_plugin_", "vastflow_oracle_")):
-            _keep(files, places, base, Path(inspect.getfile(type(plug_in))))
+        if (snapshot := snapshot_behind(type(plug_in))) is not None:
+            _keep_snapshot(files, places, base, snapshot)
+    for step in steps_of(campaign.spec.results_processing.postprocessing):
+        for step_file in step.files(base):
+            _keep(files, places, base, step_file)
     maps = {key: load_map(file) for key, file in map_files.items()}
     return Inputs(campaign.path.read_bytes(), files, maps, places)
+
+
+def _keep_snapshot(files: dict[str, bytes], places: dict[str, str], base: Path, snapshot: Snapshot) -> None:
+    """Keep a plug-in with all that it uses, as they were when it was loaded."""
+    for place in snapshot.files:
+        path, home = snapshot.origin / place, Path(os.path.abspath(base))
+        name = path.relative_to(home) if path.is_relative_to(home) else Path(snapshot.digest[:12], place)
+        files[name.as_posix()] = snapshot.read(place)
+        if not path.is_relative_to(home):
+            places[Path(os.path.relpath(path, home)).as_posix()] = name.as_posix()
 
 
 def _plan_files(parameters: BaseModel) -> Iterator[str]:
@@ -90,7 +105,7 @@ def _plan_files(parameters: BaseModel) -> Iterator[str]:
 
 
 def _picture(map_file: Path) -> str:
-    return str(yaml.load(map_file.read_bytes(), Loader=yaml.CSafeLoader)["image"])
+    return str(yaml_value(read_text(map_file))["image"])
 
 
 def _keep(

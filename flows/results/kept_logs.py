@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE
+from vastflow.sim.files import read_json
 
 
 class KeptLogs:
@@ -21,7 +22,7 @@ class KeptLogs:
         """The log of each of a configuration's runs, in order, with the block's host and versions; empty without any."""
         own = self._directory / "logs" / f"{configuration}.json"
         if own.is_file():
-            rows: list[dict[str, Any]] = json.loads(own.read_bytes())
+            rows: list[dict[str, Any]] = read_json(own)
             return rows
         found: dict[int, dict[str, Any]] = {}
         for line in self._lines.get(configuration, ()):

@@ -8,8 +8,10 @@ from typing import Any, Final
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE
 from vastflow.flows.results.directory import WRITER
+from vastflow.flows.results.summary import Tally
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.work_section import with_work
+from vastflow.tasks.source_files import SourceFiles
 from vastflow.tasks.store import Lost, Store, StoreError
 
 LOGGER: Final = logging.getLogger("vastflow.results")
@@ -30,13 +32,10 @@ class Restored:
     """What a kept report says of its campaign, and what it could not give back.
 
     Attributes:
-        counts: Of runs, by what all oracles together say.
-        by_oracle: Of runs, by what each oracle says.
         logs: Whether the run logs came with it.
     """
 
-    counts: Counts
-    by_oracle: Mapping[str, Counts]
+    tally: Tally
     logs: bool
 
 
@@ -46,10 +45,12 @@ class KeptReport:
 
     Attributes:
         key: See `vastflow.flows.results.report_key.report_key`.
+        sources: The source files of which its source digest is.
     """
 
     store: Store
     key: str
+    sources: SourceFiles | None = None
 
     def restore(self, place: Path) -> Restored | None:
         """Write everything into a campaign directory, the facts of an earlier call in the report; None if it is not kept."""
@@ -67,21 +68,23 @@ class KeptReport:
         if logs is not None:
             (place / LOGS_FILE).parent.mkdir(exist_ok=True)
             (place / LOGS_FILE).write_bytes(logs)
-        counts, by_oracle = artifact.info["counts"], artifact.info["by_oracle"]
-        return Restored(Counts(**counts), {name: Counts(**each) for name, each in by_oracle.items()}, logs is not None)
+        said = artifact.info
+        by_oracle = {name: Counts(**each) for name, each in said["by_oracle"].items()}
+        return Restored(Tally(Counts(**said["counts"]), by_oracle, said["stood_still"]), logs is not None)
 
-    def keep(self, place: Path, counts: Counts, by_oracle: Mapping[str, Counts]) -> None:
+    def keep(self, place: Path, tally: Tally) -> None:
         """Keep what was written into a campaign directory. A store that does not take it costs the next call time, no more."""
         files = sorted(file for entry in place.iterdir() if entry.name not in _OTHERS for file in _files(entry))
         places = {file.relative_to(place).as_posix().replace("/", "-"): file for file in files}
         info: dict[str, Any] = {
             "places": {name: file.relative_to(place).as_posix() for name, file in places.items()},
-            "counts": asdict(counts),
-            "by_oracle": {name: asdict(each) for name, each in by_oracle.items()},
+            **asdict(tally),
         }
         logs = place / LOGS_FILE
         sidecar = {_RUN_LOGS: logs.read_bytes()} if logs.is_file() else {}
         try:
+            if self.sources is not None:
+                self.sources.check_since_start()
             self.store.put(self.key, {name: file.read_bytes() for name, file in places.items()}, info, sidecar)
         except StoreError as error:
             LOGGER.warning("the report is not kept for the next time: %s", error)

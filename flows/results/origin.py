@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from vastflow.tasks.keys import Keys
 
-_CLASS_PARTS: Final = ("architecture", "C library", "processor features", "variables")
+_CLASS_PARTS: Final = ("architecture", "C library", "processor features", "variables", "Python")
 """Of `vastflow.tasks.keys.numeric_class`, in its order."""
 
 
@@ -71,6 +71,8 @@ def _other_versions(metadata: Mapping[str, Any]) -> Iterator[str]:
 def other_parts(recorded: str, here: str) -> Iterator[str]:
     """Of two numeric classes, each part that differs."""
     then, now = recorded.split("; "), here.split("; ")
+    if len(then) == len(_CLASS_PARTS) - 1:  # before it had Python's minor version
+        then.append("not recorded")
     if len(then) != len(_CLASS_PARTS) or len(now) != len(_CLASS_PARTS):  # as another version writes it
         yield f"{recorded!r}, here {here!r}"
         return

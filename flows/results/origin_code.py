@@ -6,6 +6,7 @@ from typing import Any, Final
 from vastflow.flows.results.tables import plain
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.family import Family
+from vastflow.sim.digest import digest
 from vastflow.tasks.evaluation import content_of
 from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
 from vastflow.tasks.source import PLUG_IN, Code, SourceTree
@@ -28,7 +29,8 @@ def code_row(tree: SourceTree, families: Sequence[Family], oracles: Sequence[Ora
     producers = [producer for family in families for producer in family.producers]
     codes = [tree.code(*entries) for entries in ENTRIES.values()]
     codes += [tree.plug_in_code(kind) for kind in dict.fromkeys(map(type, [*producers, *oracles]))]
-    modules = {name: digest for code in codes for name, digest in _short(code.modules).items() if name != PLUG_IN}
+    modules = {name: digest for code in codes for name, digest in _short(code.modules).items()}
+    data = {name: digest for code in codes for name, digest in _short(code.data).items()}
     return {
         "oracles": [_plug_in_row(tree, oracle, oracle.name) for oracle in oracles],
         "producers": {
@@ -37,20 +39,27 @@ def code_row(tree: SourceTree, families: Sequence[Family], oracles: Sequence[Ora
         },
         "code": {
             "libraries": dict(sorted((name, version) for code in codes for name, version in code.libraries.items())),
-            "data": dict(sorted((name, digest) for code in codes for name, digest in _short(code.data).items())),
-            "modules": dict(sorted(modules.items())),
+            "data": dict(sorted(_not_plug_ins(data).items())),
+            "modules": dict(sorted(_not_plug_ins(modules).items())),
         },
     }
 
 
 def _plug_in_row(tree: SourceTree, plug_in: Any, name: str) -> dict[str, Any]:
-    own = tree.plug_in_code(type(plug_in)).modules.get(PLUG_IN)
+    code = tree.plug_in_code(type(plug_in))
+    everything = {**code.modules, **code.data}
+    own = [[part, everything[part]] for part in everything if part not in _not_plug_ins(everything)]
     return {
         "name": name,
         "parameters": plain(content_of(plug_in.parameters)),
         "source": tree.plug_in_digest(type(plug_in)),
-        "file": own and own[:_DIGITS],
+        "file": digest(own)[:_DIGITS] if own else None,
     }
+
+
+def _not_plug_ins(found: Mapping[str, str]) -> dict[str, str]:
+    """Without what lies beside a campaign: each plug-in's row has a digest of that."""
+    return {name: digest for name, digest in found.items() if name.partition("/")[0] != PLUG_IN}
 
 
 def _short(digests: Mapping[str, str]) -> dict[str, str]:
@@ -82,7 +91,7 @@ def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _differing(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    return [name for name, value in now.items() if then.get(name) != value and name != PLUG_IN]
+    return [name for name, value in _not_plug_ins(now).items() if then.get(name) != value]
 
 
 def some(names: Sequence[str]) -> str:

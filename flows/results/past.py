@@ -10,6 +10,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from vastflow.flows.request.asked import asked_of
+from vastflow.sim.files import read_json
 
 PARTS = ("environment", "task", "system")
 
@@ -87,7 +88,7 @@ def past_of(directory: Path) -> Past:
         NoPast: it can't be read.
     """
     try:
-        metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+        metadata = read_json(directory / "metadata.json")
     except (OSError, ValueError) as error:
         raise NoPast(f"{directory}: damaged campaign directory: {error}") from None
     past = Past(directory, metadata)
@@ -114,7 +115,7 @@ def _newest_first(results: Path, name: str, before: str | None) -> Sequence[Path
     found = []
     for file in results.glob("[!.]*/metadata.json"):
         try:
-            metadata = json.loads(file.read_text(encoding="utf-8"))
+            metadata = read_json(file)
             if metadata["name"] == name and (before is None or metadata["created"] < before):
                 found.append((metadata["created"], file.stat().st_mtime_ns, file.parent))
         except (OSError, ValueError, KeyError, TypeError):

@@ -1,6 +1,5 @@
 """References: which artifacts of a store campaign directories were made of."""
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.replica import replica
+from vastflow.sim.files import read_json
 from vastflow.tasks.instantiation import Instantiator
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree, installed_tree
@@ -59,7 +59,7 @@ def references(store: Store, directories: Iterable[Path]) -> References:
 
 def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
     try:
-        metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+        metadata = read_json(directory / "metadata.json")
         keys = recorded_keys(metadata)
         column = pq.ParquetFile(directory / "configurations.parquet").read(columns=["scenario_digest"])
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -88,8 +88,9 @@ def _evaluations(
     """Keys of the evaluations that its producers would be asked for; None if its campaign can't be read here."""
     looked_for = _LookedFor(store)
     try:
-        with replica(directory, asked_of(metadata)) as file:
-            Instantiator(read_campaign(file)[0], looked_for, keys, tree).stored()
+        asked = asked_of(metadata)
+        with replica(directory, asked) as file:
+            Instantiator(read_campaign(file, as_v1=asked.as_v1)[0], looked_for, keys, tree).stored()
     except StoreError:
         raise
     except Exception:  # noqa: BLE001 - inputs that are others now, or a plug-in that raises anything

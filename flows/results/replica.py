@@ -32,7 +32,7 @@ def replica(directory: Path, asked: Asked) -> Iterator[Path]:
             raise NotReplicable(f"{directory}: its inputs can't be read: {error}") from None
         kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
         try:
-            found = inputs_of(*read_campaign(file))
+            found = inputs_of(*read_campaign(file, as_v1=asked.as_v1))
         except CampaignError as error:
             words = str(error).replace(str(file), str(directory / "campaign.vast")).replace(folder, "")
             raise NotReplicable(f"{directory}: its inputs can't be read any more: {words}") from None

@@ -25,9 +25,8 @@ from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.kept_report import KeptReport, renew_work
 from vastflow.flows.results.member_files import written
 from vastflow.flows.results.origin import origin_row
-from vastflow.flows.results.summary import Summary, Work
+from vastflow.flows.results.summary import Summary, Tally, Work
 from vastflow.oracles.directory.executed import NAMED_FILES
-from vastflow.oracles.evidence.rates import Counts
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
@@ -44,7 +43,7 @@ class Results:
     """A campaign directory that has been written.
 
     Attributes:
-        faults: What of ours broke; without any, every run was judged as far as the oracles could.
+        faults: What broke; without any, every run was judged as far as the oracles could.
         notes: What a user should know of the campaign's files, line by line as `terminal_lines` has it; `metadata.json`
             has all.
     """
@@ -117,12 +116,12 @@ def write_results(
                 for configuration, result in files:
                     tables.add(configuration, result)
                     all_faults += result.faults
-            counts, by_oracle = tables.counts, tables.by_oracle
+            tally = tables.tally
         else:
-            counts, by_oracle = restored.counts, restored.by_oracle
+            tally = restored.tally
             _write_logs(place, files, restored.logs and not work().executed)
 
-        summary = summary_of(instantiation, counts, by_oracle, runs, work(), directory.final)
+        summary = summary_of(instantiation, tally, runs, work(), directory.final)
         _write_outcome(place, metadata, summary, all_faults)
         before_report(place)
         if restored is not None:
@@ -134,21 +133,17 @@ def write_results(
                 LOGGER.exception("the report could not be made")
                 all_faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))
             if where is not None and not all_faults:
-                where.keep(place, counts, by_oracle)
+                where.keep(place, tally)
         done = work()
         summary = replace(summary, cpu_s=done.cpu_s, wall_s=done.wall_s)
         _write_outcome(place, metadata, summary, all_faults)
     return Results(directory.final, summary, tuple(all_faults), tuple(terminal_lines(campaign.notes)))
 
 
-def summary_of(
-    instantiation: Instantiation, counts: Counts, by_oracle: Mapping[str, Counts], runs: Runs, work: Work, results: Path
-) -> Summary:
+def summary_of(instantiation: Instantiation, tally: Tally, runs: Runs, work: Work, results: Path) -> Summary:
     """A campaign in numbers.
 
     Args:
-        counts: Of runs, by what all oracles together say.
-        by_oracle: Of runs, by what each oracle says.
         runs: Of each configuration.
     """
     distinct = [c.name for c in instantiation.configurations if c.duplicate_of is None]
@@ -158,12 +153,13 @@ def summary_of(
         excluded=len(instantiation.excluded),
         duplicates=len(instantiation.configurations) - len(distinct),
         runs=sum(runs_of(runs, name) for name in distinct),
-        **asdict(counts),
+        **asdict(tally.counts),
         **asdict(work),
         results=str(results),
-        oracles=by_oracle,
+        oracles=tally.by_oracle,
         excluded_by=_excluded_by(instantiation),
         sampled_from=instantiation.sampled_from,
+        stood_still=tally.stood_still,
     )
 
 

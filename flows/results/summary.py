@@ -27,6 +27,21 @@ class Work:
 
 
 @dataclass(frozen=True, slots=True)
+class Tally:
+    """What the runs of a campaign come to.
+
+    Attributes:
+        counts: Of runs, by what all oracles together say.
+        by_oracle: Of runs, by what each oracle says.
+        stood_still: Failed runs whose robot was sent and never moved.
+    """
+
+    counts: Counts
+    by_oracle: Mapping[str, Counts]
+    stood_still: int
+
+
+@dataclass(frozen=True, slots=True)
 class Summary:
     """A campaign in numbers.
 
@@ -34,13 +49,14 @@ class Summary:
         configurations: Distinct configurations; duplicates are counted apart.
         rejected: Instances that could not be built.
         duplicates: Configurations with the content of an earlier one, run once in its stead.
-        runs: Runs asked for: executed, reused, or broken by our own fault.
+        runs: Runs asked for: executed, reused, or broken by a fault.
         executed, reused, simulated_s, cpu_s, wall_s: See `Work`.
         passed, failed, not_judged: Runs. A run passes when every oracle passes and fails when one fails.
         results: The campaign directory.
         oracles: Name of an oracle to its judgements; the mission's own outcome is `success`.
         excluded: Instances that constraints exclude.
         excluded_by: Family to how many instances each constraint excludes.
+        stood_still: See `Tally`.
         sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
     """
 
@@ -61,6 +77,7 @@ class Summary:
     excluded: int = 0
     excluded_by: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     sampled_from: int | None = None
+    stood_still: int = 0
 
     def as_json(self) -> dict[str, object]:
         """Plain values, seconds rounded to milliseconds."""

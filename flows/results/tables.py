@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from vastflow.oracles.verdict import Verdict, metrics_text
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.standstill import STOOD_STILL
 
 Row = Mapping[str, Any]
 Columns = Mapping[str, Sequence[Any]]
@@ -56,6 +57,7 @@ RUNS: Final = pa.schema(
         "recoveries": pa.int32(),
         "missed_goals": pa.int32(),
         "contacts": pa.int32(),
+        "stood_still": pa.string(),
     }
 )
 VERDICTS: Final = pa.schema(
@@ -134,10 +136,15 @@ def run_columns(configuration: Configuration, runs: Sequence[Row]) -> Columns:
         "family": [configuration.family] * len(runs),
         **dict(zip(_COPIED, copied, strict=True)),
         "contacts": [sum(event["kind"] == "contact" for event in run["events"]) for run in runs],
+        "stood_still": [
+            next((event["what"] for event in run["events"] if event["kind"] == STOOD_STILL), None) for run in runs
+        ],
     }
 
 
-_COPIED: Final = tuple(name for name in RUNS.names if name not in ("configuration", "family", "contacts"))
+_COPIED: Final = tuple(
+    name for name in RUNS.names if name not in ("configuration", "family", "contacts", "stood_still")
+)
 _COPIED_OF: Final = itemgetter(*_COPIED)
 
 

@@ -17,7 +17,7 @@ from vastflow.flows.stages.traces import ObservedBlock, Traces
 from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.faults import CampaignError, Fault
-from vastflow.tasks.instantiation import Instantiator
+from vastflow.tasks.instantiation import Instantiated, Instantiator
 from vastflow.tasks.progress import Observer, Tally
 from vastflow.tasks.shelf import Block, Member, Shelf, missing
 from vastflow.tasks.source import installed_tree
@@ -33,6 +33,7 @@ def instantiate(
     *,
     store: str | os.PathLike[str] | None = None,
     workers: int | None = None,
+    as_v1: bool = False,
 ) -> Configurations:
     """Make the configurations of a campaign; nothing is executed.
 
@@ -43,13 +44,14 @@ def instantiate(
         path: The campaign file.
         store: As `run_campaign` has it; the stages after this one use the same.
         workers: Worker processes, else one a core.
+        as_v1: As `run_campaign` has it.
 
     Raises:
         CampaignError: faults of the file.
         StoreError: the store can't be used.
         PrefectUnavailable: Prefect's API can't be started.
     """
-    opened = open_campaign(path, store)
+    opened = open_campaign(path, store, as_v1=as_v1)
     with stage_call(opened, "instantiate", opened.oracles, workers) as call:
         tree = installed_tree()
         keys = campaign_keys(tree, opened.campaign.seed, opened.oracles)
@@ -67,7 +69,7 @@ def execute(
 ) -> Recordings:
     """Execute runs of configurations; those whose recordings are in the store are not executed again.
 
-    A run that can't be executed because of a fault of ours is in `faults` of the result, and raises nothing.
+    A run that can't be executed is in `faults` of the result, and raises nothing.
 
     Args:
         runs: Of each configuration, instead of the file's. Where these end by a rule it is their most, for nothing is judged here.
@@ -84,8 +86,9 @@ def execute(
         raise ValueError(f"runs is at least 1, got {runs}")
     opened = configurations.opened
     selection = Selection((only,) if isinstance(only, str) else tuple(only or ()))
-    chosen = replace(configurations, instantiation=narrowed(configurations.instantiation, selection, opened.path))
-    wanted = runs or opened.campaign.runs
+    narrow = narrowed(Instantiated(configurations.instantiation), selection, opened.file)
+    chosen = replace(configurations, instantiation=narrow.instantiation)
+    wanted = opened.campaign.runs_asked(runs)
     members = members_of(chosen.instantiation, wanted)
     with stage_call(opened, "execute", opened.oracles, workers, observer) as call:
         keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
@@ -121,7 +124,7 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
     members = members_of(recordings.configurations.instantiation, recordings.runs)
     with stage_call(opened, "observe", opened.oracles, workers, observer) as call:
         fresh = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
-        keys = replace(recordings.keys, observe_source=fresh.observe_source)
+        keys = replace(recordings.keys, observe_source=fresh.observe_source, sources=fresh.sources)
         shelf = Shelf(opened.store, keys)
         call.tally.expect({member.name: member.runs for member in members})
 
@@ -168,7 +171,7 @@ def judge(
     members = members_of(traces.configurations.instantiation, traces.recordings.runs)
     with stage_call(opened, "judge", asked, workers, observer) as call:
         fresh = campaign_keys(installed_tree(), opened.campaign.seed, asked)
-        keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles)
+        keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles, sources=fresh.sources)
         shelf = Shelf(opened.store, keys)
         call.tally.expect({member.name: member.runs for member in members})
 
@@ -227,7 +230,7 @@ def _asked(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracl
             except OracleError as error:
                 for fault in error.faults:
                     where = ".".join(map(str, (f"oracles[{place}]", *fault.location)))
-                    faults.append(Fault(str(opened.path), 1, 1, where, fault.what, fault.right))
+                    faults.append(Fault(opened.file, 1, 1, where, fault.what, fault.right))
     if faults:
         raise CampaignError(faults)
     return oracles_of(requests, base)

@@ -85,10 +85,7 @@ class StageCall:
             raise StoreError(
                 f"store: {self.opened.store.place!r} loses what is written to it; is the disk full or broken?"
             )
-        faults = (
-            RunFault("", None, "instantiate", f"{fault.producer} of {fault.family}: {fault.error}")
-            for fault in found[-1].faults
-        )
+        faults = (RunFault("", None, "instantiate", str(fault)) for fault in found[-1].faults)
         return found[-1].instantiation, tuple(faults)
 
     def completed(

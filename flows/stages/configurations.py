@@ -97,5 +97,5 @@ def number(n: int, what: str) -> str:
 
 
 def faults_text(faults: Sequence[RunFault]) -> str:
-    """Such as `, 2 faults of ours`; empty without any."""
-    return f", {number(len(faults), 'fault')} of ours" if faults else ""
+    """Such as `, 2 faults`; empty without any."""
+    return f", {number(len(faults), 'fault')}" if faults else ""

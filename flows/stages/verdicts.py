@@ -65,7 +65,7 @@ class Verdicts:
     def of(self, name: str) -> list[Verdict]:
         """A verdict for each run that was asked for and each oracle: run by run, oracles in their order.
 
-        What a fault of ours kept from being judged is `not judged`, with the fault as its reason.
+        What a fault kept from being judged is `not judged`, with the fault as its reason.
 
         Raises:
             UnknownConfiguration: there is none of this name.

@@ -29,6 +29,7 @@ _PHASES: Final[Mapping[str, str]] = {
     "instantiating": "instantiating configurations",
     "running": "running",
     "reporting": "writing tables, figures and the report",
+    "postprocessing": "running the steps of postprocessing",
 }
 _SPINNER: Final = "⠋⠙⠹⠸⠼⠴⠦⠧⠇⠏"
 

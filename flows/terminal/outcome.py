@@ -11,6 +11,7 @@ from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.rates import LEVEL, Counts
+from vastflow.oracles.evidence.standstills import standstills_of
 
 
 def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator[RenderableType]:
@@ -31,6 +32,8 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
         )
     if len(tables.oracles) > 1:
         yield Text("  ".join(f"{name} {_share(evidence[name].campaign.counts)}" for name in tables.oracles), "dim")
+    if (stood := standstills_of(tables)).runs:
+        yield Text(stood.text, "yellow")
     if sampled_from := tables.metadata.get("counts", {}).get("sampled_from"):
         drawn = tables.metadata["counts"]["configurations"]
         yield Text(f"a sample of {drawn:,} of {sampled_from:,} distinct configurations")
@@ -106,7 +109,8 @@ def _faults(tables: Tables) -> Iterator[RenderableType]:
     faults = tables.metadata.get("faults", [])
     for fault in faults[:3]:
         run = "" if fault["run_index"] is None else f" run {fault['run_index']}"
-        yield Text(f"our own fault: {fault['configuration']}{run}, {fault['stage']}: {fault['error']}", "red")
+        of = f"{fault['configuration']}{run}, " if fault["configuration"] else ""
+        yield Text(f"fault: {of}{fault['stage']}: {fault['error']}", "red")
     if len(faults) > 3:
         yield Text(f"and {len(faults) - 3} more, see metadata.json", "red")
 

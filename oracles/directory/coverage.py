@@ -1,10 +1,11 @@
 """Coverage as `coverage.json` has it, in rows: for the report and for the terminal."""
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
+
+from vastflow.sim.files import read_json
 
 Coverage = Mapping[str, Any]
 """What `vastflow.producers.coverage.coverage_of` gives."""
@@ -57,7 +58,7 @@ def read_coverage(directory: Path) -> Coverage:
         OSError: there is none.
         ValueError: it is damaged.
     """
-    found = json.loads((directory / FILE).read_text(encoding="utf-8"))
+    found = read_json(directory / FILE)
     try:
         for lines in (excluded, unrealisable, dimensions, pairs):
             tuple(lines(found))

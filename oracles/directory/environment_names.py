@@ -1,11 +1,11 @@
 """Names of a campaign directory's maps, for people; a map is known by its digest alone otherwise."""
 
-import json
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
+from vastflow.sim.files import read_json
 from vastflow.sim.maps import map_content
 
 
@@ -32,6 +32,6 @@ def _named_files(inputs: Path) -> Iterable[tuple[str, str]]:
 def _plan(environment: Path) -> str | None:
     """Name of the plan's file, as the provenance beside a producer's map has it."""
     with suppress(ValueError, OSError, KeyError, TypeError):
-        said = json.loads((environment / "provenance.json").read_text(encoding="utf-8"))
+        said = read_json(environment / "provenance.json")
         return Path(str(said["file"])).stem
     return None

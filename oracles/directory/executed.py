@@ -1,6 +1,5 @@
 """Executed scenarios: those of a campaign directory, with the files that it keeps of them."""
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -10,6 +9,7 @@ from typing import Any, Final
 
 from vastflow.sim.abstract import content_of
 from vastflow.sim.digest import FileContent, file_digest
+from vastflow.sim.files import read_json
 from vastflow.sim.maps import map_content
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.process.setup import setup_of
@@ -53,7 +53,7 @@ class KeptFiles:
             file for folder in (self.inputs, self._environments) for file in sorted(folder.rglob("*")) if file.is_file()
         ]
         named = self._environments / NAMED_FILES
-        places = json.loads(named.read_bytes()) if named.is_file() else {}
+        places = read_json(named) if named.is_file() else {}
         return {
             **{digest: self._environments / place for digest, place in places.items()},
             **{digest: file for file in files for digest in _digests(file)},
@@ -72,7 +72,7 @@ def executed_scenario(
         ValueError: a file that the directory does not keep.
     """
     content = _value(content, files)
-    programs = setup_of(content["programs"], files.inputs) if "programs" in content else None
+    programs = setup_of(content["programs"]) if "programs" in content else None
     parts = content["environment"], content["task"], content["system"], programs
     return Scenario(_value(abstract, files), timeout_s, *parts)
 

@@ -1,6 +1,5 @@
 """The tables of a campaign directory, as evidence and report read them."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,6 +12,7 @@ from vastflow.oracles.directory.column import read_columns
 from vastflow.oracles.directory.configuration_table import ConfigurationTable
 from vastflow.oracles.directory.verdict_table import VerdictTable, verdict_table
 from vastflow.oracles.statistics.factors import blocks_of
+from vastflow.sim.files import read_json, read_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ def read_tables(directory: Path) -> Tables:
     return Tables(
         directory=directory,
         metadata=_metadata(directory / "metadata.json"),
-        campaign=(directory / "campaign.vast").read_text(encoding="utf-8"),
+        campaign=read_text(directory / "campaign.vast"),
         configurations=configurations,
         rejections=read_columns(directory / "rejections.parquet").to_pylist(),
         runs=read_columns(directory / "runs.parquet", "configuration", "family", "outcome", "reason"),
@@ -78,7 +78,7 @@ def read_tables(directory: Path) -> Tables:
 
 
 def _metadata(file: Path) -> Mapping[str, Any]:
-    found = json.loads(file.read_text(encoding="utf-8"))
+    found = read_json(file)
     if (
         not isinstance(found, dict)
         or not {"name", "created"} <= found.keys()

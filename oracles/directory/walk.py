@@ -48,7 +48,7 @@ class Walks:
 def read_walks(directory: Path, configuration: str) -> Walks | None:
     """The walks of a configuration of the campaign directory `directory`; None where nothing was recorded."""
     file = directory / "recordings" / f"{configuration}.parquet"
-    if not file.is_file():  # every run of it was broken by a fault of ours
+    if not file.is_file():  # every run of it was broken
         return None
     index, columns = read_columns(file, ("x_mm", "y_mm"))
     if not len(index):

@@ -9,11 +9,12 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 from PIL import Image
 
 from vastflow.oracles.figures.palette import GOAL_COLOUR, INK, LINE, OBSTACLE_COLOUR, OBSTACLE_EDGE, SOFT_INK
-from vastflow.oracles.figures.scene import known_extent_m
+from vastflow.oracles.figures.scene import known_cells, known_extent_m
 from vastflow.sim.maps import FREE, UNKNOWN, OccupancyMap
 from vastflow.sim.obstacle import Obstacle
 
@@ -48,8 +49,11 @@ def map_figure(
 
 def draw_floor(axes: Axes, occupancy: OccupancyMap) -> None:
     """Draw the map, and show what is known of it."""
-    extent = known_extent_m(occupancy, 0.0)
-    axes.imshow(_picture(occupancy, extent), origin="lower", extent=extent, aspect="auto")
+    extent = known_extent_m(occupancy.upright, 0.0)
+    image = axes.imshow(_picture(occupancy), origin="lower", extent=extent, aspect="auto")
+    if occupancy.yaw_rad != 0.0:
+        turn = Affine2D().rotate_around(*occupancy.origin_xy_m, occupancy.yaw_rad)
+        image.set_transform(turn + axes.transData)
     x0, x1, y0, y1 = known_extent_m(occupancy, _MARGIN_M)
     axes.set_xlim(x0, x1)
     axes.set_ylim(y0, y1)
@@ -101,11 +105,9 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
                   labelcolor=INK, handletextpad=0.5, columnspacing=1.6, borderpad=0.2)  # fmt: skip
 
 
-def _picture(occupancy: OccupancyMap, extent: tuple[float, float, float, float]) -> NDArray[np.uint8]:
-    """The part of the map in `extent`, with about as many pixels as a figure has at most."""
-    left, bottom = occupancy.origin_xy_m
-    column, end_column = (round((x - left) / occupancy.resolution_m) for x in extent[:2])
-    row, end_row = (round((y - bottom) / occupancy.resolution_m) for y in extent[2:])
+def _picture(occupancy: OccupancyMap) -> NDArray[np.uint8]:
+    """What is known of the map, with about as many pixels as a figure has at most."""
+    row, end_row, column, end_column = known_cells(occupancy)
     cells = occupancy.cells[row:end_row, column:end_column]
     picture = np.empty((*cells.shape, 3), dtype=np.uint8)
     picture[:] = _WALL  # everything a robot can't be sure to drive on, but for unknown cells

@@ -80,18 +80,19 @@ def situation_at(tables: Tables, configuration: int, files: KeptFiles) -> Situat
 
 def known_extent_m(occupancy: OccupancyMap, margin_m: float) -> tuple[float, float, float, float]:
     """x0, x1, y0, y1 of what is known of the map, with a margin."""
+    row, end_row, column, end_column = known_cells(occupancy)
+    corners = occupancy.corners_of(np.array([(r, c) for r in (row, end_row) for c in (column, end_column)]))
+    (x0, y0), (x1, y1) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    return x0 - margin_m, x1 + margin_m, y0 - margin_m, y1 + margin_m
+
+
+def known_cells(occupancy: OccupancyMap) -> tuple[int, int, int, int]:
+    """First row and the one behind the last, first column and the one behind the last, of what is known of the map."""
     known = occupancy.cells >= 0
     rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if not rows.size:
-        rows, columns = np.array([0, known.shape[0] - 1]), np.array([0, known.shape[1] - 1])
-    x, y = occupancy.origin_xy_m
-    resolution_m = occupancy.resolution_m
-    return (
-        float(x + columns[0] * resolution_m - margin_m),
-        float(x + (columns[-1] + 1) * resolution_m + margin_m),
-        float(y + rows[0] * resolution_m - margin_m),
-        float(y + (rows[-1] + 1) * resolution_m + margin_m),
-    )
+        return 0, known.shape[0], 0, known.shape[1]
+    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
 def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> Scene:

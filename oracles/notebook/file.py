@@ -1,11 +1,14 @@
 """Notebook files: the code cells of a Jupyter notebook, as far as a judgement follows from them."""
 
 import ast
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
+
+from pydantic import BaseModel, ValidationError
+
+from vastflow.sim.files import Unreadable, read_json
 
 SKIPPED: Final = "skip-execution"
 """Tag of cells that are for looking alone; nbclient leaves them out, too."""
@@ -24,6 +27,23 @@ class NotebookError(ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return NotebookError, (self.what, self.right)
+
+
+class _Metadata(BaseModel):
+    tags: list[str] = []
+
+
+class _Cell(BaseModel):
+    cell_type: str
+    source: str | list[str]
+    metadata: _Metadata = _Metadata()
+
+
+class _Notebook(BaseModel):
+    """What is asked of a notebook's file."""
+
+    nbformat: Literal[4]
+    cells: list[_Cell]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +66,13 @@ def read_cells(file: Path) -> tuple[Cell, ...]:
         try:
             compile(cell.code, file.name, "exec")
         except SyntaxError as error:
-            text = cell.code.splitlines()[error.lineno - 1].strip() if error.lineno else ""
-            where = f"{file.name}: cell {cell.number}, line {error.lineno}"
+            lines, number = cell.code.splitlines(), error.lineno or 0
+            text = lines[number - 1].strip() if 0 < number <= len(lines) else error.msg
+            where = f"{file.name}: cell {cell.number}" + (f", line {number}" if number else "")
             right = f"Python alone; what is IPython's belongs into a cell tagged {SKIPPED!r}"
             raise NotebookError(f"{where}: found {text!r}", right) from None
+        except (ValueError, RecursionError, MemoryError) as error:  # a NUL, half a character; too deep for Python
+            raise NotebookError(f"{file.name}: cell {cell.number}: {error}", "a cell of Python") from None
     return cells
 
 
@@ -80,7 +103,7 @@ def literals(cell: Cell, file: Path, only: str | None = None) -> Mapping[str, An
             if name is None or value is None:
                 raise ValueError
             found[name] = ast.literal_eval(value)
-        except ValueError:
+        except (ValueError, TypeError, RecursionError, MemoryError):  # TypeError: a list as a key
             where = f"{file.name}: cell {cell.number}, line {statement.lineno}"
             raise NotebookError(f"{where}: found {ast.unparse(statement)!r}", "name = literal") from None
     return found
@@ -98,15 +121,16 @@ def _assigned(statement: ast.stmt) -> tuple[str | None, ast.expr | None]:
 
 def _cells(file: Path) -> Iterator[Cell]:
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-        cells = document["cells"] if document["nbformat"] == 4 else None
-    except (ValueError, KeyError, TypeError) as error:
+        notebook = _Notebook.model_validate(read_json(file, "a notebook"))
+    except Unreadable as error:
+        raise NotebookError(error.what, error.right) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the whole"
         raise NotebookError(
-            f"{file.name}: it can't be read: {type(error).__name__}: {error}", "a notebook of format 4"
+            f"{file.name}: {where}: found {str(first['input'])[:60]}", "a notebook of format 4"
         ) from None
-    if cells is None:
-        raise NotebookError(f"{file.name}: found nbformat {document['nbformat']}", "a notebook of format 4")
-    for number, cell in enumerate(cells, 1):
-        tags = cell.get("metadata", {}).get("tags", ())
-        if cell["cell_type"] == "code" and SKIPPED not in tags:
-            yield Cell(number, "".join(cell["source"]), PARAMETERS in tags)
+    for number, cell in enumerate(notebook.cells, 1):
+        tags = cell.metadata.tags
+        if cell.cell_type == "code" and SKIPPED not in tags:
+            yield Cell(number, "".join(cell.source), PARAMETERS in tags)

@@ -3,11 +3,9 @@
 import contextlib
 import io
 import math
-import sys
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any, ClassVar, Final, get_args
 
 from pydantic import create_model
@@ -18,8 +16,11 @@ from vastflow.oracles.oracle import Oracle, Parameters
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Judgement, Verdict
+from vastflow.sim.frozen.loading import empty_module, frozen_builtins
+from vastflow.sim.frozen.snapshot import Snapshot
 
 __all__ = ["NotebookError", "NotebookOracle", "notebook_oracle"]
+from vastflow.sim.plug_in import plug_in_code
 
 METRICS: Final = "metrics"
 VERDICTS: Final = "verdicts"
@@ -39,7 +40,7 @@ class NotebookOracle(Oracle[Parameters]):
     """
 
     cells: ClassVar[Sequence[Cell]]
-    file: ClassVar[Path]
+    snapshot: ClassVar[Snapshot]
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
         return self.judge_all([trace], situation)[0]
@@ -61,13 +62,19 @@ class NotebookOracle(Oracle[Parameters]):
     def _executed(self, tables: RunTables) -> dict[str, Any]:
         namespace: dict[str, Any] = {
             "__name__": "__notebook__",
+            "__builtins__": frozen_builtins(self.snapshot),
             "traces": tables.traces,
             "runs": tables.runs,
             "situation": tables.situation,
         }
+        with contextlib.chdir(self.snapshot.file.parent):  # as Jupyter does: a notebook names files relative to its own
+            self._run(namespace)
+        return namespace
+
+    def _run(self, namespace: dict[str, Any]) -> None:
         for cell in self.cells:
             try:
-                with contextlib.redirect_stdout(io.StringIO()):
+                with contextlib.redirect_stdout(io.StringIO()), plug_in_code():
                     exec(compile(cell.code, f"{self.name} cell {cell.number}", "exec"), namespace)  # noqa: S102 - as a plug-in is
             except Exception as error:
                 line = next(
@@ -84,7 +91,6 @@ class NotebookOracle(Oracle[Parameters]):
                 ) from error
             if cell.has_parameters:
                 namespace.update(self.parameters.model_dump())
-        return namespace
 
     def _checked(self, row: Mapping[str, Any], said: Mapping[int, Any], traces: Sequence[Trace]) -> int:
         indices = [trace.run.run_index for trace in traces]
@@ -112,31 +118,31 @@ class NotebookOracle(Oracle[Parameters]):
         return self._verdict(trace, row["judgement"], reason, values)
 
 
-def notebook_oracle(file: Path, module_name: str) -> type[NotebookOracle]:
-    """The oracle that a notebook is, as a class of a module called `module_name`.
+def notebook_oracle(snapshot: Snapshot) -> type[NotebookOracle]:
+    """The oracle that a notebook is, as a class of a module of its own.
 
     Raises:
         NotebookError: it can't be read, or has something in it that is not Python.
     """
-    if module_name not in sys.modules:
+    module = empty_module(snapshot)
+    if "Notebook" not in module.__dict__:
+        file = snapshot.file
         cells = read_cells(file)
         metrics = _metrics(cells, file)
         found = [literals(cell, file) for cell in cells if cell.has_parameters]
         defaults = {name: value for each in found for name, value in each.items()}
         fields: dict[str, Any] = {name: (_type_of(value), value) for name, value in defaults.items()}
-        parameters = create_model("NotebookParameters", __base__=Parameters, __module__=module_name, **fields)
+        name = module.__name__
+        parameters = create_model("NotebookParameters", __base__=Parameters, __module__=name, **fields)
         content = {
             "Parameters": parameters,
             "metrics": metrics,
             "cells": cells,
-            "file": file,
-            "__module__": module_name,
+            "snapshot": snapshot,
+            "__module__": name,
         }
-        module = ModuleType(module_name)
-        module.__file__ = str(file)
         module.__dict__["Notebook"] = type("Notebook", (NotebookOracle,), {**content, "__doc__": None})
-        sys.modules[module_name] = module
-    oracle: type[NotebookOracle] = sys.modules[module_name].__dict__["Notebook"]
+    oracle: type[NotebookOracle] = module.__dict__["Notebook"]
     return oracle
 
 

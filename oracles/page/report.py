@@ -1,11 +1,10 @@
 """The report: one HTML file that stands alone, from nothing but a campaign directory."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import yaml
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
@@ -14,6 +13,7 @@ from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import Tables, read_tables
 from vastflow.oracles.evidence.evidence import Evidence, evidence_json, evidence_of, spreads_of
 from vastflow.oracles.evidence.findings import Findings, findings_json, findings_of, shape_of, stopping_rule
+from vastflow.oracles.evidence.standstills import Standstills, standstills_of
 from vastflow.oracles.figures.palette import CLASS_COLOURS
 from vastflow.oracles.figures.picture import plain_style
 from vastflow.oracles.figures.scene import MAX_SCENES, scenes_of
@@ -31,6 +31,7 @@ from vastflow.oracles.page.table import bar, rate_cell, rate_words
 from vastflow.oracles.page.words import chance, number, percent, points, sentence, span
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.statistics.classes import passes_that_show, runs_for_a_claim
+from vastflow.sim.files import Unreadable, yaml_value
 
 _PAGE: Final = Path(__file__).parent
 _MOST_LISTED: Final = 200
@@ -87,7 +88,8 @@ def write_report(directory: Path) -> None:
     names = environment_names(directory, dict.fromkeys(filter(None, tables.configurations.environments)))
     evidence, findings = evidence_of(tables), findings_of(tables, names)
     spreads = spreads_of(tables)
-    said = findings_json(findings)
+    stood = standstills_of(tables)
+    said = {**findings_json(findings), "stood_still": {"runs": stood.runs, **asdict(stood)}}
     (directory / "evidence.json").write_text(evidence_json(tables, evidence, spreads, said), encoding="utf-8")
     scenes = scenes_of(tables)
     gallery = Gallery(
@@ -107,6 +109,7 @@ def write_report(directory: Path) -> None:
         names=names,
         evidence=evidence,
         findings=findings,
+        stood=stood,
         gallery=gallery,
         environments=rows.environment_table(tables, names),
         places=rows.place_table(scenes, names),
@@ -128,6 +131,7 @@ def _html(
     names: Mapping[str, str],
     evidence: Mapping[str | None, Evidence],
     findings: Findings,
+    stood: Standstills,
     **found: Any,
 ) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
@@ -156,6 +160,7 @@ def _html(
         everything=evidence[None],
         families=tables.families,
         findings=findings,
+        stood=stood,
         class_names=list(CLASS_COLOURS),
         shape=shape_of(findings),
         most_runs=most_runs,
@@ -163,10 +168,10 @@ def _html(
         least_runs=0 if rule is not None and rule.decidable else min(runs_for_a_claim().values()),
         totals=rows.totals(tables),
         group=evidence[None].campaign,
-        family_table=rows.family_table(evidence),
+        family_table=rows.family_table(evidence, stood),
         group_rows=rows.group_rows(evidence),
         shown_oracles=rows.shown_oracles(evidence),
-        configurations=rows.configuration_table(tables, evidence, findings, names),
+        configurations=rows.configuration_table(tables, evidence, findings, stood, names),
         failure_kinds=reasons.failure_kinds(tables),
         failures=reasons.failure_table(tables, evidence),
         cases=[
@@ -213,9 +218,9 @@ def _embedded(pictures: Iterable[Picture]) -> set[str]:
 def _about(campaign: str) -> Mapping[str, str]:
     """Title and description of the campaign, empty where its file has none."""
     try:
-        said = next(yaml.safe_load_all(campaign))["metadata"]
+        said = yaml_value(campaign)["metadata"]
         return {key: str(said.get(key) or "") for key in ("title", "description")}
-    except (yaml.YAMLError, StopIteration, KeyError, TypeError, AttributeError):
+    except (Unreadable, KeyError, TypeError, AttributeError):
         return {"title": "", "description": ""}
 
 

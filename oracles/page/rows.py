@@ -14,6 +14,7 @@ from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.directory.verdict_table import FAIL, Reasons
 from vastflow.oracles.evidence.evidence import Evidence, Group, Spread
 from vastflow.oracles.evidence.findings import Findings
+from vastflow.oracles.evidence.standstills import Standstills
 from vastflow.oracles.evidence.varied import named
 from vastflow.oracles.figures.scene import Scene, environment_counts
 from vastflow.oracles.oracle import known_oracles, oracle_class
@@ -57,15 +58,24 @@ def group_rows(evidence: Mapping[str | None, Evidence]) -> list[tuple[str, Mappi
     return [whole, *((name, {oracle: e.families[name] for oracle, e in evidence.items()}) for name in families)]
 
 
-def family_table(evidence: Mapping[str | None, Evidence]) -> DataTable:
-    """Rates of each family, by each oracle."""
+def family_table(evidence: Mapping[str | None, Evidence], stood: Standstills) -> DataTable:
+    """Rates of each family, by each oracle, and how many of its runs stood still where any did."""
     columns = [Column("Family"), Column("Configurations", "number")]
     columns += [Column(oracle or "All oracles", "rate") for oracle in shown_oracles(evidence)]
+    columns += _stood_still(stood)
     rows = [
-        [name, groups[None].configurations, *(rate_cell(groups[oracle].counts) for oracle in shown_oracles(evidence))]
+        [
+            *(name, groups[None].configurations),
+            *(rate_cell(groups[oracle].counts) for oracle in shown_oracles(evidence)),
+            *([stood.of(groups[None].members)] if stood.runs else []),
+        ]
         for name, groups in group_rows(evidence)[1:]
     ]
     return DataTable("families", columns, rows, "evidence.json")
+
+
+def _stood_still(stood: Standstills) -> list[Column]:
+    return [Column("Stood still", "number")] if stood.runs else []
 
 
 def shown_oracles(evidence: Mapping[str | None, Evidence]) -> list[str | None]:
@@ -75,7 +85,11 @@ def shown_oracles(evidence: Mapping[str | None, Evidence]) -> list[str | None]:
 
 
 def configuration_table(
-    tables: Tables, evidence: Mapping[str | None, Evidence], findings: Findings, names: Mapping[str, str]
+    tables: Tables,
+    evidence: Mapping[str | None, Evidence],
+    findings: Findings,
+    stood: Standstills,
+    names: Mapping[str, str],
 ) -> DataTable:
     """A row for each distinct configuration, the worst first.
 
@@ -87,6 +101,7 @@ def configuration_table(
     oracles = shown_oracles(evidence)
     columns = [Column("Configuration"), Column("Family", "choice"), Column("Class", "class")]
     columns += [Column(oracle or "All oracles", "rate") for oracle in oracles]
+    columns += _stood_still(stood)
     columns += [Column(key, "number" if numeric else "text") for key, numeric in varied.items()]
     cells_of = [configuration_cells(evidence[oracle]) for oracle in oracles]
     rows = []
@@ -97,7 +112,8 @@ def configuration_table(
             for key, numeric in varied.items()
         ]
         rates = [by_name[found.names[k]] for by_name in cells_of]
-        rows.append([found.names[k], found.families[k], name, *rates, *cells])
+        still = [stood.of([found.names[k]])] if stood.runs else []
+        rows.append([found.names[k], found.families[k], name, *rates, *still, *cells])
     rows.sort(key=lambda row: row[3][0] - row[3][1])
     return DataTable("configurations", columns, rows, "evidence.json")
 

@@ -10,8 +10,8 @@ from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_counts, weighted_rate
 from vastflow.oracles.paper import published
 from vastflow.oracles.paper.results import PaperResults
-from vastflow.oracles.paper.starts import STUCK_M
 from vastflow.oracles.statistics.classes import TotalFailures, total_failures
+from vastflow.sim.standstill import CAUSES, STANDSTILL_M
 
 CORES: Final = 2
 """For which the time of the whole campaigns is said."""
@@ -35,7 +35,8 @@ def paper_page(results: Sequence[PaperResults]) -> str:
         runs_of_all=[each.requested.distinct * published.RUNS for each in results],
         hours_of_all=[hours(each) for each in results],
         together=_together(results),
-        stuck_m=STUCK_M,
+        standstill_m=STANDSTILL_M,
+        causes=CAUSES,
         executed=sum(each.executed for each in results),
         cpu_s=sum(each.cpu_s for each in results),
         least_runs=min((each.runs for each in results), default=0),

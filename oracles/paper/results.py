@@ -17,6 +17,7 @@ from vastflow.oracles.paper.published import PUBLISHED, Kind, Published
 from vastflow.oracles.paper.starts import Starts, starts_of
 from vastflow.oracles.statistics.factors import blocks_of
 from vastflow.oracles.verdict import Judgement, run_judgement
+from vastflow.sim.files import read_json
 
 BASES: Final = ("update", "step", "metre", "mean", "maximum")
 """Metrics of the oracle `robustness`, each a reading of "summed localization error"."""
@@ -168,12 +169,12 @@ def paper_results(directory: Path) -> PaperResults:
         NotThePapers: it is of another campaign.
         OSError, ValueError, KeyError: it is damaged.
     """
-    metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+    metadata = read_json(directory / "metadata.json")
     kind = _kind(directory, metadata["name"])
     configurations = _rows(
         directory, "configurations", ["name", "duplicate_of", "environment", "factors", "provenance", "scenario"]
     )
-    runs = _rows(directory, "runs", ["configuration", "run_index", "simulated_s", "distance_m"])
+    runs = _rows(directory, "runs", ["configuration", "run_index", "simulated_s", "distance_m", "stood_still"])
     verdicts = _rows(directory, "verdicts", ["configuration", "run_index", "oracle", "judgement", "metrics"])
     counts = metadata["counts"]
     judgements = _judgements(verdicts)
@@ -185,7 +186,7 @@ def paper_results(directory: Path) -> PaperResults:
     return PaperResults(
         kind=kind,
         original_maps=metadata["name"].endswith(ORIGINAL_MAPS),
-        requested=requested_of(json.loads((directory / "coverage.json").read_text(encoding="utf-8"))),
+        requested=requested_of(read_json(directory / "coverage.json")),
         sampled_from=counts.get("sampled_from"),
         runs=metadata["asked"]["runs"],
         counts=by_configuration,

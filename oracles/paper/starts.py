@@ -1,5 +1,6 @@
 """Where the runs of a campaign start: can the robot move at all?"""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +14,10 @@ from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.paper.published import LOCAL_PADDING_M, LOCAL_RADIUS_M
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.maps import OccupancyMap, load_map
-from vastflow.sim.nav.footprint import inscribed_radius_m, padded_outline
+from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
 
 COLLISION_M: Final = inscribed_radius_m(padded_outline(LOCAL_RADIUS_M, LOCAL_PADDING_M))
-"""Distance of the robot's centre from a wall up to which the local costmap has the robot in collision (m)."""
-STUCK_M: Final = 0.1
-"""A run that drives less than this has not moved (m)."""
+"""Distance of the robot's centre from a wall up to which the wall reaches into its padded footprint (m)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +26,12 @@ class Begun:
 
     Attributes:
         counts: What all oracles together say of their runs.
-        stuck: Runs that have not moved.
+        stood_still: Runs whose robot was sent and never moved.
     """
 
     configurations: int
     counts: Counts
-    stuck: int
+    stood_still: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +39,16 @@ class Starts:
     """The configurations of a campaign by where they start.
 
     Attributes:
-        near: Those that start in collision with a wall, as the local costmap sees it.
+        near: Those that start with a wall in their padded footprint.
         free: The others.
-        moved: What all oracles together say of the runs that have moved, wherever they start.
+        moved: What all oracles together say of the runs that did not stand still, wherever they start.
+        causes: Why runs stood still, of `vastflow.sim.standstill.CAUSES`, to how many did.
     """
 
     near: Begun
     free: Begun
     moved: Counts
+    causes: Mapping[str, int]
 
 
 def starts_of(
@@ -61,7 +62,7 @@ def starts_of(
     Args:
         environments: Folder of the campaign directory's maps.
         configurations: `name`, `environment` and the pose `start`, a row each.
-        runs: `configuration`, `run_index` and `distance_m`, a row each.
+        runs: `configuration`, `run_index` and `stood_still`, the cause or None, a row each.
         judgements: Configuration and run index to what all oracles together say.
 
     Raises:
@@ -69,14 +70,17 @@ def starts_of(
     """
     maps = _Maps(environments)
     near = {row["name"]: maps.clearance_m(row["environment"], row["start"]) <= COLLISION_M for row in configurations}
-    stuck = {(row["configuration"], row["run_index"]) for row in runs if row["distance_m"] < STUCK_M}
+    stood_still = {
+        (row["configuration"], row["run_index"]): row["stood_still"] for row in runs if row["stood_still"] is not None
+    }
 
     def begun(beside_a_wall: bool) -> Begun:
         names = {name for name, is_near in near.items() if is_near is beside_a_wall}
         said = counts_of(judgement for (name, _), judgement in judgements.items() if name in names)
-        return Begun(len(names), said, sum(name in names for name, _ in stuck))
+        return Begun(len(names), said, sum(name in names for name, _ in stood_still))
 
-    return Starts(begun(True), begun(False), counts_of(said for key, said in judgements.items() if key not in stuck))
+    moved = counts_of(said for key, said in judgements.items() if key not in stood_still)
+    return Starts(begun(True), begun(False), moved, Counter(stood_still.values()))
 
 
 class _Maps:

@@ -6,6 +6,7 @@ from typing import Final
 from vastflow.sim.recording import Event, Run
 from vastflow.sim.simulation import REASONS
 from vastflow.sim.snapshot import Activity, Moment
+from vastflow.sim.standstill import told
 
 SLOW_S: Final = 3.0
 """The progress checker's clock is worth a word only after this time."""
@@ -63,4 +64,6 @@ def happening(event: Event) -> str | None:
             return f"goal {int(event.what) + 1} {'reached' if event.kind == 'goal_reached' else 'given up'}"
         case "stopped_by_monitor":
             return "stopped by the collision monitor"
+        case "stood_still":
+            return told(event).partition(": ")[2]
     return None

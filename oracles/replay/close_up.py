@@ -51,7 +51,7 @@ def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: Snapshot, way: 
     axes.set(xlim=(box.x0, box.x1), ylim=(box.y0, box.y1), xticks=[], yticks=[], facecolor=_hex(_UNKNOWN))
     axes.spines[:].set(color="#B8BEC6", linewidth=0.8)
     points_per_m = _points_per_m(axes, box)
-    _draw_patch(axes, snapshot.global_costs, ground(occupancy, snapshot.global_costs))
+    draw_patch(axes, snapshot.global_costs, ground(occupancy, snapshot.global_costs))
     if snapshot.local_costs is not None:
         _draw_local(axes, snapshot.local_costs)
     _draw_obstacles(axes, snapshot.obstacles)
@@ -94,7 +94,7 @@ def legend_handles(colour: str) -> list[Any]:
 
 
 def ground(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.uint8]:
-    """The map's walls over an upright patch of costs, as a picture (R, C, 3), row 0 at the lowest y."""
+    """The map's walls over a patch of the global costs, as a picture (R, C, 3), row 0 at the lowest y."""
     costs = patch.costs
     picture = np.empty((*costs.shape, 3), dtype=np.uint8)
     picture[:] = _FREE
@@ -110,7 +110,7 @@ def ground(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.uint8]:
 def _walls(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.bool_]:
     """(R, C), True where a cell of the patch has a wall in it; the patch's cells are the map's, or blocks of them."""
     k = round(patch.resolution_m / occupancy.resolution_m)
-    row, column = occupancy.cell_of(patch.corner.x_m + 1e-6, patch.corner.y_m + 1e-6)
+    row, column = np.rint(occupancy.in_cells(np.array([(patch.corner.x_m, patch.corner.y_m)])))[0].astype(int).tolist()
     rows, columns = patch.costs.shape
     part = occupancy.occupied[row : row + rows * k, column : column + columns * k]
     walls = np.zeros((rows * k, columns * k), dtype=np.bool_)
@@ -125,7 +125,7 @@ def _inflated(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return colours
 
 
-def _draw_patch(axes: Axes, patch: Patch, picture: NDArray[np.uint8]) -> None:
+def draw_patch(axes: Axes, patch: Patch, picture: NDArray[np.uint8]) -> None:
     """A picture of a patch where the patch lies."""
     rows, columns = patch.costs.shape
     if not rows or not columns:
@@ -153,7 +153,7 @@ def _draw_local(axes: Axes, patch: Patch) -> None:
     picture[..., :3] = _BELIEF
     forbidden = (costs == LETHAL) | (costs == INSCRIBED)
     picture[..., 3] = np.select([costs == LETHAL, forbidden], [235, 45], 0)
-    _draw_patch(axes, patch, picture)
+    draw_patch(axes, patch, picture)
     rows, columns = costs.shape
     if forbidden.any() and not forbidden.all():
         x, y = ((np.arange(n) + 0.5) * patch.resolution_m for n in (columns, rows))

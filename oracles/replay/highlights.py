@@ -28,6 +28,7 @@ _RANKS: Final[Mapping[str, int]] = {
     "control_failed": 2,
     "goal_reached": 4,
     "stopped_by_monitor": 4,
+    "stood_still": 1,
 }
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from vastflow.oracles.figures.palette import COLOURS, GOAL_COLOUR, INK
-from vastflow.oracles.replay.close_up import ground, legend_handles
+from vastflow.oracles.replay.close_up import draw_patch, ground, legend_handles
 from vastflow.oracles.replay.story import Story
 from vastflow.sim.snapshot import Snapshot
 
@@ -77,10 +77,7 @@ def draw_overview(axes: Axes, story: Story, snapshot: Snapshot, ticks: Sequence[
         ticks: The places of these are numbered; without any, the robot and what the close-up shows are marked.
     """
     patch = snapshot.overview
-    rows, columns = patch.costs.shape
-    x, y = patch.corner.x_m, patch.corner.y_m
-    extent = (x, x + columns * patch.resolution_m, y, y + rows * patch.resolution_m)
-    axes.imshow(ground(story.occupancy, patch), origin="lower", extent=extent, interpolation="nearest", aspect="auto")
+    draw_patch(axes, patch, ground(story.occupancy, patch))
     known = story.known
     axes.set(xlim=(known.x0, known.x1), ylim=(known.y0, known.y1), xticks=[], yticks=[], autoscale_on=False)
     axes.spines[:].set_visible(False)

@@ -14,6 +14,7 @@ from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.sim.blocks import read_recordings
+from vastflow.sim.files import read_json
 from vastflow.sim.recording import Recording
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.streams import run_entropy
@@ -119,7 +120,7 @@ def _judgement(directory: Path, name: str, run_index: int) -> Judgement:
 
 
 def _metadata(directory: Path) -> Mapping[str, Any]:
-    metadata: dict[str, Any] = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+    metadata: dict[str, Any] = read_json(directory / "metadata.json")
     missing = [key for key in ("name", "created", "vastflow", "versions", "host") if key not in metadata]
     if missing:
         raise NotRecorded(f"{_DAMAGED}: metadata.json has no {', '.join(missing)}")

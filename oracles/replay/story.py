@@ -115,8 +115,9 @@ class Story:
         """What is known of the map, with a margin."""
         known = self.occupancy.cells != UNKNOWN
         rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
-        x0, y0 = self.occupancy.centre_of(int(rows[0]), int(columns[0]))
-        x1, y1 = self.occupancy.centre_of(int(rows[-1]), int(columns[-1]))
+        ends = [(row, column) for row in rows[[0, -1]] for column in columns[[0, -1]]]
+        centres = self.occupancy.centres_of(np.array(ends))
+        (x0, y0), (x1, y1) = centres.min(axis=0).tolist(), centres.max(axis=0).tolist()
         return Box(x0 - _EDGE_M, y0 - _EDGE_M, x1 + _EDGE_M, y1 + _EDGE_M)
 
     @cached_property

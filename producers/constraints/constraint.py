@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from vastflow.producers.configuration import ExcludedInstance, Partial
 from vastflow.producers.constraints.expression import Expression, Name, NotEvaluable, expression_of
@@ -136,6 +136,13 @@ def _inside(name: Name, value: Any, within: Sequence[str | int]) -> Any:
     return value
 
 
-def step_of(constraint: Constraint, producers: Sequence[Producer[Any]]) -> int:
+class Gate(Protocol):
+    """What lets a configuration pass or not: a constraint, the start check."""
+
+    def touched_by(self, producer: Producer[Any]) -> bool:
+        """Whether what it looks at can depend on what a producer writes."""
+
+
+def step_of(constraint: Gate, producers: Sequence[Producer[Any]]) -> int:
     """Index of the producer after which all that a constraint names is written; -1: it is from the beginning."""
     return max((i for i, producer in enumerate(producers) if constraint.touched_by(producer)), default=-1)

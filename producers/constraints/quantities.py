@@ -100,6 +100,8 @@ class Quantities:
     def _distance_m(self, map_file: FileContent) -> tuple[OccupancyMap, NDArray[np.float64]]:
         if map_file.digest not in self._walls:
             occupancy = load_map(map_file.path)
+            if occupancy.digest != map_file.digest:
+                raise NotEvaluable(f"{map_file.path} changed since the campaign was read")
             from scipy import ndimage
 
             cells = ndimage.distance_transform_edt(~occupancy.occupied)

@@ -13,6 +13,7 @@ from vastflow.producers.designs.sample import sampled
 from vastflow.producers.designs.space import Block, Space, TooLarge
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.growth import Family, Grown
+from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.digest import Value
 
 
@@ -27,7 +28,13 @@ class DesignGrowth:
         self._family = family
         self._checker = Checker(family.name)
         self._space = Space(
-            family.name, family.values, family.dimensions, family.producers, family.constraints, self._checker
+            family.name,
+            family.values,
+            family.dimensions,
+            family.producers,
+            family.constraints,
+            self._checker,
+            start_check=StartCheck(family.name, family.overrides) if family.start_check == "footprint" else None,
         )
 
     def inputs(self) -> dict[str, dict[str, Value]]:

@@ -25,6 +25,7 @@ from vastflow.producers.configuration import (
     restricted_digest,
 )
 from vastflow.producers.constraints.constraint import Checker, Constraint
+from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.producer import Producer
 from vastflow.sim.digest import Value
 from vastflow.sim.scenario import Dimension
@@ -80,15 +81,17 @@ class Space:
         constraints: Sequence[Constraint],
         checker: Checker,
         most: int = MOST_COMBINATIONS,
+        start_check: StartCheck | None = None,
     ) -> None:
         self.rejections: list[RejectedInstance] = []
         self.excluded: list[ExcludedInstance] = []
         self._name = family
         self._root = Partial(family, dict(values), dict(dimensions))
         self._factors = [_Factor(producer) for producer in producers]
-        self._touched = [(c, [i for i, p in enumerate(producers) if c.touched_by(p)]) for c in constraints]
+        gates: list[Constraint | StartCheck] = [*constraints, *([] if start_check is None else [start_check])]
+        self._touched = [(gate, [i for i, p in enumerate(producers) if gate.touched_by(p)]) for gate in gates]
         self._checker = checker
-        self._verdicts: list[dict[Levels, bool]] = [{} for _ in constraints]
+        self._verdicts: list[dict[Levels, bool]] = [{} for _ in gates]
         self._most = most
         self._grown = 0
 
@@ -196,13 +199,18 @@ class Space:
         return combinations
 
     def _keeps(self, c: int, factors: tuple[int, ...], levels: Levels) -> bool:
-        """Whether a combination of the factors that constraint `c` depends on keeps it."""
+        """Whether a combination of the factors that gate `c` depends on passes it."""
         verdicts = self._verdicts[c]
         if levels not in verdicts:
-            excluded = self._checker.excluded(self._partial(factors, levels), [self._touched[c][0]])
-            verdicts[levels] = excluded is None
-            if excluded is not None:
-                self.excluded.append(excluded)
+            gate, partial = self._touched[c][0], self._partial(factors, levels)
+            if isinstance(gate, StartCheck):
+                rejected = gate.rejected(partial)
+                verdicts[levels] = rejected is None
+                self.rejections += [] if rejected is None else [rejected]
+            else:
+                excluded = self._checker.excluded(partial, [gate])
+                verdicts[levels] = excluded is None
+                self.excluded += [] if excluded is None else [excluded]
         return verdicts[levels]
 
     def _partial(self, factors: Sequence[int], levels: Levels, upto: int | None = None) -> Partial:

@@ -12,7 +12,7 @@ import shapely
 from vastflow.producers.faults import Fault, Note
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.frames import IDENTITY, Transform, sharp_corner, wall_frame, wall_outlines
-from vastflow.producers.floorplan.outline import edges
+from vastflow.producers.floorplan.outline import SMALLEST_M, clipped, edges
 from vastflow.producers.floorplan.plan import (
     Feature,
     FeatureKind,
@@ -142,8 +142,7 @@ def build(plan: FloorPlan) -> Building:
     """The building of a plan.
 
     Raises:
-        FloorplanError: spaces placed by each other in a circle, a corner too sharp for walls, an opening that is not
-            within its wall.
+        FloorplanError: spaces placed by each other in a circle, a corner too sharp for walls.
     """
     return _Builder(plan).building()
 
@@ -164,7 +163,6 @@ class _Builder:
         self._stop_if_wrong()
         obstacles = tuple(self._obstacles())
         holes = tuple(hole for opening in self._plan.openings if (hole := self._hole(opening, walls)) is not None)
-        self._stop_if_wrong()
         self._note_misses(holes, walls)
         return Building(
             self._plan.name, self._plan.file, rooms, tuple(walls.values()), obstacles, holes, tuple(self._notes)
@@ -172,6 +170,10 @@ class _Builder:
 
     def _fault(self, place: tuple[int, int], where: str, what: str, right: str) -> None:
         self._faults.append(Fault(self._plan.file, *place, where, what, right))
+
+    def _note(self, opening: Opening, what: str, right: str) -> None:
+        where = f"{opening.kind} {opening.name}"
+        self._notes.append(Note("warning", self._plan.file, *opening.place, where, what, right))
 
     def _stop_if_wrong(self) -> None:
         if self._faults:
@@ -250,30 +252,36 @@ class _Builder:
         return self._frame(feature.wrt).then(_transform(feature.offset)).outline(feature.outline)
 
     def _hole(self, opening: Opening, walls: Mapping[str, Wall]) -> Hole | None:
+        """What an opening takes of its walls, cut to the first one; None where that is nothing."""
         cut = [walls[wall_name(frame.space or "", frame.wall or 0)] for frame in opening.walls]
-        where = f"{opening.kind} {opening.name}"
+        first, half_m, height_m = opening.walls[0], cut[0].length_m / 2, max(wall.height_m for wall in cut)
         x0, x1 = _span(x for x, _ in opening.outline)
         z0, z1 = _span(z for _, z in opening.outline)
-        half_m = cut[0].length_m / 2
-        if max(-x0, x1) > half_m + ROUNDING_M:
-            what = f"it reaches from {x0:g} m to {x1:g} m along {opening.walls[0]}"
-            right = f"within ±{half_m:g} m, for that wall is {cut[0].length_m:g} m long"
-            self._fault(opening.place, where, what, right)
+        along = f"it reaches from {x0:g} m to {x1:g} m along {first}, which has {-half_m:g} m to {half_m:g} m"
+        if min(x1, half_m) - max(x0, -half_m) < SMALLEST_M:
+            self._note(opening, f"it cuts nothing: {along}", f"part of it within ±{half_m:g} m")
             return None
-        height_m = max(wall.height_m for wall in cut)
         if z1 <= 0.0 or z0 >= height_m:
             what = f"it cuts nothing, being {'below the floor' if z1 <= 0.0 else 'above the wall'}"
             right = f"part of it between 0 m and {height_m:g} m; it reaches from {z0:g} m to {z1:g} m"
-            self._fault(opening.place, where, what, right)
+            self._note(opening, what, right)
             return None
+        shape = opening.outline
+        if max(-x0, x1) > half_m + ROUNDING_M:
+            self._note(opening, f"{along}, and is cut to that", f"within ±{half_m:g} m")
+            shape, x0, x1 = clipped(shape, -half_m, half_m), max(x0, -half_m), min(x1, half_m)
+            z0, z1 = _span(z for _, z in shape)
+        if z1 > height_m + ROUNDING_M:
+            self._note(opening, f"it reaches up to {z1:g} m, and is cut to its wall", f"at most {height_m:g} m")
         frame, depth_m = cut[0].frame, sum(wall.thickness_m for wall in cut)
         footprint = frame.outline(((x0, depth_m), (x1, depth_m), (x1, 0.0), (x0, 0.0)))
         names = tuple(wall.name for wall in cut)
-        return Hole(opening.name, opening.kind, names, opening.outline, depth_m, frame, footprint, z0, z1)
+        return Hole(opening.name, opening.kind, names, shape, depth_m, frame, footprint, z0, z1)
 
     def _note_misses(self, holes: Iterable[Hole], walls: Mapping[str, Wall]) -> None:
         """Say which openings do not reach the second wall they name, or go past its end."""
-        pairs = [(hole, opening) for hole, opening in zip(holes, self._plan.openings, strict=True) if hole.walls[1:]]
+        openings = {opening.name: opening for opening in self._plan.openings}
+        pairs = [(hole, openings[hole.name]) for hole in holes if hole.walls[1:]]
         if not pairs:
             return
         taken = shapely.polygons([hole.outline for hole, _ in pairs])
@@ -282,9 +290,7 @@ class _Builder:
         for k in np.flatnonzero(missed):
             hole, opening = pairs[k]
             what = f"it does not reach {opening.walls[1]}, {hole.depth_m:g} m deep as it is"
-            right = f"walls that touch, or {opening.walls[0]} alone"
-            where = f"{opening.kind} {opening.name}"
-            self._notes.append(Note("warning", self._plan.file, *opening.place, where, what, right))
+            self._note(opening, what, f"walls that touch, or {opening.walls[0]} alone")
 
 
 def wall_name(space: str, wall: int) -> str:

@@ -34,9 +34,9 @@ class FloorplanError(ValueError):
         return f"{self.faults[0]}{f' (and {others} more)' if others else ''}"
 
 
-def complain(file: str, place: Place, where: str, what: str, right: str) -> NoReturn:
+def complain(file: str, place: Place, where: str, what: str, right: str, *, missing: bool = False) -> NoReturn:
     """Raise a fault that stands alone."""
-    raise FloorplanError([Fault(file, *place, where, what, right)])
+    raise FloorplanError([Fault(file, *place, where, what, right, missing)])
 
 
 def nearest(found: str, known: Iterable[str]) -> str:

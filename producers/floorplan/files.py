@@ -84,5 +84,6 @@ def read_variation_file(path: str | Path) -> VariationFile:
     except FloorplanError as error:
         fault = error.faults[0]
         what = f"{str(imported)!r}: {fault.what}"
-        complain(str(path), variation.imported_at, "import", what, "a floor plan, by its place relative to this file")
+        right = "a floor plan, by its place relative to this file"
+        complain(str(path), variation.imported_at, "import", what, right, missing=fault.missing)
     return VariationFile(str(path), text, variation.imported, PlanFile(str(imported), plan))

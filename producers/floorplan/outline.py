@@ -40,6 +40,20 @@ def edges(outline: Outline) -> tuple[tuple[Point, Point], ...]:
     return tuple(itertools.pairwise((*outline, outline[0])))
 
 
+def clipped(outline: Outline, low: float, high: float) -> Outline:
+    """The part of an outline with `low` <= x <= `high`, its corners in the same order; empty where there is none."""
+    for bound, side in ((low, 1.0), (high, -1.0)):
+        kept: list[Point] = []
+        for (x0, y0), (x1, y1) in edges(outline) if outline else ():
+            inside, ends_inside = side * (x0 - bound) >= 0.0, side * (x1 - bound) >= 0.0
+            if inside:
+                kept.append((x0, y0))
+            if inside != ends_inside:
+                kept.append((bound, y0 + (y1 - y0) * (bound - x0) / (x1 - x0)))
+        outline = tuple(kept)
+    return outline
+
+
 def outline_fault(outline: Outline) -> tuple[str, str] | None:
     """What is wrong with a polygon and what would be right; None where it encloses one area."""
     if len(outline) < 3:

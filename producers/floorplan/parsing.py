@@ -7,7 +7,8 @@ from typing import Any, Final
 
 from lark import Lark, UnexpectedCharacters, UnexpectedToken
 
-from vastflow.producers.floorplan.faults import START, complain, nearest
+from vastflow.producers.floorplan.faults import complain, nearest
+from vastflow.sim import files
 
 MOST_BYTES: Final = 1_000_000
 
@@ -108,18 +109,7 @@ def read_text(path: str | Path) -> str:
     Raises:
         FloorplanError: it can't be read.
     """
-    path = Path(path)
     try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        complain(str(path), START, "file", "no such file", "the path of a floor plan or variation file")
-    except (OSError, ValueError) as error:  # ValueError for a NUL in the path
-        complain(str(path), START, "file", f"can't be read: {error}", "a text file")
-    if len(content) > MOST_BYTES:
-        complain(str(path), START, "file", f"found {len(content)} bytes", f"at most {MOST_BYTES}")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        column = error.start - (content.rfind(b"\n", 0, error.start) + 1) + 1
-        complain(str(path), (line, column), "file", f"byte {content[error.start]:#04x} is not UTF-8", "a text in UTF-8")
+        return files.read_text(path, "a floor plan or variation file", MOST_BYTES)
+    except files.Unreadable as error:
+        complain(str(path), error.place, "file", error.what, error.right, missing=isinstance(error, files.Missing))

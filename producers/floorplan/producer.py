@@ -17,6 +17,7 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.faults import MISSING_FILE, Note
 from vastflow.producers.floorplan.environment import environment_of, keep
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import PlanFile, VariationFile, read_plan_file, read_variation_file
@@ -59,7 +60,8 @@ def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, Validation
             else:
                 found.variation()
         except FloorplanError as error:
-            raise PydanticCustomError("floorplan", "{error}", {"error": error.brief}) from None
+            code = MISSING_FILE if all(fault.missing for fault in error.faults) else "floorplan"
+            raise PydanticCustomError(code, "{error}", {"error": error.brief}) from None
         return found.called(value)  # where the campaign lies is no part of what it says
 
     return validate
@@ -156,6 +158,16 @@ class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
 
     Parameters = FloorplanGenerationParameters
 
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Of its plans."""
+        return tuple(note for plan in self.parameters.floorplans for note in plan.building().notes)
+
+    @property
+    def most_choices(self) -> int:
+        """The plans."""
+        return len(self.parameters.floorplans)
+
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield each plan's environment; draws nothing."""
         for plan in self.parameters.floorplans:
@@ -193,6 +205,16 @@ class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
     """
 
     Parameters = FloorplanVariationParameters
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Of the plans that its files vary, as these are written."""
+        return tuple(note for file in self.parameters.variation_files for note in file.plan.building().notes)
+
+    @property
+    def most_choices(self) -> int:
+        """The variations of every file."""
+        return self.parameters.num_variations * len(self.parameters.variation_files)
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
         """Yield each variation's environment; one whose drawn numbers make no building is a rejection."""

@@ -1,7 +1,7 @@
 """From the parts of a floor plan's text to what it says; every fault is found in one go."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -40,7 +40,7 @@ MOVES: Final[Mapping[str, tuple[str, str]]] = {
     "Entryway": ("xz", "y"),
     "Window": ("xz", "y"),
 }
-"""Kind to the axes it may be moved along and turned about."""
+"""Kind to the axes it is moved along and turned about; on the others only 0 may stand."""
 
 
 def read_plan(text: str, file: str) -> FloorPlan:
@@ -234,15 +234,33 @@ class _Reader:
 
     def _offset(self, kind: str, given: Mapping[str, Part], where: str) -> Offset:
         """Translation and turn; of an opening, z for y and the turn about y."""
-        axes, about = MOVES[kind]
-        moved = self._axes(given.get("translation"), f"{where}: translation", axes)
-        turned = self._axes(given.get("rotation"), f"{where}: rotation", about)
-        first, second = (self._length(moved[axis], where) if axis in moved else 0.0 for axis in axes)
-        return Offset(first, second, self._angle(turned[about], where) if about in turned else 0.0)
+        along, about = MOVES[kind]
+        moved_m = self._axes(given.get("translation"), f"{where}: translation", self._length)
+        turned_rad = self._axes(given.get("rotation"), f"{where}: rotation", self._angle)
+        self._zero(moved_m, along, f"{where}: translation", "m", f"moves along {' and '.join(along)}")
+        self._zero(turned_rad, about, f"{where}: rotation", "rad", f"turns about {about}")
+        first_m, second_m = (moved_m[axis][0] for axis in along)
+        return Offset(first_m, second_m, turned_rad[about][0])
 
-    def _axes(self, part: Part | None, where: str, axes: str) -> dict[str, Quantity]:
-        found = self._once(part.value, where, tuple(axes)) if part is not None else {}
-        return {axis: coordinate.value for axis, coordinate in found.items()}
+    def _axes(
+        self, part: Part | None, where: str, read: Callable[[Quantity, str], float]
+    ) -> dict[str, tuple[float, Token | None]]:
+        """Axis to its value and where it stands; 0 where nothing does."""
+        found = self._once(part.value, where) if part is not None else {}
+        return {
+            axis: (read(found[axis].value, where.rpartition(": ")[0]), found[axis].token)
+            if axis in found
+            else (0.0, None)
+            for axis in "xyz"
+        }
+
+    def _zero(
+        self, values: Mapping[str, tuple[float, Token | None]], free: str, where: str, unit: str, does: str
+    ) -> None:
+        """Complain of a value on another axis than the `free` ones, unless it is 0."""
+        for axis, (value, token) in values.items():
+            if axis not in free and token is not None and value != 0.0 and not math.isnan(value):
+                self._fault(token, where, f"found {axis}: {value:g} {unit}", f"{axis}: 0, or nothing; it {does} only")
 
     def _frame(self, text: FrameText, where: str, this: str | None) -> Frame:
         """The frame that is named; the world's in place of one that does not exist."""

@@ -140,7 +140,7 @@ class _Numbers:
         if name in self._ambiguous:
             return _Wrong(path[0], f"the plan has more than one {name!r}", "a name that one of them has alone")
         known = dict(_attributes(section))
-        quantity = known.get(wanted)
+        quantity = known.get(wanted, known.get(_of_today(wanted, section.kind)))
         if quantity is None:
             return _Wrong(attribute[0], f"{section.kind} {name} states no {wanted!r}", did_you_mean(wanted, known))
         if quantity.is_variable:
@@ -148,6 +148,16 @@ class _Numbers:
             what = f"{wanted} of {name} is the variable {variable!r}"
             return _Wrong(attribute[0], what, f"vary {variable!r} itself, or write a number in the plan")
         return quantity
+
+
+def _of_today(attribute: str, kind: str) -> str:
+    """An attribute's path as version 2 of the language has it, from the words of its drafts and of version 1."""
+    if attribute in ("wall_thickness", "wall_height"):
+        return attribute.replace("wall_", "defaults.wall.")
+    words = [word for word in attribute.split(".") if word not in ("location", "pose", "transformation")]
+    if words == ["rotation"]:
+        words.append("y" if kind in ("Entryway", "Window") else "z")
+    return ".".join(["location", *words])
 
 
 def _features(space: Section) -> Iterator[Section]:

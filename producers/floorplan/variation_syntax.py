@@ -65,7 +65,7 @@ class Distribution:
         if self.kind == "discrete":
             return float(rng.choice(self.values, 1, p=self.probabilities)[0])
         mean, std = self.values
-        return float(np.around(rng.normal(mean, std), DECIMALS))
+        return float(np.around(rng.normal(mean, abs(std)), DECIMALS))
 
     @property
     def fault(self) -> tuple[str, str] | None:

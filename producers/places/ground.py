@@ -1,6 +1,7 @@
 """Where a robot of given size can stand on a configuration's map."""
 
 import functools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +13,11 @@ from pydantic import PlainSerializer, PlainValidator, ValidationInfo, WithJsonSc
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers.configuration import Rejection
+from vastflow.producers.faults import MISSING_FILE
 from vastflow.producers.places.map_search import MapSearch
+from vastflow.producers.producer import ROOM_KEY
 from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.maps import MapError, OccupancyMap, load_map
+from vastflow.sim.maps import MapError, MissingMap, OccupancyMap, load_map
 
 MAP_KEY: Final = "map_file"
 EIGHT_NEIGHBOURS: Final = np.ones((3, 3), dtype=np.int8)
@@ -25,7 +28,10 @@ class Ground:
     """The cells of a map on which a robot's centre may be.
 
     Attributes:
+        room_m: How far from walls its center is wherever it begins or ends.
+        radius_cells: The robot's radius, rounded up to whole cells.
         passable: (H, W), True where the robot fits.
+        stops: (H, W), True where it may begin or end: where it fits and has that room.
         cells: (N, 2) row and column of each passable cell, in reading order.
         component: (N,) number of the connected component of each of `cells`, from 1.
         component_cells: (N,) how many cells that component has.
@@ -33,10 +39,23 @@ class Ground:
 
     occupancy: OccupancyMap
     robot_diameter_m: float
+    room_m: float
+    radius_cells: int
     passable: NDArray[np.bool_]
+    stops: NDArray[np.bool_]
     cells: NDArray[np.int64]
     component: NDArray[np.int64]
     component_cells: NDArray[np.int64]
+
+    @property
+    def robot_text(self) -> str:
+        """The robot, for a sentence."""
+        return f"a robot {self.robot_diameter_m:g} m across"
+
+    @property
+    def stopping_robot_text(self) -> str:
+        """The robot with the room that it has where it begins or ends, for a sentence."""
+        return f"{self.robot_text} that stops {self.room_m:.3f} m from walls" if self.room_m else self.robot_text
 
     def stands(self, x_m: float, y_m: float) -> bool:
         """Whether the robot can stand at a map position."""
@@ -45,8 +64,11 @@ class Ground:
 
 
 @functools.lru_cache(maxsize=4)
-def ground_of(map_file: FileContent, robot_diameter_m: float) -> Ground:
+def ground_of(map_file: FileContent, robot_diameter_m: float, room_m: float = 0.0) -> Ground:
     """The ground of a robot on a map; kept for the next evaluation, a large map costs half a second.
+
+    Args:
+        room_m: How far from the nearest wall its center must be to begin or end there.
 
     Raises:
         MapError: the file can't be read any more, or holds another map than when the campaign was read.
@@ -55,17 +77,37 @@ def ground_of(map_file: FileContent, robot_diameter_m: float) -> Ground:
 
     from vastflow.sim import octile
 
-    occupancy = _occupancy_of(map_file)
-    passable = octile.passable(occupancy, robot_diameter_m / 2)
+    occupancy = occupancy_of(map_file)
+    radius_cells = octile.whole_cells(robot_diameter_m / 2, occupancy.resolution_m)
+    passable = octile.inflated_free(occupancy.free, radius_cells)
     labels, _ = ndimage.label(passable, EIGHT_NEIGHBOURS)
     component = labels[passable].astype(np.int64)
-    return Ground(
-        occupancy, robot_diameter_m, passable, np.argwhere(passable), component, np.bincount(component)[component]
-    )
+    component_cells = np.bincount(component)[component]
+    stops = passable & ~_near(occupancy.occupied, room_m / occupancy.resolution_m)
+    cells = np.argwhere(passable)
+    return Ground(occupancy, robot_diameter_m, room_m, radius_cells, passable, stops, cells, component, component_cells)
+
+
+def _near(occupied: NDArray[np.bool_], room_cells: float) -> NDArray[np.bool_]:
+    """(H, W), True where an occupied cell, all of its square, begins at most `room_cells` from a cell's center."""
+    from scipy import ndimage
+
+    near = np.zeros_like(occupied)
+    for rows in range(math.floor(room_cells + 0.5) + 1 if room_cells > 0.0 else 0):
+        along = math.floor(math.sqrt(room_cells**2 - max(rows - 0.5, 0.0) ** 2) + 0.5)
+        wide = ndimage.maximum_filter1d(occupied, 2 * along + 1, axis=1, mode="constant")
+        near[: len(near) - rows] |= wide[rows:]
+        near[rows:] |= wide[: len(near) - rows]
+    return near
 
 
 @functools.lru_cache(maxsize=4)
-def _occupancy_of(map_file: FileContent) -> OccupancyMap:
+def occupancy_of(map_file: FileContent) -> OccupancyMap:
+    """The map of a file's value; kept for the next question.
+
+    Raises:
+        MapError: as of `ground_of`.
+    """
     occupancy = load_map(map_file.path)
     if occupancy.digest != map_file.digest:
         raise MapError(f"{map_file.path}: was changed while the campaign ran; start it again")
@@ -81,6 +123,12 @@ def map_of(inputs: Mapping[str, Value], parameter: FileContent | str | None) -> 
     if isinstance(found, FileContent):
         return found
     return Rejection(f"the configuration's {key} is {found!r}, not a map file", {})
+
+
+def room_of(inputs: Mapping[str, Value]) -> float:
+    """How far from walls a producer lets the robot begin or end (m); 0 where nothing says so."""
+    found = inputs.get(ROOM_KEY)
+    return float(found) if isinstance(found, int | float) else 0.0
 
 
 def map_key(parameter: FileContent | str | None) -> str:
@@ -108,7 +156,8 @@ def map_value(value: Any, info: ValidationInfo) -> FileContent:
     try:
         return _search(info).content(value)
     except MapError as error:
-        raise PydanticCustomError("map_file", "{error}", {"error": str(error)}) from None
+        kind = MISSING_FILE if isinstance(error, MissingMap) else "map_file"
+        raise PydanticCustomError(kind, "{error}", {"error": str(error)}) from None
 
 
 def _search(info: ValidationInfo) -> MapSearch:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from vastflow.producers.faults import did_you_mean
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import MapError, map_content
+from vastflow.sim.files import is_file
+from vastflow.sim.maps import MissingMap, map_content
 
 
 @dataclass
@@ -30,23 +31,24 @@ class MapSearch:
         """The map that the campaign file calls `name`.
 
         Raises:
-            MapError: it is in neither place, or no map.
+            MissingMap: it is in neither place.
+            MapError: it is no map.
             ValueError: the name is none that a file can have.
         """
         path = self.base / name
-        if path.is_file():
+        if is_file(path):
             return map_content(path)
         if self.map_dir is None:
-            if Path(name).is_absolute() or path.exists():
+            if Path(name).is_absolute() or os.path.lexists(path):
                 return map_content(path)
-            raise MapError(
+            raise MissingMap(
                 f"{path}: no such file; a map is a map_server YAML file, here or at this place in a folder that --map-dir names"
             )
         there = self.map_dir / name
-        if not there.is_file():
+        if not is_file(there):
             offered = self._offered()
             right = did_you_mean(name, offered) if offered else f"another --map-dir; {self.map_dir} has no map"
-            raise MapError(f"{path}: no such file, and no {there}; {right}")
+            raise MissingMap(f"{path}: no such file, and no {there}; {right}")
         found = map_content(there)
         self.borrowed[found.path] = name
         return found

@@ -66,10 +66,8 @@ class Outline:
     def leaves(self, occupancy: OccupancyMap) -> bool:
         """Whether its centre, corners or middles of sides are off the free cells; if not, other parts may be."""
         rows, columns = occupancy.shape
-        left_m, bottom_m = occupancy.origin_xy_m
         for x_m, y_m in self._marks:
-            row = math.floor((y_m - bottom_m) / occupancy.resolution_m)
-            column = math.floor((x_m - left_m) / occupancy.resolution_m)
+            row, column = occupancy.cell_of(x_m, y_m)
             if not (0 <= row < rows and 0 <= column < columns and occupancy.free[row, column]):
                 return True
         return False

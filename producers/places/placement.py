@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry import Polygon
-from shapely.geometry.polygon import orient
 
+from vastflow.producers.places.cells import touched_cells
 from vastflow.producers.places.ground import EIGHT_NEIGHBOURS, Ground
-from vastflow.producers.places.outline import Line, Outline
+from vastflow.producers.places.outline import ROUNDING_M, Line, Outline
 from vastflow.sim.obstacle import Obstacle
 
 MARGIN_M: Final = 0.05
@@ -69,7 +69,7 @@ def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> lis
     refusals: Counter[str] = Counter()
     most = 0
     passable = _around(site.ground, site.standing)
-    if site.standing and not _connected(site, passable):
+    if site.standing and not is_connected(site, passable):
         return "the obstacles that are there already leave no way to the goals"
     for _ in range(MAX_ATTEMPTS):
         layout = _Layout(site, passable, refusals)
@@ -113,7 +113,8 @@ class _Layout:
     def _refusal(self, obstacle: Obstacle) -> str | None:
         ground, stops = self._site.ground, self._site.stops_xy_m
         outline = Outline(obstacle)
-        if any(outline.nearer_to(stop, ground.robot_diameter_m / 2 + MARGIN_M) for stop in stops):
+        clear_m = max(ground.robot_diameter_m / 2 + MARGIN_M, ground.room_m + ROUNDING_M)
+        if any(outline.nearer_to(stop, clear_m) for stop in stops):
             return "left no room for the robot at its start or goals"
         if math.dist(outline.centre_m, stops[0]) < self._site.from_start_m:
             return f"lay within {self._site.from_start_m:g} m of the start"
@@ -122,15 +123,16 @@ class _Layout:
         covered = None if outline.leaves(ground.occupancy) else covered_cells(ground, outline.footprint)
         if covered is None:
             return "lay on walls or unknown space"
-        passable = without(self._passable, covered, _radius_cells(ground))
-        if not _connected(self._site, passable):
+        passable = without(self._passable, covered, ground.radius_cells)
+        if not is_connected(self._site, passable):
             return "left no way to the goals"
         self._outlines.append(outline)
         self._passable = passable
         return None
 
 
-def _connected(site: Site, passable: NDArray[np.bool_]) -> bool:
+def is_connected(site: Site, passable: NDArray[np.bool_]) -> bool:
+    """Whether a robot that can be on `passable` cells (H, W) gets from the start to every goal."""
     occupancy = site.ground.occupancy
     stops = np.array([occupancy.cell_of(*stop) for stop in site.stops_xy_m])
     margin = math.ceil(NEIGHBOURHOOD_M / occupancy.resolution_m)
@@ -152,50 +154,27 @@ def _joined(passable: NDArray[np.bool_], cells: NDArray[np.int64]) -> bool:
 def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | None:
     """(K, 2) row and column of the cells that a convex `footprint` touches; None where one is not known to be free."""
     occupancy = ground.occupancy
-    left, bottom, right, top = footprint.bounds
-    if not (
-        occupancy.contains(*occupancy.cell_of(left, bottom)) and occupancy.contains(*occupancy.cell_of(right, top))
-    ):
+    at = np.floor(occupancy.in_cells(np.array(footprint.exterior.coords))).astype(np.int64)
+    if not (occupancy.contains(*at.min(axis=0)) and occupancy.contains(*at.max(axis=0))):
         return None
-    cells = touched_cells(ground, footprint)
+    cells = touched_cells(occupancy, footprint)
     return cells if occupancy.free[cells[:, 0], cells[:, 1]].all() else None
-
-
-def touched_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64]:
-    """(K, 2) row and column of the map's cells that a convex `footprint` touches, walls or not."""
-    occupancy = ground.occupancy
-    left, bottom, right, top = footprint.bounds
-    first = np.maximum(occupancy.cell_of(left, bottom), 0)
-    last = np.minimum(occupancy.cell_of(right, top), np.array(occupancy.shape) - 1)
-    rows, columns = np.mgrid[first[0] : last[0] + 1, first[1] : last[1] + 1]
-    cells = np.column_stack((rows.ravel(), columns.ravel()))
-    centres = (cells[:, ::-1] + 0.5) * occupancy.resolution_m + occupancy.origin_xy_m
-    outline = np.array(orient(footprint).exterior.coords)
-    sides = np.diff(outline, axis=0)
-    normals = np.column_stack((sides[:, 1], -sides[:, 0]))
-    # Separating axes: the grid's own are the bounds above. A tenth of the time of one shapely box a cell.
-    beyond = centres @ normals.T - np.sum(outline[:-1] * normals, axis=1)
-    return np.asarray(cells[~np.any(beyond > np.abs(normals).sum(axis=1) * occupancy.resolution_m / 2, axis=1)])
 
 
 def _around(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
     """The passable cells (H, W) when obstacles stand, on walls or beyond the map though they may."""
     passable = ground.passable
     for obstacle in obstacles:
-        touched = touched_cells(ground, obstacle.footprint())
-        passable = without(passable, touched, _radius_cells(ground)) if len(touched) else passable
+        touched = touched_cells(ground.occupancy, obstacle.footprint())
+        passable = without(passable, touched, ground.radius_cells) if len(touched) else passable
     return passable
 
 
-def _radius_cells(ground: Ground) -> float:
-    return ground.robot_diameter_m / 2 / ground.occupancy.resolution_m
-
-
-def without(passable: NDArray[np.bool_], covered: NDArray[np.int64], radius_cells: float) -> NDArray[np.bool_]:
+def without(passable: NDArray[np.bool_], covered: NDArray[np.int64], radius_cells: int) -> NDArray[np.bool_]:
     """`passable` (H, W) less the cells within `radius_cells` of `covered` (K, 2): as `octile.inflated_free` has it."""
     from scipy import ndimage
 
-    margin = math.ceil(radius_cells) + 1
+    margin = radius_cells + 1
     corner = np.maximum(covered.min(axis=0) - margin, 0)
     far_corner = np.minimum(covered.max(axis=0) + margin + 1, passable.shape)
     window = (slice(corner[0], far_corner[0]), slice(corner[1], far_corner[1]))

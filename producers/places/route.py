@@ -139,7 +139,7 @@ def reach_of(ground: Ground, start: Cell, limit_m: float) -> Reach:
 
 
 def draw_leg(ground: Ground, start: Cell, request: LegRequest, rng: np.random.Generator) -> Leg | None:
-    """A leg from `start` to a cell drawn uniformly from all that `request` admits; None where there is none.
+    """A leg from `start` to a stop drawn uniformly from all that `request` admits; None where there is none.
 
     Draws from `rng` only where there are some.
     """
@@ -148,6 +148,8 @@ def draw_leg(ground: Ground, start: Cell, request: LegRequest, rng: np.random.Ge
     straight_m = np.hypot(*(ends - start).T) * ground.occupancy.resolution_m
     ends = ends[straight_m >= request.min_distance_m - ROUNDING_M]
     for i in rng.permutation(len(ends)) if len(ends) else ():
+        if not ground.stops[ends[i, 0], ends[i, 1]]:
+            continue
         leg = reach.leg_to((int(ends[i, 0]), int(ends[i, 1])))
         if request.admits(leg.length_m):
             return leg
@@ -195,7 +197,8 @@ class StartSearch:
         self._failed = 0
         self._scouted: set[int] = set()
         longest_way_m = (ground.component_cells - 1) * math.sqrt(2.0) * ground.occupancy.resolution_m
-        self._possible = longest_way_m >= request.length_m - request.tolerance_m - ROUNDING_M
+        self._stops = ground.stops[ground.cells[:, 0], ground.cells[:, 1]]
+        self._possible = self._stops & (longest_way_m >= request.length_m - request.tolerance_m - ROUNDING_M)
 
     def draw(self, rng: np.random.Generator) -> list[Leg] | None:
         """The legs of a route; None where there is none, or none was found (`gave_up`)."""
@@ -254,7 +257,7 @@ class StartSearch:
         slack_m = np.maximum(
             np.abs(distance_m - request.length_m) - request.tolerance_m, request.min_distance_m - straight_m
         )
-        self._possible &= ~(distance_m < slack_m.min() - FIELD_ERROR_M)
+        self._possible &= ~(distance_m < slack_m.min(where=self._stops, initial=math.inf) - FIELD_ERROR_M)
         self.longest_m = max(self.longest_m, float(distance_m[np.isfinite(distance_m)].max()))
         return distance_m
 

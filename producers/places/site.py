@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from vastflow.producers.configuration import Rejection
-from vastflow.producers.places.ground import ground_of, map_key, map_of
+from vastflow.producers.places.ground import ground_of, map_key, map_of, room_of
 from vastflow.producers.places.lengths import shortest_path
 from vastflow.producers.places.placement import Site
 from vastflow.producers.places.stops import (
@@ -21,6 +21,7 @@ from vastflow.producers.places.stops import (
     goals_key,
     start_key,
 )
+from vastflow.producers.producer import ROOM_KEY
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.obstacle import Obstacle, obstacle_of
 from vastflow.sim.pose import Pose
@@ -51,7 +52,7 @@ class SiteRequest:
         """The keys of the map, the path, start and goals, and of the lists of obstacles that are there already."""
         stops = (start_key(self.start), goals_key(self.goals), GOAL_KEY, GOALS_KEY)
         lists = (LISTS_KEY, LIST_KEY, self.name)
-        return tuple(dict.fromkeys((map_key(self.map_file), PATH_KEY, PATH_LENGTH_KEY, *stops, *lists)))
+        return tuple(dict.fromkeys((map_key(self.map_file), ROOM_KEY, PATH_KEY, PATH_LENGTH_KEY, *stops, *lists)))
 
     def site(self, inputs: Mapping[str, Value]) -> Site | str:
         """Where to place; or why there is no path or what stands there can't be read."""
@@ -64,7 +65,7 @@ class SiteRequest:
             standing = _standing(self._lists(inputs))
         except ValueError as error:
             return str(error)
-        ground = ground_of(map_file, self.robot_diameter_m)
+        ground = ground_of(map_file, self.robot_diameter_m, room_of(inputs))
         stops = [(pose.x_m, pose.y_m) for pose in ((start, *goals) if start is not None and goals else ())]
         for stop in stops:
             if not ground.occupancy.contains(*ground.occupancy.cell_of(*stop)):

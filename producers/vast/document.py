@@ -5,25 +5,18 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal
 
-import yaml
 from yaml.constructor import SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.producers.faults import CampaignError, Fault, Location, Note, path_text, shown
-
-Place: TypeAlias = tuple[int, int]
-"""Line and column, from 1."""
-
-MAX_DEPTH: Final = 100  # the C composer recurses without a limit of its own and ends the process
-MAX_VALUES: Final = 300_000  # aliases of aliases grow exponentially
+from vastflow.sim.files import Place, Unreadable, place_of, read_text, yaml_node
 
 TAG: Final = "tag:yaml.org,2002:"
 EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")
 OCTAL_OR_BASE_60: Final = re.compile(r"[-+]?(0[0-7_]+|[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)")
 MEANING: Final = {"bool": "true or false", "int": "a whole number", "float": "a number"}
-NOT_YAML: Final = "a YAML mapping; look for a missing colon, quote or bracket, tabs and uneven indentation"
 
 
 @dataclass(frozen=True)
@@ -85,79 +78,20 @@ def read_document(path: str | Path) -> Document:
         CampaignError: no such file, not YAML, empty, not a mapping.
     """
     file = str(path)
-    text = _text(path, file)
     try:
-        _check_depth(text, file)
-        loader = yaml.CSafeLoader(text)
-        try:
-            node = loader.get_node() if loader.check_node() else None
-        finally:
-            loader.dispose()
-    except yaml.YAMLError as error:
-        raise CampaignError([_syntax_fault(error, text, file)]) from None
+        text = read_text(path, "a .vast file")
+        node = yaml_node(text)
+    except Unreadable as error:
+        raise CampaignError([Fault(file, *error.place, "file", error.what, error.right)]) from None
     if node is None or (isinstance(node, ScalarNode) and node.tag == f"{TAG}null"):
         raise CampaignError([Fault(file, 1, 1, "file", "empty", "a campaign, at least its configuration")])
     if not isinstance(node, MappingNode):
         found = "a list" if isinstance(node, SequenceNode) else shown(node.value)
         right = "a mapping with the sections of a campaign, such as configuration and execution"
-        raise CampaignError([Fault(file, *_place(node), "file", f"found {found}", right)])
+        raise CampaignError([Fault(file, *place_of(node), "file", f"found {found}", right)])
     walk = _Walk(file)
     data = walk.value(node, ())
     return Document(file, data, walk.keys, walk.values, tuple(walk.faults), tuple(walk.notes), text)
-
-
-def _text(path: str | Path, file: str) -> str:
-    try:
-        content = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise CampaignError([Fault(file, 1, 1, "file", "no such file", "the path of a .vast file")]) from None
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        reason = getattr(error, "strerror", None) or str(error)
-        raise CampaignError([Fault(file, 1, 1, "file", f"can't be read: {reason}", "a .vast file")]) from None
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line, column = _place_at(content[: error.start].decode("utf-8-sig", "replace"))
-        fault = Fault(file, line, column, "file", "not YAML: not UTF-8 text", "a text file encoded as UTF-8")
-        raise CampaignError([fault]) from None
-
-
-def _check_depth(text: str, file: str) -> None:
-    depth = 0
-    has_ended = False
-    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
-        if has_ended:  # only the next event tells that nothing of the document is left, such as what is indented less
-            return
-        has_ended = isinstance(event, yaml.DocumentEndEvent)
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > MAX_DEPTH:
-                what = f"more than {MAX_DEPTH} levels deep"
-                raise CampaignError([Fault(file, *_place(event), "file", what, "fewer levels")])
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-
-
-def _syntax_fault(error: yaml.YAMLError, text: str, file: str) -> Fault:
-    if isinstance(error, yaml.MarkedYAMLError):
-        mark = error.problem_mark or error.context_mark
-        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        what = ", ".join(filter(None, (error.context, error.problem)))
-    else:  # ReaderError: a character that YAML has not
-        position = getattr(error, "position", 0)
-        line, column = _place_at(text.encode()[:position].decode(errors="replace"))
-        what = str(getattr(error, "reason", error))
-    return Fault(file, line, column, "file", f"not YAML: {what}", NOT_YAML)
-
-
-def _place_at(before: str) -> Place:
-    lines = before.split("\n")
-    return len(lines), len(lines[-1]) + 1
-
-
-def _place(node: Node | yaml.Event) -> Place:
-    mark = node.start_mark
-    return (mark.line + 1, mark.column + 1) if mark else (1, 1)
 
 
 class _Walk:
@@ -169,27 +103,16 @@ class _Walk:
         self.faults: list[Fault] = []
         self.notes: list[Note] = []
         self._file = file
-        self._open: set[int] = set()
         self._constructor = SafeConstructor()
 
     def value(self, node: Node, location: Location) -> Any:
-        if len(self.values) > MAX_VALUES or len(location) > MAX_DEPTH:
-            what = f"aliases that grow to more than {MAX_VALUES} values or {MAX_DEPTH} levels"
-            raise CampaignError([Fault(self._file, *_place(node), path_text(location), what, "fewer aliases")])
-        self.values[location] = _place(node)
+        self.values[location] = place_of(node)
         if isinstance(node, ScalarNode):
             return self._scalar(node, location)
-        if id(node) in self._open:
-            self._fault(node, location, "found an alias inside of what it stands for", "an alias of something else")
-            return None
-        self._open.add(id(node))
-        try:
-            if isinstance(node, MappingNode) and node.tag == f"{TAG}map":
-                return self._mapping(node, location)
-            if isinstance(node, SequenceNode) and node.tag == f"{TAG}seq":
-                return [self.value(item, (*location, i)) for i, item in enumerate(node.value)]
-        finally:
-            self._open.remove(id(node))
+        if isinstance(node, MappingNode) and node.tag == f"{TAG}map":
+            return self._mapping(node, location)
+        if isinstance(node, SequenceNode) and node.tag == f"{TAG}seq":
+            return [self.value(item, (*location, i)) for i, item in enumerate(node.value)]
         self._fault(node, location, f"found the tag {_tag(node)}", "no tag")
         return None
 
@@ -215,7 +138,7 @@ class _Walk:
         return data
 
     def _enter(self, data: dict[str, Any], key: str, key_node: Node, value_node: Node, location: Location) -> None:
-        self.keys[(*location, key)] = _place(key_node)
+        self.keys[(*location, key)] = place_of(key_node)
         data[key] = self.value(value_node, (*location, key))
 
     def _merged(self, node: MappingNode, location: Location) -> Iterator[tuple[Node, Node]]:
@@ -224,17 +147,13 @@ class _Walk:
             if key_node.tag != f"{TAG}merge":
                 continue
             for source in value_node.value if isinstance(value_node, SequenceNode) else [value_node]:
-                if not isinstance(source, MappingNode) or id(source) in self._open:
+                if not isinstance(source, MappingNode):
                     self._fault(
                         value_node, (*location, "<<"), "found no mapping to merge", "an alias of another mapping"
                     )
                     continue
-                self._open.add(id(source))
-                try:
-                    yield from (pair for pair in source.value if pair[0].tag != f"{TAG}merge")
-                    yield from self._merged(source, location)
-                finally:
-                    self._open.discard(id(source))
+                yield from (pair for pair in source.value if pair[0].tag != f"{TAG}merge")
+                yield from self._merged(source, location)
 
     def _key(self, node: Node, location: Location) -> str | None:
         """The key as it is written: `on`, `1` and `2024-01-01` are text here."""
@@ -278,12 +197,12 @@ class _Walk:
             return None
         if OCTAL_OR_BASE_60.fullmatch(node.value):
             what = f"found {node.value}, which YAML 1.1 reads as {number}"
-            place, where = _place(node), path_text(location)
+            place, where = place_of(node), path_text(location)
             self.notes.append(Note("warning", self._file, *place, where, what, f"write {number}, or quotes for a text"))
         return number
 
     def _fault(self, node: Node, location: Location, what: str, right: str) -> None:
-        self.faults.append(Fault(self._file, *_place(node), path_text(location), what, right))
+        self.faults.append(Fault(self._file, *place_of(node), path_text(location), what, right))
 
 
 def _tag(node: Node) -> str:

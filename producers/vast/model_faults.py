@@ -1,12 +1,13 @@
 """Pydantic's errors as faults of the file: where it stands, what was found, what would be right."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any, Final, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from vastflow.producers.faults import Fault, Location, did_you_mean, path_text, shown
+from vastflow.producers.faults import MISSING_FILE, Fault, Location, did_you_mean, path_text, shown
 from vastflow.producers.vast.document import Document
 
 EXPECTED: Final[Mapping[str, str]] = {
@@ -98,7 +99,8 @@ def _fault(document: Document, base: Location, found: Location, model: type[Base
         return document.fault(found, f"found {shown(detail['input'])}", right)
     # A mapping begins below the key that names it, and the fault is one of the whole.
     whole_mapping = "at" not in context and isinstance(detail["input"], Mapping)
-    return document.fault(found, *_parted(detail), at="key" if whole_mapping else "value")
+    fault = document.fault(found, *_parted(detail), at="key" if whole_mapping else "value")
+    return replace(fault, missing=kind == MISSING_FILE)
 
 
 def _at_key(document: Document, place: Location, where: Location, what: str, right: str) -> Fault:

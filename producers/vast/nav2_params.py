@@ -9,6 +9,7 @@ from typing import Final
 from vastflow.producers.faults import Fault, Location, Note, shown
 from vastflow.producers.vast.document import Document
 from vastflow.sim.digest import Value
+from vastflow.sim.files import is_file
 from vastflow.sim.nav.parameters import document as parameters
 from vastflow.sim.nav.parameters.findings import Finding, findings
 from vastflow.sim.nav.parameters.interpretation import Interpretation, critics_of, interpretation
@@ -35,7 +36,7 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
     if document.known(WHERE) != WHERE or not isinstance(name := document.value(WHERE), str):
         return Nav2Params({})
     path = base / name
-    if not path.is_file():
+    if not is_file(path):
         what = f"found {shown(name)}, and there is no such file"
         return Nav2Params({}, (document.fault(WHERE, what, "a Nav2 parameter file"),))
     try:

@@ -1,51 +1,84 @@
 """The `search` section of a campaign file: read and checked, not executed by this version."""
 
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from vastflow.producers.faults import did_you_mean, shown
 from vastflow.producers.quantities import Count, NotNegative, Number, Positive, Seed
 from vastflow.producers.vast.section import NamedSteps, Section, SingleKeys
 
+_KEYS: Final[Mapping[str, frozenset[str]]] = {
+    "float": frozenset({"low", "high", "log"}),
+    "int": frozenset({"low", "high", "log", "step"}),
+    "choice": frozenset({"values"}),
+    "bool": frozenset(),
+}
+"""Type of a dimension to the keys that it has beside its type."""
+
 
 class SearchDimension(Section):
-    """A parameter that is searched over."""
+    """A parameter that is searched over: `{type: float, low, high, log}`, `{type: int, low, high, log, step}`,
+    `{type: choice, values}` or `{type: bool}`."""
 
     type: Literal["float", "int", "choice", "bool"]
     low: Number | None = None
     high: Number | None = None
-    log: bool = False
+    log: Annotated[bool, Field(strict=True)] = False
     step: Annotated[int, Field(strict=True, ge=1)] | None = None
     values: Annotated[list[Any], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        known = _KEYS[self.type]
+        for key in sorted(self.model_fields_set - {"type"} - known):
+            right = did_you_mean(key, known) if known else "its type alone"
+            raise _wrong(
+                "{key!r} has no meaning for type {kind}; {right}", key=key, kind=self.type, right=right, at=key
+            )
         if self.type == "choice" and self.values is None:
-            raise PydanticCustomError("dimension", "a choice without values; values: [...]")
+            raise _wrong("a choice without values; values: [...]")
         if self.type in ("float", "int"):
-            if self.low is None or self.high is None:
-                raise PydanticCustomError("dimension", "a range without both bounds; low and high")
-            if self.low > self.high:
-                raise PydanticCustomError(
-                    "dimension",
-                    "low {low} is greater than high {high}; low <= high",
-                    {"low": self.low, "high": self.high},
-                )
+            self._check_range()
         return self
+
+    def _check_range(self) -> None:
+        if self.low is None or self.high is None:
+            raise _wrong("a range without both bounds; low and high")
+        if self.low > self.high:
+            raise _wrong("low {low:g} is greater than high {high:g}; low <= high", low=self.low, high=self.high)
+        if self.type == "int":
+            for name, bound in (("low", self.low), ("high", self.high)):
+                if not bound.is_integer():
+                    raise _wrong("found {bound:g}; a whole number, as type int has", bound=bound, at=name)
+        if self.log and self.low <= 0:
+            raise _wrong("low {low:g} on a logarithmic scale; low > 0", low=self.low)
+        if self.log and self.step not in (None, 1):
+            raise _wrong("log and step are both given; one of them")
+
+    @property
+    def first(self) -> Any:
+        """A value of this domain: its lowest, its first, or false."""
+        if self.values is not None:
+            return self.values[0]
+        if self.low is None:
+            return False
+        return int(self.low) if self.type == "int" else self.low
 
 
 class Extract(Section):
-    """The plug-in that turns a batch's runs into objectives."""
+    """The plug-in that turns a point's runs into objectives: `failure_rate` or `file.py:Class`."""
 
-    plugin: str
+    plugin: Annotated[str, Field(min_length=1)]
     params: dict[str, Any] = Field(default_factory=dict)
 
 
 class Objective(Section):
     """A number that the search drives."""
 
-    name: str
+    name: Annotated[str, Field(min_length=1)]
     direction: Literal["maximize", "minimize"] = "maximize"
 
 
@@ -53,43 +86,76 @@ class Budget(Section):
     """How much the search may spend."""
 
     batches: Count | None = None
-    time: Positive | str | None = None
+    time: Positive | None = None
+    """Seconds on the clock."""
+    runs: Count | None = None
+    """Not part of version 1 elsewhere."""
+    simulated_hours: Positive | None = None
+    """Not part of version 1 elsewhere."""
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        _check_not_empty(self)
+        return self
 
 
 class NoImprovement(Section):
-    """Stop when the objective stands still."""
+    """Stop when the objective stands still; a number alone is `patience`."""
 
     patience: Count
     min_delta: NotNegative = 0.0
 
 
 class StopMetric(Section):
-    """Stop when a metric passes a value."""
+    """Stop when a number that the strategy reports passes a value."""
 
-    name: str
-    op: str
+    name: Annotated[str, Field(min_length=1)]
+    op: Literal[">", ">=", "<", "<=", "==", "!="]
     value: Number
+
+
+def _patience(value: Any) -> Any:
+    return {"patience": value} if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 class Stopping(Section):
     """When the search ends before its budget is spent."""
 
     target_objective: Number | None = None
-    no_improvement: NoImprovement | None = None
+    no_improvement: Annotated[NoImprovement, BeforeValidator(_patience)] | None = None
     metric: StopMetric | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        _check_not_empty(self)
+        return self
+
+
+def _entries(value: Any) -> Any:
+    """Criteria as a list, of which a mapping is short for one of one entry."""
+    return [] if value is None else [value] if isinstance(value, Mapping) else value
+
+
+Budgets: TypeAlias = Annotated[list[Budget], BeforeValidator(_entries, json_schema_input_type=list[Budget] | Budget)]
+"""Any one that is spent ends the search."""
+Stoppings: TypeAlias = Annotated[
+    list[Stopping], BeforeValidator(_entries, json_schema_input_type=list[Stopping] | Stopping)
+]
+"""Any one that is fulfilled ends the search."""
 
 
 class SearchSpec(Section):
     """Families that an optimiser proposes, in place of `configuration`."""
 
-    strategy: str
+    strategy: Annotated[str, Field(min_length=1)]
     """`random`, `optuna`, `qd` or `file.py:Class`."""
-    search_space: dict[str, SearchDimension]
+    search_space: Annotated[dict[str, SearchDimension], Field(min_length=1)]
+    """Name to domain. One that no `$name` stands for is a parameter of the scenario."""
     extract: Extract | None = None
     objectives: list[Objective] = Field(default_factory=list)
     per_batch: Count = 1
-    budget: Budget | None = None
-    stopping: Stopping | None = None
+    budget: Budgets = Field(default_factory=list)
+    stopping: Stoppings = Field(default_factory=list)
     seed: Seed | None = None
     variations: SingleKeys = Field(default_factory=list)
     """Producers as in a family; `$name` stands for a searched parameter."""
@@ -99,6 +165,19 @@ class SearchSpec(Section):
 
     @model_validator(mode="after")
     def _ends(self) -> Self:
-        if self.budget is None and self.stopping is None:
-            raise PydanticCustomError("endless", "neither budget nor stopping; at least one of them")
+        if not self.budget and not self.stopping:
+            raise _wrong("neither budget nor stopping; at least one of them")
+        if len(self.objectives) > 1:
+            raise _wrong("found {n} objectives; one", n=len(self.objectives), at="objectives")
         return self
+
+
+def _check_not_empty(criterion: Section) -> None:
+    if not criterion.model_fields_set:
+        known = ", ".join(type(criterion).model_fields)
+        raise _wrong("found {found}; one of {known}", found=shown({}), known=known)
+
+
+def _wrong(message: str, **context: Any) -> PydanticCustomError:
+    """An error whose text is made here, for pydantic's own has no formats."""
+    return PydanticCustomError("search", "{said}", {"said": message.format(**context), **context})

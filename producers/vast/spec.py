@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 from pydantic import AfterValidator, BaseModel, Field, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from vastflow.producers.faults import Location
+from vastflow.producers.faults import Location, did_you_mean
 from vastflow.producers.quantities import Amount, Count, Positive, Seed
 from vastflow.producers.vast.design import CARTESIAN, Design
 from vastflow.producers.vast.repetition import Repetitions
@@ -103,6 +103,7 @@ class Local(Section):
     """Settings of runs on the user's own machine."""
 
     parameter_overrides: SingleKeys = Field(default_factory=list)
+    """Values of the scenario file's parameters, in place of those of every configuration."""
 
 
 class Nodes(Section):
@@ -128,6 +129,10 @@ class ExecutionSpec(Section):
     class is shown. A number is all that version 1 has elsewhere."""
     seed: Seed = 0
     """Seed of the runs' noise. Not part of version 1 elsewhere."""
+    max_configurations: Count = 100_000
+    """Configurations that the file may ask for; more are refused before any is made. Not part of version 1 elsewhere."""
+    max_runs: Count = 10_000_000
+    """Runs of all configurations that may be asked for. Not part of version 1 elsewhere."""
     scenario_file: Annotated[str, AfterValidator(_inside)] | None = None
     """The abstract scenario: `builtin:navigate_to_pose`, `builtin:navigate_through_poses`,
     `builtin:follow_waypoints`, `builtin:obstacle_appears`, or an OpenSCENARIO DSL file below the campaign file's folder. Without it the
@@ -159,10 +164,14 @@ class ExecutionSpec(Section):
     """Program that runs after a run, with the run's folder as its last argument: a run file, or its path in the container."""
     run_as_user: Annotated[Amount, Unexecuted()] = 1000
     """User id in the container."""
-    local: Annotated[Local | None, Unexecuted("parameters are those of the families")] = None
+    local: Local | None = None
     """Settings of runs on the user's own machine."""
     kubernetes: Annotated[Kubernetes | None, Unexecuted("runs stay on this machine")] = None
     """Settings of runs in a cluster."""
+
+
+StartCheckKind: TypeAlias = Literal["footprint", "none"]
+"""What is asked of the room at the start and the goals of a configuration."""
 
 
 class FamilySpec(Section):
@@ -176,6 +185,9 @@ class FamilySpec(Section):
     """Producers in order, `- Producer: {parameters}`; a producer is a known name or `file.py:Class`."""
     dimensions: Annotated[dict[str, Dimension], EmptyIsMap] = Field(default_factory=dict)
     """Dimension of a fixed parameter where it is not the usual one. Not part of version 1 elsewhere."""
+    start_check: StartCheckKind = "footprint"
+    """Whether the footprint of the local costmap must fit at the start and the goals: `footprint`, or `none`, with which a robot may
+    begin in collision. Not part of version 1 elsewhere."""
     design: Design = CARTESIAN
     """Which combinations become configurations: `cartesian` (all), `t_way: {strength}` or
     `sample: {method, size, seed}`. Not part of version 1 elsewhere."""
@@ -186,7 +198,8 @@ class FamilySpec(Section):
 class ResultsProcessingSpec(Section):
     """What is done with the results."""
 
-    postprocessing: Annotated[NamedSteps, Unexecuted("recordings are columns already")] = Field(default_factory=list)
+    postprocessing: NamedSteps = Field(default_factory=list)
+    """Steps over a copy of the results, `- file.py:Class`, `- command: {script, args}`, or a name that RoboVAST has."""
     metadata_processing: Annotated[NamedSteps, Unexecuted()] = Field(default_factory=list)
     publication: Annotated[NamedSteps, Unexecuted("results stay in the campaign directory")] = Field(
         default_factory=list
@@ -215,7 +228,7 @@ class EvaluationSpec(Section):
     """Oracles that judge each run, `- name` or `- name: {parameters}`. Not part of version 1 elsewhere."""
     visualization: Annotated[
         Annotated[list[Annotated[dict[str, Notebooks], AfterValidator(_one_tab)]], EmptyIsList],
-        Unexecuted("report.html shows the results"),
+        Unexecuted("report.html shows the results, and no notebook runs"),
     ] = Field(default_factory=list)
     """Notebooks over the results, `- Tab: {run, config, batch, campaign}`."""
 
@@ -240,8 +253,11 @@ class CampaignSpec(Section):
     evaluation: Annotated[EvaluationSpec, EmptyIsMap] = Field(default_factory=EvaluationSpec)
 
 
-TOLERATED_IN_FAMILY: Final = frozenset({*ExecutionSpec.model_fields, "description", "title", "metadata"})
-"""Keys that stand in families of existing files and that version 1 read over; other unknown keys are taken for slips."""
+def is_tolerated_in_family(key: str) -> bool:
+    """Whether a key of a family is read over, as version 1 did with all that it did not know; one that is near to another is a slip."""
+    known = FamilySpec.model_fields
+    usual = {*ExecutionSpec.model_fields, "description", "title", "metadata"}
+    return key not in known and (key in usual or not did_you_mean(key, known).startswith("did"))
 
 
 def unexecuted(section: BaseModel, location: Location = ()) -> Iterator[tuple[Location, str]]:

@@ -2,8 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, MutableMapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, MutableMapping, MutableSequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeAlias
 
 from py_trees.common import Status
@@ -17,6 +17,13 @@ class Clock(Protocol):
         """Simulated time of the tick that is being made."""
 
 
+class Monitor(Protocol):
+    """What keeps a variable up to date."""
+
+    def look(self) -> None:
+        """Look at the world, before a tick is made."""
+
+
 @dataclass(frozen=True, slots=True)
 class Situation:
     """What an action of a run is made with.
@@ -27,6 +34,7 @@ class Situation:
         clock: The scenario's.
         variables: Values of the run's `var`s by name, which actions may change.
         log: Takes a line for the run's log.
+        monitors: What looks at the world before each tick; an action may add itself.
     """
 
     actor: Mapping[str, Any]
@@ -34,6 +42,7 @@ class Situation:
     clock: Clock
     variables: MutableMapping[str, Any]
     log: Callable[[str], None]
+    monitors: "MutableSequence[Monitor]" = field(default_factory=list)
 
 
 class Action(ABC):

@@ -5,7 +5,7 @@ from typing import TypeVar
 
 from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
 from vastflow.sim.behaviour.composition import OneOf, Parallel, Sequence
-from vastflow.sim.behaviour.leaf import ActionCall, Emission, Undefined, Waiting
+from vastflow.sim.behaviour.leaf import ActionCall, Emission, Waiting
 from vastflow.sim.behaviour.modifier import MODIFIERS, UntilHolds
 from vastflow.sim.behaviour.node import Node
 from vastflow.sim.behaviour.state import RunState
@@ -14,13 +14,15 @@ from vastflow.sim.osc.definition import (
     Call,
     Composition,
     Emit,
+    Expression,
     Modified,
     Place,
     ScenarioDefinition,
+    Struct,
     Until,
     Wait,
+    names_in,
 )
-from vastflow.sim.osc.evaluation import EvaluationError
 
 Made = TypeVar("Made")
 
@@ -32,31 +34,39 @@ def build(
 ) -> tuple[Node, tuple[Action, ...]]:
     """The root, a sequence named after the scenario, and the actions below it.
 
-    Evaluates actors and variables into the state's names. Where one has no value (a division by zero), the tree is
-    one leaf that fails and says so.
+    Evaluates actors and variables into the state's names.
 
     Raises:
+        EvaluationError: One of these has no value, such as a division by zero.
         ValueError: An action or a modifier that nothing implements; `support.unsupported` finds those beforehand.
     """
     made: list[Action] = []
-    try:
-        _declare(definition, state)
-    except EvaluationError as error:
-        top: Node = Undefined(str(error), definition.place, state)
-    else:
-        top = _node(definition.root, state, actions, made)
+    _declare(definition, state)
+    top = _node(definition.root, state, actions, made)
     return Sequence(definition.name, [top], definition.place, state), tuple(made)
 
 
 def _declare(definition: ScenarioDefinition, state: RunState) -> None:
+    """Give actors and variables their values, each after those that it needs; none needs itself."""
+    waiting: dict[str, Expression | None] = {variable.name: variable.initial for variable in definition.variables}
+    waiting |= {actor.name: Struct(actor.types[0], actor.members, actor.place) for actor in definition.actors}
+
+    def settle(name: str) -> None:
+        expression = waiting.pop(name)
+        if expression is not None:
+            for needed in names_in(expression):
+                if needed in waiting:
+                    settle(needed)
+            state.names[name] = state.value(expression)
+
+    while waiting:
+        settle(next(iter(waiting)))
     for actor in definition.actors:
-        members = {name: state.value(expression) for name, expression in actor.members.items()}
-        state.names[actor.name] = {**members, "name": actor.name}
-    variables = state.variables
-    for variable in definition.variables:
-        variables.declare(variable.name)
-        if variable.initial is not None:
-            variables[variable.name] = state.value(variable.initial)
+        state.names[actor.name]["name"] = actor.name
+        for variable in actor.variables:
+            state.variables.declare(f"{actor.name}.{variable}")
+    for each in definition.variables:
+        state.variables.declare(each.name)
 
 
 def _node(behaviour: Behaviour, state: RunState, actions: Mapping[str, ActionFactory], made: list[Action]) -> Node:
@@ -72,6 +82,7 @@ def _node(behaviour: Behaviour, state: RunState, actions: Mapping[str, ActionFac
                     state.clock,
                     state.variables,
                     state.log,
+                    state.monitors,
                 )
             )
             made.append(action)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from py_trees.common import Status
@@ -10,6 +11,7 @@ from vastflow.sim.behaviour.action import Action
 from vastflow.sim.behaviour.world import WorldAction
 from vastflow.sim.obstacle import has_mass, obstacle_of
 from vastflow.sim.pose import Pose
+from vastflow.sim.scenario_error import ScenarioError
 from vastflow.sim.simulation import Simulation
 
 ROBOT_NAMES: Final = ("turtlebot4", "robot")
@@ -35,18 +37,28 @@ class Spawn(Action):
             try:
                 obstacle = obstacle_of(entry, f"entity {k + 1}")
             except ValueError as error:
-                self._fail(str(error))
-                return
+                raise ScenarioError(str(error)) from None
             if self._simulation.stands(obstacle.name):
-                self._fail(f"{obstacle.name!r} stands there already; a name that is not in use")
+                self._status = Status.FAILURE
+                self.message = f"{obstacle.name!r} stands there already; a name that is not in use"
                 return
             self._simulation.spawn(obstacle, has_mass(entry))
 
-    def _fail(self, why: str) -> None:
-        self._status, self.message = Status.FAILURE, why
-
     def update(self) -> Status:
         return self._status
+
+
+class SpawnEntity(Spawn):
+    """`spawn_entity`: one entity of a model; under another name where its own is taken and it may be renamed."""
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        model = str(arguments["uri"])
+        name = given = str(arguments["entity_name"]) or Path(model).stem
+        number = 0
+        while arguments["allow_renaming"] and self._simulation.stands(name):
+            number += 1
+            name = f"{given}_{number}"
+        self._spawn([{"entity_name": name, "spawn_pose": arguments["initial_pose"], "model": model}])
 
 
 class SpawnActor(Spawn):
@@ -88,7 +100,7 @@ class Delete(Action):
         self._there = False
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
-        name = str(arguments.get("entity_name") or self._actor.get("name", ""))
+        name = str(arguments.get("entity") or arguments.get("entity_name") or self._actor.get("name", ""))
         self._there = self._simulation.delete(name)
         self.message = "" if self._there else f"nothing called {name!r} stands in the world"
 
@@ -115,6 +127,7 @@ class Exists(Action):
 
 ENTITIES: Final[Mapping[str, WorldAction]] = {
     "spawn_multiple": lambda simulation, _: Spawn(simulation),
+    "spawn_entity": lambda simulation, _: SpawnEntity(simulation),
     "actor_exists": lambda simulation, situation: Exists(simulation, situation.actor),
     "osc_actor.spawn": lambda simulation, situation: SpawnActor(simulation, situation.actor),
     "osc_actor.relative_spawn": lambda simulation, situation: SpawnRelative(simulation, situation.actor),

@@ -5,13 +5,14 @@ import os.path
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from py_trees.common import Status
 
 from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
+from vastflow.sim.behaviour.message_members import member_of, pose_3d_in
+from vastflow.sim.scenario_error import ScenarioError
 
 OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     "==": operator.eq,
@@ -22,6 +23,9 @@ OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     ">=": operator.ge,
 }
 """Of `compare`."""
+
+SHARE: Final = "/opt/ros/share"
+"""Where the folders of ROS packages would be; there are none, but a scenario may name one to a launch."""
 
 
 class Immediate(Action):
@@ -53,18 +57,16 @@ class Log(Immediate):
 
 
 class Compare(Immediate):
-    """`compare(left_value, operator, right_value)`: fails where the relation does not hold or has no meaning."""
+    """`compare(left_value, operator, right_value)`: fails where the relation does not hold; one without meaning is a `ScenarioError`."""
 
     def act(self, arguments: Mapping[str, Any]) -> bool:
         left, sign, right = arguments["left_value"], str(arguments["operator"]), arguments["right_value"]
         if sign not in OPERATORS:
-            self.message = f"{sign!r} is no operator of compare; it knows {', '.join(OPERATORS)}"
-            return False
+            raise ScenarioError(f"{sign!r} is no operator of compare; it knows {', '.join(OPERATORS)}")
         try:
             holds = bool(OPERATORS[sign](left, right))
         except TypeError:
-            self.message = f"{left!r} and {right!r} can't be compared by {sign}"
-            return False
+            raise ScenarioError(f"{left!r} and {right!r} can't be compared by {sign}") from None
         self.message = f"{left!r} {sign} {right!r} {'holds' if holds else 'does not hold'}"
         return holds
 
@@ -79,12 +81,10 @@ class Increment(Immediate):
         if not isinstance(name, str) or name not in variables:
             near = get_close_matches(str(name), list(variables), n=1)
             right = f"did you mean {near[0]}?" if near else f"variables: {', '.join(variables) or 'none'}"
-            self.message = f"{name} is no variable with a value; {right}"
-            return False
+            raise ScenarioError(f"{name} is no variable with a value; {right}")
         value = variables[name]
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self.message = f"{name} is {value!r}; only a number can be counted"
-            return False
+            raise ScenarioError(f"{name} is {value!r}; only a number can be counted")
         variables[name] = value + self.step
         self.message = f"{name} is {variables[name]}"
         return True
@@ -132,14 +132,14 @@ class RandomNumbers:
 
 
 def helper_functions(
-    rng: np.random.Generator, scenario_folder: Path, output_folder: Path
+    rng: np.random.Generator, scenario_folder: str, output_folder: str
 ) -> dict[str, Callable[..., Any]]:
-    """The functions of `osc.helpers` and `osc.os`, for one run.
+    """The functions of `osc.helpers`, `osc.os` and `osc.ros`, for one run.
 
     Args:
         rng: The run's own, for `random`.
-        scenario_folder: Of the scenario file; `os.abspath` is relative to it, wherever the process was started.
-        output_folder: Where the run writes.
+        scenario_folder: Of the scenario file, as programs know it; `os.abspath` is relative to it.
+        output_folder: Where the run writes, as programs know it.
     """
     numbers = RandomNumbers(rng)
     return {
@@ -147,9 +147,12 @@ def helper_functions(
         "random.get_float": numbers.get_float,
         "random.get_int": numbers.get_int,
         "random.get_random_string": numbers.get_random_string,
-        "common.get_scenario_file_directory": lambda: str(scenario_folder),
-        "common.get_output_directory": lambda: str(output_folder),
-        "os.abspath": lambda path: os.path.normpath(scenario_folder.absolute() / path),
+        "common.get_scenario_file_directory": lambda: scenario_folder,
+        "common.get_output_directory": lambda: output_folder,
+        "msg_conversion.get_object_member": member_of,
+        "msg_conversion.to_pose_3d": pose_3d_in,
+        "ament.get_package_share_directory": lambda package: f"{SHARE}/{package}",
+        "os.abspath": lambda path: os.path.normpath(os.path.join(scenario_folder, path)),
         "os.basename": os.path.basename,
         "os.dirname": os.path.dirname,
     }

@@ -1,7 +1,8 @@
 """Leaves of the tree: calls of actions, waits, events."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import ParamSpec, TypeVar
 
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
@@ -12,38 +13,26 @@ from vastflow.sim.behaviour.condition import condition_of
 from vastflow.sim.behaviour.node import Node, Reason
 from vastflow.sim.behaviour.state import RunState
 from vastflow.sim.osc.definition import Call, Emit, Place, Wait
-from vastflow.sim.osc.evaluation import EvaluationError
+from vastflow.sim.scenario_error import ScenarioError
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class Leaf(Node):
-    """A node without children, which fails where an expression of the file has no value.
-
-    Attributes:
-        fault: Why an expression had no value, at the last entry or tick.
-    """
+    """A node without children."""
 
     def __init__(self, name: str, place: Place, state: RunState) -> None:
         super().__init__(name)
         self.belongs(place, state)
-        self.fault = ""
 
     def initialise(self) -> None:
         self.state.moved = True
-        self.fault = self.feedback_message = ""
-        try:
-            self.enter()
-        except EvaluationError as error:
-            self.fault = str(error)
+        self.feedback_message = ""
+        self.enter()
 
     def update(self) -> Status:
-        status = Status.FAILURE
-        if not self.fault:
-            try:
-                status = self.answer()
-            except EvaluationError as error:
-                self.fault = str(error)
-        if self.fault:
-            self.feedback_message = self.fault
+        status = self.answer()
         if status is not Status.RUNNING:
             self.state.moved = True
         return status
@@ -60,7 +49,10 @@ class Leaf(Node):
 
 
 class ActionCall(Leaf):
-    """Calls an action: enters it with evaluated arguments, asks it at each tick, cancels it when given up."""
+    """Calls an action: enters it with evaluated arguments, asks it at each tick, cancels it when given up.
+
+    A `ScenarioError` of the action is raised with the place of the call.
+    """
 
     def __init__(self, call: Call, action: Action, state: RunState) -> None:
         super().__init__(call.label or call.action.rpartition(".")[2], call.place, state)
@@ -78,10 +70,11 @@ class ActionCall(Leaf):
 
     def enter(self) -> None:
         value = self.state.value
-        self._action.enter({name: value(expression) for name, expression in self._call.arguments.items()})
+        arguments = {name: value(expression) for name, expression in self._call.arguments.items()}
+        self._asked(self._action.enter, arguments)
 
     def answer(self) -> Status:
-        status = self._action.update()
+        status = self._asked(self._action.update)
         self.feedback_message = self._action.message
         if status is Status.INVALID:
             raise ValueError(f"{self.class_name}.update() answers RUNNING, SUCCESS or FAILURE, not {status}")
@@ -97,11 +90,15 @@ class ActionCall(Leaf):
         return self.state.clock.first_at(microseconds(at_s)) if math.isfinite(at_s) else at_s
 
     def reason(self) -> Reason:
-        if self.fault:
-            return super().reason()
         which = f"{self.name} at {self.place}"
         told = f"{self._action.message}; {which}" if self._action.message else f"{which} failed"
         return Reason("action", told, self._action.error_code)
+
+    def _asked(self, question: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+        try:
+            return question(*arguments, **named)
+        except ScenarioError as error:
+            raise ScenarioError(f"{error}; {self.name} at {self.place}") from error
 
 
 class Waiting(Leaf):
@@ -137,18 +134,6 @@ class Emission(Leaf):
         self.emitted = True
         self.state.events.add(self.event)
         return Status.SUCCESS
-
-
-class Undefined(Leaf):
-    """Stands for the whole tree where a declaration of the scenario has no value, and fails with the reason."""
-
-    def __init__(self, message: str, place: Place, state: RunState) -> None:
-        super().__init__("declarations", place, state)
-        self._message = message
-
-    def answer(self) -> Status:
-        self.feedback_message = self._message
-        return Status.FAILURE
 
 
 def awaited_names(leaves: Sequence[Behaviour]) -> list[str]:

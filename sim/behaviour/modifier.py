@@ -1,6 +1,7 @@
 """Modifiers: nodes round one child, which bound it in time, begin it again or turn its result round."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 from py_trees import decorators
@@ -13,52 +14,23 @@ from vastflow.sim.behaviour.leaf import awaited_names
 from vastflow.sim.behaviour.node import Node, Reason, running_leaves
 from vastflow.sim.behaviour.state import RunState
 from vastflow.sim.osc.definition import Expression, Modified, Until
-from vastflow.sim.osc.evaluation import EvaluationError
 
 
 class Modifier(decorators.Decorator, Node):
-    """A node round one child, which passes the child's status on.
-
-    Attributes:
-        fault: Why an argument had no value when it was entered; then it fails, and the child is cancelled.
-    """
+    """A node round one child, which passes the child's status on."""
 
     def __init__(self, modified: Modified, child: Behaviour, state: RunState) -> None:
         super().__init__(modified.modifier, child)
         self.belongs(modified.place, state)
-        self.fault = ""
         self._arguments: Mapping[str, Expression] = modified.arguments
-
-    def tick(self) -> Iterator[Behaviour]:
-        # py_trees' own ticks the child in any case; without a value for an argument nothing should begin.
-        if self.status is not Status.RUNNING:
-            self.initialise()
-        if not self.fault:
-            yield from self.decorated.tick()
-        status = self.update()
-        if status is not Status.RUNNING:
-            self.stop(status)
-        self.status = status
-        yield self
 
     def initialise(self) -> None:
         self.state.moved = True
-        self.fault = self.feedback_message = ""
-        try:
-            self.enter()
-        except EvaluationError as error:
-            self.fault = str(error)
+        self.feedback_message = ""
+        self.enter()
 
     def update(self) -> Status:
-        status = Status.FAILURE
-        if not self.fault:
-            try:
-                status = self.answer(self.decorated.status)
-            except EvaluationError as error:
-                self.fault = str(error)
-        if self.fault:
-            self.feedback_message = self.fault
-        return status
+        return self.answer(self.decorated.status)
 
     def enter(self) -> None:
         """Begin, before the child is ticked."""
@@ -66,11 +38,6 @@ class Modifier(decorators.Decorator, Node):
     def answer(self, child: Status) -> Status:
         """What it makes of the child's status at this tick."""
         return child
-
-    def reason(self) -> Reason:
-        if self.fault:
-            return Reason("behaviour", f"{self.name} at {self.place} failed: {self.fault}")
-        return super().reason()
 
 
 class Timeout(Modifier):
@@ -100,7 +67,7 @@ class Timeout(Modifier):
         return self.state.clock.first_after(self._end_us)
 
     def reason(self) -> Reason:
-        if not self.fault and self._ran_out:
+        if self._ran_out:
             return Reason("timeout", f"{self._words} {self._ran_out}")
         return super().reason()
 
@@ -120,10 +87,11 @@ class Repeat(Modifier):
 
 
 class Retry(Modifier):
-    """Begins the child again, at the tick after its failure, until it failed `count` times."""
+    """Begins the child again, at the tick after its failure, until it failed `count` times; -1 is for ever."""
 
     def enter(self) -> None:
-        self._left = self.state.value(self._arguments["count"])
+        count = self.state.value(self._arguments["count"])
+        self._left = math.inf if count < 0 else count
 
     def answer(self, child: Status) -> Status:
         if child is not Status.FAILURE:

@@ -6,10 +6,12 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action, Situation
+from vastflow.sim.behaviour.action import Action
+from vastflow.sim.behaviour.helpers import Immediate
 from vastflow.sim.behaviour.world import WorldAction
 from vastflow.sim.mission import Kind, Mission
 from vastflow.sim.pose import Pose, pose_of
+from vastflow.sim.scenario_error import ScenarioError
 from vastflow.sim.simulation import COLUMNS_OF, Order, Simulation, distance_m
 
 ALWAYS_RECORDED: Final = ("/tf", "/tf_static", "/odom", "/map")
@@ -17,13 +19,16 @@ ALWAYS_RECORDED: Final = ("/tf", "/tf_static", "/odom", "/map")
 
 
 class InitNav2(Action):
-    """`init_nav2`: gives AMCL its initial pose and waits for the first pose it publishes (Nav2 is up from the start)."""
+    """`init_nav2`: gives AMCL its initial pose and waits for the first pose it publishes (Nav2 is up from the start).
+
+    With `use_initial_pose: false` or `wait_for_initial_pose: true` somebody else gives it.
+    """
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
-        if arguments.get("use_initial_pose", True):
+        if arguments.get("use_initial_pose", True) and not arguments.get("wait_for_initial_pose", False):
             self._simulation.localize(pose_of(arguments["initial_pose"], "initial_pose"))
 
     def update(self) -> Status:
@@ -32,23 +37,29 @@ class InitNav2(Action):
 
 
 class Navigate(Action):
-    """`nav_to_pose`, `nav_through_poses`, `follow_waypoints`: a goal of Nav2's action server, cancelled with its branch."""
+    """`nav_to_pose`, `nav_through_poses`, `follow_waypoints`: a goal of Nav2's action server, cancelled with its branch.
+
+    A waypoint that was left out fails `follow_waypoints` at the end of the round, unless it may be missed.
+    """
 
     def __init__(self, simulation: Simulation, kind: Kind) -> None:
         self._simulation = simulation
         self._kind: Kind = kind
         self._order: Order | None = None
         self._refusal = ""
-        self._on_acceptance = False
+        self._on_acceptance = self._may_miss = False
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
         goals = [arguments["goal_pose"]] if self._kind == "navigate_to_pose" else arguments["goal_poses"]
         loops = int(arguments.get("loop_count") or 0) if self._kind == "follow_waypoints" else 0
         self._on_acceptance = bool(arguments.get("success_on_acceptance", False))
+        self._may_miss = bool(arguments.get("allow_missed_waypoints", False))
         self.error_code = 0
         stops = tuple(pose_of(goal, f"goal {k}") for k, goal in enumerate(goals, 1))
-        self._refusal = "" if stops else "no goals; one or more"
-        if stops and not self._simulation.placed:
+        if not stops:
+            raise ScenarioError("no goals; one or more")
+        self._refusal = ""
+        if not self._simulation.placed:
             self._refusal = "Nav2 takes no goal before the robot was told where it is; init_nav2 first"
         self._order = None if self._refusal else self._simulation.order(Mission(self._kind, stops, loops))
 
@@ -60,6 +71,9 @@ class Navigate(Action):
             self.message = "on the way"
             return Status.SUCCESS if self._on_acceptance else Status.RUNNING
         self.message, self.error_code = self._order.message, self._order.error_code
+        if self._order.succeeded and self._order.missed:
+            self.message = f"{self._order.missed} of the waypoints could not be reached"
+            return Status.SUCCESS if self._may_miss else Status.FAILURE
         return Status.SUCCESS if self._order.succeeded else Status.FAILURE
 
     def cancel(self) -> None:
@@ -90,51 +104,19 @@ class OdometryDistance(Action):
         return Status.SUCCESS if self._way_m >= self._wanted_m else Status.RUNNING
 
 
-class CloseTo(Action):
-    """`tf_close_to`: until the robot is so near to a point of the map.
+class BagRecord(Immediate):
+    """`bag_record`: succeeds at once, for the recording has begun with the run, and ends with it.
 
-    The transform looked at is the one Nav2 has, from map to robot: where the robot takes itself to be.
+    Logs which topics recordings do not have. What the recording keeps is known before the run
+    (`vastflow.sim.script.Script.topics`): runs of a scenario have the same columns, whether they come to this action or not.
+    The true pose, the estimate and AMCL's updates are always kept: what judges a run needs them.
     """
 
-    def __init__(self, simulation: Simulation) -> None:
-        self._simulation = simulation
-        self._point = Pose(0.0, 0.0)
-        self._threshold_m = 0.0
-
-    def enter(self, arguments: Mapping[str, Any]) -> None:
-        self._point = pose_of(arguments["reference_point"], "reference_point")
-        self._threshold_m = float(arguments["threshold"])
-
-    def update(self) -> Status:
-        away_m = distance_m(self._simulation.estimate, self._point)
-        self.message = f"{away_m:.2f} m away"
-        close = self._simulation.localized and away_m <= self._threshold_m
-        return Status.SUCCESS if close else Status.RUNNING
-
-
-class BagRecord(Action):
-    """`bag_record`: goes on until the scenario ends, and logs which topics recordings do not have.
-
-    What the recording keeps is known before the run (`vastflow.sim.script.Script.topics`): runs of a scenario have the same
-    columns, whether they come to this action or not. The true pose, the estimate and AMCL's updates are always kept:
-    what judges a run needs them.
-    """
-
-    goes_along = True
-
-    def __init__(self, situation: Situation) -> None:
-        self._log = situation.log
-
-    def enter(self, arguments: Mapping[str, Any]) -> None:
+    def act(self, arguments: Mapping[str, Any]) -> bool:
         for topic in arguments["topics"]:
             if topic not in COLUMNS_OF and topic not in ALWAYS_RECORDED:
-                self._log(f"bag_record: recordings hold no {topic}; a replay shows costmaps, plans and scans")
-
-    def update(self) -> Status:
-        return Status.RUNNING
-
-    def wakes_s(self) -> float:
-        return math.inf
+                self.situation.log(f"bag_record: recordings hold no {topic}; a replay shows costmaps, plans and scans")
+        return True
 
 
 def _navigate(kind: Kind) -> WorldAction:
@@ -147,7 +129,6 @@ _OF_THE_ROBOT: Final[Mapping[str, WorldAction]] = {
     "nav_through_poses": _navigate("navigate_through_poses"),
     "follow_waypoints": _navigate("follow_waypoints"),
     "odometry_distance_traveled": lambda simulation, _: OdometryDistance(simulation),
-    "tf_close_to": lambda simulation, _: CloseTo(simulation),
 }
 
 NAVIGATION: Final[Mapping[str, WorldAction]] = {

@@ -20,7 +20,7 @@ class Reason:
 
     Attributes:
         cause: `action` an action ended with failure, `timeout` time ran out, `emit` the file said `emit fail`,
-            `behaviour` a modifier turned a result round or an expression had no value; empty where nothing failed.
+            `behaviour` a modifier turned a result round; empty where nothing failed.
         message: In words, with the place in the file.
         error_code: Nav2's code of the action that failed, else 0.
     """

@@ -9,6 +9,7 @@ from py_trees.common import Status
 
 from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
 from vastflow.sim.behaviour.helpers import Immediate
+from vastflow.sim.scenario_error import ScenarioError
 
 SIMULATOR_PROCESSES: Final = (
     "gz",
@@ -83,8 +84,8 @@ class RosLaunch(RunsOn):
         return self._status
 
 
-class BagRecord(RunsOn):
-    """Every run is recorded whole, asked or not; a recorder runs until the scenario ends."""
+class BagRecord(AlreadyDone):
+    """Every run is recorded from its first tick to its end, asked or not, so what is asked for is being recorded."""
 
     stands = "bag_record: the run's recording holds what vastflow's simulator knows"
 
@@ -117,10 +118,10 @@ class CheckSimulatorProcess(Action):
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
         name = str(arguments["process_name"])
-        found, fault = _is_simulators(name, bool(arguments.get("regex", False)))
-        self._asks_other = not found and not fault and self._other is not None
+        found = _is_simulators(name, bool(arguments.get("regex", False)))
+        self._asks_other = not found and self._other is not None
         self._status = Status.SUCCESS if found else Status.FAILURE
-        self.message = fault or (f"the simulator stands for {name}" if found else f"no process {name} is running")
+        self.message = f"the simulator stands for {name}" if found else f"no process {name} is running"
         if self._asks_other and self._other is not None:
             self._other.enter(arguments)
 
@@ -150,18 +151,19 @@ def stand_ins(others: Mapping[str, ActionFactory]) -> dict[str, ActionFactory]:
         "ros_launch": RosLaunch,
         "bag_record": BagRecord,
         "capture_screen": CaptureScreen,
+        "capture_window": CaptureScreen,
         "floorplan_generator.generate_gazebo_world": GenerateGazeboWorld,
         "wait_for_sim": WaitForSim,
         "check_process_running": lambda situation: CheckSimulatorProcess(situation, check),
     }
 
 
-def _is_simulators(name: str, is_regex: bool) -> tuple[bool, str]:
-    """Whether a name or pattern means a program that the simulator stands for, and what is wrong with a pattern."""
+def _is_simulators(name: str, is_regex: bool) -> bool:
+    """Whether a name or pattern means a program that the simulator stands for."""
     if not is_regex:
-        return name in SIMULATOR_PROCESSES or name.startswith("nav2_"), ""
+        return name in SIMULATOR_PROCESSES or name.startswith("nav2_")
     try:
         pattern = re.compile(name)
     except re.error as error:
-        return False, f"{name!r} is no regular expression: {error}"
-    return any(pattern.search(process) for process in SIMULATOR_PROCESSES), ""
+        raise ScenarioError(f"{name!r} is no regular expression: {error}") from None
+    return any(pattern.search(process) for process in SIMULATOR_PROCESSES)

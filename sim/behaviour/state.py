@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from typing import Any
 
+from vastflow.sim.behaviour.action import Monitor
 from vastflow.sim.behaviour.clock import TickClock
 from vastflow.sim.osc.definition import Expression
 from vastflow.sim.osc.evaluation import evaluate
@@ -18,6 +19,7 @@ class RunState:
         moved: Something happened in the present tick beyond running leaves that go on running: a node began or
             ended, a variable or an event was set. Then the next tick may change something too.
         log: Takes a line for the run's log.
+        monitors: What looks at the world before each tick.
     """
 
     def __init__(
@@ -33,6 +35,7 @@ class RunState:
         self.events: set[str] = set()
         self.moved = False
         self.log = log
+        self.monitors: list[Monitor] = []
         self._functions = functions
 
     def value(self, expression: Expression) -> Any:
@@ -41,7 +44,7 @@ class RunState:
 
 
 class Variables(MutableMapping[str, Any]):
-    """The `var`s of a run: names that may be set, and no others.
+    """The `var`s of a run: names that may be set, and no others; an actor's has its name before it, `robot.laps`.
 
     A struct is changed by setting the variable to another dict, never in place: waits would not hear of it.
     """
@@ -55,21 +58,30 @@ class Variables(MutableMapping[str, Any]):
         self._declared[name] = None
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self._declared:
-            raise KeyError(name)
-        return self._state.names[name]
+        names, key = self._home(name)
+        return names[key]
 
     def __setitem__(self, name: str, value: Any) -> None:
-        if name not in self._declared:
-            raise KeyError(name)
-        self._state.names[name] = value
+        names, key = self._home(name)
+        names[key] = value
         self._state.moved = True
 
     def __delitem__(self, name: str) -> None:
         raise TypeError(f"{name}: a variable of a scenario can be set, not removed")
 
     def __iter__(self) -> Iterator[str]:
-        return (name for name in self._declared if name in self._state.names)
+        return (name for name in self._declared if self._has_value(name))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
+
+    def _home(self, name: str) -> tuple[dict[str, Any], str]:
+        """Where the value of a variable lies: among the names, or among an actor's members."""
+        if name not in self._declared:
+            raise KeyError(name)
+        actor, _, member = name.rpartition(".")
+        return (self._state.names[actor], member) if actor else (self._state.names, name)
+
+    def _has_value(self, name: str) -> bool:
+        names, key = self._home(name)
+        return key in names

@@ -141,9 +141,10 @@ class ScenarioTree:
     def tick(self, number: int | None = None) -> None:
         """Make a tick: the next one, or a later one where those in between change nothing (`next_tick`).
 
-        What an action raises is ours, not the scenario's, and is passed on.
+        What an action raises is passed on.
 
         Raises:
+            ScenarioError: The scenario can't work: an expression has no value, an action is called with what it can't take.
             ValueError: A tick that was made already, or any after the end.
         """
         number = self.number + 1 if number is None else number
@@ -152,6 +153,8 @@ class ScenarioTree:
             raise ValueError(f"tick {number} can't be made: the scenario {made}")
         self._clock.number = number
         self._state.moved = False
+        for monitor in self._state.monitors:
+            monitor.look()
         self._root.tick_once()
         for i, node in enumerate(self._nodes):
             if node.status is not self._statuses[i]:
@@ -167,7 +170,7 @@ class ScenarioTree:
         if self._ended:
             return math.inf
         soonest = self.number + 1
-        if self._state.moved or self.number == 0:
+        if self._state.moved or self._state.monitors or self.number == 0:
             return soonest
         earliest = min(
             (node.wakes() for node in self._nodes if node.status is Status.RUNNING),

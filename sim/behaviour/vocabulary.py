@@ -8,8 +8,19 @@ from vastflow.sim.process.actions import PROCESSES
 
 WORLDLY: Final = frozenset(
     {
+        "assert_tf_moving",
+        "check_data",
+        "log_check",
+        "spawn_entity",
         "spawn_multiple",
         "actor_exists",
+        "topic_monitor",
+        "topic_publish",
+        "wait_for_data",
+        "wait_for_nodes",
+        "wait_for_topic_publisher",
+        "wait_for_topic_subscription",
+        "wait_for_topics",
         "osc_actor.spawn",
         "osc_actor.relative_spawn",
         "osc_actor.delete",

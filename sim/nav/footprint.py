@@ -1,42 +1,11 @@
-"""The robot's padded footprint: the polygon Nav2 makes of `robot_radius`, and where its outline lies on a costmap."""
+"""Where the outline of the robot's footprint lies on a costmap."""
 
 import math
-from typing import Any, Final
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from vastflow.sim.nav.inflation import LETHAL
 from vastflow.sim.nav.window import Window
 from vastflow.sim.numeric import inner
-
-VERTICES: Final = 16
-
-
-def padded_outline(robot_radius_m: float, padding_m: float) -> NDArray[np.float64]:
-    """Vertices (16, 2) in the robot's frame, counter-clockwise from +x.
-
-    Each vertex of the regular polygon moves away from both axes by the padding (nav2_costmap_2d, `padFootprint`), so
-    the result is not regular and its radii are neither `robot_radius` nor that plus the padding.
-    """
-    angles_rad = 2.0 * np.pi * np.arange(VERTICES) / VERTICES
-    vertices = robot_radius_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
-    # sin π is 1.2e-16 and not 0, so a vertex on an axis moves off it, in Nav2 as here.
-    outline: NDArray[np.float64] = vertices + padding_m * np.sign(vertices)
-    return outline
-
-
-def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
-    """Radius of the largest circle round the robot's centre inside the outline (0.225498 m for 0.22 m and 0.01 m)."""
-    ends = np.roll(outline, -1, axis=0)
-    edges = ends - outline
-    areas = outline[:, 0] * ends[:, 1] - outline[:, 1] * ends[:, 0]
-    return float(np.min(np.abs(areas) / np.hypot(edges[:, 0], edges[:, 1])))
-
-
-def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
-    """Radius of the smallest circle round the robot's centre that holds the outline (0.234142 m for 0.22 m and 0.01 m)."""
-    return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))
 
 
 @inner

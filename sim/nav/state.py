@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from vastflow.sim.lidar import BEAMS, Lidar
 from vastflow.sim.mission import Mission
 from vastflow.sim.nav.controllers.control import Controller, controller_of
-from vastflow.sim.nav.footprint import circumscribed_radius_m, inscribed_radius_m, padded_outline
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.navfn import new_potential, new_scratch
+from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.stack import ControllerParameters, NavParameters
@@ -112,7 +112,17 @@ MEMORY: Final = np.dtype(
 """
 
 _EXTRA: Final = (
-    *("resolution", "origin_x", "origin_y", "local_ticks", "publish_ticks", "global_ticks"),
+    *(
+        "resolution",
+        "origin_x",
+        "origin_y",
+        "grid_yaw",
+        "grid_cos",
+        "grid_sin",
+        "local_ticks",
+        "publish_ticks",
+        "global_ticks",
+    ),
     *("inscribed_radius", "circumscribed_radius", "plan_ahead"),
     *("range_min", "range_max", "mount_x", "mount_y"),
     *("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration", "mission", "loops"),
@@ -174,7 +184,7 @@ class Route(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Everything a run's ticks read and write.
+    """Everything a run's ticks read and write. Poses and positions are in the frame of the map's grid; rows are in the map's.
 
     Attributes:
         p, m: (1,) records of parameters and `MEMORY`.
@@ -290,6 +300,7 @@ def _parameter_record(parameters: NavParameters, lidar: Lidar, robot: Robot, pre
     """Every group of the parameters but the controller's under its name, what `_EXTRA` names, and `initial_covariance`."""
     groups = {f.name: getattr(parameters, f.name) for f in fields(parameters) if f.name != "controller"}
     outline = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
+    frame = prepared.occupancy.frame
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),
         "circumscribed_radius": circumscribed_radius_m(outline),
@@ -297,6 +308,9 @@ def _parameter_record(parameters: NavParameters, lidar: Lidar, robot: Robot, pre
         "resolution": prepared.occupancy.resolution_m,
         "origin_x": prepared.occupancy.origin_xy_m[0],
         "origin_y": prepared.occupancy.origin_xy_m[1],
+        "grid_yaw": frame.yaw_rad,
+        "grid_cos": frame.turn.cos,
+        "grid_sin": frame.turn.sin,
         "local_ticks": _ticks(parameters.local_costmap.update_frequency),
         "publish_ticks": _ticks(parameters.local_costmap.publish_frequency),
         "global_ticks": _ticks(parameters.global_costmap.update_frequency),
@@ -313,9 +327,7 @@ def _parameter_record(parameters: NavParameters, lidar: Lidar, robot: Robot, pre
     }
     perturbation = parameters.perturbation
     covariance = (
-        perturbation.initial_pose_covariance_xx,
-        0.0,
-        perturbation.initial_pose_covariance_yy,
+        *frame.covariance_to_grid(perturbation.initial_pose_covariance_xx, perturbation.initial_pose_covariance_yy),
         perturbation.initial_pose_covariance_yaw,
     )
     dtype = np.dtype(

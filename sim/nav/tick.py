@@ -93,7 +93,7 @@ def advance(
         _actuate(p, m)
         lap(m, profile.ACTUATORS)
         if m.tick % ROW_TICKS == 0:
-            _record(m, rows)
+            _record(p, m, rows)
         m.tick += 1
         lap(m, profile.RECORDING)
         if not move_freely(g.leap, p.resolution, p.origin_x, p.origin_y, body, m.velocities, TICK_S / SUBSTEPS, hold):
@@ -103,11 +103,11 @@ def advance(
 
 
 @njit
-def conclude(memory: Any, body: Body, rows: Any) -> None:
+def conclude(parameters: Any, memory: Any, body: Body, rows: Any) -> None:
     """The recording's last row: where the robot is when the run ends."""
-    m = memory[0]
+    p, m = parameters[0], memory[0]
     _see_truth(m, body.pose[0], body.pose[1], body.pose[2])
-    _record(m, rows)
+    _record(p, m, rows)
 
 
 @njit
@@ -221,18 +221,37 @@ def _actuate(p: Any, m: Any) -> None:
 
 
 @inner
-def _record(m: Any, rows: Any) -> None:
+def _record(p: Any, m: Any, rows: Any) -> None:
+    """A row of the recording, its poses and the covariance in the map's frame."""
     if m.rows == rows.shape[0]:
         return
     row = rows[m.rows]
     row[0] = round(m.tick * TICK_S * 1e3)
-    row[1], row[2], row[3] = round(m.true_x * 1e3), round(m.true_y * 1e3), round(wrapped(m.true_yaw) * 1e3)
-    row[4], row[5], row[6] = round(m.x * 1e3), round(m.y * 1e3), round(m.yaw * 1e3)
+    _record_pose(p, row[1:4], m.true_x, m.true_y, wrapped(m.true_yaw))
+    _record_pose(p, row[4:7], m.x, m.y, m.yaw)
     row[7], row[8] = round(m.true_v * 1e3), round(m.true_w * 1e3)
     row[9], row[10] = round(m.command_v * 1e3), round(m.command_w * 1e3)
     row[11], row[12] = round(m.sent_v * 1e3), round(m.sent_w * 1e3)
     row[13] = m.localized
-    row[14], row[15], row[16] = round(m.pose_xx * 1e6), round(m.pose_xy * 1e6), round(m.pose_yy * 1e6)
+    xx, xy, yy = m.pose_xx, m.pose_xy, m.pose_yy
+    if p.grid_yaw != 0.0:
+        c, s = p.grid_cos, p.grid_sin
+        xx, xy, yy = (
+            c * c * m.pose_xx - 2.0 * c * s * m.pose_xy + s * s * m.pose_yy,
+            c * s * (m.pose_xx - m.pose_yy) + (c * c - s * s) * m.pose_xy,
+            s * s * m.pose_xx + 2.0 * c * s * m.pose_xy + c * c * m.pose_yy,
+        )
+    row[14], row[15], row[16] = round(xx * 1e6), round(xy * 1e6), round(yy * 1e6)
     row[17] = round(m.pose_aa * 1e6)
     m.localized = 0
     m.rows += 1
+
+
+@inner
+def _record_pose(p: Any, row: Any, x_m: float, y_m: float, yaw_rad: float) -> None:
+    if p.grid_yaw != 0.0:
+        dx, dy = x_m - p.origin_x, y_m - p.origin_y
+        x_m = p.origin_x + p.grid_cos * dx - p.grid_sin * dy
+        y_m = p.origin_y + p.grid_sin * dx + p.grid_cos * dy
+        yaw_rad = wrapped(yaw_rad + p.grid_yaw)
+    row[0], row[1], row[2] = round(x_m * 1e3), round(y_m * 1e3), round(yaw_rad * 1e3)

@@ -1,7 +1,7 @@
 """Checking what a scenario does: compositions, calls of actions, waits, and the modifiers round them."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from vastflow.sim.osc.declarations import Compound, Declarations
@@ -22,7 +22,8 @@ from vastflow.sim.osc.definition import (
 )
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
 from vastflow.sim.osc.faults import did_you_mean
-from vastflow.sim.osc.libraries import declaring
+from vastflow.sim.osc.libraries import declaring, library_names
+from vastflow.sim.osc.members import MemberChecker
 from vastflow.sim.osc.operators import BOOL
 from vastflow.sim.osc.syntax import (
     ActText,
@@ -39,8 +40,8 @@ from vastflow.sim.osc.syntax import (
     Word,
 )
 
-ENDING: Final = ("end", "fail")
-"""Events that every scenario has."""
+ENDING: Final = ("end", "fail", "start")
+"""Events that every scenario has; nothing follows from the last."""
 
 MODIFIERS: Final = frozenset(
     {
@@ -70,6 +71,7 @@ class BehaviourChecker:
 
     declared: Declarations
     expressions: ExpressionChecker
+    members: MemberChecker
     names: Visible
     events: Sequence[str]
 
@@ -84,10 +86,12 @@ class BehaviourChecker:
             case ActText():
                 return self._modified(self._call(text), text.modifiers)
             case WaitText():
+                self._refuse_keep(text.modifiers)
                 awaited = self._awaited(text.awaited)
                 wait = None if awaited is None else Wait(awaited, _label(text.label), text.place)
                 return self._modified(wait, text.modifiers)
             case EmitText():
+                self._refuse_keep(text.modifiers)
                 return self._modified(self._emit(text), text.modifiers)
 
     def is_modifier(self, text: ActText) -> bool:
@@ -99,8 +103,6 @@ class BehaviourChecker:
         """`child` with the modifiers that stand beside it, the first outermost."""
         calls = []
         for text in modifiers:
-            if text.label is not None:
-                self.expressions.fault(text.label.place, "found a label of a modifier", "the modifier alone")
             if text.modifiers.items:
                 self.expressions.fault(text.call.place, "found a modifier of a modifier", "one after the other")
             calls.append(text.call)
@@ -116,7 +118,13 @@ class BehaviourChecker:
         if members and None not in children:
             done = tuple(child for child in children if child is not None)
             composition = Composition(text.kind, done, _label(text.label), text.place)
+        self._refuse_keep(text.modifiers)
         return self._modified(self.wrapped(composition, modifiers), text.modifiers)
+
+    def _refuse_keep(self, text: WithText) -> None:
+        for item in text.items:
+            if isinstance(item, KeepText):
+                self.expressions.fault(item.place, "found 'keep' where nothing has members", "'keep' below an action")
 
     def _modified(self, child: Behaviour | None, text: WithText) -> Behaviour | None:
         """`child` with what its `with:` block says: modifiers, the first outermost, and `until` outside of them."""
@@ -129,8 +137,7 @@ class BehaviourChecker:
                 case UntilText():
                     untils.append(item)
                 case KeepText():
-                    self.expressions.fault(item.place, "found 'keep' where something is done", "'keep' below a field")
-                    child = None
+                    pass  # gives an argument of the action above
                 case RefusedText():
                     self.expressions.refuse(item)
                     child = None
@@ -154,20 +161,41 @@ class BehaviourChecker:
             child = None if child is None or arguments is None else Modified(name, arguments, child, call.place)
         return child
 
-    def _arguments(self, call: CallText, declared: Compound, whose: str) -> Mapping[str, Expression] | None:
+    def _arguments(
+        self, call: CallText, declared: Compound, whose: str, keeps: Sequence[KeepText] = ()
+    ) -> Mapping[str, Expression] | None:
+        """All arguments of a call; what `keep` says takes the place of what stands in the brackets."""
         given = self.expressions.arguments(call.arguments, declared.members, self.names, whose)
-        return None if given is None else self.expressions.complete(given, declared.members, call.place, whose, False)
+        if given is None:
+            return None
+        members = {
+            name: replace(member, default=given.get(name, member.default)) for name, member in declared.members.items()
+        }
+        for keep in keeps:
+            members = self.members.keep(keep, members, self.names)
+        changed = {
+            name: member.default
+            for name, member in members.items()
+            if member.default is not None and member.default is not declared.members[name].default
+        }
+        return self.expressions.complete(changed, declared.members, call.place, whose)
 
     def _call(self, text: ActText) -> Behaviour | None:
         words = text.call.path.words
         action = self._action(words[0]) if len(words) == 1 else self._action_of(words)
         if action is None:
             return None
-        arguments = self._arguments(text.call, action, str(text.call.path))
+        keeps = [item for item in text.modifiers.items if isinstance(item, KeepText)]
+        arguments = self._arguments(text.call, action, str(text.call.path), keeps)
         if arguments is None:
             return None
         actor = words[0].text if len(words) == 2 else ""
-        return Call(action.name, actor, arguments, _label(text.label), text.call.place)
+        return Call(self._done_by(action), actor, arguments, _label(text.label), text.call.place)
+
+    def _done_by(self, action: Compound) -> str:
+        """The action of a library that an action of one's own is at bottom; its own name where it is none."""
+        chain = (action, *(self.declared.actions[base][0] for base in action.bases))
+        return next((each.name for each in chain if each.origin in library_names()), action.name)
 
     def _action(self, name: Word) -> Compound | None:
         known = self.declared.actions.get(name.text, ())
@@ -188,6 +216,8 @@ class BehaviourChecker:
             return f"it is an action of {actor}: {instances[0] if instances else 'instance'}.{name}(…)"
         if libraries := declaring(name):
             return f"'import {libraries[0]}', which declares it"
+        if name in self.declared.scenarios:
+            return "an action; a scenario can be inherited from and not be called"
         return did_you_mean(name, [action for action in self.declared.actions if "." not in action], "an import")
 
     def _is_instance(self, type_: Type, actor: str) -> bool:

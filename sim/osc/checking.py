@@ -4,7 +4,16 @@ from collections.abc import Mapping, Sequence
 
 from vastflow.sim.osc.behaviours import ENDING, BehaviourChecker
 from vastflow.sim.osc.declarations import Declarations, Member
-from vastflow.sim.osc.definition import Actor, Behaviour, Expression, Parameter, ScenarioDefinition, Type, Variable
+from vastflow.sim.osc.definition import (
+    Actor,
+    Behaviour,
+    Expression,
+    Parameter,
+    ScenarioDefinition,
+    Type,
+    Variable,
+    names_in,
+)
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
 from vastflow.sim.osc.faults import OscFault, did_you_mean
 from vastflow.sim.osc.members import MemberChecker
@@ -41,6 +50,8 @@ class _Scenario:
         self._expressions = ExpressionChecker(declared, faults)
         self._members = MemberChecker(declared, self._expressions)
         self._fields: dict[str, Member] = dict(declared.globals)
+        self._own: set[str] = set()
+        self._types: dict[str, Type] = {}
         self._units: dict[str, str] = {}
         self._instances: dict[str, FieldText] = {}
         self._events: list[str] = []
@@ -49,11 +60,15 @@ class _Scenario:
     def definition(self, text: CompoundText) -> ScenarioDefinition | None:
         chain = self._chain(text)
         members = [member for part in chain for member in part.members]
-        for member in members:
-            self._declare(member)
+        self._types = {name: type_ for member in members for name, type_ in self._members.types(member)}
+        for part in chain:
+            self._own.clear()
+            for member in part.members:
+                self._declare(member)
+        self._refuse_circles()
         done = self._done(chain)
         visible = self._visible()
-        checker = BehaviourChecker(self._declared, self._expressions, visible, self._events)
+        checker = BehaviourChecker(self._declared, self._expressions, self._members, visible, self._events)
         root: Behaviour | None = None if done is None else checker.behaviour(done.behaviour)
         applied = [member for member in members if isinstance(member, ActText)]
         for member in applied:
@@ -63,7 +78,8 @@ class _Scenario:
         actors = [self._actor(name, field, visible) for name, field in self._instances.items()]
         if root is None or None in actors:
             return None
-        return self._made(text, root, tuple(actor for actor in actors if actor is not None))
+        bases = tuple(str(part.name) for part in chain[:-1])
+        return self._made(text, root, tuple(actor for actor in actors if actor is not None), bases)
 
     def _misplaced(self, text: ActText) -> None:
         path = str(text.call.path)
@@ -96,7 +112,7 @@ class _Scenario:
             case KeepText():
                 self._keep(member)
             case MethodText():
-                self._expressions.fault(member.name.place, "found a method of a scenario", "a function of a library")
+                pass  # may be declared; a call of it is refused
             case RefusedText():
                 self._expressions.refuse(member)
 
@@ -104,16 +120,21 @@ class _Scenario:
         members = self._members.fields(text, self._visible())
         self._faulty |= {name.text for name in text.names} - {member.name for member in members}
         for member in members:
-            if member.name in self._fields or member.name in self._events:
+            if member.name in self._own or member.name in self._events:
                 self._expressions.fault(member.place, f"{member.name!r} is declared already", "another name")
                 continue
+            self._own.add(member.name)
+            above = self._fields.get(member.name)
+            if above is not None and not self._is_variable(member.name, above):
+                member = self._members.overriding(member, above)
             if member.type.kind == "actor":
                 if member.type.is_list or member.is_variable:
                     what = "a list of actors" if member.type.is_list else "a variable of an actor"
                     self._expressions.fault(member.place, f"found {what}", "'name: actor' for each instance")
                 self._instances[member.name] = text
             self._fields[member.name] = member
-            self._units[member.name] = _unit(text.default)
+            if text.default is not None:
+                self._units[member.name] = _unit(text.default)
 
     def _keep(self, text: KeepText) -> None:
         before = self._fields
@@ -134,11 +155,29 @@ class _Scenario:
 
     def _visible(self) -> Visible:
         changing = [name for name, member in self._fields.items() if self._is_variable(name, member)]
-        types = {name: member.type for name, member in self._fields.items()}
-        return Visible(types, frozenset(changing), frozenset(self._faulty - types.keys()))
+        types = self._types | {name: member.type for name, member in self._fields.items()}
+        for name, type_ in types.items():
+            changing += [f"{name}.{each.name}" for each in self._declared.variables_of(type_)]
+        return Visible(types, frozenset(changing), frozenset(self._faulty))
 
     def _is_variable(self, name: str, member: Member) -> bool:
-        return member.is_variable or name in self._declared.globals
+        return member.is_variable or member is self._declared.globals.get(name)
+
+    def _refuse_circles(self) -> None:
+        """Take down values that need themselves."""
+        needed = {
+            name: set(names_in(member.default)) if member.default is not None else set()
+            for name, member in self._fields.items()
+        }
+        told: set[str] = set()
+        for name, member in self._fields.items():
+            reached, ahead = set[str](), set(needed[name])
+            while ahead - reached:
+                reached |= ahead
+                ahead = {further for each in ahead for further in needed.get(each, ())}
+            if name in reached and name not in told:
+                told |= reached
+                self._expressions.fault(member.place, f"the value of {name!r} needs {name!r} itself", "a value")
 
     def _done(self, chain: Sequence[CompoundText]) -> DoText | None:
         """What the scenario does: its own `do`, or that of the nearest it inherits from."""
@@ -163,25 +202,31 @@ class _Scenario:
                 members = self._members.keep(item, members, visible)
             else:
                 self._members.refuse_modifier(item)
-        values: dict[str, Expression] = {}
         place = self._fields[name].place
-        for member in members.values():
-            value = member.default or self._declared.default_of(member.type, place)
-            if value is not None:
-                values[member.name] = value
-            elif not member.is_variable:
+        kept = {
+            each.name: each.default
+            for each in members.values()
+            if each.default is not None and each is not declared.members[each.name]
+        }
+        values, missing = self._declared.filled(kept, declared.members, place)
+        for member in missing:
+            if not member.is_variable:
                 right = f"'with:' and below it 'keep(it.{member.name} == …)'"
                 self._expressions.fault(place, f"{name!r} has no value for {member.name!r}", right)
                 return None
-        return Actor(name, (type_.name, *declared.bases), values, place)
+        variables = tuple(member.name for member in self._declared.variables_of(type_))
+        return Actor(name, (type_.name, *declared.bases), values, variables, place)
 
-    def _made(self, text: CompoundText, root: Behaviour, actors: tuple[Actor, ...]) -> ScenarioDefinition:
+    def _made(
+        self, text: CompoundText, root: Behaviour, actors: tuple[Actor, ...], bases: tuple[str, ...]
+    ) -> ScenarioDefinition:
         parameters, variables = [], []
         for member in self._fields.values():
             if self._is_variable(member.name, member):
-                variables.append(Variable(member.name, member.type, member.default, member.place))
+                initial = member.default or self._declared.default_of(member.type, member.place)
+                variables.append(Variable(member.name, member.type, initial, member.place))
             elif member.type.kind != "actor":
-                unit = self._units[member.name]
+                unit = self._units.get(member.name, "")
                 parameters.append(Parameter(member.name, member.type, member.default, unit, member.place))
         return ScenarioDefinition(
             name=str(text.name),
@@ -194,6 +239,7 @@ class _Scenario:
             structs=_structs(self._declared),
             units=self._declared.units,
             enums=self._declared.enums,
+            bases=bases,
         )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from vastflow.sim.osc.definition import Expression, Place, Struct, Type
+from vastflow.sim.osc.definition import Expression, Place, Struct, Type, substituted
 from vastflow.sim.osc.syntax import CompoundText
 
 BASIC: Final = ("int", "uint", "float", "bool", "string")
@@ -139,17 +139,36 @@ class Declarations:
             return {}
         return (self.structs if type_.kind == "struct" else self.actors)[type_.name].members
 
+    def variables_of(self, type_: Type) -> tuple[Member, ...]:
+        """The `var`s of an actor; none of anything else."""
+        if type_.kind != "actor":
+            return ()
+        return tuple(member for member in self.members_of(type_).values() if member.is_variable)
+
     def default_of(self, type_: Type, place: Place) -> Expression | None:
         """A struct with the defaults of all its members; None where one of them has none, and for every other type."""
         if type_.is_list or type_.kind != "struct":
             return None
-        members: dict[str, Expression] = {}
-        for member in self.structs[type_.name].members.values():
-            value = member.default or self.default_of(member.type, place)
+        members, missing = self.filled({}, self.structs[type_.name].members, place)
+        return None if missing else Struct(type_.name, members, place)
+
+    def filled(
+        self, given: Mapping[str, Expression], declared: Mapping[str, Member], place: Place
+    ) -> tuple[dict[str, Expression], list[Member]]:
+        """`given` and the defaults of all other members, which may name members above; and the members without a value."""
+        values: dict[str, Expression] = {}
+        missing: list[Member] = []
+        for name, member in declared.items():
+            value = given.get(name)
+            if value is None and member.default is not None:
+                value = substituted(member.default, values)
             if value is None:
-                return None
-            members[member.name] = value
-        return Struct(type_.name, members, place)
+                value = self.default_of(member.type, place)
+            if value is None:
+                missing.append(member)
+            else:
+                values[name] = value
+        return values, missing
 
     def unit_of(self, physical: str) -> str:
         """The SI unit of a physical type, for messages."""

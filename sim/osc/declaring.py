@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from vastflow.sim.osc.declarations import Compound, Declarations, Function, Member
-from vastflow.sim.osc.definition import Place
-from vastflow.sim.osc.expressions import NO_NAMES, ExpressionChecker
+from vastflow.sim.osc.definition import Place, Type
+from vastflow.sim.osc.expressions import NO_NAMES, ExpressionChecker, Visible
 from vastflow.sim.osc.faults import OscFault, did_you_mean
 from vastflow.sim.osc.members import MemberChecker
 from vastflow.sim.osc.syntax import (
@@ -49,10 +49,11 @@ class _Declarer:
         self._declared.include(imported)
         self._origin = origin
         self._of_library = of_library
-        self._expressions = ExpressionChecker(self._declared, faults)
+        self._expressions = ExpressionChecker(self._declared, faults, of_library)
         self._members = MemberChecker(self._declared, self._expressions, ensure=self._ensure, of_library=of_library)
         self._pending: dict[str, CompoundText] = {}
         self._places: dict[tuple[str, str], Place] = {}
+        self._globals: dict[str, Type] = {name: member.type for name, member in imported.globals.items()}
 
     def declarations(self, text: FileText) -> Declarations:
         for declaration in text.declarations:
@@ -69,18 +70,25 @@ class _Declarer:
         for declaration in text.declarations:
             if isinstance(declaration, UnitText):
                 self._unit(declaration)
+        fields = [declaration.field for declaration in text.declarations if isinstance(declaration, GlobalText)]
+        # Types of this file last: the defaults of their members may name globals.
+        for field in sorted(fields, key=lambda field: field.type.name.text in self._pending):
+            self._globals |= self._members.types(field)
         for name in list(self._pending):
             self._ensure(name)
+        for field in fields:
+            self._global(field)
         for declaration in text.declarations:
-            if isinstance(declaration, GlobalText):
-                self._global(declaration)
-            elif isinstance(declaration, CompoundText):
+            if isinstance(declaration, CompoundText):
                 self._later(declaration)
         return self._declared
 
     def _is_new(self, kind: str, name: PathText | Word, known: Any) -> bool:
         key = str(name) if isinstance(name, PathText) else name.text
         place = self._places.setdefault((kind, key), name.place)
+        if kind == "type" and key.startswith("listof"):
+            self._expressions.fault(name.place, f"found type {key!r}, which begins with 'listof'", "another name")
+            return False
         if place is not name.place or key in known:
             where = f" at {place}" if place is not name.place else ""
             self._expressions.fault(name.place, f"{key!r} is declared already{where}", "another name")
@@ -177,17 +185,21 @@ class _Declarer:
         assert text.kind != "scenario"
         members: dict[str, Member] = dict(base.members) if base else {}
         functions: dict[str, Function] = dict(base.functions) if base else {}
+        own: set[str] = set()
         for part in text.members:
+            names = Visible(self._globals | {name: member.type for name, member in members.items()})
             match part:
                 case FieldText():
-                    for member in self._members.fields(part, NO_NAMES):
-                        if member.name in members:
+                    for member in self._members.fields(part, names):
+                        if member.name in own:
                             self._expressions.fault(
                                 member.place, f"{member.name!r} is declared already", "another name"
                             )
-                        members[member.name] = member
+                        inherited = members.get(member.name)
+                        members[member.name] = self._members.overriding(member, inherited) if inherited else member
+                        own.add(member.name)
                 case KeepText():
-                    members = self._members.keep(part, members, NO_NAMES)
+                    members = self._members.keep(part, members, names)
                 case MethodText():
                     functions[part.name.text] = self._function(text, part)
                 case EventText():
@@ -209,9 +221,9 @@ class _Declarer:
         returns = None if text.returns is None else self._members.type_of(text.returns)
         return Function(f"{owner.name}.{text.name.text}", parameters, returns, self._of_library)
 
-    def _global(self, text: GlobalText) -> None:
-        if all(self._is_new("global", name, self._declared.globals) for name in text.field.names):
-            for member in self._members.fields(text.field, NO_NAMES):
+    def _global(self, text: FieldText) -> None:
+        if all(self._is_new("global", name, self._declared.globals) for name in text.names):
+            for member in self._members.fields(text, Visible(self._globals)):
                 self._declared.globals[member.name] = member
 
 

@@ -3,8 +3,8 @@
 A definition is a value. It is made once for a file, and any number of runs build their trees from it.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 
@@ -97,6 +97,46 @@ class External:
 
 
 Expression: TypeAlias = Constant | Name | ListOf | Struct | Operation | External
+
+
+def names_in(expression: Expression) -> Iterator[str]:
+    """Every parameter, variable, global or actor that an expression uses."""
+    match expression:
+        case Name(path=path):
+            yield path[0]
+        case ListOf(items=parts) | Operation(operands=parts) | External(arguments=parts):
+            for part in parts:
+                yield from names_in(part)
+        case Struct(members=members):
+            for part in members.values():
+                yield from names_in(part)
+
+
+def substituted(expression: Expression, values: Mapping[str, Expression]) -> Expression:
+    """`expression` with the values of names in their place; other names stay."""
+    match expression:
+        case Name(path=(first, *below)) if first in values:
+            return below_of(values[first], below)
+        case ListOf(items=items):
+            return replace(expression, items=tuple(substituted(item, values) for item in items))
+        case Operation(operands=operands):
+            return replace(expression, operands=tuple(substituted(operand, values) for operand in operands))
+        case External(arguments=arguments):
+            return replace(expression, arguments=tuple(substituted(argument, values) for argument in arguments))
+        case Struct(members=members):
+            return replace(expression, members={name: substituted(part, values) for name, part in members.items()})
+        case _:
+            return expression
+
+
+def below_of(expression: Expression, path: Sequence[str]) -> Expression:
+    """The member at a path below a struct."""
+    for word in path:
+        if isinstance(expression, Struct):
+            expression = expression.members[word]
+        elif isinstance(expression, Name):
+            expression = replace(expression, path=(*expression.path, word))
+    return expression
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,11 +269,13 @@ class Actor:
     Attributes:
         types: Its type and those that one inherits from, the nearest first.
         members: A `var` of the actor is among them where it has an initial value.
+        variables: Its `var`s by name.
     """
 
     name: str
     types: tuple[str, ...]
     members: Mapping[str, Expression]
+    variables: tuple[str, ...]
     place: Place
 
 
@@ -247,6 +289,7 @@ class ScenarioDefinition:
         structs: Struct name to its members' types and default expressions, for values that come from outside.
         units: Unit name to (physical type, factor, offset): value × factor + offset is SI.
         enums: Enum name to member name to number.
+        bases: Scenarios that it inherits from, by name.
     """
 
     name: str
@@ -259,3 +302,4 @@ class ScenarioDefinition:
     structs: Mapping[str, Mapping[str, tuple[Type, Expression | None]]] = field(repr=False)
     units: Mapping[str, tuple[str, float, float]] = field(repr=False)
     enums: Mapping[str, Mapping[str, int]] = field(repr=False)
+    bases: tuple[str, ...] = ()

@@ -15,9 +15,10 @@ from vastflow.sim.osc.definition import (
     Place,
     Struct,
 )
+from vastflow.sim.scenario_error import ScenarioError
 
 
-class EvaluationError(ValueError):
+class EvaluationError(ScenarioError):
     """An expression that has no value, such as a division by zero.
 
     Attributes:

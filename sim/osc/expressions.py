@@ -18,6 +18,7 @@ from vastflow.sim.osc.definition import (
     Struct,
     Type,
 )
+from vastflow.sim.osc.evaluation import text_of
 from vastflow.sim.osc.faults import OscFault, did_you_mean
 from vastflow.sim.osc.hints import right_type
 from vastflow.sim.osc.operators import BOOL, FLOAT, INT, OPERANDS, STRING, is_number, result_of
@@ -58,9 +59,10 @@ NO_NAMES: Final = Visible({})
 class ExpressionChecker:
     """Checks expressions against declarations; what is wrong goes to `faults`, and the value is None then."""
 
-    def __init__(self, declarations: Declarations, faults: list[OscFault]) -> None:
+    def __init__(self, declarations: Declarations, faults: list[OscFault], of_library: bool = False) -> None:
         self._declared = declarations
         self._faults = faults
+        self._of_library = of_library
 
     def fault(self, place: Place, what: str, right: str) -> None:
         """Take down a fault."""
@@ -78,6 +80,7 @@ class ExpressionChecker:
         if wanted == VARIABLE:
             return self._variable(text, names, whose)
         if isinstance(text, ListText) and wanted.is_list:
+            self._refuse_empty(text)
             item = Type(wanted.name, wanted.kind)
             items = [self.assigned(part, item, names, f"an item of {whose}") for part in text.items]
             return None if None in items else ListOf(tuple(cast(list[Expression], items)), text.place)
@@ -138,31 +141,37 @@ class ExpressionChecker:
                 name, place = order[position], argument.value.place
             if name in given:
                 self.fault(place, f"{name!r} of {whose} is given twice", "one value")
-            given[name] = self.assigned(argument.value, parameters[name].type, names, f"{name!r} of {whose}")
+            given[name] = self._argument(argument.value, parameters[name].type, names, f"{name!r} of {whose}")
         if None in given.values():
             return None
         return {name: cast(Expression, given[name]) for name in order if name in given}
 
     def complete(
-        self, given: Mapping[str, Expression], parameters: Mapping[str, Member], place: Place, whose: str, deep: bool
+        self, given: Mapping[str, Expression], parameters: Mapping[str, Member], place: Place, whose: str
     ) -> dict[str, Expression] | None:
-        """`given` and the defaults of all other parameters; with `deep` also those that the members of structs have."""
-        values: dict[str, Expression] = {}
-        missing = []
-        for name, member in parameters.items():
-            value = (
-                given.get(name) or member.default or (self._declared.default_of(member.type, place) if deep else None)
-            )
-            if value is None:
-                missing.append(f"{name}: {member.type}")
-            else:
-                values[name] = value
+        """`given` and the defaults of all other parameters, those that the members of structs have among them."""
+        values, missing = self._declared.filled(given, parameters, place)
         if missing:
-            self.fault(
-                place, f"{whose} is called without {_listed(missing)}", "a value for each parameter without a default"
-            )
+            words = _listed([f"{member.name}: {member.type}" for member in missing])
+            self.fault(place, f"{whose} is called without {words}", "a value for each parameter without a default")
             return None
         return values
+
+    def _argument(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression | None:
+        """As `assigned`, with what calls take beyond it: numbers for a number with a unit, in SI units, and for a text."""
+        before = len(self._faults)
+        typed = self.value(text, names) if isinstance(text, LiteralText | PathText | OperationText) else None
+        takes_numbers = wanted == FLOAT or (wanted.kind == "physical" and not wanted.is_list)
+        if typed is not None and takes_numbers and is_number(typed[1]):
+            return typed[0]
+        if typed is not None and wanted == STRING and isinstance(text, LiteralText):
+            return Constant(text_of(text.value), text.place)
+        del self._faults[before:]
+        return self.assigned(text, wanted, names, whose)
+
+    def _refuse_empty(self, text: ListText) -> None:
+        if not text.items and not self._of_library:
+            self.fault(text.place, "found an empty list, which the language does not have", "one item or more")
 
     def _fits(self, value: Expression, found: Type, wanted: Type) -> bool:
         if self._declared.is_a(found, wanted):
@@ -246,7 +255,7 @@ class ExpressionChecker:
             return None
         whose = f"{function.name}()"
         given = self.arguments(text.arguments, function.parameters, names, whose)
-        values = None if given is None else self.complete(given, function.parameters, text.place, whose, False)
+        values = None if given is None else self.complete(given, function.parameters, text.place, whose)
         if values is None:
             return None
         return External(function.name, tuple(values.values()), text.place), function.returns or ANY
@@ -264,7 +273,7 @@ class ExpressionChecker:
             return None
         whose = f"{name.text}(…)"
         given = self.arguments(text.arguments, struct.members, names, whose)
-        values = None if given is None else self.complete(given, struct.members, text.place, whose, True)
+        values = None if given is None else self.complete(given, struct.members, text.place, whose)
         return None if values is None else (Struct(name.text, values, text.place), Type(name.text, "struct"))
 
     def _function(self, path: PathText) -> Function | None:
@@ -285,6 +294,7 @@ class ExpressionChecker:
         return function
 
     def _list(self, text: ListText, names: Visible) -> Typed | None:
+        self._refuse_empty(text)
         typed = [self.value(item, names) for item in text.items]
         if None in typed:
             return None

@@ -54,10 +54,13 @@ MOST_EXPECTED: Final = 8
 
 MOST_FAULTS: Final = 20
 
+MOST_PARSED: Final = 300_000
+"""Characters that are parsed on the way to further faults: each takes the text from its beginning."""
+
 STAND_IN: Final = "\ue000"
 """Takes the place of a line that is at fault; the grammar has it wherever a line may begin."""
 
-LABEL: Final = re.compile(r"(\w+)[ \t]*:[ \t]*\Z")
+LABEL: Final = re.compile(r"(?<!\w)(\w+)[ \t]*:[ \t]*\Z")
 """A name before a colon at the end of a line, where a block can't begin."""
 
 BLOCKS: Final = ("serial", "parallel", "one_of")
@@ -89,7 +92,7 @@ def parsed(text: str, file: str) -> FileText:
             place = Place(file, *_whereabouts(error.token, readable))
             faults.append(OscFault(place, *_unexpected(error, readable)))
             rest = None if _is_about_blocks(error) else _without(readable, place.line)
-        if rest is None or len(faults) == MOST_FAULTS:
+        if rest is None or len(faults) == MOST_FAULTS or len(faults) * len(text) > MOST_PARSED:
             raise OscError(faults)
         readable = rest
     if faults:

@@ -13,6 +13,9 @@ DEEPEST: Final = 100
 OPENING: Final = frozenset({"LPAR", "LSQB"})
 CLOSING: Final = frozenset({"RPAR", "RSQB"})
 
+WORDS: Final = re.compile(r"\w\w")
+"""Letters of two words that touch."""
+
 COMMENT: Final = re.compile(r"/\*[\s\S]*?\*/|#[^\n]*")
 
 
@@ -50,6 +53,15 @@ class Indentation(PostLex):
                         yield Token.new_borrow_pos("_NL", "", token)
                     yield from _steps(token, width, levels)
                 continue
+            if (
+                begun
+                and end.end_pos == token.start_pos
+                and end.type != "NUMBER"
+                and WORDS.fullmatch(end[-1] + token[0])
+            ):
+                raise IndentationFault(
+                    end.line or 1, end.column or 1, f"found {end + token!r}", f"a blank behind {str(end)!r}"
+                )
             brackets += (token.type in OPENING) - (token.type in CLOSING)
             if brackets > DEEPEST:
                 raise IndentationFault(token.line or 1, token.column or 1, "brackets are nested too deep", "fewer")

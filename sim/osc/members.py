@@ -1,11 +1,11 @@
 """Checking fields and variables, and the `keep` that gives them values."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final
 
 from vastflow.sim.osc.declarations import ANY, VARIABLE, Declarations, Member
-from vastflow.sim.osc.definition import Expression, Struct, Type
+from vastflow.sim.osc.definition import Expression, Name, Struct, Type, below_of
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
 from vastflow.sim.osc.faults import did_you_mean
 from vastflow.sim.osc.hints import right_type
@@ -14,6 +14,7 @@ from vastflow.sim.osc.syntax import (
     ExpressionText,
     FieldText,
     KeepText,
+    MemberText,
     OperationText,
     PathText,
     RefusedText,
@@ -91,6 +92,18 @@ class MemberChecker:
                     default = self._with_value(default, type_, *target, names)
         return [Member(name.text, type_, default, text.is_variable, name.place) for name in words]
 
+    def types(self, text: MemberText) -> Iterator[tuple[str, Type]]:
+        """The names that a member declares as fields, with their types."""
+        if isinstance(text, FieldText) and (type_ := self.type_of(text.type)) is not None:
+            yield from ((name.text, type_) for name in text.names)
+
+    def overriding(self, member: Member, inherited: Member) -> Member:
+        """A member that is declared again below what it is inherited from: with the new default, else the old one."""
+        if not self._declared.is_a(member.type, inherited.type):
+            what = f"{member.name!r} is declared already, as {inherited.type}"
+            self._expressions.fault(member.place, what, f"{inherited.type}, or another name")
+        return replace(member, default=member.default or inherited.default)
+
     def keep(self, text: KeepText, members: Mapping[str, Member], names: Visible) -> dict[str, Member]:
         """`members` with the value that a `keep` about their owner gives one of them."""
         kept = dict(members)
@@ -135,6 +148,8 @@ class MemberChecker:
             self._expressions.fault(first.place, f"a {type_} has no member {first.text!r}", right)
             return default
         whole = default or self._declared.default_of(type_, first.place)
+        if isinstance(whole, Name):
+            whole = Struct(type_.name, {name: below_of(whole, [name]) for name in members}, whole.place)
         if not isinstance(whole, Struct):
             self._expressions.fault(first.place, f"found a 'keep' below a {type_} without value", f"{type_.name}(…)")
             return default

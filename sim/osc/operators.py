@@ -19,7 +19,7 @@ OPERANDS: Final[Mapping[str, str]] = {
     **dict.fromkeys(("==", "!="), "values of one type"),
     **dict.fromkeys(("<", "<=", ">", ">="), "numbers, or values of one physical type"),
     "in": "a value, and a list of its type",
-    "+": "numbers, values of one physical type, or two strings",
+    "+": "numbers, values of one physical type, two strings or two lists",
     "-": "numbers, or values of one physical type",
     "%": "numbers, or values of one physical type",
     "*": "numbers, or a value with a unit and a number",
@@ -44,7 +44,7 @@ def result_of(operator: str, types: tuple[Type, ...], physical: Physical) -> Typ
     if operator in ("==", "!="):
         return BOOL if _comparable(left, right) else None
     if left.is_list or right.is_list:
-        return None
+        return left if operator == "+" and left == right else None
     if ANY in types:
         return BOOL if operator in ("<", "<=", ">", ">=") else ANY
     ordered = (is_number(left) and is_number(right)) or (left == right and left.kind == "physical")

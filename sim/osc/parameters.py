@@ -1,9 +1,11 @@
 """Values of a scenario's parameters: the defaults of the file, and what a configuration gives in their place."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections import ChainMap
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from numbers import Integral, Real
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from vastflow.sim.osc.definition import EnumValue, Expression, Parameter, ScenarioDefinition, Struct, Type
 from vastflow.sim.osc.evaluation import EvaluationError, evaluate, text_of
@@ -148,7 +150,7 @@ class _Values(Mapping[str, Any]):
             below = f"{where}.{name}"
             value = default[name] if isinstance(default, Mapping) and name in default else None
             if value is None and usual is not None:
-                value = evaluate(usual, self, self._functions)
+                value = evaluate(usual, ChainMap(whole, cast(MutableMapping[str, Any], self)), self._functions)
             if name in given:
                 whole[name] = self._fitted(below, member, given[name], value, "")
             elif value is None and member.kind == "struct" and not member.is_list:
@@ -168,11 +170,12 @@ class _Values(Mapping[str, Any]):
 
 
 def _number(given: Any) -> float | None:
-    if isinstance(given, bool) or not isinstance(given, Real):
+    """A number, also one that is written as a text, as campaign files have it; None for anything else."""
+    if isinstance(given, bool) or not isinstance(given, Real | str):
         return None
     try:
         value = float(given)
-    except OverflowError:
+    except (OverflowError, ValueError):
         return None
     return value if math.isfinite(value) else None
 
@@ -185,6 +188,8 @@ def _basic(name: str, given: Any) -> Any:
         return given if isinstance(given, bool) else None
     if name == "float":
         return _number(given)
+    if isinstance(given, str) and re.fullmatch(r"[+-]?[0-9]+", given):
+        given = int(given)
     if isinstance(given, bool) or not isinstance(given, Integral) or (name == "uint" and given < 0):
         return None
     return int(given)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from vastflow.sim import files
 from vastflow.sim.osc.checking import checked
 from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.declaring import declared
@@ -13,7 +14,7 @@ from vastflow.sim.osc.libraries import library, library_names
 from vastflow.sim.osc.parsing import parse
 from vastflow.sim.osc.syntax import CompoundText, FileText, ImportText
 
-MOST_BYTES: Final = 1_000_000
+MOST_BYTES: Final = 500_000
 
 ABSENT: Final[Mapping[str, str]] = {
     "osc.docker": "containers",
@@ -130,17 +131,10 @@ def _imported_file(
 def _content(path: Path, place: Place) -> str:
     """The text of a file; `place` is where it is asked for."""
     try:
-        content = path.read_bytes()
-    except FileNotFoundError:
+        return files.read_text(path, "a scenario file", MOST_BYTES)
+    except files.Missing:
         raise OscError([OscFault(place, f"there is no file {path}", "the path of a scenario file")]) from None
-    except (OSError, ValueError) as error:  # ValueError for a NUL in the path
-        raise OscError([OscFault(place, f"{path} can't be read: {error}", "a text file")]) from None
-    if len(content) > MOST_BYTES:
-        raise OscError([OscFault(place, f"{path} has {len(content)} bytes", f"at most {MOST_BYTES}")])
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        column = error.start - (content.rfind(b"\n", 0, error.start) + 1) + 1
-        at = Place(str(path), line, column)
-        raise OscError([OscFault(at, f"byte {content[error.start]:#04x} is not UTF-8", "a text in UTF-8")]) from None
+    except files.Unreadable as error:
+        if error.place == files.START:
+            raise OscError([OscFault(place, f"{path}: {error.what}", error.right)]) from None
+        raise OscError([OscFault(Place(str(path), *error.place), error.what, error.right)]) from None

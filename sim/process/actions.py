@@ -14,10 +14,12 @@ from py_trees.common import Status
 
 from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
 from vastflow.sim.osc.definition import EnumValue
-from vastflow.sim.process.process import NotStarted, ProcessGroup
+from vastflow.sim.process.folders import RunFolders
+from vastflow.sim.process.process import ProcessGroup
 from vastflow.sim.process.resources import write_resources
 from vastflow.sim.process.run import ProcessRun
 from vastflow.sim.process.yaml_value import YamlFault, set_yaml_value
+from vastflow.sim.scenario_error import ScenarioError
 
 SHUTDOWN_TIMEOUT_S: Final = 10.0
 
@@ -33,7 +35,8 @@ class RunAction(Action):
 class RunProcess(RunAction):
     """`run_process`: starts a program; succeeds if it exits with code 0, or at once where nobody waits for it.
 
-    The command is split into words as a shell does, with quotes; no shell runs it. It starts in the run's folder.
+    The command is split into words as a shell does, with quotes; no shell runs it. It starts in the run's folder. A scenario whose
+    program can't be started can't work: `ScenarioError`.
     Given up, or at the end of the scenario, it gets `shutdown_signal` and is killed `shutdown_timeout` of host time later.
     """
 
@@ -53,23 +56,16 @@ class RunProcess(RunAction):
         try:
             command = shlex.split(arguments["command"])
         except ValueError as error:  # a quote that is not closed
-            self.message = f"command {arguments['command']!r}: {str(error).lower()}"
-            return
+            raise ScenarioError(f"command {arguments['command']!r}: {str(error).lower()}") from None
         if not command:
-            self.message = "the command is empty"
-            return
-        try:
-            self._group = self.run.start(command, self.situation.label)
-        except NotStarted as error:
-            self.message = str(error)
-            return
+            raise ScenarioError("the command is empty")
+        self._group = self.run.start(command, self.situation.label)
         self.message = f"running {shlex.join(command)}"
         self._begun.append(self._group)
         self.situation.log(self.message)
 
     def update(self) -> Status:
-        if self._group is None:
-            return Status.FAILURE
+        assert self._group is not None  # `enter` starts it
         if not self._awaited:
             return Status.SUCCESS
         ended = self._group.poll()
@@ -155,8 +151,7 @@ class CheckProcessRunning(Answer):
         try:
             pattern = re.compile(wanted if arguments.get("regex", False) else re.escape(wanted))
         except re.error as error:
-            self.message = f"{wanted!r} is no regular expression: {error}"
-            return False
+            raise ScenarioError(f"{wanted!r} is no regular expression: {error}") from None
         running = any(pattern.search(text) for text in self._texts())
         self.message = f"{'a' if running else 'no'} process {wanted!r} of this run is running"
         return running
@@ -177,7 +172,7 @@ class CheckFileExists(Answer):
 
     def answer(self, arguments: Mapping[str, Any]) -> bool:
         name = arguments["file_name"]
-        there = Path(self.run.folder, name).exists()
+        there = self.run.folders.path(name).exists()
         self.message = f"{name!r} is {'' if there else 'not '}there"
         return there
 
@@ -195,14 +190,13 @@ class MonitorResources(RunAction):
     _file: Path | None = None
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
-        self._file = _below(self.run.folder, arguments["file_name"])
+        self._file = _written_to(self.run.folders, arguments["file_name"])
         if self._file is None:
-            self.message = f"{arguments['file_name']!r} lies outside of the run's folder"
-        else:
-            self.message = f"resources go to {arguments['file_name']!r}"
+            raise ScenarioError(f"{arguments['file_name']!r} lies outside of the run's folder; a file below it")
+        self.message = f"resources go to {arguments['file_name']!r}"
 
     def update(self) -> Status:
-        return Status.FAILURE if self._file is None else Status.RUNNING
+        return Status.RUNNING
 
     def shutdown(self) -> None:
         if self._file is None:
@@ -221,11 +215,12 @@ class SetYamlValue(Answer):
     """
 
     def answer(self, arguments: Mapping[str, Any]) -> bool:
-        source = self.run.folder / arguments["file_path"]
-        target = _below(self.run.folder, arguments.get("output_file") or arguments["file_path"])
+        source = self.run.folders.path(arguments["file_path"])
+        target = _written_to(self.run.folders, arguments.get("output_file") or arguments["file_path"])
         if target is None:
-            self.message = "what set_yaml_value writes has to lie in the run's folder; give it an output_file there"
-            return False
+            raise ScenarioError(
+                "what set_yaml_value writes has to lie in the run's folder; give it an output_file there"
+            )
         try:
             set_yaml_value(
                 source,
@@ -250,10 +245,10 @@ def _signal_number(value: Any) -> int:
     return int(value)
 
 
-def _below(folder: Path, name: str) -> Path | None:
-    """The file `name` seen from `folder`; None if it lies elsewhere."""
-    path = (folder / name).resolve()
-    return path if path.is_relative_to(folder) else None
+def _written_to(folders: RunFolders, name: str) -> Path | None:
+    """The file that programs know by `name`; None if it lies elsewhere than where they work."""
+    path = folders.path(name).resolve()
+    return path if path.is_relative_to(folders.out) else None
 
 
 PROCESSES: Final[Mapping[str, Callable[[ProcessRun, Situation], Action]]] = {

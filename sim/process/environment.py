@@ -7,15 +7,16 @@ from typing import Final
 
 from vastflow.sim.process.guard import VARIABLE
 from vastflow.sim.process.process import Ended, NotStarted, ProcessGroup
+from vastflow.sim.scenario_error import ScenarioError
 
 COMMAND_TIMEOUT_S: Final = 600.0
 """Host time that `pre_command` and `post_command` may take."""
 _NOT_TAKEN: Final = ("_", "SHLVL", "PWD", "OLDPWD", VARIABLE)
 """What says where the shell itself was, and which group it belonged to."""
 _SOURCE: Final = """\
-vastflow_script=$1 vastflow_result=$2
-set --
-source "$vastflow_script" || exit
+vastflow_result=$1 vastflow_script=$2
+shift 2
+source "$vastflow_script" "$@" || exit
 command env -0 >"$vastflow_result"
 """
 
@@ -23,25 +24,29 @@ Start = Callable[[Sequence[str], Mapping[str, str], str], ProcessGroup]
 """Starts a command in an environment under a label, as `vastflow.sim.process.run.ProcessRun` does."""
 
 
-class CommandFailed(Exception):
+class CommandFailed(ScenarioError):
     """The campaign's `pre_command` did not do what it should: the run can't begin, and is not judged."""
 
 
 def sourced(
-    script: Path, environment: Mapping[str, str], result: Path, start: Start, timeout_s: float = COMMAND_TIMEOUT_S
+    command: Sequence[str],
+    environment: Mapping[str, str],
+    result: Path,
+    start: Start,
+    timeout_s: float = COMMAND_TIMEOUT_S,
 ) -> dict[str, str]:
-    """`environment` as it is after bash has sourced `script` in it; what the script started meanwhile runs on.
+    """`environment` as it is after bash has sourced a script in it; what the script started meanwhile runs on.
 
     Args:
+        command: The script and its arguments.
         result: File to pass it through; it is removed again.
 
     Raises:
-        CommandFailed: no bash, no such script, an exit code other than 0, or no end in time.
+        CommandFailed: no bash, an exit code other than 0, or no end in time.
     """
-    if not script.is_file():
-        raise CommandFailed(f"pre_command: there is no file {str(script)!r}")
+    script = Path(command[0])
     try:
-        group = start(["bash", "-c", _SOURCE, "bash", str(script), str(result)], environment, "pre_command")
+        group = start(["bash", "-c", _SOURCE, "bash", str(result), *command], environment, "pre_command")
     except NotStarted as error:
         raise CommandFailed(f"pre_command: {error}") from None
     ended = finished(group, timeout_s)

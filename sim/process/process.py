@@ -1,6 +1,7 @@
 """A process group: a command, everything it starts, and how it ended, in words."""
 
 import errno
+import functools
 import os
 import signal
 import subprocess
@@ -15,15 +16,18 @@ from typing import Final
 
 import psutil
 
+from vastflow.sim.process.folders import RunFolders
 from vastflow.sim.process.guard import VARIABLE, kill_marked
 from vastflow.sim.process.log import MAX_LOG_BYTES, ProcessLog
+from vastflow.sim.process.mounts import popen_mounted
+from vastflow.sim.scenario_error import ScenarioError
 
 RSS_UNIT_BYTES: Final = 1 if sys.platform == "darwin" else 1024
 _KILL_S: Final = 5.0
 """How long a process may take to be gone after SIGKILL."""
 
 
-class NotStarted(Exception):
+class NotStarted(ScenarioError):
     """A command that could not be started; says which, and why."""
 
 
@@ -75,17 +79,19 @@ class ProcessGroup:
         self,
         command: Sequence[str],
         *,
-        folder: Path,
+        folders: RunFolders,
         environment: Mapping[str, str],
         log_file: Path,
         mark: str,
+        mounted: bool = False,
         label: str = "",
         max_log_bytes: int = MAX_LOG_BYTES,
         on_end: Callable[[], None] | None = None,
     ) -> None:
-        """Start `command` in `folder`; `on_end` is called, in another thread, when the program has ended.
+        """Start `command` in `folders.out`; `on_end` is called, in another thread, when the program has ended.
 
         Args:
+            mounted: Whether it sees the folders by their names.
             mark: Unique to this group and no beginning of another's.
 
         Raises:
@@ -102,9 +108,12 @@ class ProcessGroup:
         self._usage: Usage | None = None
         self._end = threading.Event()
         try:
-            self._popen = subprocess.Popen(
+            popen: Callable[..., subprocess.Popen[bytes]] = subprocess.Popen
+            if mounted:
+                popen = functools.partial(popen_mounted, mounts=folders.mounts, root=folders.root)
+            self._popen = popen(
                 self.command,
-                cwd=folder,
+                cwd=folders.out,
                 env={**environment, VARIABLE: mark},
                 stdin=subprocess.DEVNULL,
                 stdout=self.log.write_end,
@@ -113,7 +122,7 @@ class ProcessGroup:
             )
         except (OSError, ValueError) as error:
             self.log.abandon()
-            raise NotStarted(_not_started(self.command, folder, error)) from None
+            raise NotStarted(_not_started(self.command, folders, error)) from None
         self.pid = self._popen.pid
         self.log.begin()
         threading.Thread(target=self._await_end, name=f"end of {self.pid}", daemon=True).start()
@@ -223,14 +232,16 @@ def _in_group(process: psutil.Process, group: int) -> bool:
         return False
 
 
-def _not_started(command: Sequence[str], folder: Path, error: OSError | ValueError) -> str:
+def _not_started(command: Sequence[str], folders: RunFolders, error: OSError | ValueError) -> str:
     program = command[0]
-    if not folder.is_dir():
-        return f"the folder {str(folder)!r} to start {program!r} in is not there"
-    there = folder / program
+    if not folders.out.is_dir():
+        return f"the folder {str(folders.out)!r} to start {program!r} in is not there"
+    there = folders.path(program)
     match error:
         case FileNotFoundError() if "/" in program and there.is_file():
             return f"{program!r} could not be started: the interpreter its first line names was not found"
+        case FileNotFoundError() if there.is_relative_to(folders.config):
+            return f"{program!r} could not be started: no file that execution.run_files matches lies there"
         case FileNotFoundError() if "/" in program:
             return f"{program!r} could not be started: there is no such file, seen from the run's folder"
         case FileNotFoundError():

@@ -16,10 +16,14 @@ from typing import Final
 
 import psutil
 
+from vastflow.sim.digest import FileContent
 from vastflow.sim.process import guard
-from vastflow.sim.process.environment import COMMAND_TIMEOUT_S, finished, sourced
+from vastflow.sim.process.environment import COMMAND_TIMEOUT_S, CommandFailed, finished, sourced
 from vastflow.sim.process.folder import copy_in
+from vastflow.sim.process.folders import OUT, RunFolders, named_in
 from vastflow.sim.process.guard import VARIABLE, kill_marked, marked, remove_folder
+from vastflow.sim.process.handed import hand_over
+from vastflow.sim.process.mounts import can_mount
 from vastflow.sim.process.outputs import Outputs, Stamp, read_outputs, stamps
 from vastflow.sim.process.process import RSS_UNIT_BYTES, NotStarted, ProcessGroup, Usage, kill_all
 from vastflow.sim.process.resources import ResourceSampler, Use
@@ -64,15 +68,16 @@ class ProcessRun:
     """The processes of one run, see `process_run`.
 
     Attributes:
-        folder: Where its programs work, and what they write is looked for.
+        folders: `folders.out` is where its programs work, and what they write is looked for.
         environment: Of its programs.
     """
 
-    def __init__(self, root: Path, setup: ProcessSetup) -> None:
-        self.folder = root / "run"
+    def __init__(self, root: Path, setup: ProcessSetup, handed: Mapping[str, FileContent]) -> None:
+        self.folders = RunFolders.below(root)
         self.environment = {**os.environ, **setup.environment}
         self._setup = setup
-        self._logs_folder = root / "logs"
+        self._handed = handed
+        self._named = named_in([setup.pre_command, setup.post_command, *setup.environment.values()])
         # A run inside of another's process bears that one's mark too.
         self._mark = f"{os.environ.get(VARIABLE, '')}{uuid.uuid4().hex}."
         self._groups: list[ProcessGroup] = []
@@ -83,19 +88,27 @@ class ProcessRun:
         self._usages: list[Usage] = []
 
     def begin(self) -> None:
-        """Fill the folder and source `pre_command`.
+        """Fill the folders and source `pre_command`.
 
         Raises:
             RunFileError: a run file changed or is gone.
             CommandFailed: `pre_command` did; the run is not to be judged.
         """
-        self.folder.mkdir()
-        self._logs_folder.mkdir()
-        copy_in(self._setup.files, self.folder)
-        self._before = stamps(self.folder)
+        folders = self.folders
+        for folder in (folders.config, folders.out, folders.logs, folders.root):
+            folder.mkdir()
+        for folder in (folders.config, folders.out):
+            copy_in(self._setup.files, folder)
+            hand_over(self._handed, folder)
+        self._named = self._named or folders.named_in_files()
+        if self._named and not can_mount():
+            folders.rewrite_files()
+            own = {name: folders.rewritten(value) for name, value in self._setup.environment.items()}
+            self.environment |= own
+        self._before = stamps(folders.out)
         if self._setup.pre_command:
-            script, result = self._seen(self._setup.pre_command), self._logs_folder / "environment"
-            self.environment = sourced(script, self.environment, result, self._start_in)
+            result = folders.logs / "environment"
+            self.environment = sourced(self._pre_command(), self.environment, result, self._start_in)
             self._news.clear()
 
     def start(self, command: Sequence[str], label: str = "") -> ProcessGroup:
@@ -154,7 +167,7 @@ class ProcessRun:
         self.end()
         waited_s, sampled_s = sum(usage.cpu_s for usage in self._usages), resources[-1].cpu_s if resources else 0.0
         usage = Usage(max(waited_s, sampled_s), _peak_bytes(self._usages, resources))
-        return ProcessRecord(read_outputs(self.folder, self._before), self._logs(), resources, usage, post_command)
+        return ProcessRecord(read_outputs(self.folders.out, self._before), self._logs(), resources, usage, post_command)
 
     def end(self) -> None:
         """Leave nothing running; may be called again.
@@ -176,13 +189,17 @@ class ProcessRun:
 
     def _start_in(self, command: Sequence[str], environment: Mapping[str, str], label: str) -> ProcessGroup:
         if self._guard is None:
-            self._guard = _guarding(self._mark, self.folder.parent)
+            self._guard = _guarding(self._mark, self.folders.out.parent)
+        named = self._named or named_in(command)
+        if named and not can_mount():
+            command = [self.folders.rewritten(word) for word in command]
         number = len(self._groups)
         group = ProcessGroup(
             command,
-            folder=self.folder,
+            folders=self.folders,
+            mounted=named and can_mount(),
             environment=environment,
-            log_file=self._logs_folder / f"{number}.log",
+            log_file=self.folders.logs / f"{number}.log",
             mark=f"{self._mark}{number}.",
             label=label,
             on_end=self._news.set,
@@ -192,19 +209,26 @@ class ProcessRun:
             self._sampler = ResourceSampler(self.pids)
         return group
 
+    def _pre_command(self) -> list[str]:
+        """The script and its arguments; a path with blanks may stand there without quotes."""
+        given = self._setup.pre_command
+        command = [given] if self.folders.path(given).is_file() else _words(given)
+        if not self.folders.path(command[0]).is_file():
+            raise CommandFailed(f"pre_command: there is no file {command[0]!r}")
+        return [self._seen(command[0]), *command[1:]]
+
     def _post_command(self) -> str:
         try:
-            program, *arguments = shlex.split(self._setup.post_command)
-            group = self.start([str(self._seen(program)), *arguments, str(self.folder)], "post_command")
-        except (NotStarted, ValueError) as error:
+            program, *arguments = _words(self._setup.post_command)
+            group = self.start([self._seen(program), *arguments, OUT], "post_command")
+        except NotStarted as error:
             return str(error)
         return finished(group, COMMAND_TIMEOUT_S).reason
 
-    def _seen(self, program: str) -> Path:
-        here, there = self.folder / program, self._setup.base / program
-        if here.is_file():
-            return here
-        return there if there.is_file() else Path(program)
+    def _seen(self, program: str) -> str:
+        """A file with its whole path, which neither bash nor the system looks for elsewhere; else a program's name."""
+        here = self.folders.out / program
+        return str(here) if here.is_file() else program
 
     def _logs(self) -> tuple[LogText, ...]:
         texts, left_bytes = [], MAX_LOGS_BYTES
@@ -217,18 +241,29 @@ class ProcessRun:
         return tuple(texts)
 
 
+def _words(command: str) -> list[str]:
+    """A command as a shell splits it; as it is where a quote is not closed."""
+    try:
+        return shlex.split(command) or [command]
+    except ValueError:
+        return [command]
+
+
 @contextmanager
-def process_run(setup: ProcessSetup, where: Path | None = None) -> Iterator[ProcessRun]:
+def process_run(
+    setup: ProcessSetup, handed: Mapping[str, FileContent] | None = None, where: Path | None = None
+) -> Iterator[ProcessRun]:
     """A run of programs in a folder that is there until the end of the `with`, as are its processes.
 
     Args:
+        handed: Files that the scenario hands to programs, by key.
         where: Folder to make it in; the system's for temporary files where None.
 
     Raises:
         RunFileError, CommandFailed: see `ProcessRun.begin`.
     """
     root = Path(tempfile.mkdtemp(prefix="vastflow-run-", dir=where)).resolve()
-    run = ProcessRun(root, setup)
+    run = ProcessRun(root, setup, handed or {})
     try:
         run.begin()
         yield run

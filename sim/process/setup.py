@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, TypeAlias
 
 from vastflow.sim.digest import FileContent, Value
@@ -16,24 +15,26 @@ class ProcessSetup:
     """What a campaign gives the programs of each of its runs.
 
     Attributes:
-        base: The campaign file's folder.
-        files: Copied into the run's folder.
+        files: Copied into the run's folders; programs know them below `/config`, and find them where they work.
         environment: Variables beside those of this process, `execution.env`.
-        pre_command: Script that is sourced before, or empty. A relative path is seen from the run's folder or, where
-            there is no such file, from `base`; so is that of `post_command`.
-        post_command: Program, perhaps with arguments, that is started after with the run's folder as its last one.
+        pre_command: Script, perhaps with arguments, that is sourced before, or empty. A relative path is seen from the
+            folder that programs work in; so is that of `post_command`.
+        post_command: Program, perhaps with arguments, that is started after with `/out` as its last one.
+        scenario_folder: Path below `/config` of the folder that has the scenario file; empty for `/config` itself.
     """
 
-    base: Path
     files: RunFiles = ()
     environment: Mapping[str, str] = field(default_factory=dict)
     pre_command: str = ""
     post_command: str = ""
+    scenario_folder: str = ""
 
     @property
     def content(self) -> Value:
-        """What counts of it: all but where it lies."""
+        """All of it, as a value; campaign directories of earlier versions have no `scenario_folder`."""
+        folder = {"scenario_folder": self.scenario_folder} if self.scenario_folder else {}
         return {
+            **folder,
             "files": [list(file) for file in self.files],
             "environment": self.environment,
             "pre_command": self.pre_command,
@@ -41,7 +42,6 @@ class ProcessSetup:
         }
 
 
-def setup_of(content: Mapping[str, Any], base: Path) -> ProcessSetup:
+def setup_of(content: Mapping[str, Any]) -> ProcessSetup:
     """The setup that has this `content`."""
-    files = tuple((path, file) for path, file in content["files"])
-    return ProcessSetup(base, files, content["environment"], content["pre_command"], content["post_command"])
+    return ProcessSetup(**{**content, "files": tuple((path, file) for path, file in content["files"])})

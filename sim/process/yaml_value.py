@@ -6,6 +6,8 @@ from typing import Any, Final
 
 import yaml
 
+from vastflow.sim.files import Unreadable, read_text, yaml_value
+
 _TRUTHS: Final[Mapping[str, bool]] = {"true": True, "false": False}
 _TYPES: Final[Mapping[str, Callable[[str], Any]]] = {
     "str": str,
@@ -41,7 +43,7 @@ def set_yaml_value(
     except ValueError:
         raise YamlFault(f"found value {value!r}; one of type {value_type}") from None
     try:
-        document = yaml.safe_load(source.read_text())
+        document = yaml_value(read_text(source, "a YAML file"))
         document = {} if document is None else document
         *parents, last = key_path.split(".")
         place = document
@@ -52,10 +54,10 @@ def set_yaml_value(
         _put(place, last, typed, key_path)
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+    except Unreadable as error:
+        raise YamlFault(f"{str(source)!r}: {error}") from None
     except OSError as error:
         raise YamlFault(f"{error.filename!r}: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise YamlFault(f"{str(source)!r} is no YAML: {' '.join(str(error).split())}") from None
 
 
 def _entered(place: Any, key: str, key_path: str, create_missing: bool) -> Any:

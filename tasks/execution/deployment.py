@@ -123,7 +123,7 @@ def description_of(
     if shards_in is not None:
         machine = f"Workers of the work pool **{shards_in}** compute the runs."
     where = (
-        f"{machine} A flow run that Prefect shows as *Failed* is a fault of the campaign file or of ours; runs that the robot "
+        f"{machine} A flow run that Prefect shows as *Failed* has a fault, in its campaign file or in its runs; runs that the robot "
         "failed are in the report."
     )
     return "\n\n".join(filter(None, (about.strip(), does, where))) + "\n"

@@ -34,6 +34,7 @@ from vastflow.sim.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.osc.libraries import library, library_names
 from vastflow.sim.osc.reading import read_scenarios
 from vastflow.sim.recording import Outcome
+from vastflow.sim.ros_graph import TOPICS
 from vastflow.sim.run import run
 
 ROOT = Path(__file__).parents[2]
@@ -77,7 +78,7 @@ def family_of(variations: str, oracles: str = "") -> str:
     given = (
         ""
         if any(name.startswith("PathVariation") for name in written)
-        else "\n      - start_pose: {x: 1, y: 5}\n      - goal_pose: {x: 8, y: 3}"
+        else "\n      - start_pose: {x: 1, y: 5}\n      - goal_pose: {x: 8, y: 3.2}"
     )
     text = f"version: 1\nconfiguration:\n  - name: docs\n    parameters:\n      - map_file: maps/office.yaml{given}\n"
     text += "    variations:\n" + textwrap.indent(variations, "      ")
@@ -142,6 +143,10 @@ def test_the_tables_of_actions_have_every_action_of_the_libraries_where_it_belon
     assert sorted(first_column(implemented)) == sorted(ACTIONS - stand_in)
     assert sorted(first_column(standing_in)) == sorted(stand_in)
     assert sorted(first_column(refused)) == sorted(declared - ACTIONS)
+
+
+def test_every_topic_of_the_robot_is_described():
+    assert sorted(first_column(section("write-a-scenario", "Topics"))) == sorted(TOPICS)
 
 
 def test_every_modifier_and_every_shipped_scenario_is_described():

@@ -41,7 +41,7 @@ def grown(tmp_path):
     """The record of the program, run with these arguments."""
 
     def run_it(*arguments):
-        with process_run(ProcessSetup(GROWTH, files_matching(GROWTH, ["growth.py"])), tmp_path) as run:
+        with process_run(ProcessSetup(files_matching(GROWTH, ["growth.py"])), where=tmp_path) as run:
             run.start(["python3", "growth.py", *arguments]).wait(20)
             return run.close()
 
@@ -106,7 +106,7 @@ def driven(scenario, run, overrides):
 
 def test_the_scenario_runs_the_program_with_the_parameters_of_its_configuration(tmp_path):
     (scenario,) = read_scenarios(GROWTH / "growth.osc")
-    with process_run(ProcessSetup(GROWTH, files_matching(GROWTH, ["growth.py"])), tmp_path) as run:
+    with process_run(ProcessSetup(files_matching(GROWTH, ["growth.py"])), where=tmp_path) as run:
         tree = driven(scenario, run, {"growth_rate": 4.0, "initial_population": 900})
         record = run.close()
     assert (tree.passed, tree.message) == (True, "")
@@ -116,7 +116,7 @@ def test_the_scenario_runs_the_program_with_the_parameters_of_its_configuration(
 
 def test_a_program_that_refuses_its_arguments_fails_the_scenario(tmp_path):
     (scenario,) = read_scenarios(GROWTH / "growth.osc")
-    with process_run(ProcessSetup(GROWTH, files_matching(GROWTH, ["growth.py"])), tmp_path) as run:
+    with process_run(ProcessSetup(files_matching(GROWTH, ["growth.py"])), where=tmp_path) as run:
         tree = driven(scenario, run, {"initial_population": "few"})
     assert not tree.passed
     assert "invalid float value: 'few'" in tree.message

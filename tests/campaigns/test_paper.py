@@ -72,6 +72,16 @@ def test_on_the_papers_maps_the_cells_that_its_counts_lack_are_proved_to_be_impo
     assert len(reasons) == 1 and "this map has no path of 20 m" in reasons.pop()
 
 
+@originals
+@pytest.mark.parametrize(
+    ("kind", "requested", "no_way", "duplicates"), [("robustness", 1792, 0, 0), ("safety", 2160, 288, 390)]
+)
+def test_on_the_papers_maps_none_of_its_configurations_is_lost_for_want_of_room(kind, requested, no_way, duplicates):
+    n = PUBLISHED[kind].configurations
+    found = requested_of(made(f"original-maps/{kind}.vast", MAPS).coverage)
+    assert found == Requested(requested, no_way, 0, duplicates, n - duplicates)
+
+
 @pytest.mark.parametrize("kind", PUBLISHED)
 def test_without_the_papers_maps_every_map_that_is_missing_is_said(kind):
     with pytest.raises(CampaignError, match="--map-dir") as raised:

@@ -77,8 +77,8 @@ def test_verdicts_are_counted_by_oracle_and_together(tmp_path):
         found_of(range(2), judgement="fail"),
         ConfigurationResult(faults=[fault]),
     )
-    assert found.counts == Counts(3, 2, 4)
-    assert found.by_oracle == {"success": Counts(3, 2, 4), "safety": Counts(3, 2, 4)}
+    assert found.tally.counts == Counts(3, 2, 4)
+    assert found.tally.by_oracle == {"success": Counts(3, 2, 4), "safety": Counts(3, 2, 4)}
 
 
 def test_a_run_log_is_a_line_and_comes_back_as_it_was(tmp_path):

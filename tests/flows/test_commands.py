@@ -156,8 +156,10 @@ def test_what_this_version_does_not_execute_is_said_and_the_file_is_ok(small_roo
 
 def test_a_campaign_this_version_cannot_run_is_a_valid_file_and_run_refuses_it(tmp_path):
     file = tmp_path / "search.vast"
+    (tmp_path / "wait.osc").write_text("import osc.helpers\nscenario patient:\n    a: int\n    do wait elapsed(1s)\n")
     file.write_text(
-        "version: 1\nsearch:\n  strategy: random\n  search_space: {a: {type: bool}}\n  budget: {batches: 1}\n"
+        "version: 1\nexecution: {scenario_file: wait.osc}\n"
+        "search:\n  strategy: random\n  search_space: {a: {type: int, low: 1, high: 2}}\n  budget: {batches: 1}\n"
     )
     result = called("validate", file)
     assert result.exit_code == 0
@@ -189,6 +191,32 @@ def test_a_results_folder_that_is_a_file_is_found_before_anything_runs(small_roo
 
 def test_a_results_folder_may_be_made(tmp_path):
     assert unwritable(tmp_path / "a" / "b") is None
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("a" * 300, "File name too long"),
+        (f"there/{'a' * 300}/b", "File name too long"),
+        ("dangling", "dangling is a link that leads nowhere"),
+        ("dangling/below", "dangling is a link that leads nowhere"),
+        ("loop", "loop is a link that leads nowhere"),
+        ("gone/../there", "gone is not there"),
+    ],
+)
+def test_a_results_folder_that_can_not_be_made_is_said_before_anything_is_run(
+    small_room, tmp_path, monkeypatch, name, why
+):
+    def behave(observer):
+        raise AssertionError("it was run")
+
+    running(monkeypatch, behave)
+    monkeypatch.chdir(tmp_path)
+    Path("dangling").symlink_to("nowhere")
+    Path("loop").symlink_to("loop")
+    result = called("run", small_room, "--results", name)
+    assert (result.exit_code, len(result.stderr.splitlines())) == (2, 1)
+    assert result.stderr.startswith(f"--results {name}: ") and f"{why}; name a folder" in result.stderr
 
 
 def test_with_json_standard_output_is_the_summary_and_nothing_else(small_room, monkeypatch):

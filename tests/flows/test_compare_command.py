@@ -97,6 +97,26 @@ def test_a_margin_that_is_wide_enough_lets_the_gate_hold(before, worse):
     assert called(before, worse, "--gate", "--margin", 0.5).exit_code == 0
 
 
+def faulty(directory, *names):
+    """The directory with a fault of the first run of each of these configurations."""
+    metadata = json.loads((directory / "metadata.json").read_text())
+    faults = [{"configuration": name, "run_index": 0, "stage": "execute", "error": "no goal"} for name in names]
+    (directory / "metadata.json").write_text(json.dumps({**metadata, "faults": faults}))
+    return directory
+
+
+def test_a_change_by_which_runs_can_no_longer_be_judged_does_not_hold_the_gate(before, tmp_path):
+    after = faulty(write(tmp_path / "after", same("p" * 10)), "c1", "c2")
+    result = called(before, after, "--gate")
+    assert result.exit_code == 1
+    assert "gate does not hold: 2 new faults in B, whose runs could not be judged" in result.stdout
+
+
+def test_faults_that_were_there_before_do_not_count_against_a_change(tmp_path):
+    then, now = (faulty(write(tmp_path / name, same("p" * 10)), "c1") for name in ("then", "now"))
+    assert called(then, now, "--gate").exit_code == 0
+
+
 def test_what_passes_newly_is_shown_as_such(before, worse):
     assert "newly passing: 1 configuration" in called(worse, before).stdout
     found = as_json(worse, before)

@@ -19,6 +19,7 @@ class Server:
     """An embedded API that answers whenever it is asked for."""
 
     answers = True
+    notices = ()
 
     def __init__(self, log):
         pass

@@ -67,3 +67,21 @@ def test_before_the_end_nothing_stands_under_the_final_name(tmp_path):
 )
 def test_a_name_becomes_one_that_every_file_system_takes(name, folder):
     assert directory_name(name) == folder
+
+
+@pytest.mark.parametrize("name", ["dangling", "file/below", "loop", "a" * 300])
+def test_a_place_where_no_folder_can_be_made_is_said_in_words(tmp_path, name):
+    (tmp_path / "dangling").symlink_to("nowhere")
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(ResultsError, match=r"results: can't write to .*; make room there or give another folder"),
+        new_directory(tmp_path / name, "room", CREATED),
+    ):
+        raise AssertionError("it was begun")
+
+
+def test_a_campaign_of_a_very_long_name_has_a_directory_of_a_shorter_one(tmp_path):
+    with new_directory(tmp_path, "long name " * 100, CREATED) as directory:
+        pass
+    assert directory.final.is_dir() and directory.final.name.startswith("long-name-long-name")

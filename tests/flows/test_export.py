@@ -13,10 +13,10 @@ import pytest
 import yaml
 
 from vastflow.flows.export.export import export
-from vastflow.flows.export.run import OUR_FAULT, recording_csv
+from vastflow.flows.export.run import recording_csv
 from vastflow.flows.export.source import ExportFault
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.results.found import ConfigurationResult, RunFault, complete
+from vastflow.flows.results.found import FAULT, ConfigurationResult, RunFault, complete
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
@@ -289,7 +289,7 @@ def test_a_run_that_our_own_fault_left_without_a_verdict_is_an_error(small_room,
     assert (suite.get("errors"), suite.get("failures"), suite.get("skipped")) == ("1", "0", "0")
     error = suite.find("testcase/error")
     assert error.get("message") == "; ".join(
-        f"{oracle}: our own fault in execute: MemoryError: 3 GB" for oracle in ("success", "safety")
+        f"{oracle}: fault in execute: MemoryError: 3 GB" for oracle in ("success", "safety")
     )
     assert sorted(path.name for path in (tmp_path / "out/room-1/0").iterdir()) == ["test.xml"]
 
@@ -297,7 +297,7 @@ def test_a_run_that_our_own_fault_left_without_a_verdict_is_an_error(small_room,
 def test_the_reason_of_a_missing_verdict_begins_as_the_export_expects():
     faults = [RunFault("room", 0, "judge", "KeyError: 'x'")]
     reasons = [verdict.reason for verdict in complete(ConfigurationResult(faults=faults), 2, ["success"])]
-    assert len(reasons) == 2 and all(reason.startswith(OUR_FAULT) for reason in reasons)
+    assert len(reasons) == 2 and all(reason.startswith(FAULT) for reason in reasons)
 
 
 def test_a_run_that_an_oracle_could_not_judge_is_skipped(small_room, tmp_path):

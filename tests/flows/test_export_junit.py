@@ -10,7 +10,7 @@ from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report, suit
 
 PASSED = Case("room/0", "c.room", 0.25, 1_700_000_000.125, {"outcome": "succeeded"})
 FAILED = Case("room/1", "c.room", 0.5, 1_700_000_001.0, {}, Flaw("failure", "success: too late", "the whole\nstory"))
-BROKEN = Case("room/2", "c.room", 0.0, None, {}, Flaw("error", "our own fault"))
+BROKEN = Case("room/2", "c.room", 0.0, None, {}, Flaw("error", "fault"))
 UNJUDGED = Case("room/3", "c.room", 1.0, None, {}, Flaw("skipped", "no path"))
 ROOM = Suite("room", [PASSED, FAILED, BROKEN, UNJUDGED])
 HALL = Suite("hall", [PASSED])

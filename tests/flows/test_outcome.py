@@ -5,7 +5,7 @@ import io
 import pyarrow as pa
 from rich.console import Console
 
-from vastflow.flows.results.tables import CONFIGURATIONS, VERDICTS
+from vastflow.flows.results.tables import CONFIGURATIONS, RUNS, VERDICTS
 from vastflow.flows.terminal.outcome import details, outcome, rate_text, rejection_table
 from vastflow.oracles.directory.configuration_table import ConfigurationTable
 from vastflow.oracles.directory.tables import Tables
@@ -24,7 +24,7 @@ def tables(verdicts, rejections=(), faults=(), more=()):
         campaign="",
         configurations=configurations,
         rejections=list(rejections),
-        runs=None,
+        runs=pa.Table.from_pylist([], RUNS),
         verdicts=verdict_table(
             pa.Table.from_pylist(
                 [
@@ -113,7 +113,7 @@ def test_rejections_are_counted_in_the_outcome_and_listed_by_reason_in_the_detai
 def test_our_own_faults_are_named_and_only_the_first_three_of_many():
     faults = [{"configuration": f"open-{k}", "run_index": k, "stage": "execute", "error": "E"} for k in range(5)]
     text = text_of(tables(PASSES, faults=faults))
-    assert "our own fault: open-0 run 0, execute: E" in text and "and 2 more" in text and "open-3" not in text
+    assert "fault: open-0 run 0, execute: E" in text and "and 2 more" in text and "open-3" not in text
 
 
 def test_duplicates_are_said():

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.flows.request.notes import MOST_UNMODELLED, terminal_lines
+from vastflow.flows.request.notes import MOST_OF_A_FILE, terminal_lines
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.faults import Note
 
@@ -140,7 +140,7 @@ def note(k, kind="not modelled"):
 
 
 def test_a_few_unmodelled_parameters_are_all_said():
-    assert len(list(terminal_lines([note(k) for k in range(MOST_UNMODELLED)]))) == MOST_UNMODELLED
+    assert len(list(terminal_lines([note(k) for k in range(MOST_OF_A_FILE)]))) == MOST_OF_A_FILE
 
 
 def test_of_many_the_first_are_said_and_the_rest_counted_and_warnings_never_left_out():
@@ -149,3 +149,13 @@ def test_of_many_the_first_are_said_and_the_rest_counted_and_warnings_never_left
     assert lines[:2] == [str(note(300, "warning")), str(note(301, "not executed"))]
     assert lines[2:-1] == [str(note(k)) for k in range(3)]
     assert lines[-1] == "nav2.yaml: and 197 more that are not modelled; `vastflow params nav2.yaml` shows them all"
+
+
+def test_warnings_of_a_floor_plan_are_counted_beyond_a_few_and_those_of_the_campaign_are_all_shown():
+    def note(file, k):
+        return Note("warning", file, k, 1, f"Entryway d{k}", "it cuts nothing")
+
+    lines = list(terminal_lines([note(file, k) for k in range(1, 10) for file in ("a.vast", "rooms.fpm")]))
+    assert [line for line in lines if line.startswith("a.vast")] == [str(note("a.vast", k)) for k in range(1, 10)]
+    assert len(lines) == 9 + 4
+    assert lines[-1] == "rooms.fpm: and 6 more warnings; `vastflow floorplan geometry rooms.fpm` shows them all"

@@ -105,10 +105,10 @@ def test_every_run_has_a_verdict_of_every_oracle_and_what_broke_says_why():
     assert complete(result, 3, ["success", "safety"]) == [
         Verdict("success", 0, "pass"),
         Verdict("safety", 0, "pass"),
-        Verdict("success", 1, "not judged", "our own fault in execute: MemoryError: 3 GB"),
-        Verdict("safety", 1, "not judged", "our own fault in execute: MemoryError: 3 GB"),
-        Verdict("success", 2, "not judged", "our own fault: there is no verdict"),
-        Verdict("safety", 2, "not judged", "our own fault: there is no verdict"),
+        Verdict("success", 1, "not judged", "fault in execute: MemoryError: 3 GB"),
+        Verdict("safety", 1, "not judged", "fault in execute: MemoryError: 3 GB"),
+        Verdict("success", 2, "not judged", "fault: there is no verdict"),
+        Verdict("safety", 2, "not judged", "fault: there is no verdict"),
     ]
 
 

@@ -48,6 +48,7 @@ PLANS = """\
 metadata: {name: plans}
 configuration:
   - name: both
+    start_check: none
     parameters:
       - start_pose: {x: 0.0, y: 0.0, yaw: 0.0}
       - goal_pose: {x: 1.0, y: 0.0, yaw: 0.0}
@@ -70,10 +71,10 @@ def directory(small_room, tmp_path, tree):
     return written(small_room, tmp_path / "results", tree)
 
 
-def written(path, root, tree, only=(), sample=None, map_dir=None):
-    campaign, oracles = read_campaign(path, map_dir)
+def written(path, root, tree, only=(), sample=None, map_dir=None, as_v1=False):
+    campaign, oracles = read_campaign(path, map_dir, as_v1=as_v1)
     inputs, keys = inputs_of(campaign, oracles), campaign_keys(tree, campaign.seed, oracles)
-    asked = Asked(path.name, 3, tuple(only), inputs.places, sample, map_dir and str(map_dir))
+    asked = Asked(path.name, 3, tuple(only), inputs.places, sample, map_dir and str(map_dir), as_v1)
     return write_results(
         root,
         campaign,
@@ -159,6 +160,14 @@ def test_floor_plans_and_their_variations_are_among_the_inputs(tmp_path, tree, a
     shutil.rmtree(folder)
     assert "damaged" not in resumed(directory).stderr
     assert len(asked_again[0]["digests"]) == 2
+
+
+@pytest.mark.parametrize("as_v1", [False, True])
+def test_obstacles_are_placed_by_the_rule_by_which_they_were(small_room, tmp_path, tree, asked_again, as_v1):
+    directory = written(small_room, tmp_path / "results", tree, as_v1=as_v1)
+    said = resumed(directory).stderr
+    assert asked_again[0]["as_v1"] is as_v1
+    assert ("obstacles as version 1 of RoboVAST places them" in said) is as_v1
 
 
 def test_the_copy_of_the_inputs_is_gone_afterwards(directory):

@@ -48,17 +48,17 @@ def test_every_fault_is_said_with_its_place_and_nothing_is_printed_else(file, co
 
 
 def test_check_says_of_every_action_that_nothing_here_can_do_where_it_stands_and_why(file):
-    body = "do serial:\n        wait_for_nodes(['amcl'])\n        log('x')\n        load_world('flat.sdf')\n"
+    body = "do serial:\n        bag_play('drive')\n        log('x')\n        load_world('flat.sdf')\n"
     file.write_text(PATROL.replace("osc.ros", "osc.ros\nimport osc.sim").replace('do log("x")\n', body))
     result = run("check", file)
     assert (result.exit_code, result.stdout) == (2, "")
-    nodes, world = result.stderr.splitlines()
-    assert nodes.startswith(f"{file}:12:9: wait_for_nodes can't be run here; it talks to ROS nodes")
+    bag, world = result.stderr.splitlines()
+    assert bag.startswith(f"{file}:12:9: bag_play can't be run here; ")
     assert world.startswith(f"{file}:14:9: load_world can't be run here; ")
 
 
 def test_a_scenario_that_can_t_be_run_here_still_has_parameters(file):
-    file.write_text(PATROL.replace('log("x")', "wait_for_nodes(['amcl'])"))
+    file.write_text(PATROL.replace('log("x")', "bag_play('drive')"))
     result = run("parameters", file)
     assert result.exit_code == 0 and json.loads(result.stdout)[0]["scenario"] == "patrol"
 

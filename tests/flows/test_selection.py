@@ -1,7 +1,6 @@
 """The selection of a campaign: by name, and as a sample."""
 
 from collections import Counter
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -14,8 +13,9 @@ from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import Instantiation, mark_duplicates
 from vastflow.sim.scenario import scenario_of
+from vastflow.tasks.instantiation import Instantiated
 
-FILE = Path("campaign.vast")
+FILE = "campaign.vast"
 
 
 def instantiation(**families: list[int]) -> Instantiation:
@@ -90,19 +90,19 @@ def test_a_sample_of_more_than_there_are_is_all():
 
 
 def test_a_sample_is_drawn_from_what_is_selected_by_name():
-    found = narrowed(LARGE, Selection(["b"], 7, 0), FILE)
+    found = narrowed(Instantiated(LARGE), Selection(["b"], 7, 0), FILE).instantiation
     assert (len(names(found)), found.sampled_from) == (7, 30)
     assert {each.family for each in found.configurations} == {"b"}
 
 
 def test_without_a_selection_everything_is_there_and_is_no_sample():
-    assert narrowed(LARGE, EVERYTHING, FILE) is LARGE
+    assert narrowed(Instantiated(LARGE), EVERYTHING, FILE).instantiation is LARGE
     assert LARGE.sampled_from is None
 
 
 def test_an_unknown_name_is_refused_with_the_nearest():
     with pytest.raises(CampaignError, match="no family or configuration 'aa'"):
-        narrowed(LARGE, Selection(["aa"], 5), FILE)
+        narrowed(Instantiated(LARGE), Selection(["aa"], 5), FILE)
 
 
 def test_a_sample_of_none_is_a_mistake_of_the_caller(tmp_path):

@@ -218,8 +218,8 @@ def test_a_fault_of_ours_is_in_the_result_and_its_run_is_not_judged(odd):
     ] * 3
     said = [verdict for verdict in verdicts.of("right-1-1") if verdict.run_index == 0]
     assert [verdict.judgement for verdict in said] == ["not judged"] * 2
-    assert said[0].reason == "our own fault in judge: ValueError: this one"
-    assert repr(verdicts).endswith("judged by success, own.py:Even, 3 faults of ours>")
+    assert said[0].reason == "fault in judge: ValueError: this one"
+    assert repr(verdicts).endswith("judged by success, own.py:Even, 3 faults>")
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """`vastflow store`: what is in it, what of it is damaged, and what no kept campaign was made of."""
 
+import hashlib
 import json
 import os
 import re
@@ -167,6 +168,32 @@ def test_verify_names_what_is_damaged_and_leaves_it(ran, store):
     again = called("verify", "--json")
     assert again.exit_code == 1
     assert json.loads(again.stdout)["damaged"] == {key: "recordings.parquet is not what was written"}
+
+
+def test_verify_finds_a_copy_of_another_artifact(ran, store):
+    ran("one")
+    one, other, *_ = sorted(key for key in keys_in(store) if key.startswith("judge"))
+    shutil.rmtree(store.root / one)
+    shutil.copytree(store.root / other, store.root / one)
+    result = called("verify")
+    assert result.exit_code == 1
+    assert result.stdout == f"{one}: it is a copy of {other}\n7 artifacts read, 1 damaged\n"
+
+
+def test_verify_counts_what_an_earlier_version_wrote(ran, store):
+    ran("one")
+    manifest = store.root / max(key for key in keys_in(store) if key.startswith("judge")) / "manifest"
+    promise = json.loads(manifest.read_text().partition("\n")[2])
+    del promise["key"]
+    text = json.dumps(promise, sort_keys=True)
+    manifest.write_text(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
+    result = called("verify")
+    assert result.exit_code == 0
+    assert result.stdout.splitlines() == [
+        "7 artifacts read, 0 damaged",
+        "1 of an earlier version, which are never used; `vastflow store gc` deletes them",
+    ]
+    assert json.loads(called("verify", "--json").stdout)["earlier"] == 1
 
 
 def test_repair_discards_what_is_damaged_and_nothing_else(ran, store):

@@ -31,6 +31,7 @@ def test_the_json_summary_has_exactly_these_keys():
         "excluded",
         "excluded_by",
         "sampled_from",
+        "stood_still",
     ]
 
 

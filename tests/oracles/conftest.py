@@ -21,6 +21,7 @@ from vastflow.sim.digest import FileContent
 from vastflow.sim.maps import load_map
 from vastflow.sim.recording import Event, Recording, Run
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.standstill import STOOD_STILL
 
 RESOLUTION_M = 0.05
 
@@ -121,6 +122,7 @@ class SyntheticCampaign:
         fault: str | None = None,
         runs: int = 0,
         provenance: Mapping[str, Any] | None = None,
+        system: Mapping[str, Any] | None = None,
     ) -> None:
         """A configuration, its recordings judged by `oracles`; with `fault` its `runs` are not judged."""
         environment = load_map(map_file).digest
@@ -129,7 +131,7 @@ class SyntheticCampaign:
             60.0,
             {"map_file": FileContent(str(map_file), environment), "static_objects": list(obstacles)},
             task,
-            {},
+            system or {},
         )
         row = {
             "name": name,
@@ -142,7 +144,7 @@ class SyntheticCampaign:
                 {
                     "environment": {"map_file": {"file": environment}, "static_objects": list(obstacles)},
                     "task": task,
-                    "system": {},
+                    "system": system or {},
                 }
             ),
             "factors": json.dumps(factors or {}),
@@ -174,6 +176,7 @@ class SyntheticCampaign:
                     "family": family,
                     **{key: getattr(run, key) for key in _RUN_COLUMNS},
                     "contacts": sum(event.kind == "contact" for event in run.events),
+                    "stood_still": next((event.what for event in run.events if event.kind == STOOD_STILL), None),
                 }
             )
 
@@ -266,6 +269,7 @@ _RUNS = pa.schema(
         ("recoveries", pa.int32()),
         ("missed_goals", pa.int32()),
         ("contacts", pa.int32()),
+        *_text("stood_still"),
     ]
 )
 
@@ -276,7 +280,9 @@ def synthetic_campaign(tmp_path: Path) -> SyntheticCampaign:
     return SyntheticCampaign(tmp_path / "results")
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def build() -> SimpleNamespace:
-    """The functions above, for tests cannot import from here: `write_map, walled_room, a_recording, box_at`."""
-    return SimpleNamespace(write_map=write_map, walled_room=walled_room, a_recording=a_recording, box_at=box_at)
+    """The functions above, for tests cannot import from here: `write_map, walled_room, a_recording, box_at, campaign`."""
+    return SimpleNamespace(
+        write_map=write_map, walled_room=walled_room, a_recording=a_recording, box_at=box_at, campaign=SyntheticCampaign
+    )

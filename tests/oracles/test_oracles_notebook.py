@@ -146,11 +146,23 @@ def test_a_notebook_that_cannot_judge_is_a_fault_of_the_request(tmp_path, cells:
 
 
 def test_what_is_no_notebook_is_a_fault_of_the_request(tmp_path) -> None:
-    with pytest.raises(OracleError, match="found nbformat 3; a notebook of format 4"):
+    with pytest.raises(OracleError, match="nbformat: found 3; a notebook of format 4"):
         oracle_of("judge.ipynb", {}, written(tmp_path, LEAVES, nbformat=3))
     (tmp_path / "judge.ipynb").write_text("not JSON")
-    with pytest.raises(OracleError, match=r"judge\.ipynb: it can't be read: JSONDecodeError"):
+    with pytest.raises(OracleError, match=r"judge\.ipynb: not JSON: Expecting value; a JSON text"):
         oracle_of("judge.ipynb", {}, tmp_path)
+    for damage, message in (
+        ({"cells": [{"source": "x = 1"}], "nbformat": 4}, "cells.0.cell_type: found "),
+        ({"cells": {}, "nbformat": 4}, "cells: found {}"),
+        ({"nbformat": 4}, "cells: found "),
+        ([], r"the whole: found \[\]"),
+        ({"cells": [{"cell_type": "code", "source": "x\0"}], "nbformat": 4}, "cell 1: found .*null bytes"),
+        ({"cells": [{"cell_type": "code", "source": "'\ud800'"}], "nbformat": 4}, "cell 1: "),
+        ({"cells": [{"cell_type": "code", "source": "(" * 3000}], "nbformat": 4}, "cell 1"),
+    ):
+        (tmp_path / "judge.ipynb").write_text(json.dumps(damage))
+        with pytest.raises(OracleError, match=message):
+            oracle_of("judge.ipynb", {}, tmp_path)
     with pytest.raises(OracleError, match=r"no file .*absent\.ipynb'; a notebook beside the campaign file"):
         oracle_of("absent.ipynb", {}, tmp_path)
 

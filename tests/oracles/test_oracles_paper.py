@@ -11,6 +11,7 @@ from vastflow.oracles.paper.page import paper_page
 from vastflow.oracles.paper.published import ALL_RUNS, PUBLISHED
 from vastflow.oracles.paper.results import NotThePapers, Requested, paper_results, requested_of
 from vastflow.oracles.paper.starts import Begun, Starts, starts_of
+from vastflow.sim.standstill import POINTS_IN_FOOTPRINT
 
 RADIUS = "global_costmap.robot_radius"
 
@@ -43,7 +44,7 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
 
     Args:
         configurations: Name, duplicate_of, factors, provenance.
-        runs: Configuration, simulated time, distance.
+        runs: Configuration, simulated time, distance, why it stood still.
         verdicts: Configuration, run index, oracle, judgement, metrics.
     """
     directory.mkdir()
@@ -59,7 +60,7 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
     in_the_room = [(*row, "room", {"environment": {}, "task": {"goal_pose": row[0]}}) for row in configurations]
     tables = {
         "configurations": (("name", "duplicate_of", "factors", "provenance", "environment", "scenario"), in_the_room),
-        "runs": (("configuration", "simulated_s", "distance_m", "run_index"), numbered),
+        "runs": (("configuration", "simulated_s", "distance_m", "stood_still", "run_index"), numbered),
         "verdicts": (("configuration", "run_index", "oracle", "judgement", "metrics"), verdicts),
     }
     for table, (names, rows) in tables.items():
@@ -89,7 +90,8 @@ def safety(tmp_path):
         ("a-3", "a-1", {**start(1.025), RADIUS: 0.22, "static_objects": []}, {"_path_length": 10.0}),
         ("a-4", None, {**start(0.275), RADIUS: 0.175, "static_objects": [{}] * 5}, {"_path_length": 9.6}),
     ]
-    runs = [("a-1", 20.0, 10.0), ("a-1", 20.0, 10.0), ("a-4", 60.0, 40.0), ("a-4", 60.0, 0.0)]
+    moved = [("a-1", 20.0, 10.0, None), ("a-1", 20.0, 10.0, None), ("a-4", 60.0, 40.0, None)]
+    runs = [*moved, ("a-4", 60.0, 0.0, POINTS_IN_FOOTPRINT)]
     verdicts = [
         *((name, i, oracle, "pass", {}) for name, i in (("a-1", 0), ("a-1", 1)) for oracle in ("success", "safety")),
         *(("a-4", 0, oracle, judgement, {}) for oracle, judgement in (("success", "pass"), ("safety", "fail"))),
@@ -117,7 +119,7 @@ def robustness(tmp_path):
             ("a-1", i, "success", "pass" if i == 0 else "fail", {}),
             ("a-1", i, "robustness", judgement, {**metrics, "threshold": {"value": 0.3, "unit": "m"}}),
         ]
-    runs = [("a-1", 30.0, 10.0)] * 2
+    runs = [("a-1", 30.0, 10.0, None)] * 2
     return written(
         tmp_path / "robustness", "paper-robustness", [("a-1", None, factors, {})], runs, verdicts, sampled_from=1792
     )
@@ -175,11 +177,20 @@ def test_a_campaign_directory_is_reduced_to_its_figures(safety):
 
 def test_runs_are_told_apart_by_the_room_at_the_start_and_by_whether_they_moved(safety):
     """`a-4` starts in the fifth cell beside the wall's, 0.225 m from its side, and its second run does not move."""
-    assert paper_results(safety).starts == Starts(Begun(1, Counts(0, 2), 1), Begun(1, Counts(2, 0), 0), Counts(2, 1))
+    near, free = Begun(1, Counts(0, 2), 1), Begun(1, Counts(2, 0), 0)
+    assert paper_results(safety).starts == Starts(near, free, Counts(2, 1), {POINTS_IN_FOOTPRINT: 1})
+
+
+def test_beside_the_rate_of_all_runs_the_page_has_that_of_those_that_moved_and_why_the_others_stood(safety):
+    page = paper_page([paper_results(safety)])
+    assert "| 66.7 % [20.8, 93.9] | 61.2 % |" in page
+    assert (
+        "safety: 1 stood still, the collision monitor stopped every command: scan points inside the footprint." in page
+    )
 
 
 @pytest.mark.parametrize(("x_m", "near"), [(0.275, 1), (0.325, 0), (0.025, 1), (-9.0, 1), (2.725, 1), (2.675, 0)])
-def test_five_cells_from_a_walls_the_local_costmap_has_the_robot_in_collision_and_six_it_has_not(safety, x_m, near):
+def test_five_cells_from_a_wall_it_is_in_the_footprint_and_six_it_is_not(safety, x_m, near):
     row = {"name": "a", "environment": "room", "start": start(x_m)["start_pose"]}
     assert starts_of(safety / "environments", [row], [], {}).near.configurations == near
 

@@ -57,7 +57,7 @@ class Page(HTMLParser):
 
 @pytest.fixture
 def directory(synthetic_campaign, tmp_path: Path, build: SimpleNamespace) -> Path:
-    """Two families: one passes and loses runs to a fault of ours, one fails partly; rejections and a duplicate."""
+    """Two families: one passes and loses runs to a fault, one fails partly; rejections and a duplicate."""
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     oracles = [("performance", {}), ("safety", {})]
     passing = [build.a_recording(WAY, run_index=i) for i in range(5)]
@@ -66,7 +66,7 @@ def directory(synthetic_campaign, tmp_path: Path, build: SimpleNamespace) -> Pat
     ]
     campaign = synthetic_campaign
     campaign.add("quiet-1", "quiet", room, TASK, recordings=passing, oracles=oracles, factors={"noise": 0.0})
-    campaign.add("quiet-2", "quiet", room, TASK, oracles=oracles, fault="our own fault: MemoryError", runs=5)
+    campaign.add("quiet-2", "quiet", room, TASK, oracles=oracles, fault="fault: MemoryError", runs=5)
     campaign.add("noisy-1", "noisy", room, TASK, recordings=mixed, oracles=oracles, factors={"noise": 0.1})
     campaign.add(
         "noisy-2",
@@ -232,11 +232,11 @@ def test_rejections_are_shown_with_their_reason_and_how_often(page: Page) -> Non
 
 def test_what_was_left_out_is_said_at_the_top(page: Page) -> None:
     summary = " ".join(page.text.split())
-    assert "2 rejected requests, 1 duplicate, 5 runs not judged, 1 fault of our own, 1 note" in summary
+    assert "2 rejected requests, 1 duplicate, 5 runs not judged, 1 fault, 1 note" in summary
 
 
 def test_not_judged_faults_duplicates_and_notes_are_named(page: Page) -> None:
-    for what in ("our own fault: MemoryError", "noisy-3 is noisy-1", "execution.image: not executed by this version"):
+    for what in ("fault: MemoryError", "noisy-3 is noisy-1", "execution.image: not executed by this version"):
         assert what in page.text
 
 

@@ -4,13 +4,16 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from vastflow.oracles.directory.environment_names import environment_names
 from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.directory.verdict_table import CODES, FAIL, PASS
 from vastflow.oracles.directory.walk import read_walks
 from vastflow.oracles.figures import scene as scenes
-from vastflow.oracles.figures.scene import scenes_of
+from vastflow.oracles.figures.floor import map_figure
+from vastflow.oracles.figures.scene import known_extent_m, scenes_of
+from vastflow.sim.maps import load_map
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
@@ -23,7 +26,7 @@ def directory(synthetic_campaign, tmp_path, build):
     runs = [build.a_recording(WAY, run_index=i) for i in range(7)]
     runs += [build.a_recording(WAY[:20], run_index=i, outcome="aborted", reason="stuck") for i in (7, 8, 9)]
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=runs, obstacles=[build.box_at(3.0, 3.0)])
-    synthetic_campaign.add("a-2", "a", room, TASK, fault="our own fault: MemoryError", runs=2)
+    synthetic_campaign.add("a-2", "a", room, TASK, fault="fault: MemoryError", runs=2)
     return synthetic_campaign.write()
 
 
@@ -99,3 +102,23 @@ def test_maps_of_one_floor_plan_are_numbered(synthetic_campaign, tmp_path, build
         text = json.dumps({"file": "plans/office_wing.fpm", "seed": k})
         (directory / "environments" / environment / "provenance.json").write_text(text)
     assert list(environment_names(directory, environments).values()) == ["office_wing 1", "office_wing 2"]
+
+
+def test_a_turned_map_is_drawn_where_it_lies(tmp_path, build):
+    """Every cell of the map has its colour on the figure at its place in the map's frame."""
+    file = build.write_map(tmp_path / "room", build.walled_room(4.0, 3.0), origin_xy_m=(1.0, -2.0))
+    file.write_text(file.read_text().replace("-2.0, 0.0]", "-2.0, 0.5]"))
+    occupancy = load_map(file)
+    assert occupancy.yaw_rad == 0.5
+    x0, x1, y0, y1 = known_extent_m(occupancy, 0.0)
+    corners = occupancy.corners_of(np.array([(r, c) for r in (0, 60) for c in (0, 80)]))
+    assert (x0, y0, x1, y1) == pytest.approx((*corners.min(axis=0), *corners.max(axis=0)))
+    figure, axes = map_figure(occupancy, 1)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = np.asarray(canvas.buffer_rgba())
+    for cell, dark in (((0, 40), True), ((59, 3), True), ((30, 0), True), ((30, 40), False), ((10, 70), False)):
+        column, up = axes.transData.transform(occupancy.centre_of(*cell))
+        assert (picture[picture.shape[0] - 1 - int(up), int(column), 0] < 128) == dark, cell
+    column, up = axes.transData.transform((x0 + 0.1, y0 + 0.1))  # in the bounds, and off the turned map
+    assert tuple(picture[picture.shape[0] - 1 - int(up), int(column), :3]) != (255, 255, 255)

@@ -138,7 +138,9 @@ def test_the_papers_listing_is_valid_and_nothing_keeps_it_from_running(load: Loa
         "Space hall: shape: Rectangle width=9.0 m, length=3.0 m location: wrt: world of: this\n"
     )
     campaign = load(PAPER)
-    assert (campaign.notes, campaign.unexecutable) == ((), ())
+    (note,) = campaign.notes
+    assert "version 1 of RoboVAST places them otherwise" in note.right
+    assert campaign.unexecutable == ()
 
 
 def test_own_producers_stand_beside_the_file(load: Load) -> None:
@@ -176,16 +178,31 @@ def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, fold
     ]
 
 
+def test_a_key_of_a_family_that_is_near_to_no_other_is_read_over_with_a_warning(load: Load) -> None:
+    campaign = load(FIXED + "  priority: high\n  tags: [a, b]\n")
+    assert [(note.kind, note.where, note.what) for note in campaign.notes] == [
+        ("warning", "configuration[0].priority", "has no effect in a family"),
+        ("warning", "configuration[0].tags", "has no effect in a family"),
+    ]
+
+
+def test_whole_numbers_may_stand_in_quotes(load: Load) -> None:
+    campaign = load(FIXED + "execution: {runs: '20', seed: '7', run_as_user: '1000', resources: {cpu: '2'}}\n")
+    assert (campaign.runs, campaign.seed) == (20, 7)
+    with pytest.raises(CampaignError, match=r"execution\.runs: found 'many'; a whole number"):
+        load(FIXED + "execution: {runs: many}\n")
+
+
 def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
     campaign = load(
         FIXED + "execution: {image: i, runs_per_job: 2}\n"
-        "results_processing: {postprocessing: [own]}\nevaluation: {visualization: [{Tab: {run: r.ipynb}}]}\n"
+        "results_processing: {postprocessing: [rosbags_to_csv]}\nevaluation: {visualization: [{Tab: {run: r.ipynb}}]}\n"
     )
     assert {note.kind for note in campaign.notes} == {"not executed"}
     assert {note.where for note in campaign.notes} == {
         "execution.image",
         "execution.runs_per_job",
-        "results_processing.postprocessing",
+        "results_processing.postprocessing[0]",
         "evaluation.visualization",
     }
     assert all("not executed by this version" in str(note) for note in campaign.notes)
@@ -201,7 +218,9 @@ def test_a_parameter_that_nothing_reads_is_a_warning(load: Load) -> None:
 
 
 def test_a_campaign_of_a_search_is_valid_and_not_executed(load: Load) -> None:
-    campaign = load("search:\n  strategy: random\n  search_space: {a: {type: bool}}\n  budget: {batches: 1}\n")
+    template = "  parameters: [{map_file: maps/room.yaml}]\n  variations: [{PathVariationRandom: {path_length: $a}}]\n"
+    space = "search_space: {a: {type: float, low: 1, high: 3}}"
+    campaign = load(f"search:\n  strategy: random\n  {space}\n{template}  budget: {{batches: 1}}\n")
     assert [fault.what for fault in campaign.unexecutable] == ["search is not executed by this version"]
 
 
@@ -251,9 +270,13 @@ def test_a_robot_that_nothing_puts_anywhere_needs_a_start(load: Load, folder: Pa
 
 
 def test_an_action_that_nothing_here_can_do_is_a_fault_before_anything_runs(load: Load, folder: Path) -> None:
-    text = GROWTH.replace("osc.helpers", "osc.ros").replace('run_process("true")', 'wait_for_topics(["/scan"])')
+    text = GROWTH.replace("osc.helpers", "osc.ros").replace(
+        'run_process("true")', 'ros_run("demo_nodes_cpp", "talker")'
+    )
     (folder / "growth.osc").write_text(text)
-    with pytest.raises(CampaignError, match=r"growth.osc:7:9: scenario: wait_for_topics can't be run here; .*nodes"):
+    with pytest.raises(
+        CampaignError, match=r"growth.osc:7:9: scenario: ros_run can't be run here; it starts a ROS node"
+    ):
         load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
 
 
@@ -365,7 +388,7 @@ def test_an_action_that_nothing_here_can_do_is_a_fault_before_anything_runs(load
             f"{FIXED}  dimensions: {{goal_pos: task}}\n",
             "7:16: configuration[0].dimensions.goal_pos: 'goal_pos' is no fixed parameter of this family; did you",
         ),
-        (f"{FIXED}search:\n  strategy: random\n  search_space: {{}}\n  budget: {{batches: 1}}\n", "7:1: search: found beside"),
+        (f"{FIXED}search:\n  strategy: random\n  search_space: {{a: {{type: bool}}}}\n  budget: {{batches: 1}}\n", "7:1: search: found beside"),
         (f"{FIXED}evaluation:\n  oracles: [safety, safety]\n", "8:21: evaluation.oracles[1].safety: a second oracle"),
     ],
 )  # fmt: skip

@@ -203,11 +203,17 @@ def test_a_text_outside_of_the_language_is_refused_at_its_first_wrong_word(text,
         (ROOM + DOOR.replace("height=", "length="), ("p.fpm:4:20: Entryway d: found a Rectangle with length; "
          "width and height, for it stands upright")),
         (changed("of: this", "of: this translation: z: 0.5 m"),
-         "p.fpm:3:96: Space a: translation: found 'z'; only x, y can stand here"),
-        (changed("of: this", "of: this rotation: x: 0.5"), "p.fpm:3:93: Space a: rotation: found 'x'; only z can stand here"),
-        (ROOM + DOOR.replace("z: 1.0", "y: 1.0"), "p.fpm:4:94: Entryway d: translation: found 'y'; only x, z can stand here"),
+         "p.fpm:3:96: Space a: translation: found z: 0.5 m; z: 0, or nothing; it moves along x and y only"),
+        (changed("of: this", "of: this rotation: x: 0.5"),
+         "p.fpm:3:93: Space a: rotation: found x: 0.5 rad; x: 0, or nothing; it turns about z only"),
+        (ROOM + POST.format(location="wrt: a rotation: y: 0.1 rad"),
+         "p.fpm:4:95: Column c: rotation: found y: 0.1 rad; y: 0, or nothing; it turns about z only"),
+        (ROOM + DOOR.replace("z: 1.0", "y: 1.0"),
+         "p.fpm:4:94: Entryway d: translation: found y: 1 m; y: 0, or nothing; it moves along x and z only"),
+        (ROOM + DOOR.replace("z: 1.0", "y: -sunk, z: 1.0") + "var sunk = 0.1 m",
+         "p.fpm:4:94: Entryway d: translation: found y: -0.1 m; y: 0, or nothing; it moves along x and z only"),
         (ROOM + DOOR.replace("translation: z: 1.0 m", "rotation: z: 1.0"),
-         "p.fpm:4:91: Entryway d: rotation: found 'z'; only y can stand here"),
+         "p.fpm:4:91: Entryway d: rotation: found z: 1 rad; z: 0, or nothing; it turns about y only"),
         (ROOM + DOOR.replace("in: a.walls[0]", "wrt: a in: a.walls[0]"),
          "p.fpm:4:66: Entryway d: location: found 'wrt'; only in, translation, rotation can stand here"),
         (
@@ -259,14 +265,6 @@ def test_a_text_outside_of_the_language_is_refused_at_its_first_wrong_word(text,
         (changed("wrt: world", "wrt: this"), "p.fpm:3:68: Space a: placed in a circle: a by a; one of them placed in the world"),
         (changed("wrt: world", "wrt: b.walls[0]") + SECOND.format(location="wrt: a of: this"),
          "p.fpm:4:68: Space b: placed in a circle: a by b by a; one of them placed in the world"),
-        (ROOM + DOOR.replace("1.0 m,", "4.5 m,"), ("p.fpm:4:10: Entryway d: it reaches from -2.25 m to 2.25 m along "
-         "a.walls[0]; within ±2 m, for that wall is 4 m long")),
-        (ROOM + DOOR.replace("z: 1.0", "x: 1.6 m, z: 1.0"), ("p.fpm:4:10: Entryway d: it reaches from 1.1 m to 2.1 m along "
-         "a.walls[0]; within ±2 m, for that wall is 4 m long")),
-        (ROOM + DOOR.replace("z: 1.0", "z: 3.6"), ("p.fpm:4:10: Entryway d: it cuts nothing, being above the wall; "
-         "part of it between 0 m and 2.5 m; it reaches from 2.6 m to 4.6 m")),
-        (ROOM + DOOR.replace("z: 1.0", "z: -1.0"), ("p.fpm:4:10: Entryway d: it cuts nothing, being below the floor; "
-         "part of it between 0 m and 2.5 m; it reaches from -2 m to 0 m")),
     ],
     ids=_start_of_message,
 )  # fmt: skip
@@ -279,8 +277,74 @@ def test_all_mistakes_of_a_file_are_said_at_once_in_its_order():
     assert [line.partition(": ")[0] for line in complaints(text)] == ["p.fpm:3:33", "p.fpm:3:43", "p.fpm:4:70"]
 
 
+@pytest.mark.parametrize(
+    "location",
+    [
+        "translation: x: 0.5 m, y: 0.0 m, z: 1.0 m rotation: y: 0.0 deg",
+        "translation: y: 0, z: 1.0 m, x: 0.5 m rotation: x: 0.0 deg, y: 0, z: 0 rad",
+        "translation: x: 0.5 m, y: -none, z: 1.0 m",
+    ],
+)
+def test_an_opening_may_say_that_it_is_0_off_along_and_about_the_other_axes(location):
+    plain = building(ROOM + DOOR.replace("z: 1.0 m", "x: 0.5 m, z: 1.0 m"))
+    said = building(ROOM + DOOR.replace("translation: z: 1.0 m", location) + "var none = 0.0 m")
+    assert said.holes == plain.holes
+    assert said.notes == ()
+
+
+def test_a_space_and_a_feature_may_say_that_they_are_0_off_along_and_about_the_other_axes():
+    moved = "translation: x: 1.0 m, y: 2.0 m, z: 0.0 m rotation: x: 0.0 deg, y: 0.0 deg, z: 30.0 deg"
+    text = changed("of: this", f"of: this {moved}") + POST.format(location=f"wrt: a {moved}")
+    said = building(text)
+    plain = building(text.replace(", z: 0.0 m", "").replace("x: 0.0 deg, y: 0.0 deg, ", ""))
+    assert (said.walls, said.obstacles) == (plain.walls, plain.obstacles)
+
+
 def test_a_door_as_wide_as_its_wall_is_allowed():
-    assert building(ROOM + DOOR.replace("1.0 m,", "4.0 m,")).holes[0].section(1.0) == ((-2.0, 2.0),)
+    plan = building(ROOM + DOOR.replace("1.0 m,", "4.0 m,"))
+    assert plan.holes[0].section(1.0) == ((-2.0, 2.0),)
+    assert plan.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("door", "open_at_1_m", "note"),
+    [
+        (DOOR.replace("1.0 m,", "4.5 m,"), (-2.0, 2.0),
+         "it reaches from -2.25 m to 2.25 m along a.walls[0], which has -2 m to 2 m, and is cut to that; within ±2 m"),
+        (DOOR.replace("z: 1.0", "x: 1.6 m, z: 1.0"), (1.1, 2.0),
+         "it reaches from 1.1 m to 2.1 m along a.walls[0], which has -2 m to 2 m, and is cut to that; within ±2 m"),
+        (DOOR.replace("z: 1.0", "x: -1.9 m, z: 1.0"), (-2.0, -1.4),
+         "it reaches from -2.4 m to -1.4 m along a.walls[0], which has -2 m to 2 m, and is cut to that; within ±2 m"),
+        (DOOR.replace("z: 1.0", "z: 1.6"), (-0.5, 0.5),
+         "it reaches up to 2.6 m, and is cut to its wall; at most 2.5 m"),
+    ],
+    ids=["wider than its wall", "over its end", "over its beginning", "higher than its wall"],
+)  # fmt: skip
+def test_an_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door, open_at_1_m, note):
+    plan = building(ROOM + door)
+    (section,) = plan.holes[0].section(1.0)
+    assert section == pytest.approx(open_at_1_m)
+    assert [str(each) for each in plan.notes] == [f"p.fpm:4:10: warning: Entryway d: {note}"]
+
+
+@pytest.mark.parametrize(
+    ("door", "note"),
+    [
+        (DOOR.replace("z: 1.0", "x: 9.0 m, z: 1.0"), ("it cuts nothing: it reaches from 8.5 m to 9.5 m along a.walls[0], "
+         "which has -2 m to 2 m; part of it within ±2 m")),
+        (DOOR.replace("z: 1.0", "x: -2.5 m, z: 1.0"), ("it cuts nothing: it reaches from -3 m to -2 m along a.walls[0], "
+         "which has -2 m to 2 m; part of it within ±2 m")),
+        (DOOR.replace("z: 1.0", "z: 3.6"), ("it cuts nothing, being above the wall; "
+         "part of it between 0 m and 2.5 m; it reaches from 2.6 m to 4.6 m")),
+        (DOOR.replace("z: 1.0", "z: -1.0"), ("it cuts nothing, being below the floor; "
+         "part of it between 0 m and 2.5 m; it reaches from -2 m to 0 m")),
+    ],
+    ids=["behind the end", "before the beginning", "above", "below"],
+)  # fmt: skip
+def test_an_opening_outside_of_its_wall_cuts_nothing_and_a_warning_says_so(door, note):
+    plan = building(ROOM + door)
+    assert plan.holes == ()
+    assert [str(each) for each in plan.notes] == [f"p.fpm:4:10: warning: Entryway d: {note}"]
 
 
 def test_corners_in_counter_clockwise_order_are_noted_for_their_walls_grow_inwards():

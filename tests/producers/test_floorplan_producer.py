@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from vastflow.producers.campaign import load_campaign
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
 from vastflow.producers.floorplan import environment
@@ -119,14 +120,46 @@ def test_the_environment_has_everything_and_says_where_it_came_from(base, store)
 
 
 def test_numbers_that_make_no_building_are_a_rejection_with_the_seed_and_the_numbers(base):
-    text = (base / "test_floorplan_example.variation").read_text().replace("[0.7, 0.9, 1.1]", "[0.9, 5.0]")
+    text = (base / "test_floorplan_example.variation").read_text().replace("[0.7, 0.9, 1.1]", "[0.9, -5.0]")
     (base / "wide.variation").write_text(text)
     found = evaluate(variation(base, variation_files=["wide.variation"], num_variations=6), {})
     rejected = [item for item in found if isinstance(item, Rejection)]
     assert rejected and any(isinstance(item, Fragment) for item in found)
-    assert all(item.requested["drawn"]["gap"] == 5.0 for item in rejected)
-    assert "Entryway door: it reaches from" in rejected[0].reason
+    assert all(item.requested["drawn"]["gap"] == -5.0 for item in rejected)
+    assert "Entryway door: the width is -5 m; at least 0.001 m" in rejected[0].reason
     assert f"with seed {rejected[0].requested['seed']}:" in rejected[0].reason
+
+
+def test_what_is_worth_knowing_of_a_plan_is_noted_by_both(base):
+    plan = base / "test_floorplan_example.fpm"
+    plan.write_text(plan.read_text().replace("width=gap", "width=9.0 m"))
+    for made, name in ((generation(base), plan.name), (variation(base), plan.name)):
+        (note,) = made.notes
+        assert str(note).startswith(
+            f"{name}:40:14: warning: Entryway door: it reaches from -4.6 m to 4.4 m along study."
+        )
+
+
+def test_a_campaign_warns_of_what_is_cut_in_its_plans_once(base):
+    plan = base / "test_floorplan_example.fpm"
+    plan.write_text(plan.read_text().replace("width=gap", "width=9.0 m"))
+    (base / "c.vast").write_text("""\
+version: 1
+metadata: {name: c}
+configuration:
+  - name: a
+    parameters: &poses
+      - start_pose: {x: 0, y: 2}
+      - goal_pose: {x: 2, y: 2}
+    variations: &plans
+      - FloorplanGeneration: {floorplans: [test_floorplan_example.fpm]}
+  - name: b
+    parameters: *poses
+    variations: *plans
+execution: {runs: 1}
+""")
+    (warning,) = [note for note in load_campaign(base / "c.vast").notes if note.file == plan.name]
+    assert warning.what.endswith("and is cut to that")
 
 
 def test_a_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):

@@ -12,7 +12,7 @@ from vastflow.producers.floorplan.geometry import geometry_of
 from vastflow.producers.floorplan.reading import read_plan
 from vastflow.producers.floorplan.syntax import parse
 from vastflow.producers.floorplan.variation import variation_of
-from vastflow.producers.floorplan.variation_syntax import parse_variation
+from vastflow.producers.floorplan.variation_syntax import Distribution, parse_variation
 
 FILE = Path(__file__).with_name("test_floorplan_example.variation")
 PLAN = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
@@ -178,6 +178,10 @@ def test_a_fault_of_the_imported_plan_is_said_of_the_plan(tmp_path):
 
 
 def test_a_sample_that_makes_no_building_is_drawn_all_the_same():
-    sample = variation("gap : uniform([9.0])").sample(0)
-    with pytest.raises(FloorplanError, match=r"Entryway door: it reaches from -4.6 m to 4.4 m along study.walls\[3\]"):
+    sample = variation("gap : uniform([-9.0])").sample(0)
+    with pytest.raises(FloorplanError, match=r"Entryway door: the width is -9 m; at least 0.001 m"):
         build(read_plan(sample.text, "flat_0.fpm"))
+
+
+def test_a_standard_deviation_of_minus_zero_is_zero():
+    assert Distribution("normal", (7.7, -0.0)).draw(np.random.RandomState(0)) == 7.7

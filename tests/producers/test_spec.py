@@ -62,8 +62,8 @@ search:
   extract: {plugin: failure_rate, params: {}}
   objectives: [{name: failures, direction: maximize}]
   per_batch: 4
-  budget: {batches: 10, time: 2h}
-  stopping: {target_objective: 0.5, no_improvement: {patience: 3, min_delta: 0.01}, metric: {name: m, op: '>', value: 1}}
+  budget: [{batches: 10}, {time: 7200}, {runs: 400}, {simulated_hours: 2.5}]
+  stopping: [{target_objective: 0.5}, {no_improvement: {patience: 3, min_delta: 0.01}}, {metric: {name: m, op: '>', value: 1}}]
   seed: 1
   variations: [{ParameterVariationList: {name: speed, values: [$speed]}}]
   parameters: [{a: 1}]
@@ -180,7 +180,8 @@ def test_a_family_may_not_be_called(tmp_path: Path, name: str) -> None:
         ("configuration:\n- name: a\n  parameters:\n  - 3", "4:5: configuration[0].parameters[0]: found 3; 'name: value'"),
         ("evaluation:\n  oracles: [{safety: 3}]", "2:22: evaluation.oracles[0].safety: found 3; its parameters as a mapping"),
         ("a:\n", "1:1: file: unknown key 'a'; known: configuration, constraints, evaluation, execution, general, metadata, results_processing, search, version"),
-        ("search:\n  strategy: random\n  search_space: {}", "1:1: search: neither budget nor stopping; at least one of them"),
+        ("search:\n  strategy: random\n  search_space: {a: {type: bool}}", "1:1: search: neither budget nor stopping; at least one of them"),
+        ("search:\n  strategy: random\n  search_space: {}\n  budget: {batches: 1}", "3:17: search.search_space: found {}; 1 or more entries"),
     ],
 )  # fmt: skip
 def test_a_slip_is_one_fault_with_its_place_and_what_would_be_right(tmp_path: Path, text: str, complaint: str) -> None:
@@ -199,11 +200,12 @@ def test_everything_without_an_effect_is_found_and_nothing_else() -> None:
         "run_files",
         "pre_command",
         "post_command",
+        "local",
     }
     execution = set(yaml.safe_load(EVERY_KEY)["execution"]) - executed
     assert found == {
         *(f"execution.{key}" for key in execution),
-        *(f"results_processing.{key}" for key in ("postprocessing", "metadata_processing", "publication")),
+        *(f"results_processing.{key}" for key in ("metadata_processing", "publication")),
         *("general", "search", "evaluation.visualization"),
     }
 

@@ -92,7 +92,7 @@ def test_it_appears_off_the_stops_and_beyond_the_triggers_distance_and_leaves_a_
         near = [abs(x - o.pose.x_m) < 0.4 and abs(y - o.pose.y_m) < 0.4 for o in obstacles]
         if any(n and f.distance(Point(x, y)) < 0.03 for n, f in zip(near, footprints, strict=True)):
             free[row, column] = False
-    passable = octile.inflated_free(free, 0.35 / 2 / occupancy.resolution_m)
+    passable = octile.inflated_free(free, math.ceil(0.35 / 2 / occupancy.resolution_m))
     assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
 
 

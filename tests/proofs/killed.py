@@ -1,10 +1,10 @@
 """kill -9 at random points of a campaign: nothing is lost, nothing is other, and only what was in flight is executed twice.
 
-A campaign without a robot is run once undisturbed. Then, for each point, it is run anew with an empty store, one of its
-processes is killed at a random time, and it is run or resumed to its end. One call kills in three settings, unless fewer are
-named: Prefect's API embedded; a real `prefect server start`, which comes back at once, after 5 s, or when the campaign has
-ended; and with that server a work pool, whose workers are processes that execute the runs. `killed_points.py` has the
-victims, and how points are spread over the time that a victim is there.
+A campaign, with `--robot` one in which a robot drives, is run once undisturbed. Then, for each point, it is run anew with an
+empty store, one of its processes is killed at a random time, and it is run or resumed to its end. One call kills in three
+settings, unless fewer are named: Prefect's API embedded; a real `prefect server start`, which comes back at once, after 5 s, or
+when the campaign has ended; and with that server a work pool, whose workers are processes that execute the runs.
+`killed_points.py` has the victims, and how points are spread over the time that a victim is there.
 
 At each point, afterwards:
 
@@ -21,7 +21,7 @@ the checkout does not change it meanwhile.
 
 Prints a line for each point and the figures; exit code 1 when something is violated.
 
-    python tests/proofs/killed.py [--seed N] [--points N] [--setting SETTING] [--victim KIND] [--json]
+    python tests/proofs/killed.py [--seed N] [--points N] [--setting SETTING] [--victim KIND] [--robot] [--json]
 """
 
 import argparse
@@ -313,9 +313,14 @@ def proven(
     total: int,
     kinds: Sequence[tuple[Setting, str]],
     show: Callable[[str], None],
+    robot: bool = False,
 ) -> list[Point]:
-    """All points, in order."""
-    lab = Lab.made(folder)
+    """All points, in order.
+
+    Args:
+        robot: Whether a robot drives in the campaign.
+    """
+    lab = Lab.made(folder, robot=robot)
     whole, alone = undisturbed(lab)
     there: dict[Setting, dict[str, tuple[float, float]]] = {"embedded": alone}
     settings = {setting for setting, _ in kinds}
@@ -363,6 +368,7 @@ def main() -> int:
     parser.add_argument("--setting", action="append", choices=list(VICTIMS), help="this one alone; may be repeated")
     victims = sorted({victim for of_setting in VICTIMS.values() for victim in of_setting})
     parser.add_argument("--victim", action="append", choices=victims, help="this one alone; may be repeated")
+    parser.add_argument("--robot", action="store_true", help="a campaign in which a robot drives")
     parser.add_argument(
         "--folder", type=Path, help="where all is made and kept, `points.json` too; else a temporary folder"
     )
@@ -376,7 +382,7 @@ def main() -> int:
     folder.mkdir(parents=True, exist_ok=True)
     try:
         show = (lambda text: None) if options.json else functools.partial(print, flush=True)
-        done = proven(folder, options.seed, options.points, kinds, show)
+        done = proven(folder, options.seed, options.points, kinds, show, options.robot)
     finally:
         if options.folder is None:
             shutil.rmtree(folder, ignore_errors=True)

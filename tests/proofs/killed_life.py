@@ -59,6 +59,30 @@ configuration:
 execution: {{scenario_file: nothing.osc, runs: {RUNS}, timeout: 10}}
 """
 
+ROBOT_CAMPAIGN = f"""\
+version: 1
+metadata: {{name: killed}}
+configuration:
+- name: crossed
+  parameters: &poses
+  - map_file: room.yaml
+  - start_pose: {{position: {{x: 1.0, y: 1.5}}, orientation: {{yaw: 0.0}}}}
+  - goal_pose: {{position: {{x: 2.5, y: 1.5}}, orientation: {{yaw: 0.0}}}}
+  variations:
+  - ParameterVariationList: {{name: laserscan_gaussian_noise_std_deviation, values: [0.0, 0.01, 0.02, 0.03]}}
+  - ParameterVariationList: {{name: laserscan_random_drop_percentage, values: [0.0, 0.1, 0.2, 0.3, 0.4]}}
+- name: pairs
+  parameters: *poses
+  variations:
+  - ParameterVariationList: {{name: robot_radius, values: [0.16, 0.17, 0.18, 0.19, 0.2]}}
+  - ParameterVariationList: {{name: inflation_radius, values: [0.4, 0.5]}}
+execution: {{runs: {RUNS}}}
+"""
+"""As many configurations with a robot, which drives 1.5 m through an empty room."""
+
+ROOM = "{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}"
+ROOM_PGM = b"P5 80 60 255\n" + bytes(0 if x in (0, 79) or y in (0, 59) else 254 for y in range(60) for x in range(80))
+
 TRACER = """\
 import functools, importlib.abc, importlib.machinery, json, os, sys, time
 
@@ -107,7 +131,7 @@ class Finder(importlib.abc.MetaPathFinder):
         def exec_module(module):
             run(module)
             module.execute = WRAPPED[name](module.execute)
-            if hasattr(module, "compile_kernels"):
+            if hasattr(module, "compile_kernels") and not os.environ.get("VASTFLOW_PROOF_ROBOT"):
                 without_kernels(module)
         spec.loader.exec_module = exec_module
         return spec
@@ -121,12 +145,17 @@ parent is gone, else it would always be done before; it costs no processor."""
 
 @dataclass(frozen=True)
 class Lab:
-    """What all points share: the code, the campaign file, and a Prefect home whose database is made."""
+    """What all points share: the code, the campaign file, and a Prefect home whose database is made.
+
+    Attributes:
+        robot: Whether a robot drives in the campaign.
+    """
 
     folder: Path
+    robot: bool = False
 
     @classmethod
-    def made(cls, folder: Path, copied: bool = True) -> "Lab":
+    def made(cls, folder: Path, copied: bool = True, robot: bool = False) -> "Lab":
         """Write all that is needed; with a copy of the code, or else with the code as it is installed."""
         code = folder / "code"
         code.mkdir()
@@ -137,8 +166,10 @@ class Lab:
                 shutil.copytree(root / name, code / "vastflow" / name, ignore=ignore)
         (code / "sitecustomize.py").write_text(TRACER)
         (folder / "nothing.osc").write_text(SCENARIO)
-        (folder / "killed.vast").write_text(CAMPAIGN)
-        return cls(folder)
+        (folder / "room.yaml").write_text(ROOM)
+        (folder / "room.pgm").write_bytes(ROOM_PGM)
+        (folder / "killed.vast").write_text(ROBOT_CAMPAIGN if robot else CAMPAIGN)
+        return cls(folder, robot)
 
     @property
     def campaign(self) -> Path:
@@ -186,9 +217,11 @@ class Place:
     def environment(self) -> dict[str, str]:
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
         api = {"PREFECT_API_URL": self.api} if self.api else {}
+        robot = {"VASTFLOW_PROOF_ROBOT": "1"} if self._lab.robot else {}
         return {
             **kept,
             **api,
+            **robot,
             "PYTHONPATH": os.pathsep.join(filter(None, [str(self._lab.folder / "code"), kept.get("PYTHONPATH")])),
             "PREFECT_HOME": str(self.folder / "prefect"),
             "PREFECT_SERVER_ANALYTICS_ENABLED": "false",

@@ -160,7 +160,7 @@ def tree_of(root, mission_end_s):
         for name, value in (("count", 0), ("mission_end_s", mission_end_s))
     )
     definition = ScenarioDefinition("random", (), variables, (), ("red", "green"), root, PLACE, {}, {}, {})
-    functions = helper_functions(np.random.default_rng(1), PLACE, PLACE)
+    functions = helper_functions(np.random.default_rng(1), "/config", "/out")
     return ScenarioTree(definition, {}, ACTIONS, functions)
 
 

@@ -7,16 +7,17 @@ from vastflow.sim.behaviour.entities import ENTITIES
 from vastflow.sim.behaviour.helpers import HELPERS
 from vastflow.sim.behaviour.navigation import NAVIGATION
 from vastflow.sim.behaviour.stand_ins import stand_ins
+from vastflow.sim.behaviour.topics import ROS
 from vastflow.sim.behaviour.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.process.actions import PROCESSES
 
 
 def test_worldly_actions_are_those_of_the_robot_and_of_entities_but_no_stand_in():
-    assert {*ENTITIES, *NAVIGATION} - stand_ins({}).keys() == WORLDLY
+    assert {*ENTITIES, *NAVIGATION, *ROS} - stand_ins({}).keys() == WORLDLY
 
 
 def test_all_that_is_implemented_may_be_used():
-    assert {*HELPERS, *ENTITIES, *NAVIGATION, *PROCESSES, *stand_ins({})} == ACTIONS
+    assert {*HELPERS, *ENTITIES, *NAVIGATION, *ROS, *PROCESSES, *stand_ins({})} == ACTIONS
 
 
 def test_the_names_are_known_without_the_simulator():

@@ -7,7 +7,7 @@ import pytest
 
 from vastflow.sim.lidar import Lidar
 from vastflow.sim.nav.collision_monitor import approach, gather_near_points
-from vastflow.sim.nav.footprint import circumscribed_radius_m, inscribed_radius_m, padded_outline
+from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
 from vastflow.sim.nav.parameters.servers import CollisionMonitor, VelocitySmoother
 from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.state import MEMORY

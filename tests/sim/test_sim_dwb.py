@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from vastflow.sim.nav.controllers import dwb
 from vastflow.sim.nav.controllers.dwb_critics import grow, lay, new_path_grid
 from vastflow.sim.nav.controllers.dwb_rollout import legal, step_count
-from vastflow.sim.nav.footprint import padded_outline
 from vastflow.sim.nav.inflation import inflate
+from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.parameter import check
 from vastflow.sim.nav.record import record_of

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vastflow.sim.nav.controllers import dwb
-from vastflow.sim.nav.footprint import padded_outline
+from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window

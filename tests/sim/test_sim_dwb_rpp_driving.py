@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from vastflow.sim.nav.controllers import dwb, rpp
-from vastflow.sim.nav.footprint import padded_outline
 from vastflow.sim.nav.inflation import inflate
+from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.record import record_of

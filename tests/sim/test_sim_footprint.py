@@ -8,7 +8,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from vastflow.sim.nav.footprint import circumscribed_radius_m, inscribed_radius_m, outline_hits, padded_outline
+from vastflow.sim.nav.footprint import outline_hits
+from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
 from vastflow.sim.nav.window import Window
 from vastflow.sim.numeric import njit
 

@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
 from vastflow.sim.maps import load_map
-from vastflow.sim.nav.footprint import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.inflation import cost_stamp, inflate
+from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
 
 JAZZY = (0.05, inscribed_radius_m(padded_outline(0.22, 0.01)), 0.70, 3.0)
 

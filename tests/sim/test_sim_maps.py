@@ -1,10 +1,12 @@
 """Maps, read as Nav2's map_server reads them."""
 
+import math
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -64,25 +66,41 @@ def test_thresholds_default_to_those_of_map_server(write):
     assert cells(write([[205, 89, 90]], free_thresh=None, occupied_thresh=None)) == [[0, 100, -1]]
 
 
+def by_map_server(grey, mode, negate, free_thresh, occupied_thresh):
+    """A cell by the formula of Nav2's map_io, in single precision as there; one pixel at a time."""
+    if mode == "raw":
+        return grey if grey <= 100 else -1
+    one, shade = np.float32(1.0), np.float32(grey) / np.float32(255.0)
+    p = shade if negate else one - shade
+    low, high = np.float32(free_thresh), np.float32(occupied_thresh)
+    if p <= low:
+        return 0
+    if p >= high:
+        return 100
+    if mode == "trinary":
+        return -1
+    percent = (p - low) / np.float32(occupied_thresh - free_thresh) * np.float32(100.0)
+    return math.floor(percent) + (1 if float(percent) - math.floor(percent) >= 0.5 else 0)
+
+
 @given(
-    free=st.integers(0, 254), span=st.integers(1, 255), negate=st.booleans(), mode=st.sampled_from(["trinary", "scale"])
+    free=st.integers(0, 98),
+    span=st.integers(1, 99),
+    negate=st.booleans(),
+    mode=st.sampled_from(["trinary", "scale", "raw"]),
 )
+@example(25, 40, False, "scale")  # 37.5 % at grey 153, which is rounded up
+@example(10, 80, False, "scale")
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_every_grey_value_is_read_by_the_formula_of_map_server(write, free, span, negate, mode):
-    free_thresh, occupied_thresh = free / 255, min(free + span, 255) / 255 + 1e-6
-    path = write(
-        [list(range(256))], mode=mode, negate=int(negate), free_thresh=free_thresh, occupied_thresh=occupied_thresh
-    )
-    for grey, cell in enumerate(cells(path)[0]):
-        p = grey / 255 if negate else (255 - grey) / 255
-        if p >= occupied_thresh:
-            assert cell == 100
-        elif p <= free_thresh:
-            assert cell == 0
-        elif mode == "trinary":
-            assert cell == -1
-        else:
-            assert cell == round(100 * (p - free_thresh) / (occupied_thresh - free_thresh))
+    thresholds = {"free_thresh": free / 100, "occupied_thresh": min(free + span, 99) / 100}
+    path = write([list(range(256))], mode=mode, negate=int(negate), **thresholds)
+    assert cells(path) == [[by_map_server(grey, mode, negate, **thresholds) for grey in range(256)]]
+
+
+@pytest.mark.parametrize("mode", ["Trinary", "SCALE", "rAw"])
+def test_a_mode_may_be_written_in_any_case(write, mode):
+    assert cells(write([[0, 50, 150, 254]], mode=mode)) == cells(write(None, mode=mode.lower()))
 
 
 @pytest.mark.parametrize("negate", [1, "true"])
@@ -125,9 +143,50 @@ def test_a_pgm_of_sixteen_bits_a_pixel_is_as_good_as_one_of_eight(write, tmp_pat
     assert cells(write(None)) == [[100, -1, 0, 0]]
 
 
-def test_colour_is_read_as_the_mean_of_its_channels(write, tmp_path):
-    Image.fromarray(np.array([[[255, 255, 0], [10, 20, 30]]], dtype=np.uint8), "RGB").save(tmp_path / "map.png")
-    assert cells(write(None, image="map.png", mode="raw")) == [[-1, 20]]
+def luma(red, green, blue):
+    """Grey as GraphicsMagick has it: Rec. 601 at 16 bits a channel, of which the upper 8 are kept."""
+    return int(Fraction(257 * (299 * red + 587 * green + 114 * blue), 1000) + Fraction(1, 2)) // 257
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 255)] * 3), min_size=1, max_size=50))
+@example([(255, 255, 0), (255, 0, 0), (0, 255, 0), (0, 0, 255), (10, 20, 30), (100, 100, 100)])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_colour_is_read_by_its_luma(write, tmp_path, colours):
+    Image.fromarray(np.array([colours], dtype=np.uint8), "RGB").save(tmp_path / "map.png")
+    greys = [luma(*colour) for colour in colours]
+    assert cells(write(None, image="map.png", mode="raw")) == [[grey if grey <= 100 else -1 for grey in greys]]
+
+
+def test_luma_is_that_of_graphicsmagick(write, tmp_path):
+    """Values that `gm convert -type Grayscale` (1.3.40, 16 bits) gives."""
+    colours = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (1, 2, 3), (99, 99, 98), (40, 90, 200)]
+    assert [luma(*colour) for colour in colours] == [76, 149, 29, 225, 1, 98, 87]
+
+
+def test_a_blue_wall_is_a_wall_and_a_yellow_floor_is_free(write, tmp_path):
+    Image.fromarray(np.array([[[0, 0, 255], [255, 255, 0]]], dtype=np.uint8), "RGB").save(tmp_path / "map.png")
+    assert cells(write(None, image="map.png")) == [[100, 0]]
+
+
+@pytest.mark.parametrize("form", ["png", "bmp", "pgm", "ppm"])
+def test_a_picture_may_have_any_of_the_usual_formats(write, tmp_path, form):
+    Image.fromarray(np.array([[0, 205], [254, 254]], dtype=np.uint8)).save(tmp_path / f"floor.{form}")
+    assert cells(write(None, image=f"floor.{form}")) == [[0, 0], [100, -1]]
+
+
+def test_a_picture_may_be_named_by_an_absolute_path(write, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    Image.fromarray(np.array([[0, 254]], dtype=np.uint8)).save(elsewhere / "floor.png")
+    assert cells(write(None, image=elsewhere / "floor.png")) == [[100, 0]]
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+def test_transparency_makes_unknown_in_all_modes_but_raw(write, tmp_path, mode):
+    pixels = np.array([[[50, 50, 50, 255], [50, 50, 50, 254], [50, 50, 50, 0]]], dtype=np.uint8)
+    Image.fromarray(pixels, "RGBA").save(tmp_path / "map.png")
+    grey = by_map_server(50, mode, False, 0.196, 0.65)
+    assert cells(write(None, image="map.png", mode=mode)) == [[grey, *((50, 50) if mode == "raw" else (-1, -1))]]
 
 
 def test_a_palette_is_read_by_its_colours(write, tmp_path):
@@ -163,7 +222,8 @@ def test_keys_that_map_server_does_not_know_are_passed_over(write):
 
 
 def test_numbers_may_be_written_with_an_exponent(write):
-    assert load_map(write(resolution="5e-2")).resolution_m == 0.05
+    occupancy = load_map(write(resolution="5e-2", origin="[-1e1, 2e0, 0e0]"))
+    assert (occupancy.resolution_m, occupancy.origin_xy_m) == (0.05, (-10.0, 2.0))
 
 
 @pytest.mark.parametrize(
@@ -172,9 +232,15 @@ def test_numbers_may_be_written_with_an_exponent(write):
         ({"image": None}, "no key 'image'; a map has image, resolution and origin"),
         ({"resolution": None}, "no key 'resolution'"),
         ({"origin": None}, "no key 'origin'"),
+        ({"resolution": "1" + "0" * 400}, "resolution: found 10+; a number"),
+        ({"resolution": 1e-300}, "resolution: found 1e-300; metres per cell, greater than 0: 0.0001 to 100"),
+        ({"resolution": 1e300}, "resolution: found 1e.300; metres per cell"),
+        ({"origin": f"[{'9' * 400}, 0]"}, "origin: found "),
+        ({"origin": "[1.0e+300, 0]"}, "origin: found .*; at most 10,000,000 m from zero"),
         ({"image": "none.pgm"}, "image: no file '.*none.pgm'; the picture lies relative to the YAML file"),
-        ({"image": "map.yaml"}, "map.yaml' is not a PGM, PNG or BMP picture"),
-        ({"origin": "[0, 0, 0.5]"}, "origin: found yaw 0.5; 0, turn the picture instead"),
+        ({"image": "map.yaml"}, "map.yaml': no picture in PGM, PNG or BMP; one of these formats"),
+        ({"origin": "[0, 0, 90]"}, r"origin: found yaw 90; radians, one turn \(6.2832\) at most"),
+        ({"origin": "[0, 0, 0, 0]"}, r"origin: found \[0, 0, 0, 0\]; \[x, y, yaw\]"),
         ({"origin": "[0]"}, r"origin: found \[0\]; \[x, y, yaw\]"),
         ({"origin": "[0, .nan, 0]"}, r"origin: found \[0, nan, 0\]"),
         ({"origin": "here"}, "origin: found 'here'"),
@@ -208,7 +274,7 @@ def test_a_file_that_is_no_mapping_is_refused(tmp_path, text, message):
 
 def test_a_picture_that_is_cut_off_is_refused(write, tmp_path):
     (tmp_path / "map.pgm").write_bytes(b"P5\n20 20\n255\n" + bytes(7))
-    with pytest.raises(MapError, match=r"map\.pgm' is not a PGM, PNG or BMP picture"):
+    with pytest.raises(MapError, match=r"map\.pgm': a damaged picture: .*truncated"):
         load_map(write(None))
 
 
@@ -233,3 +299,67 @@ def test_another_grid_or_frame_has_another_digest(write, changes):
 def test_shapes_of_equal_size_have_different_digests():
     flat, tall = (OccupancyMap(np.zeros(shape, dtype=np.int8), 0.05, (0.0, 0.0)) for shape in ((1, 4), (4, 1)))
     assert flat.digest != tall.digest
+
+
+# An origin that is turned
+
+
+TALL = [[0, 254], [205, 0], [254, 254]]
+"""3 rows of 2 cells, no two turns of it alike."""
+
+
+def test_an_origin_s_yaw_turns_the_grid_about_it(write):
+    occupancy = load_map(write(TALL, origin="[1.0, 2.0, 0.3]"))
+    assert occupancy.origin_xy_m == (1.0, 2.0)
+    c, s = math.cos(0.3), math.sin(0.3)
+    for row, column in ((0, 0), (2, 1), (-4, 7)):
+        x, y = (column + 0.5) * 0.05, (row + 0.5) * 0.05
+        centre = occupancy.centre_of(row, column)
+        assert centre == pytest.approx((1.0 + c * x - s * y, 2.0 + s * x + c * y), abs=1e-12)
+        assert occupancy.cell_of(*centre) == (row, column)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "turned", "corner"),
+    [
+        (math.pi / 2, np.rot90(TALL), (-0.15, 0.0)),
+        (1.5708, np.rot90(TALL), (-0.15, 0.0)),
+        (math.pi, np.rot90(TALL, 2), (-0.1, -0.15)),
+        (-3.1416, np.rot90(TALL, 2), (-0.1, -0.15)),
+        (3 * math.pi / 2, np.rot90(TALL, 3), (0.0, -0.1)),
+        (-math.pi / 2, np.rot90(TALL, 3), (0.0, -0.1)),
+        (2 * math.pi, TALL, (0.0, 0.0)),
+        (1e-17, TALL, (0.0, 0.0)),
+    ],
+)
+def test_a_map_turned_by_a_quarter_is_the_map_drawn_turned(write, yaw, turned, corner):
+    origin_xy_m = 1.0, -2.0
+    found = load_map(write(TALL, origin=f"[1.0, -2.0, {yaw!r}]"))
+    x, y = (o + c for o, c in zip(origin_xy_m, corner, strict=True))
+    drawn = load_map(write(turned, origin=f"[{round(x, 6)}, {round(y, 6)}, 0]"))
+    assert found.yaw_rad == 0.0
+    assert found.digest == drawn.digest
+
+
+@given(st.floats(-6.28, 6.28), st.integers(0, 2), st.integers(0, 1))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_the_yaw_a_place_on_the_picture_is_where_the_turned_picture_has_it(write, yaw, row, column):
+    plain = load_map(write(TALL, origin="[0.5, -1.5, 0]"))
+    turned = load_map(write(None, origin=f"[0.5, -1.5, {yaw!r}]"))
+    x, y = (column + 0.5) * 0.05, (row + 0.5) * 0.05
+    c, s = math.cos(yaw), math.sin(yaw)
+    place = 0.5 + c * x - s * y, -1.5 + s * x + c * y
+    assert turned.cells[turned.cell_of(*place)] == plain.cells[row, column]
+    assert abs(turned.yaw_rad) <= math.pi / 4 + 1e-12
+
+
+def test_many_places_are_the_same_as_one_by_one(write):
+    occupancy = load_map(write(TALL, origin="[1.0, 2.0, -0.4]"))
+    some = np.array([(0, 0), (2, 1), (-3, 5)])
+    assert [tuple(centre) for centre in occupancy.centres_of(some)] == [occupancy.centre_of(*cell) for cell in some]
+    places = occupancy.centres_of(some)
+    assert np.floor(occupancy.in_cells(places)).astype(int).tolist() == some.tolist()
+
+
+def test_a_turned_map_has_another_digest(write):
+    assert map_content(write(origin="[0, 0, 0.1]")) != map_content(write(origin="[0, 0, 0.2]"))

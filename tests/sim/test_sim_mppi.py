@@ -8,7 +8,7 @@ import pytest
 
 from vastflow.sim.nav.controllers import mppi
 from vastflow.sim.nav.controllers.mppi_samples import noise
-from vastflow.sim.nav.footprint import padded_outline
+from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.nav.footprint import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.navfn import (
     new_potential,
@@ -20,6 +19,7 @@ from vastflow.sim.nav.navfn import (
     propagate_within,
     travel_costs,
 )
+from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
 
 F = np.float32
 UNREACHED = F(1e10)

@@ -23,6 +23,7 @@ def test_a_pose_is_read_back_from_its_value(x, y, yaw):
     [
         ({"x": 1, "y": 2.5, "yaw": 0.5}, Pose(1.0, 2.5, 0.5)),
         ({"x": 1, "y": 2}, Pose(1.0, 2.0, 0.0)),
+        ({"x": "1", "y": "2.5", "yaw": "0"}, Pose(1.0, 2.5, 0.0)),
         ({"position": {"x": 1, "y": 2}}, Pose(1.0, 2.0, 0.0)),
         ({"position": {"x": 1, "y": 2, "z": 3}, "orientation": {"yaw": 1}}, Pose(1.0, 2.0, 1.0)),
         ({"position": {"x": 1, "y": 2}, "orientation": {"roll": 0.1}}, Pose(1.0, 2.0, 0.0)),
@@ -33,7 +34,18 @@ def test_a_pose_may_be_written_long_or_short(value, pose):
 
 
 @pytest.mark.parametrize(
-    "value", [None, "1, 2", [1, 2], {"x": 1}, {"x": True, "y": 0}, {"x": "1", "y": 2}, {"position": 3}, {}]
+    "value",
+    [
+        None,
+        "1, 2",
+        [1, 2],
+        {"x": 1},
+        {"x": True, "y": 0},
+        {"x": "1 m", "y": 2},
+        {"x": "nan", "y": 2},
+        {"position": 3},
+        {},
+    ],
 )
 def test_what_is_no_pose_is_refused_by_name(value):
     with pytest.raises(ValueError, match=r"goal: found .*; a pose is \{x, y, yaw\} or"):

@@ -1,5 +1,6 @@
 """Octile lengths, against scikit-image's minimum-cost path and by hand."""
 
+import itertools
 import math
 
 import numpy as np
@@ -10,7 +11,15 @@ from hypothesis.extra.numpy import arrays
 from skimage.graph import MCP_Geometric
 
 from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.octile import descend, distance_field, inflated_free, passable, path_xy_m, shortest_path
+from vastflow.sim.octile import (
+    descend,
+    distance_field,
+    inflated_free,
+    passable,
+    path_xy_m,
+    shortest_path,
+    whole_cells,
+)
 
 GRIDS = st.tuples(st.integers(1, 14), st.integers(1, 14)).flatmap(
     lambda shape: arrays(np.bool_, shape, elements=st.sampled_from([True, True, False]))
@@ -106,9 +115,30 @@ def test_unknown_cells_are_not_passable(drawn):
 
 
 def test_a_radius_is_taken_in_metres(drawn):
-    found = passable(drawn("." * 9, cells=1, resolution_m=0.1), 0.05)
-    assert found.all()
-    assert not passable(drawn("." * 9, cells=1, resolution_m=0.1), 0.1).any()
+    field = drawn(*["." * 9] * 5, cells=1, resolution_m=0.1)
+    assert int(passable(field, 0.1).sum()) == 3 * 7
+    assert int(passable(field, 0.2).sum()) == 1 * 5
+
+
+@given(GRIDS, st.floats(0.0, 0.3), st.sampled_from([0.02, 0.05, 0.1]))
+@settings(max_examples=100, deadline=None)
+def test_a_robot_stands_where_every_cell_of_its_disc_is_free_and_part_of_a_cell_is_one(free, radius_m, resolution_m):
+    """Version 1's test of a start or goal, read plainly: all cells of a disc of ceil(radius / resolution) cells."""
+    cells = np.where(free, 0, 100).astype(np.int8)
+    found = passable(OccupancyMap(cells, resolution_m, (0.0, 0.0)), radius_m)
+    whole = next(n for n in itertools.count() if n * resolution_m >= radius_m - 1e-9)
+    disc = [(i, j) for i in range(-whole, whole + 1) for j in range(-whole, whole + 1) if i * i + j * j <= whole**2]
+    inside = np.pad(free, whole, constant_values=False)
+    for row, column in np.ndindex(free.shape):
+        assert found[row, column] == all(inside[row + whole + i, column + whole + j] for i, j in disc)
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "resolution_m", "cells"),
+    [(0.175, 0.05, 4), (0.22, 0.05, 5), (0.2, 0.05, 4), (0.35, 0.05, 7), (1.1, 0.1, 11), (0.6, 0.1, 6), (0.0, 0.05, 0)],
+)
+def test_a_radius_takes_whole_cells_and_no_cell_for_the_rounding_of_numbers(radius_m, resolution_m, cells):
+    assert whole_cells(radius_m, resolution_m) == cells
 
 
 def test_a_path_through_several_stops_is_the_sum_of_its_legs(drawn):

@@ -1,11 +1,13 @@
 """Scenario files that are refused: where, what was found, what would be right."""
 
 import pickle
+import time
 from pathlib import Path
 
 import pytest
 
 from vastflow.sim.osc.faults import OscError
+from vastflow.sim.osc.grammar import MOST_PARSED
 from vastflow.sim.osc.reading import files_of, read_scenarios, read_text
 
 HEAD = "import osc.helpers\nimport osc.ros\nimport osc.nav2\nimport osc.gazebo\n"
@@ -36,7 +38,7 @@ def fault_of(body, before=""):
         ("log(msg: 'x', msg: 'y')", "'msg' of log is given twice"),
         ("run_process(wait_for_shutdown: true, 'x')", "found a value after a named one"),
         ("run_process()", "run_process is called without command: string"),
-        ("run_process(3)", "found 3, an int, for 'command' of run_process, a string; a text in quotes"),
+        ("run_process(pose_3d())", "found a pose_3d for 'command' of run_process, a string; a text in quotes"),
         ("log(absent)", "unknown name 'absent'"),
         ("nav_to_pose(pose_3d())", "it is an action of differential_drive_robot: instance.nav_to_pose(…)"),
         ("capture_screen()", "unknown action 'capture_screen'; 'import osc.x11', which declares it"),
@@ -64,8 +66,14 @@ def fault_of(body, before=""):
         ("increment(n)", "found n for 'target_variable' of increment, the name of a variable"),
         ("log('x') with:\n    timout(3s)", "unknown modifier 'timout'; did you mean 'timeout'?"),
         ("log('x') with:\n    timeout()", "timeout is called without duration: time"),
-        ("log('x') with:\n    timeout(3)", "such as 3s"),
-        ("log('x') with:\n    keep(it.x == 3)", "found 'keep' where something is done"),
+        ("log('x') with:\n    timeout(3m)", "found 3m, a length, for 'duration' of timeout, a time"),
+        ("log('x') with:\n    keep(it.x == 3)", "no member 'x'; known: msg"),
+        ("log('x') with:\n    keep(it.msg != 'y')", "found a 'keep' that gives no value"),
+        ("log('x') with:\n    keep(msg == 'y')", "found a 'keep' that gives no value"),
+        ("serial:\n    log('x')\nwith:\n    keep(it.x == 3)", "found 'keep' where nothing has members"),
+        ("log([])", "found an empty list, which the language does not have; one item or more"),
+        ("visit()", "unknown action 'visit'; an action; a scenario can be inherited from and not be called"),
+        ("increment(robot.laps)", "found robot.laps for 'target_variable' of increment, the name of a variable"),
         ("log(3.)", "found '.'; a number with digits after the point, such as 3.0"),
         ("log('x)", "found a string that does not end"),
         ("log($)", "found '$'"),
@@ -105,7 +113,13 @@ def test_what_is_done_is_checked(done, words):
         ("p: pose_3d with:\n    keep(it.position.w == 3m)", "a position_3d has no member 'w'"),
         ("p: pose_3d with:\n    keep(p.position.x == 3m)", "found a 'keep' that gives no value"),
         ("p: pose_3d with:\n    timeout(3s)", "found a modifier of a field"),
-        ("w: int = later\nlater: int = 1", "unknown name 'later'"),
+        ("w: int = later\nlater: int = w + 1", "the value of 'w' needs 'w' itself; a value"),
+        ("w: int = w", "the value of 'w' needs 'w' itself"),
+        ("v: list of int = []", "found an empty list, which the language does not have; one item or more"),
+        ("v: list of int = [ ]", "found an empty list"),
+        ("v: listof int", "found 'int'; '=', 'with' or the end of the line"),
+        ("v: listofint", "unknown type 'listofint'"),
+        ("v: list ofint", "found 'ofint'; a blank behind 'of'"),
         ("timout(3s)", "did you mean 'timeout'?"),
         ("log('early')", "found log(…) in the body of a scenario; 'do' before it"),
         ("do log('z')", "found a second 'do'"),
@@ -140,7 +154,7 @@ def test_the_members_of_a_scenario_are_checked(member, words):
         ("do log([1..2])", "a range"),
         ("do log(sample(1, 2))", "sample"),
         ("do log(true ? 1 : 2)", "? :"),
-        ("p: list of int = []\ndo log(p[0])", "an index"),
+        ("p: list of int = [1]\ndo log(p[0])", "an index"),
         ("do serial(duration: 3s):\n    log('x')", "serial with arguments"),
         ("do emit end(3)", "emit with arguments"),
         ("event e is @other\ndo log('x')", "event … is"),
@@ -162,6 +176,8 @@ def test_a_construct_that_is_not_executed_is_refused_by_name_with_what_to_write_
         ("struct a:\n    s: string\n", "'s' is a base unit, a reserved word"),
         ("struct pose_3d\n", "'pose_3d' is declared already"),
         ("struct a\nstruct a\n", "'a' is declared already at f.osc:5:8"),
+        ("struct listofwishes\n", "found type 'listofwishes', which begins with 'listof'; another name"),
+        ("struct a inherits position_3d:\n    x: int = 3\n", "'x' is declared already, as length; length, or another"),
         ("struct a inherits pose\n", "unknown struct 'pose'; did you mean 'pose_3d'?"),
         ("struct a:\n    n: int = 3.0\n", "found 3.0, a float, for 'n', an int"),
         ("struct a:\n    n: int\n    n: int\n", "'n' is declared already"),
@@ -310,3 +326,18 @@ def test_an_error_survives_the_way_to_another_process():
     with pytest.raises(OscError, match="no scenario") as raised:
         read_text("", "f.osc", Path())
     assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
+
+
+def test_a_long_word_before_a_fault_costs_no_time_that_grows_with_its_square():
+    begun_s = time.process_time()
+    with pytest.raises(OscError, match="found "):
+        read_text(f"# {'stands' * 60_000}\nscenario a:\n  do x y:\n", "a.osc", Path())
+    assert time.process_time() - begun_s < 5.0
+
+
+def test_faults_of_a_large_file_are_looked_for_no_longer_than_a_few_parses_take():
+    waits = "        wait elapsed(1s)\n" * 1_500
+    text = f"scenario a:\n    do serial:\n{waits}" + "        wait = elapsed\n" * 20
+    with pytest.raises(OscError, match="found '='") as caught:
+        read_text(text, "a.osc", Path())
+    assert 1 < len(caught.value.faults) <= MOST_PARSED // len(text) + 1

@@ -199,8 +199,8 @@ def test_names_in_bars_may_hold_anything():
     assert scenario("|a name|: int = 3\ndo log('x')").parameters[0].name == "a name"
 
 
-def test_an_empty_list_is_a_list():
-    assert value("[]", "list of pose_3d").items == ()
+def test_lists_are_joined_by_plus():
+    assert value("['a'] + ['b']", "list of string").operator == "+"
 
 
 def test_a_file_may_hold_several_scenarios_and_an_inherited_one_runs_as_well():

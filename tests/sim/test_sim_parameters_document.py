@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.nav.parameters.document import MAX_DEPTH, DocumentError, parse, read_document
+from vastflow.sim.files import MOST_LEVELS
+from vastflow.sim.nav.parameters.document import DocumentError, parse, read_document
 from vastflow.sim.nav.parameters.rewriting import converted
 
 
@@ -119,7 +120,7 @@ def test_a_node_is_found_in_its_namespace_and_the_least_deep_of_two():
             "a: {ros__parameters: {[1]: 1}}",
             "nav2.yaml:1:23: a.ros__parameters: found a list, a mapping or nothing as a name",
         ),
-        ("a: &a {ros__parameters: {b: 1}, c: *a}", "nav2.yaml:1:4: a.c: found an alias inside of what it stands for"),
+        ("a: &a {ros__parameters: {b: 1}, c: *a}", "nav2.yaml:1:4: file: found an alias inside of what it stands for"),
         ("a: {ros__parameters: {<<: 1}}", "nav2.yaml:1:27: a.ros__parameters: found no mapping to merge; "),
         ("a: " + "[" * 200, "file: more than 100 levels deep; fewer levels"),
     ],
@@ -141,13 +142,17 @@ def test_aliases_that_grow_without_bound_are_a_fault():
 
 
 def test_aliases_may_not_make_a_path_deeper_than_a_file_may_be():
-    chain = "".join(f"x{k}: &x{k} {{a: *x{k - 1}}}\n" for k in range(1, 2 * MAX_DEPTH))
+    chain = "".join(f"x{k}: &x{k} {{a: *x{k - 1}}}\n" for k in range(1, 2 * MOST_LEVELS))
     assert "levels; fewer aliases" in fault(f"x0: &x0 {{a: {{ros__parameters: {{b: 1}}}}}}\n{chain}")
 
 
 def test_a_file_that_is_not_there_or_no_text_is_a_fault_of_the_whole(tmp_path):
     (tmp_path / "latin.yaml").write_bytes(b"a:\n b: \xe4\n")
-    for name, message in (("none.yaml", "no such file"), (".", "can't be read"), ("latin.yaml", "not UTF-8 text")):
+    for name, message in (
+        ("none.yaml", "no such file"),
+        (".", "can't be read"),
+        ("latin.yaml", "2:5: file: byte 0xe4 is not UTF-8"),
+    ):
         with pytest.raises(DocumentError, match=message):
             read_document(tmp_path / name)
 

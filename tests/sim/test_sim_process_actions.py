@@ -12,6 +12,7 @@ from vastflow.sim.osc.definition import EnumValue
 from vastflow.sim.process.actions import process_actions
 from vastflow.sim.process.run import process_run
 from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.scenario_error import ScenarioError
 
 pytestmark = pytest.mark.timeout(30)
 
@@ -20,7 +21,7 @@ SLEEPS = "import time; print('ready', flush=True); time.sleep(600)"
 
 @pytest.fixture
 def run(tmp_path):
-    with process_run(ProcessSetup(tmp_path), tmp_path) as run:
+    with process_run(ProcessSetup(), where=tmp_path) as run:
         yield run
 
 
@@ -68,17 +69,25 @@ def test_a_program_that_exits_with_another_code_fails_with_its_last_words(entere
     assert message.endswith(" exited with code 1: no route")
 
 
-def test_a_program_that_can_not_be_started_fails(entered):
-    status, message = outcome(entered("run_process", command="no-such-program --fast"))
-    assert status is Status.FAILURE
-    assert message == "'no-such-program' could not be started: no program of this name in PATH"
-
-
 @pytest.mark.parametrize(
-    ("command", "message"), [("", "the command is empty"), ("echo 'a", 'command "echo \'a": no closing quotation')]
+    ("command", "message"),
+    [
+        ("no-such-program --fast", "'no-such-program' could not be started: no program of this name in PATH"),
+        ("./data.txt", r"'\./data\.txt' could not be started: it is not executable"),
+        ("", "the command is empty"),
+        ("echo 'a", 'command "echo \'a": no closing quotation'),
+    ],
 )
-def test_a_command_that_is_none_fails(entered, command, message):
-    assert outcome(entered("run_process", command=command)) == (Status.FAILURE, message)
+def test_a_command_that_can_not_be_started_is_no_failure_of_a_program(entered, run, command, message):
+    (run.folders.out / "data.txt").touch()
+    with pytest.raises(ScenarioError, match=message):
+        entered("run_process", command=command)
+
+
+@pytest.mark.parametrize("code", [126, 127])
+def test_what_a_shell_could_not_start_is_the_shells_exit_code(entered, code):
+    status, message = outcome(entered("run_process", command=f"sh -c 'exit {code}'"))
+    assert (status, message) == (Status.FAILURE, f"sh exited with code {code}")
 
 
 def test_quotes_keep_blanks_in_a_word_and_no_shell_reads_the_command(entered, run):
@@ -119,7 +128,7 @@ def test_an_action_that_is_repeated_starts_its_program_again(entered, run):
     outcome(action)
     action.enter({"command": command})
     assert outcome(action)[0] is Status.SUCCESS
-    assert (run.folder / "times").read_text() == "xx"
+    assert (run.folders.out / "times").read_text() == "xx"
 
 
 def test_a_log_check_succeeds_when_one_of_the_values_is_printed(entered, run):
@@ -168,14 +177,13 @@ def test_processes_of_the_machine_are_not_this_runs(entered):
     assert (action.update(), action.message) == (Status.FAILURE, "no process 'python' of this run is running")
 
 
-def test_a_pattern_that_is_none_fails(entered):
-    action = entered("check_process_running", process_name="(", regex=True)
-    assert action.update() is Status.FAILURE
-    assert action.message.startswith("'(' is no regular expression")
+def test_a_pattern_that_is_none_is_the_scenarios_error(entered):
+    with pytest.raises(ScenarioError, match=r"'\(' is no regular expression"):
+        entered("check_process_running", process_name="(", regex=True)
 
 
 def test_files_are_looked_for_in_the_runs_folder(entered, run):
-    (run.folder / "there").touch()
+    (run.folders.out / "there").touch()
     statuses = {
         (name, file): entered(name, file_name=file).update()
         for name in ("check_file_exists", "check_file_not_exists")
@@ -195,17 +203,14 @@ def test_resources_stand_in_the_file_at_the_end(entered, run):
     entered("run_process", "sim", command=python(SLEEPS))
     until_printed(run, "sim")
     monitor.shutdown()
-    header, *rows = (run.folder / "logs/use.csv").read_text().splitlines()
+    header, *rows = (run.folders.out / "logs/use.csv").read_text().splitlines()
     assert header == "t_s,cpu_s,rss_bytes,processes"
     assert rows
 
 
 def test_resources_are_not_written_outside_of_the_runs_folder(entered):
-    monitor = entered("monitor_resources", file_name="../use.csv")
-    assert (monitor.update(), monitor.message) == (
-        Status.FAILURE,
-        "'../use.csv' lies outside of the run's folder",
-    )
+    with pytest.raises(ScenarioError, match=r"'\.\./use\.csv' lies outside of the run's folder"):
+        entered("monitor_resources", file_name="../use.csv")
 
 
 @pytest.mark.parametrize(
@@ -219,9 +224,9 @@ def test_resources_are_not_written_outside_of_the_runs_folder(entered):
     ],
 )
 def test_a_value_of_a_yaml_file_is_set(entered, run, arguments, changed):
-    (run.folder / "x.yaml").write_text("a: {b: 1, c: [1, 2]}\n")
+    (run.folders.out / "x.yaml").write_text("a: {b: 1, c: [1, 2]}\n")
     assert entered("set_yaml_value", file_path="x.yaml", **arguments).update() is Status.SUCCESS
-    assert yaml.safe_load((run.folder / "x.yaml").read_text()) == changed
+    assert yaml.safe_load((run.folders.out / "x.yaml").read_text()) == changed
 
 
 @pytest.mark.parametrize(
@@ -233,15 +238,17 @@ def test_a_value_of_a_yaml_file_is_set(entered, run, arguments, changed):
         ({"key_path": "a.b", "value_type": "int"}, "found value 'v'; one of type int"),
         ({"key_path": "a.b", "value_type": "bool"}, "found 'v'; true or false"),
         ({"key_path": "a.b", "value_type": "text"}, "found value_type 'text'; a value_type of str, int, float, bool"),
-        (
-            {"key_path": "a.b", "output_file": "/tmp/x.yaml"},
-            "what set_yaml_value writes has to lie in the run's folder",
-        ),
     ],
 )
 def test_a_value_that_can_not_be_set_fails(entered, run, arguments, message):
-    (run.folder / "x.yaml").write_text("a: {b: 1, c: [1, 2]}\n")
+    (run.folders.out / "x.yaml").write_text("a: {b: 1, c: [1, 2]}\n")
     action = entered("set_yaml_value", file_path="x.yaml", **{"value": "v", **arguments})
     assert action.update() is Status.FAILURE
     assert action.message.startswith(message)
-    assert (run.folder / "x.yaml").read_text() == "a: {b: 1, c: [1, 2]}\n"
+    assert (run.folders.out / "x.yaml").read_text() == "a: {b: 1, c: [1, 2]}\n"
+
+
+def test_yaml_is_not_written_outside_of_the_runs_folder(entered, run):
+    (run.folders.out / "x.yaml").write_text("a: 1\n")
+    with pytest.raises(ScenarioError, match="what set_yaml_value writes has to lie in the run's folder"):
+        entered("set_yaml_value", file_path="x.yaml", key_path="a", value="2", output_file="/tmp/x.yaml")

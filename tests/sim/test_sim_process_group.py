@@ -7,10 +7,12 @@ import subprocess
 import sys
 import time
 import uuid
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from vastflow.sim.process.folders import RunFolders
 from vastflow.sim.process.guard import marked
 from vastflow.sim.process.process import NotStarted, ProcessGroup
 
@@ -55,7 +57,7 @@ def started(tmp_path, mark):
     def start(script="", *arguments, command=None, **options):
         group = ProcessGroup(
             command or [sys.executable, "-c", script, *arguments],
-            folder=tmp_path,
+            folders=replace(RunFolders.below(tmp_path), out=tmp_path),
             environment=os.environ,
             log_file=tmp_path / f"{len(groups)}.log",
             mark=f"{mark}{len(groups)}.",
@@ -107,7 +109,8 @@ def interruptible():
 
 @pytest.mark.usefixtures("interruptible")
 def test_a_program_that_sleeps_for_ever_ends_by_the_signal_it_is_sent(started):
-    group = started(SLEEPS)
+    group = started("import time; print('ready', flush=True); time.sleep(600)")
+    until_printed(group)  # earlier Python ends with code 1
     assert group.wait(0.05) is None
     assert group.poll() is None
     assert group.stop(signal.SIGINT, 20).reason in {"was ended by SIGINT", "exited with code 130"}
@@ -210,7 +213,7 @@ def test_programs_and_folder_are_gone_with_whoever_started_them_even_by_sigkill(
 import os, pathlib, sys, time
 from vastflow.sim.process.run import process_run
 from vastflow.sim.process.setup import ProcessSetup
-with process_run(ProcessSetup(pathlib.Path("."))) as run:
+with process_run(ProcessSetup()) as run:
     group = run.start([sys.executable, "-c", {FORKS!r}, "stay"])
     while b"ready" not in group.log.read():
         time.sleep(0.005)

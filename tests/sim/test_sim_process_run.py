@@ -32,7 +32,7 @@ def begun(campaign, tmp_path):
     """Begins a run of this campaign, with what the test gives it."""
 
     def begin(**setup):
-        return process_run(ProcessSetup(campaign, files_matching(campaign, ["given.txt"]), **setup), tmp_path)
+        return process_run(ProcessSetup(files_matching(campaign, ["given.txt", "*.sh"]), **setup), where=tmp_path)
 
     return begin
 
@@ -51,8 +51,8 @@ def said(run, text):
 
 def test_a_run_works_in_a_folder_of_its_own_with_its_files(begun, tmp_path):
     with begun() as run:
-        assert said(run, "import os; print(os.getcwd(), sorted(os.listdir()))") == f"{run.folder} ['given.txt']"
-        folder = run.folder
+        assert said(run, "import os; print(os.getcwd(), sorted(os.listdir()))") == f"{run.folders.out} ['given.txt']"
+        folder = run.folders.out
     assert not folder.exists()
     assert [path.name for path in tmp_path.iterdir()] == ["campaign"]
 
@@ -76,7 +76,10 @@ def test_what_a_run_wrote_and_printed_is_its_record(begun):
 def test_exports_of_the_pre_command_reach_the_programs(begun, campaign):
     (campaign / "pre.sh").write_text("echo sourcing $FROM\nexport FOR_YOU=$'two\\nlines'\nhelper() { :; }\n")
     with begun(pre_command="pre.sh", environment={"FROM": "here"}) as run:
-        assert said(run, "import os; print(repr(os.environ['FOR_YOU']), os.getcwd())") == rf"'two\nlines' {run.folder}"
+        assert (
+            said(run, "import os; print(repr(os.environ['FOR_YOU']), os.getcwd())")
+            == rf"'two\nlines' {run.folders.out}"
+        )
         record = run.close()
     assert (record.logs[0].label, record.logs[0].text) == ("pre_command", "sourcing here\n")
 
@@ -165,7 +168,7 @@ def test_a_daemon_that_was_seen_before_it_hid_ends_with_the_run(begun):
         while len(run.pids()) < 2 or run.resources[-1].processes < 2:
             time.sleep(0.01)
         (daemon,) = run.pids() - {group.pid}
-        (run.folder / "seen").touch()
+        (run.folders.out / "seen").touch()
         group.wait(20)
         assert psutil.pid_exists(daemon)
         run.close()
@@ -229,7 +232,7 @@ def test_a_run_inside_of_another_bears_both_marks(begun, monkeypatch):
 def test_a_folder_that_a_program_locked_is_removed_all_the_same(begun):
     with begun() as run:
         said(run, "import os; os.mkdir('a'); open('a/b', 'w'); os.chmod('a', 0)")
-        folder = Path(run.folder)
+        folder = Path(run.folders.out)
     assert not os.path.lexists(folder)
 
 

@@ -139,7 +139,7 @@ def test_the_overview_of_a_large_map_keeps_walls_and_gives_way_to_what_is_known(
     rows = ["#" * 90, "#" + "." * 44 + "?" * 45, "#" + "." * 44 + "?" * 45, "#" + "." * 44 + "?" * 45, "#" * 90]
     scenario = Scenario(
         "builtin:navigate_to_pose",
-        0.1,
+        5.0,  # long enough for the goal to be given
         {"map_file": saved(drawn(*rows, cells=15))},
         {"start_pose": {"x": 2.0, "y": 1.9}, "goal_pose": {"x": 6.0, "y": 1.9}},
         {},

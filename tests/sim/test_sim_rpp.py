@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.sim.nav.controllers import rpp
-from vastflow.sim.nav.footprint import outline_hits, padded_outline
+from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import inflate
+from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.parameter import check
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.record import record_of

@@ -8,6 +8,7 @@ import pytest
 from vastflow.sim.maps import OccupancyMap, load_map
 from vastflow.sim.recording import si
 from vastflow.sim.run import run
+from vastflow.sim.scenario_error import ScenarioError
 
 
 @pytest.fixture(scope="module")
@@ -156,16 +157,28 @@ def test_waypoints_loop_as_often_as_the_file_says(staged):
 
 
 @pytest.mark.parametrize("action", ["nav_through_poses", "follow_waypoints"])
-def test_no_goals_are_a_failure_that_says_so(staged, action):
-    recording = run(staged(f"robot.{action}([])"), 0)
-    assert (recording.run.outcome, recording.run.error_code) == ("failed", 0)
-    assert recording.run.reason.startswith(f"no goals; one or more; {action} at trial.osc:")
+def test_a_mission_without_goals_can_not_work(staged, action):
+    with pytest.raises(ScenarioError, match=rf"no goals; one or more; {action} at trial\.osc:"):
+        run(
+            staged(f"none: list of pose_3d\ndo serial:\n    robot.init_nav2(start)\n    robot.{action}(none)", none=[]),
+            0,
+        )
 
 
 def test_a_goal_before_the_initial_pose_is_refused_as_nav2_refuses_it(staged):
-    recording = run(staged("do serial:\n    robot.nav_to_pose(near)\n    robot.init_nav2(start)"), 0)
-    assert (recording.run.outcome, recording.run.simulated_s) == ("failed", 0.1)
-    assert recording.run.reason.startswith("Nav2 takes no goal before the robot was told where it is; init_nav2 first")
+    text = """
+        do parallel:
+            serial:
+                failure_is_running()
+                robot.nav_to_pose(near)
+            serial:
+                wait elapsed(1s)
+                robot.init_nav2(start)
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    refused = "Nav2 takes no goal before the robot was told where it is; init_nav2 first"
+    assert refused in recording.behaviors["message"].tolist()
 
 
 def test_init_nav2_ends_with_the_first_pose_that_amcl_gives(staged):
@@ -179,6 +192,20 @@ def test_without_a_pose_of_its_own_init_nav2_waits(staged):
     recording = run(staged("do serial:\n    robot.init_nav2(start, use_initial_pose: false)", timeout_s=3.0), 0)
     assert (recording.run.outcome, recording.run.simulated_s) == ("timed_out", 3.0)
     assert recording.columns["localized"].sum() == 0
+
+
+def test_an_initial_pose_that_is_to_come_from_elsewhere_is_waited_for(staged):
+    text = """
+        do parallel:
+            told: robot.init_nav2(start, wait_for_initial_pose: true)
+            serial:
+                wait elapsed(1s)
+                robot.init_nav2(start)
+    """
+    recording = run(staged(text, timeout_s=5.0), 0)
+    ((t_s, status, _),) = ends(recording, "told")
+    assert (recording.run.outcome, status) == ("succeeded", "SUCCESS")
+    assert 1.0 < t_s < 1.5
 
 
 def test_a_kidnapped_robot_takes_itself_to_be_where_it_was_told(staged):
@@ -234,6 +261,14 @@ def test_after_an_abort_that_does_not_matter_the_robot_goes_elsewhere(staged, wa
     assert math.dist(final(recording), (3.0, 4.0)) < 0.4
 
 
-def test_a_missed_waypoint_is_no_failure_of_the_scenario(staged, walled_off):
+def test_a_missed_waypoint_fails_the_round_at_its_end(staged, walled_off):
     recording = run(staged("robot.follow_waypoints([beyond, above])", map_file=walled_off), 0)
+    assert (recording.run.outcome, recording.run.missed_goals, recording.run.error_code) == ("failed", 1, 0)
+    assert recording.run.reason.startswith("1 of the waypoints could not be reached; follow_waypoints at trial.osc:")
+    assert math.dist(final(recording), (3.0, 4.0)) < 0.4
+
+
+def test_a_waypoint_that_may_be_missed_is_no_failure(staged, walled_off):
+    text = "robot.follow_waypoints([beyond, above], allow_missed_waypoints: true)"
+    recording = run(staged(text, map_file=walled_off), 0)
     assert (recording.run.outcome, recording.run.missed_goals) == ("succeeded", 1)

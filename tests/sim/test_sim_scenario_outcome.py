@@ -6,8 +6,10 @@ import pytest
 from vastflow.sim.blocks import read_recordings, write_recordings
 from vastflow.sim.nav.state import COLUMNS
 from vastflow.sim.osc.parameters import ParameterMismatch
-from vastflow.sim.run import BEHAVIORS, ScenarioError, execute, run
+from vastflow.sim.recording import si
+from vastflow.sim.run import BEHAVIORS, execute, run
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.scenario_error import ScenarioError
 from vastflow.sim.script import script_of
 
 
@@ -23,14 +25,12 @@ def statuses(recording, name):
         ("emit end", "succeeded", ""),
         ("wait elapsed(1s)\nwait 1 == 2", "timed_out", "the scenario did not end within its time"),
         ("compare(2, '<', 1)", "failed", "2 < 1 does not hold; compare at trial.osc:"),
-        ("compare(2, '~', 1)", "failed", "'~' is no operator of compare; it knows "),
         (
             "serial:\n    timeout(1s)\n    robot.nav_to_pose(beyond)",
             "timed_out",
             "timeout(1 s) at trial.osc:17:13 ran out while nav_to_pose was running",
         ),
         ("serial:\n    inverter()\n    log('done')", "failed", "inverter at trial.osc:"),
-        ("log(1 / 0)", "failed", "log at trial.osc:"),
     ],
 )
 def test_the_end_of_a_scenario_has_an_outcome_and_a_reason(staged, text, outcome, reason):
@@ -46,7 +46,7 @@ def test_a_timeout_of_the_whole_scenario_is_its_time(staged):
     assert recording.run.reason.endswith("ran out while nav_to_pose was running")
 
 
-@pytest.mark.parametrize("timeout_s", [0.04, 2.0, 2.05, 2.1])
+@pytest.mark.parametrize("timeout_s", [2.0, 2.05, 2.1])
 def test_the_campaign_s_timeout_ends_a_run_at_its_last_whole_tenth_of_a_second(staged, timeout_s):
     recording = run(
         staged("robot.nav_to_pose(beyond)", timeout_s=timeout_s), 0, watch=lambda *_: None, watch_ticks=range(99)
@@ -196,7 +196,7 @@ def test_without_a_bag_everything_is_kept(staged):
 def test_runs_that_come_to_their_bag_and_runs_that_do_not_fit_into_one_block(staged):
     text = "compare(random.get_int(0, 1), '==', 1)\nbag_record(['/tf'])"
     recordings = [run(staged(text, timeout_s=2.0), k) for k in range(6)]
-    assert {recording.run.outcome for recording in recordings} == {"failed", "timed_out"}
+    assert {recording.run.outcome for recording in recordings} == {"failed", "succeeded"}
     assert [r.run for r in read_recordings(write_recordings(recordings))] == [r.run for r in recordings]
 
 
@@ -206,7 +206,15 @@ def test_a_bag_whose_topics_only_a_run_knows_keeps_everything(staged):
     assert tuple(run(scenario, 0).columns) == COLUMNS
 
 
+def test_what_follows_a_bag_goes_on_while_it_records(staged):
+    """A recorder that began to record has succeeded, and records on: the robot is sent on its way behind it."""
+    recording = run(staged("bag_record(['/tf', '/local_costmap/costmap'])\nrobot.nav_to_pose(near)\nemit end"), 0)
+    assert recording.run.outcome == "succeeded"
+    assert recording.run.distance_m > 1.0
+    assert si(recording.columns["x_mm"])[-1] > 2.5
+
+
 def test_a_bag_alone_needs_no_robot(staged):
-    scenario = staged("do parallel:\n    bag_record(['/tf'])\n    serial:\n        wait elapsed(1s)\n        emit end")
+    scenario = staged("do serial:\n    bag_record(['/tf'])\n    wait elapsed(1s)")
     recording = run(Scenario(scenario.abstract, 9.0, {}, {}, {}), 0)
     assert (recording.run.outcome, recording.run.simulated_s, recording.columns) == ("succeeded", 1.1, {})

@@ -10,6 +10,7 @@ import pytest
 from vastflow.sim.play import PERIOD_S
 from vastflow.sim.run import execute
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.scenario_error import ScenarioError
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -75,10 +76,13 @@ def test_a_program_that_dies_fails_the_scenario_with_its_last_words(staged):
     assert ended(execution, "nav_to_pose")[0][2] == "cancelled"
 
 
-def test_a_program_that_there_is_not_fails_at_once(staged):
-    run = execute(staged("run_process('no-such-program-here')"), 0).recording.run
-    assert (run.outcome, run.simulated_s) == ("failed", 0.2)
-    assert "no-such-program-here" in run.reason
+@pytest.mark.parametrize("modifier", ["", "failure_is_success()\n", "inverter()\n"])
+def test_a_scenario_whose_program_is_not_there_can_not_work_whatever_it_makes_of_failures(staged, modifier):
+    text = f"serial:\n    {modifier}{'    ' if modifier else ''}run_process('no-such-program-here')"
+    with pytest.raises(
+        ScenarioError, match=r"'no-such-program-here' could not be started: .*; run_process at trial\.osc:"
+    ):
+        execute(staged(text), 0)
 
 
 def test_nothing_is_left_of_a_program_that_nobody_waited_for(staged):

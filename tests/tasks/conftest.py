@@ -141,6 +141,7 @@ class Raw:
         return self._files.cat_file(path)
 
     def write(self, path: str, content: bytes) -> None:
+        self._files.makedirs(path.rpartition("/")[0], exist_ok=True)
         self._files.pipe_file(path, content)
 
     def delete(self, path: str) -> None:

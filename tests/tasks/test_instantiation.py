@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import pytest
@@ -137,3 +138,18 @@ def test_an_unknown_name_comes_with_the_known_ones(instantiator):
     with pytest.raises(UnknownName, match="no family or configuration 'lawn'") as raised:
         selected(whole, ["hall", "lawn"])
     assert raised.value.known[:2] == ("hall", "hall-1-1")
+
+
+def test_a_family_whose_map_is_not_there_is_a_fault_of_that_family_and_the_other_is_made(campaign, instantiator):
+    yard = CAMPAIGN.replace("map_file: room.yaml", "map_file: room2.yaml").replace("room2", "room", 1)
+    campaign.path.write_text(yard)
+    found = replace(instantiator, campaign=load_campaign(campaign.path)).instantiated(Here(instantiator.store, "none"))
+    assert {each.family for each in found.instantiation.configurations} == {"hall"}
+    (fault,) = found.faults
+    assert fault.family == "yard"
+    assert re.fullmatch(
+        r"yard: .*x\.vast:10:\d+: configuration\[1\]\.parameters\[2\]\.map_file: .*room2\.yaml: no such file; .*",
+        str(fault),
+    )
+    assert fault.concerns("yard-1")
+    assert not fault.concerns("hall")

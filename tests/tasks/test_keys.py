@@ -1,4 +1,7 @@
+import sys
 from dataclasses import replace
+
+import pytest
 
 from vastflow.tasks.keys import Keys, merkle, numeric_class
 
@@ -60,7 +63,8 @@ def test_another_numeric_class_shares_nothing():
 
 def test_the_numeric_class_names_what_selects_variants_of_functions():
     features = frozenset({"fma", "avx2", "sse4_2", "hypervisor"})
-    assert numeric_class("x86_64", "glibc 2.36", features, {"HOME": "/"}) == "x86_64; glibc 2.36; avx2 fma; "
+    named = numeric_class("x86_64", "glibc 2.36", features, {"HOME": "/"}, "3.13")
+    assert named == "x86_64; glibc 2.36; avx2 fma; ; 3.13"
 
 
 def test_a_forced_variant_of_the_c_library_is_another_class():
@@ -70,3 +74,36 @@ def test_a_forced_variant_of_the_c_library_is_another_class():
 
 def test_this_hosts_class_is_the_same_each_time():
     assert numeric_class() == numeric_class() != ""
+
+
+def test_another_minor_version_of_python_is_another_class():
+    classes = {numeric_class("x86_64", "glibc 2.36", frozenset(), {}, python) for python in ("3.11", "3.12")}
+    assert len(classes) == 2
+    assert numeric_class().endswith(f"; {sys.version_info.major}.{sys.version_info.minor}")
+
+
+@pytest.mark.parametrize(
+    "variable",
+    [
+        "NUMBA_OPT=0",
+        "NUMBA_CPU_FEATURES=+fma",
+        "NUMBA_DISABLE_JIT=1",
+        "NUMBA_LOOP_VECTORIZE=0",
+        "NUMBA_NOT_KNOWN_YET=1",
+    ],
+)
+def test_a_setting_that_may_change_compiled_code_is_another_class(variable):
+    name, _, value = variable.partition("=")
+    assert numeric_class(environment={name: value}) != numeric_class(environment={})
+
+
+@pytest.mark.parametrize("name", ["NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DUMP_IR", "NUMBA_WARNINGS"])
+def test_a_setting_that_changes_no_code_changes_no_class(name):
+    assert numeric_class(environment={name: "1"}) == numeric_class(environment={})
+
+
+def test_numbas_file_in_the_working_directory_is_another_class(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = numeric_class()
+    (tmp_path / ".numba_config.yaml").write_text("opt: 0\n")
+    assert numeric_class() != before

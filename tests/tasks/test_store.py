@@ -1,14 +1,18 @@
 """What every store promises, a folder as well as one at an address."""
 
+import hashlib
+import json
 import logging
 import pickle
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from vastflow.tasks.object_store import ObjectStore
-from vastflow.tasks.store import Lost, open_store
+from vastflow.tasks.store import EARLIER, Lost, open_store
 
 KEY = "execute/ab/abcd/0-5"
 CONTENT = "338736d3cc5239f43388b32f21328523e790542620966d1e65b34ce99582cf83"
@@ -152,11 +156,39 @@ def test_writers_at_the_same_time_are_harmless(kind, tmp_path, request):
 
 WRITE_MANY = """
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from vastflow.tasks.store import open_store
 store = open_store(sys.argv[1])
 for i in range(30):
     store.put(f"execute/ab/k{i}/0-1", {"a.bin": sys.argv[2].encode() * 1000})
 """
+
+
+@pytest.mark.parametrize("kind", ["folder", "memory"])
+def test_writers_beside_one_who_removes_everything_go_on(kind, tmp_path, request):
+    store = open_store(tmp_path / "store") if kind == "folder" else ObjectStore(request.getfixturevalue("memory"))
+    written = threading.Event()
+
+    def remove_all():
+        while not written.is_set():
+            store.remove([holding.key for holding in store.holdings()])
+
+    def write(writer):
+        for i in range(400):
+            store.put(f"execute/ab/k{i % 3}/{writer % 2}-5", {"a.bin": b"a"})
+
+    with ThreadPoolExecutor(6) as threads:
+        removers = [threads.submit(remove_all) for _ in range(2)]
+        writers = [threads.submit(write, writer) for writer in range(4)]
+        try:
+            for each in writers:
+                each.result(60)
+        finally:
+            written.set()
+        for each in removers:
+            each.result(60)
+    assert store.put(KEY, {"a.bin": b"one"}) == store.find(KEY)
 
 
 def test_a_store_can_be_sent_to_another_process(store):
@@ -241,6 +273,44 @@ def test_a_fault_is_named_and_left_alone(store, files, name, content, words):
         change(files, name, content)
     assert store.fault(KEY) == words
     assert store.fault(KEY) == words
+
+
+def copied(files, source, target):
+    """What a user does who copies a folder of the store over another."""
+    for path in files.paths(source):
+        files.write(path.replace(source, target), files.read(path))
+
+
+@pytest.mark.parametrize("surveyed", [False, True])
+@pytest.mark.parametrize("other", ["execute/ab/other/0-5", "execute/ab/abcd/5-10"])
+def test_a_copy_of_another_artifact_is_found_in_its_place(store, files, other, surveyed, caplog):
+    store.put(other, {"a.bin": b"other"}, info={"runs": []})
+    copied(files, other, KEY)
+    assert store.fault(KEY) == f"it is a copy of {other}"
+    if surveyed:
+        store.survey()
+    assert store.find(KEY) is None
+    assert f"{KEY} is damaged and will be computed again: it is a copy of {other}" in caplog.text
+    assert store.put(KEY, {"a.bin": b"one"}).key == KEY
+    assert store.read(KEY, "a.bin") == b"one"
+    assert store.read(other, "a.bin") == b"other"
+
+
+def without_key(files, key):
+    """The manifest as versions wrote it that knew no key in it."""
+    promise = json.loads(files.read(files.path(key, "manifest")).partition(b"\n")[2])
+    del promise["key"]
+    text = json.dumps(promise, sort_keys=True).encode()
+    files.write(files.path(key, "manifest"), hashlib.sha256(text).hexdigest().encode() + b"\n" + text)
+
+
+def test_an_artifact_of_an_earlier_version_is_never_served(store, files):
+    store.put(KEY, {"a.bin": b"one"})
+    without_key(files, KEY)
+    assert store.fault(KEY) == EARLIER
+    assert store.find(KEY) is None
+    store.put(KEY, {"a.bin": b"two"})
+    assert store.read(KEY, "a.bin") == b"two"
 
 
 @pytest.mark.parametrize("number", [3, 30])

@@ -13,10 +13,11 @@ from vastflow.sim.recording import Recording, Run
 from vastflow.sim.run import Execution
 from vastflow.sim.runlog import RunLog
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.scenario_error import ScenarioError
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import packed, read_evaluation
 from vastflow.tasks.store import StoreError, open_store
-from vastflow.tasks.work import Broken, Gone, answered
+from vastflow.tasks.work import Broken, Executed, Gone, answered
 
 POSE = {"position": {"x": 0.0, "y": 0.0}, "orientation": {"yaw": 0.0}}
 SCENARIO = Scenario("builtin:navigate_to_pose", 60.0, {}, {"start_pose": POSE, "goal_pose": POSE}, {})
@@ -107,6 +108,19 @@ def test_a_run_log_says_what_each_run_cost_and_is_in_no_digest(store, simulate):
 def test_an_error_is_an_answer(capsys):
     assert answered(int, "x") == Broken("ValueError: invalid literal for int() with base 10: 'x'")
     assert "Traceback" in capsys.readouterr().err
+
+
+def test_a_scenario_that_can_not_work_says_why_without_a_traceback_and_nothing_is_stored_of_it(
+    store, monkeypatch, capsys
+):
+    def execute(scenario, run_index, seed=0):
+        raise ScenarioError("the robot was never given a goal")
+
+    monkeypatch.setattr(simulator, "execute", execute)
+    executed = work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
+    assert executed == Executed({}, dict.fromkeys((0, 1), Broken("the robot was never given a goal")))
+    assert store.under("execute/ab/key") == ()
+    assert capsys.readouterr().err == ""
 
 
 def test_a_lost_input_is_an_answer_of_its_own(store):

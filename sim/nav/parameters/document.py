@@ -12,22 +12,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final, TypeAlias
 
-import yaml
 from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.sim.digest import Value
+from vastflow.sim.files import MOST_LEVELS, Place, Unreadable, place_of, read_text, yaml_node
 from vastflow.sim.nav.parameters.parameter import ParameterError
 
 Location: TypeAlias = tuple[str, ...]
 """Names from the top: nodes, `ros__parameters`, groups, the parameter."""
-Place: TypeAlias = tuple[int, int]
-"""Line and column, from 1."""
-
 PARAMETERS: Final = "ros__parameters"
 
-MAX_DEPTH: Final = 100  # the C composer recurses without a limit of its own and ends the process
-MAX_VALUES: Final = 100_000  # aliases of aliases grow exponentially
 TAG: Final = "tag:yaml.org,2002:"
 EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")
 WHOLE_FILE: Final = "a whole Nav2 parameter file, 'node: {ros__parameters: {...}}'"
@@ -123,18 +118,9 @@ def read_document(path: str | Path) -> Document:
     """
     file = str(path)
     try:
-        content = Path(path).read_bytes()
-    except FileNotFoundError:
-        raise _unreadable(file, "no such file", "the path of a Nav2 parameter file") from None
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        reason = getattr(error, "strerror", None) or str(error)
-        raise _unreadable(file, f"can't be read: {reason}", "a Nav2 parameter file") from None
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        before = content[: error.start].decode("utf-8-sig", "replace")
-        raise _unreadable(file, "not YAML: not UTF-8 text", "a text file encoded as UTF-8", before) from None
-    return parse(text, file)
+        return parse(read_text(path, "a Nav2 parameter file"), file)
+    except Unreadable as error:
+        raise _unreadable(error, file) from None
 
 
 def parse(text: str, file: str = "") -> Document:
@@ -144,18 +130,12 @@ def parse(text: str, file: str = "") -> Document:
         DocumentError: as of `read_document`.
     """
     try:
-        root = _composed(text, file)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = (mark.line + 1, mark.column + 1) if mark else (1, 1)
-        what = ", ".join(filter(None, (error.context, error.problem)))
-        raise DocumentError([ParameterFault("file", f"not YAML: {what}", WHOLE_FILE, place)], file) from None
-    except yaml.YAMLError as error:  # ReaderError: a character that YAML has not
-        before = text.encode()[: getattr(error, "position", 0)].decode(errors="replace")
-        raise _unreadable(file, f"not YAML: {getattr(error, 'reason', error)}", "a text file", before) from None
+        root = yaml_node(text)
+    except Unreadable as error:
+        raise _unreadable(error, file) from None
     if not isinstance(root, MappingNode):
         found = "empty" if root is None or root.value == "" else "found no mapping"
-        raise DocumentError([ParameterFault("file", found, WHOLE_FILE, _place(root) if root else (1, 1))], file)
+        raise DocumentError([ParameterFault("file", found, WHOLE_FILE, place_of(root) if root else (1, 1))], file)
     walk = _Walk(file)
     walk.nodes(root, ())
     if not walk.faults and not any(PARAMETERS in path for path in walk.places):
@@ -165,35 +145,8 @@ def parse(text: str, file: str = "") -> Document:
     return Document(walk.values, walk.places, tuple(walk.repeated), file)
 
 
-def _unreadable(file: str, what: str, right: str, before: str = "") -> DocumentError:
-    lines = before.split("\n")
-    return DocumentError([ParameterFault("file", what, right, (len(lines), len(lines[-1]) + 1))], file)
-
-
-def _composed(text: str, file: str) -> Node | None:
-    depth = 0
-    has_ended = False
-    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
-        if has_ended:  # only now is it known that nothing stands behind the document, such as what is indented less
-            break
-        has_ended = isinstance(event, yaml.DocumentEndEvent)
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > MAX_DEPTH:
-                fault = ParameterFault("file", f"more than {MAX_DEPTH} levels deep", "fewer levels", _place(event))
-                raise DocumentError([fault], file)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-    loader = yaml.CSafeLoader(text)
-    try:
-        return loader.get_node() if loader.check_node() else None
-    finally:
-        loader.dispose()
-
-
-def _place(node: Node | yaml.Event) -> Place:
-    mark = node.start_mark
-    return (mark.line + 1, mark.column + 1) if mark else (1, 1)
+def _unreadable(error: Unreadable, file: str) -> DocumentError:
+    return DocumentError([ParameterFault("file", error.what, error.right, error.place)], file)
 
 
 class _Walk:
@@ -205,21 +158,26 @@ class _Walk:
         self.places: dict[Location, Place] = {}
         self.repeated: list[Location] = []
         self.faults: list[ParameterFault] = []
-        self._open: set[int] = set()
-        self._visited = 0
         self._constructor = SafeConstructor()
 
     def nodes(self, mapping: MappingNode, above: Location) -> None:
         """Names of nodes and namespaces, down to their parameters."""
         for key, value, merged in self._items(mapping, above):
-            path = (*above, *filter(None, key.value.split("/")))
-            self.places.setdefault(path, _place(key))
+            path = self._below(above, filter(None, key.value.split("/")), key)
+            self.places.setdefault(path, place_of(key))
             if key.value == PARAMETERS:
                 self._parameters(value, path, merged)
             elif isinstance(value, MappingNode):
                 self.nodes(value, path)
             elif self._scalar(value, path) is not None:
                 self._fault(value, path, f"a value outside of {PARAMETERS}", f"parameters below '{PARAMETERS}:'")
+
+    def _below(self, above: Location, names: Iterable[str], key: Node) -> Location:
+        path = (*above, *names)
+        if len(path) > MOST_LEVELS:
+            fault = ParameterFault("file", f"more than {MOST_LEVELS} levels deep", "fewer levels", place_of(key))
+            raise DocumentError([fault], self._file)
+        return path
 
     def _parameters(self, node: Node, path: Location, merged: bool) -> None:
         if isinstance(node, MappingNode):
@@ -229,9 +187,9 @@ class _Walk:
 
     def _group(self, mapping: MappingNode, above: Location, merged: bool) -> None:
         for key, value, brought in self._items(mapping, above):
-            path = (*above, *key.value.split("."))
+            path = self._below(above, key.value.split("."), key)
             for n in range(len(above) + 1, len(path) + 1):
-                self.places.setdefault(path[:n], _place(key))
+                self.places.setdefault(path[:n], place_of(key))
             if isinstance(value, MappingNode):
                 self._group(value, path, merged or brought)
             else:
@@ -242,27 +200,19 @@ class _Walk:
             if merged:  # what stands in the file itself counts before what an alias brings
                 return
             self.repeated.append(path)
-        self.places[path] = _place(value if isinstance(value, ScalarNode) and value.value else key)
+        self.places[path] = place_of(value if isinstance(value, ScalarNode) and value.value else key)
         self.values[path] = self._value(value, path)
 
     def _items(self, mapping: MappingNode, above: Location) -> Iterator[tuple[ScalarNode, Node, bool]]:
         """Keys and values, those that `<<` brings last and marked."""
-        self._count(mapping, above)
-        if id(mapping) in self._open:
-            self._fault(mapping, above, "found an alias inside of what it stands for", "an alias of something else")
-            return
-        self._open.add(id(mapping))
-        try:
-            for key, value in mapping.value:
-                if isinstance(key, ScalarNode) and key.tag != f"{TAG}merge" and key.value:
-                    yield key, value, False
-                elif key.tag != f"{TAG}merge":
-                    self._fault(key, above, "found a list, a mapping or nothing as a name", "a name")
-            for key, value in mapping.value:
-                for source in self._merged(key, value, above):
-                    yield from ((name, item, True) for name, item, _ in self._items(source, above))
-        finally:
-            self._open.discard(id(mapping))
+        for key, value in mapping.value:
+            if isinstance(key, ScalarNode) and key.tag != f"{TAG}merge" and key.value:
+                yield key, value, False
+            elif key.tag != f"{TAG}merge":
+                self._fault(key, above, "found a list, a mapping or nothing as a name", "a name")
+        for key, value in mapping.value:
+            for source in self._merged(key, value, above):
+                yield from ((name, item, True) for name, item, _ in self._items(source, above))
 
     def _merged(self, key: Node, value: Node, above: Location) -> Iterator[MappingNode]:
         if key.tag != f"{TAG}merge":
@@ -279,7 +229,7 @@ class _Walk:
         items: list[Value] = []
         if isinstance(node, SequenceNode):
             for k, item in enumerate(node.value):
-                self.places[(*path, str(k))] = _place(item)
+                self.places[(*path, str(k))] = place_of(item)
                 if isinstance(item, ScalarNode):
                     items.append(self._scalar(item, path))
                 else:
@@ -287,7 +237,6 @@ class _Walk:
         return items
 
     def _scalar(self, node: Node, path: Location) -> Value:
-        self._count(node, path)
         if not isinstance(node, ScalarNode):
             return []
         kind, text = str(node.tag).removeprefix(TAG), str(node.value)
@@ -308,11 +257,5 @@ class _Walk:
         self._fault(node, path, what, "text, a number, or true or false")
         return None
 
-    def _count(self, node: Node, path: Location) -> None:
-        self._visited += 1
-        if self._visited > MAX_VALUES or len(path) > MAX_DEPTH:
-            what = f"aliases that grow to more than {MAX_VALUES} values or {MAX_DEPTH} levels"
-            raise DocumentError([ParameterFault("file", what, "fewer aliases", _place(node))], self._file)
-
     def _fault(self, node: Node, path: Location, what: str, right: str) -> None:
-        self.faults.append(ParameterFault(dotted(path) or "file", what, right, _place(node)))
+        self.faults.append(ParameterFault(dotted(path) or "file", what, right, place_of(node)))

@@ -1,0 +1,35 @@
+"""The cells of a map that an area on the floor covers."""
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely.geometry import Polygon
+from shapely.geometry.polygon import orient
+
+from vastflow.sim.maps import OccupancyMap
+
+
+def touched_cells(occupancy: OccupancyMap, footprint: Polygon) -> NDArray[np.int64]:
+    """(K, 2) row and column of the map's cells that a convex `footprint` touches, walls or not."""
+    return _cells(occupancy, footprint, 0.5)
+
+
+def centred_cells(occupancy: OccupancyMap, area: Polygon) -> NDArray[np.int64]:
+    """(K, 2) row and column of the map's cells whose centre lies in a convex `area`."""
+    return _cells(occupancy, area, 0.0)
+
+
+def _cells(occupancy: OccupancyMap, area: Polygon, half: float) -> NDArray[np.int64]:
+    """Those that a convex area touches with the square of 2 × `half` cells round their centre."""
+    outline = occupancy.frame.points_to_grid(np.array(orient(area).exterior.coords))
+    occupancy = occupancy.upright
+    (left, bottom), (right, top) = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
+    first = np.maximum(occupancy.cell_of(left, bottom), 0)
+    last = np.minimum(occupancy.cell_of(right, top), np.array(occupancy.shape) - 1)
+    rows, columns = np.mgrid[first[0] : last[0] + 1, first[1] : last[1] + 1]
+    cells = np.column_stack((rows.ravel(), columns.ravel()))
+    centres = (cells[:, ::-1] + 0.5) * occupancy.resolution_m + occupancy.origin_xy_m
+    sides = np.diff(outline, axis=0)
+    normals = np.column_stack((sides[:, 1], -sides[:, 0]))
+    # Separating axes: the grid's own are the bounds above. A tenth of the time of one shapely box a cell.
+    beyond = centres @ normals.T - np.sum(outline[:-1] * normals, axis=1)
+    return np.asarray(cells[~np.any(beyond > np.abs(normals).sum(axis=1) * occupancy.resolution_m * half, axis=1)])

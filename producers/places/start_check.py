@@ -1,0 +1,186 @@
+"""The start check: does the robot's own footprint fit where a configuration begins and ends?"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import islice
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely.geometry import MultiPoint, Polygon
+
+from vastflow.producers.configuration import Fragment, Partial, RejectedInstance
+from vastflow.producers.places.cells import touched_cells
+from vastflow.producers.places.ground import MAP_KEY, occupancy_of
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.producers.producer import ROOM_KEY, Producer, draws_of
+from vastflow.sim.digest import FileContent, Value, canonical
+from vastflow.sim.nav.outline import circumscribed_radius_m
+from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY
+from vastflow.sim.nav.parameters.document import DocumentError
+from vastflow.sim.nav.parameters.local_footprint import FOOTPRINT_NAMES, local_outlines
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+from vastflow.sim.obstacle import Obstacle, obstacle_of
+from vastflow.sim.pose import Pose, pose_of
+from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
+
+LABEL: Final = "start_check"
+"""Who rejects, in tables and reports."""
+MOST_VALUES: Final = 10_000
+"""Values of a producer that are looked at for the largest footprint."""
+
+
+class StartCheck:
+    """Rejects configurations of a family whose start or goals are too near to a wall for the system's local footprint.
+
+    An obstacle that is there from the beginning counts at the start only: whether a goal can be occupied is for the mission to
+    tell. A configuration without a map or without poses has nothing to check.
+    """
+
+    def __init__(self, family: str, overrides: Mapping[str, Value]) -> None:
+        """Check the family's configurations with the values that take the place of theirs."""
+        self._family = family
+        self._overrides = overrides
+        self._outlines: dict[str, Sequence[NDArray[np.float64]]] = {}
+        self._known: dict[str, str | None] = {}
+
+    def touched_by(self, producer: Producer[Any]) -> bool:
+        """Whether what it looks at can depend on what a producer writes."""
+        return any(_bears_on(key, tag or DIMENSION_OF_KEY.get(key)) for key, tag in producer.writes.items())
+
+    def rejected(self, partial: Partial) -> RejectedInstance | None:
+        """Why the robot can't begin or end there; None where it can."""
+        partial = replace(partial, values={**partial.values, **self._overrides}) if self._overrides else partial
+        map_file = partial.values.get(MAP_KEY)
+        stops = dict(_stops(partial))
+        if not stops or not isinstance(map_file, FileContent):
+            return None
+        system = {key: value for key, value in partial.values.items() if _is_of_footprint(key)}
+        standing = _standing(partial) if START_KEY in stops else ()
+        content = canonical(
+            [map_file, {key: pose.value() for key, pose in stops.items()}, system, [*map(str, standing)]]
+        )
+        if content not in self._known:
+            self._known[content] = self._reason(map_file, stops, system, standing)
+        reason = self._known[content]
+        if reason is None:
+            return None
+        poses: dict[str, Value] = {key: pose.value() for key, pose in stops.items()}
+        return RejectedInstance(self._family, partial.name, LABEL, reason, {}, {MAP_KEY: map_file, **poses})
+
+    def _reason(
+        self,
+        map_file: FileContent,
+        stops: Mapping[str, Pose],
+        system: Mapping[str, Value],
+        standing: Iterable[Obstacle],
+    ) -> str | None:
+        occupancy = occupancy_of(map_file)
+        for key, pose in stops.items():
+            for outline in self._outlines_of(system):
+                area = _placed(outline, pose)
+                cells = touched_cells(occupancy, area)
+                place = f"the local costmap's footprint does not fit at {key} ({pose.x_m:g}, {pose.y_m:g}): "
+                reach = f"it reaches {circumscribed_radius_m(outline):.3f} m from its center, "
+                if occupancy.occupied[cells[:, 0], cells[:, 1]].any():
+                    return f"{place}{reach}into a wall"
+                touched = (o.name for o in standing if key == START_KEY and area.intersects(o.footprint()))
+                if name := next(touched, None):
+                    return f"{place}{reach}into {name}"
+        return None
+
+    def _outlines_of(self, system: Mapping[str, Value]) -> Sequence[NDArray[np.float64]]:
+        key = canonical(dict(system))
+        if key not in self._outlines:
+            self._outlines[key] = _outlines(system)
+        return self._outlines[key]
+
+
+def room_m(values: Mapping[str, Value], producers: Iterable[Producer[Any]]) -> float:
+    """Greatest distance (m) of an outline from the robot's center in the configurations of a family, as far as it is known.
+
+    That is so for what is fixed and for what producers write that read nothing, such as a list of radii.
+    """
+    widest = {key: value for key, value in values.items() if _is_of_footprint(key)}
+    for producer in producers:
+        keys = [key for key in producer.writes if _is_of_footprint(key)]
+        if not keys or producer.reads:
+            continue
+        for item in islice(producer.produce({}, draws_of(producer, {})), MOST_VALUES):
+            written = item.values if isinstance(item, Fragment) else {}
+            for key in keys:
+                if key in written and _size(written[key]) > _size(widest.get(key)):
+                    widest[key] = written[key]
+    return max((circumscribed_radius_m(outline) for outline in _outlines(widest)), default=0.0)
+
+
+def _outlines(system: Mapping[str, Value]) -> Sequence[NDArray[np.float64]]:
+    try:
+        return local_outlines(system)
+    except DocumentError:  # the run says what is wrong with it
+        return ()
+
+
+def _size(value: Value) -> float:
+    """A number, or one as text, as launch files have them; for anything else less than every number."""
+    try:
+        return float(value) if isinstance(value, int | float | str) else -math.inf
+    except ValueError:
+        return -math.inf
+
+
+def _is_of_footprint(key: str) -> bool:
+    return key in (FILE_KEY, CONTROLLER_KEY) or key.rpartition(".")[2] in FOOTPRINT_NAMES
+
+
+def _bears_on(key: str, dimension: Dimension | None) -> bool:
+    of_a_stop = key == START_KEY or key.startswith(GOAL_KEY)
+    return key != ROOM_KEY and (dimension in ("environment", "task") or of_a_stop or _is_of_footprint(key))
+
+
+def _stops(partial: Partial) -> Iterator[tuple[str, Pose]]:
+    """Key to pose of the start, the goals and whatever else of the task is a pose; what is none is the simulator's to tell.
+
+    Goals are `goal_pose` and `goal_poses`. One of `goal_pose1` and so on counts if it is tagged as the task's: that they are goals is
+    a reading of ours, and a robot that can't reach one of several shows it in the run.
+    """
+    of_task = (key for key, tag in partial.dimensions.items() if tag == "task")
+    for key in dict.fromkeys((START_KEY, GOAL_KEY, GOALS_KEY, *of_task)):
+        value = partial.values.get(key)
+        if isinstance(value, Mapping):
+            yield from _pose(key, value)
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            for i, item in enumerate(value):
+                yield from _pose(f"{key}[{i}]", item)
+
+
+def _pose(key: str, value: Value) -> Iterator[tuple[str, Pose]]:
+    try:
+        yield key, pose_of(value)
+    except ValueError:
+        return
+
+
+def _standing(partial: Partial) -> tuple[Obstacle, ...]:
+    """The obstacles that are there from the beginning, under whatever keys."""
+    found = []
+    for key, value in partial.values.items():
+        if (partial.dimensions.get(key) or DIMENSION_OF_KEY.get(key)) != "environment" or not isinstance(
+            value, list | tuple
+        ):
+            continue
+        for i, entry in enumerate(value):
+            if isinstance(entry, Mapping) and "spawn_pose" in entry and "spawn_trigger" not in entry:
+                try:
+                    found.append(obstacle_of(entry, f"{key}[{i}]"))
+                except ValueError:  # the simulator says what is wrong with it
+                    continue
+    return tuple(found)
+
+
+def _placed(outline: NDArray[np.float64], pose: Pose) -> Polygon:
+    """The convex hull of an outline at a pose."""
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    turned = outline @ np.array([[c, s], [-s, c]])
+    return MultiPoint(turned + np.array([pose.x_m, pose.y_m])).convex_hull

@@ -1,0 +1,308 @@
+"""Files that others write: texts, YAML, JSON and pictures, read within limits."""
+
+import io
+import json
+import os
+import stat
+import warnings
+from pathlib import Path
+from typing import Any, Final, NoReturn, TypeAlias
+
+import yaml
+from PIL import Image, UnidentifiedImageError
+from yaml.constructor import SafeConstructor
+from yaml.nodes import MappingNode, Node, ScalarNode
+
+Place: TypeAlias = tuple[int, int]
+"""Line and column, from 1."""
+
+START: Final[Place] = (1, 1)
+
+MOST_BYTES: Final = 64 * 2**20
+"""Of any file."""
+MOST_TEXT_BYTES: Final = 16 * 2**20
+"""Of a text that is parsed as a whole."""
+MOST_LEVELS: Final = 100
+"""Parsers and what walks over their trees recurse; that of libyaml ends the process."""
+MOST_YAML_NODES: Final = 500_000
+"""With everything that aliases stand for: aliases of aliases grow exponentially."""
+MOST_JSON_VALUES: Final = 5_000_000
+MOST_PIXELS: Final = 25_000_000
+PICTURE_FORMATS: Final = ("PPM", "PNG", "BMP")
+"""What map_server's users have; Pillow says PPM for PGM and PBM too."""
+
+NOT_YAML: Final = "a YAML mapping; look for a missing colon, quote or bracket, tabs and uneven indentation"
+
+_KINDS: Final = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+class Unreadable(ValueError):
+    """A file that can't be used.
+
+    Attributes:
+        what: What was found.
+        right: What would be right.
+        place: Line and column, as far as there are any.
+    """
+
+    def __init__(self, what: str, right: str, place: Place = START) -> None:
+        super().__init__(what, right, place)
+        self.what, self.right, self.place = what, right, place
+
+    def __str__(self) -> str:
+        return f"{self.what}; {self.right}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.what, self.right, self.place)
+
+
+class Missing(Unreadable, FileNotFoundError):
+    """There is no such file."""
+
+
+def read_bytes(path: str | Path, kind: str = "a file", most_bytes: int = MOST_BYTES) -> bytes:
+    """What a regular file holds.
+
+    Args:
+        kind: What the file should be, for messages.
+
+    Raises:
+        Missing: there is none.
+        Unreadable: no permission, no regular file (a pipe may never end, a device neither), or too large.
+    """
+    try:
+        status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode):
+            found = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "no regular file")
+            raise Unreadable(f"can't be read: it is {found}", kind)
+        if status.st_size > most_bytes:
+            _too_large(status.st_size, most_bytes)
+        # Without waiting: what is a pipe by now has no writer, perhaps.
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as file:
+            content = file.read(most_bytes + 1)
+    except Unreadable:
+        raise
+    except FileNotFoundError:
+        raise Missing("no such file", f"the path of {kind}") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        raise Unreadable(f"can't be read: {getattr(error, 'strerror', None) or error}", kind) from None
+    if len(content) > most_bytes:
+        _too_large(len(content), most_bytes)
+    return content
+
+
+def is_file(path: str | Path) -> bool:
+    """Whether there is a regular file; no name is an error, however long it is."""
+    try:
+        return Path(path).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _too_large(found: int, most_bytes: int) -> NoReturn:
+    raise Unreadable(f"found {found:,} bytes", f"at most {most_bytes:,}")
+
+
+def read_text(path: str | Path, kind: str = "a text file", most_bytes: int = MOST_TEXT_BYTES) -> str:
+    """The text of a regular file in UTF-8, without a byte order mark.
+
+    Raises:
+        Missing, Unreadable: see `read_bytes`; or not UTF-8.
+    """
+    content = read_bytes(path, kind, most_bytes)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = content[: error.start].decode("utf-8-sig", "replace")
+        raise Unreadable(
+            f"byte {content[error.start]:#04x} is not UTF-8", "a text in UTF-8", _place_behind(before)
+        ) from None
+
+
+def yaml_node(text: str) -> Node | None:
+    """The first document of a YAML text as nodes of PyYAML, aliases as the nodes that they stand for; None where it is empty.
+
+    Raises:
+        Unreadable: not YAML, an alias inside of what it stands for, or beyond a limit.
+    """
+    try:
+        _check_size(text)
+        loader = yaml.CSafeLoader(text)
+        try:
+            node = loader.get_node() if loader.check_node() else None
+        finally:
+            loader.dispose()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = (mark.line + 1, mark.column + 1) if mark else START
+        what = ", ".join(filter(None, (error.context, error.problem)))
+        raise Unreadable(f"not YAML: {what}", NOT_YAML, place) from None
+    except yaml.YAMLError as error:  # ReaderError: a character that YAML has not
+        before = text.encode(errors="replace")[: getattr(error, "position", 0)].decode(errors="replace")
+        raise Unreadable(f"not YAML: {getattr(error, 'reason', error)}", NOT_YAML, _place_behind(before)) from None
+    if node is not None:
+        _check_aliases(node, {}, set(), 0)
+    return node
+
+
+def _check_size(text: str) -> None:
+    """Look at the first document's events, for which nothing recurses and nothing is kept."""
+    depth = nodes = 0
+    has_ended = False
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        if has_ended:  # only the next event tells that nothing of the document is left, such as what is indented less
+            return
+        has_ended = isinstance(event, yaml.DocumentEndEvent)
+        if isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        elif isinstance(event, yaml.NodeEvent):
+            nodes += 1
+            depth += isinstance(event, yaml.CollectionStartEvent)
+        if depth > MOST_LEVELS:
+            raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels", place_of(event))
+        if nodes > MOST_YAML_NODES:
+            raise Unreadable(f"more than {MOST_YAML_NODES:,} values", "fewer values", place_of(event))
+
+
+def _check_aliases(node: Node, sizes: dict[int, tuple[int, int]], opened: set[int], depth: int) -> tuple[int, int]:
+    """Nodes and levels of what `node` is with all that aliases in it stand for; each node is looked into once."""
+    if isinstance(node, ScalarNode):
+        return 1, 0
+    if id(node) in opened:
+        what = "found an alias inside of what it stands for"
+        raise Unreadable(what, "an alias of something else", place_of(node))
+    if id(node) not in sizes:
+        opened.add(id(node))
+        nodes, levels = 1, 0
+        children = (part for pair in node.value for part in pair) if isinstance(node, MappingNode) else node.value
+        for child in children:
+            more, below = _check_aliases(child, sizes, opened, depth + 1)
+            nodes, levels = nodes + more, max(levels, below)
+        opened.remove(id(node))
+        sizes[id(node)] = nodes, levels + 1
+    nodes, levels = sizes[id(node)]
+    if nodes > MOST_YAML_NODES or depth + levels > MOST_LEVELS:
+        what = f"aliases that grow to more than {MOST_YAML_NODES:,} values or {MOST_LEVELS} levels"
+        raise Unreadable(what, "fewer aliases", place_of(node))
+    return nodes, levels
+
+
+def place_of(node: Node | yaml.Event) -> Place:
+    """Where a node or an event begins."""
+    mark = node.start_mark
+    return (mark.line + 1, mark.column + 1) if mark else START
+
+
+def yaml_value(text: str) -> Any:
+    """The first document of a YAML text as plain values, those of YAML 1.1; None where it is empty.
+
+    Raises:
+        Unreadable: see `yaml_node`; or a value that is not what its tag says.
+    """
+    node = yaml_node(text)
+    try:
+        return None if node is None else SafeConstructor().construct_document(node)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        raise Unreadable(
+            f"not YAML: {error.problem}", "plain values", (mark.line + 1, mark.column + 1) if mark else START
+        ) from None
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
+        # PyYAML takes a value for a date, say, by its form, and leaves a month of 13 to `datetime`.
+        raise Unreadable(f"not YAML: {error}", "plain values", place_of(node) if node else START) from None
+
+
+def json_value(content: str | bytes) -> Any:
+    """The value of a JSON text.
+
+    Raises:
+        Unreadable: not JSON, or beyond a limit.
+    """
+    try:
+        text = content.decode("utf-8-sig") if isinstance(content, bytes) else content
+        if sum(map(text.count, "[{,")) > MOST_JSON_VALUES:
+            raise Unreadable(f"more than {MOST_JSON_VALUES:,} values", "fewer values")
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise Unreadable(f"not JSON: {error.msg}", "a JSON text", (error.lineno, error.colno)) from None
+    except RecursionError:
+        raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels") from None
+    except UnicodeDecodeError as error:
+        raise Unreadable(f"not JSON: {error}", "a text in UTF-8") from None
+    except ValueError as error:  # a number of thousands of digits
+        if isinstance(error, Unreadable):
+            raise
+        raise Unreadable(f"not JSON: {error}", "a JSON text") from None
+    _check_levels(value)
+    return value
+
+
+def _check_levels(value: Any) -> None:
+    level = [value]
+    for _ in range(MOST_LEVELS):
+        level = [
+            part
+            for each in level
+            if isinstance(each, dict | list)
+            for part in (each.values() if isinstance(each, dict) else each)
+        ]
+        if not level:
+            return
+    raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels")
+
+
+def read_json(path: str | Path, kind: str = "a JSON file") -> Any:
+    """The value of a JSON file.
+
+    Raises:
+        Missing, Unreadable: see `read_bytes` and `json_value`; `what` begins with the file's name.
+    """
+    try:
+        return json_value(read_bytes(path, kind))
+    except Unreadable as error:
+        line, column = error.place
+        at = "" if error.place == START else f":{line}:{column}"
+        raise type(error)(f"{Path(path).name}{at}: {error.what}", error.right, error.place) from None
+
+
+def read_picture(path: str | Path) -> Image.Image:
+    """A decoded PGM, PNG or BMP picture.
+
+    Raises:
+        Missing, Unreadable: see `read_bytes`; or another format, damaged, of several frames, or too many pixels.
+    """
+    content = read_bytes(path, "a PGM, PNG or BMP picture")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the limit here is lower
+            picture = Image.open(io.BytesIO(content), formats=PICTURE_FORMATS)
+            width, height = picture.size
+            if width * height > MOST_PIXELS:
+                _too_many_pixels(f"{width:,} × {height:,} pixels")
+            if getattr(picture, "n_frames", 1) > 1:
+                raise Unreadable("found a picture that moves", "a single picture")
+            picture.load()
+    except Unreadable:
+        raise
+    except Image.DecompressionBombError:
+        _too_many_pixels("a picture of more pixels")
+    except UnidentifiedImageError:
+        raise Unreadable("no picture in PGM, PNG or BMP", "one of these formats") from None
+    except Exception as error:  # noqa: BLE001 - what Pillow's decoders raise on damaged data is not said anywhere
+        raise Unreadable(f"a damaged picture: {error}", "a whole one") from None
+    return picture
+
+
+def _too_many_pixels(found: str) -> NoReturn:
+    raise Unreadable(f"found {found}", f"at most {MOST_PIXELS:,}")
+
+
+def _place_behind(before: str) -> Place:
+    lines = before.split("\n")
+    return len(lines), len(lines[-1]) + 1

@@ -1,0 +1,36 @@
+"""The outline of the robot's padded footprint: the polygon Nav2 makes of `robot_radius`, and its radii."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+VERTICES: Final = 16
+
+
+def padded_outline(robot_radius_m: float, padding_m: float) -> NDArray[np.float64]:
+    """Vertices (16, 2) in the robot's frame, counter-clockwise from +x.
+
+    The result is not regular and its radii are neither `robot_radius` nor that plus the padding.
+    """
+    angles_rad = 2.0 * np.pi * np.arange(VERTICES) / VERTICES
+    # sin π is 1.2e-16 and not 0, so a vertex on an axis moves off it, in Nav2 as here.
+    return padded(robot_radius_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)]), padding_m)
+
+
+def padded(vertices: NDArray[np.float64], padding_m: float) -> NDArray[np.float64]:
+    """Vertices (N, 2), each moved away from both axes by the padding (nav2_costmap_2d, `padFootprint`)."""
+    return np.asarray(vertices + padding_m * np.sign(vertices))
+
+
+def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
+    """Radius of the largest circle round the robot's centre inside the outline (0.225498 m for 0.22 m and 0.01 m)."""
+    ends = np.roll(outline, -1, axis=0)
+    edges = ends - outline
+    areas = outline[:, 0] * ends[:, 1] - outline[:, 1] * ends[:, 0]
+    return float(np.min(np.abs(areas) / np.hypot(edges[:, 0], edges[:, 1])))
+
+
+def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
+    """Radius of the smallest circle round the robot's centre that holds the outline (0.234142 m for 0.22 m and 0.01 m)."""
+    return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))

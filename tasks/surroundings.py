@@ -1,0 +1,58 @@
+"""The surroundings of a computation: what this machine must give before a process of it is started."""
+
+import errno
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Final
+
+import platformdirs
+
+_SHARED_MEMORY: Final = Path("/dev/shm")
+"""Where Linux keeps semaphores, with which worker processes wait for each other."""
+
+
+class SurroundingsError(RuntimeError):
+    """This machine lacks something; says what, and what would help."""
+
+
+def check_surroundings() -> None:
+    """Look whether everything can be written that a computation writes beside its store and its results.
+
+    Without it workers and Prefect's API would fail one by one, each in its own words and after its own time.
+
+    Raises:
+        SurroundingsError: something can't.
+    """
+    _check_written(Path(platformdirs.user_cache_dir("vastflow")), "set XDG_CACHE_HOME to a folder of yours")
+    _check_written(Path(platformdirs.user_state_dir("vastflow")), "set XDG_STATE_HOME to a folder of yours")
+    home = Path(os.environ.get("PREFECT_HOME") or "~/.prefect").expanduser()
+    # With an API of the user's, which a profile may name, Prefect writes nothing there.
+    if not os.environ.get("PREFECT_API_URL") and not (home / "profiles.toml").exists():
+        _check_written(home, "set PREFECT_HOME to a folder of yours")
+    try:
+        temporary = Path(tempfile.gettempdir())
+    except FileNotFoundError:  # it has tried them
+        raise SurroundingsError("no folder for temporary files can be written; set TMPDIR to one of yours") from None
+    _check_written(temporary, "set TMPDIR to a folder of yours")
+    if sys.platform == "linux":
+        if not _SHARED_MEMORY.is_dir():
+            raise _error(_SHARED_MEMORY, os.strerror(errno.ENOENT), _MOUNT)
+        _check_written(_SHARED_MEMORY, _MOUNT)
+
+
+_MOUNT: Final = "mount a tmpfs there; a container has one with --shm-size"
+
+
+def _check_written(folder: Path, right: str) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"1" * 4096)
+    except OSError as error:
+        raise _error(folder, error.strerror or str(error), right) from None
+
+
+def _error(folder: Path, reason: str, right: str) -> SurroundingsError:
+    return SurroundingsError(f"can't write to {str(folder)!r} ({reason}); {right}, or make room")

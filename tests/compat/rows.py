@@ -1,0 +1,351 @@
+"""What becomes of a file that somebody else wrote: read, executed in this process, and told in a row."""
+
+import math
+import shutil
+import statistics
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import yaml
+
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.oracles.judge import judge_block
+from vastflow.oracles.observe import observe_block
+from vastflow.oracles.oracle import Oracle, oracles_of
+from vastflow.oracles.verdict import run_judgement
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.floorplan.faults import FloorplanError
+from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
+from vastflow.producers.floorplan.rendering import render
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.postprocessing import steps_of
+from vastflow.producers.programs import run_files
+from vastflow.sim.abstract import AbstractError, content_of, definition_of
+from vastflow.sim.archive import write_outputs
+from vastflow.sim.behaviour.support import unsupported
+from vastflow.sim.behaviour.vocabulary import ACTIONS
+from vastflow.sim.blocks import write_recordings
+from vastflow.sim.maps import map_content
+from vastflow.sim.nav.parameters.document import DocumentError, read_document
+from vastflow.sim.nav.parameters.findings import findings
+from vastflow.sim.nav.parameters.interpretation import interpretation
+from vastflow.sim.osc.definition import Parameter
+from vastflow.sim.osc.faults import OscError
+from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.run import execute
+from vastflow.sim.scenario import Scenario, scenario_of
+from vastflow.sim.script import script_of
+
+DRIVEN_M: Final = 1.0
+"""A robot that was given a goal and covered less did not drive."""
+RESOLUTION_M, LASER_M = 0.05, 0.193
+PLANS_OF_A_VARIATION: Final = 2
+SCENARIO_TIMEOUT_S: Final = 120.0
+
+Kind = Literal["campaign", "scenario", "floor plan", "variation", "Nav2 parameters"]
+Outcome = Literal["refused", "valid", "ran"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One file.
+
+    Attributes:
+        outcome: `valid` where reading it is all that there is to do.
+        sent: Runs in which the robot was given a goal; `drove` of them covered `DRIVEN_M`.
+        distance_m: That the robot covered in these, in the middle.
+        broken: Runs, families and steps that could not be done.
+        reason: Why it was refused, what broke first, or what was made of it.
+    """
+
+    file: str
+    kind: Kind
+    outcome: Outcome
+    reason: str = ""
+    configurations: int = 0
+    rejected: int = 0
+    runs: int = 0
+    sent: int = 0
+    drove: int = 0
+    distance_m: float | None = None
+    passed: int = 0
+    failed: int = 0
+    not_judged: int = 0
+    broken: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """One run.
+
+    Attributes:
+        distance_m: None where the robot was given no goal.
+        judgement: Empty where the run broke, and `reason` says how.
+    """
+
+    distance_m: float | None
+    judgement: str
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How much of a campaign is tried.
+
+    Attributes:
+        runs: Of each configuration.
+        sample: Configurations at most, spread over all of them; None for all.
+        workers: Processes; 1 for this one.
+    """
+
+    runs: int = 1
+    sample: int | None = None
+    workers: int = 1
+
+
+@dataclass
+class _Told:
+    """What runs came to."""
+
+    runs: list[Ran] = field(default_factory=list)
+
+    def counts(self) -> dict[str, Any]:
+        distances = [run.distance_m for run in self.runs if run.distance_m is not None]
+        judgements = [run.judgement for run in self.runs]
+        return {
+            "runs": len(self.runs),
+            "sent": len(distances),
+            "drove": sum(distance >= DRIVEN_M for distance in distances),
+            "distance_m": round(statistics.median(distances), 2) if distances else None,
+            "passed": judgements.count("pass"),
+            "failed": judgements.count("fail"),
+            "not_judged": judgements.count("not judged"),
+            "broken": judgements.count(""),
+        }
+
+    @property
+    def reason(self) -> str:
+        """Why the first run that broke did, or else the first that failed."""
+        for judgement in ("", "fail", "not judged"):
+            for run in self.runs:
+                if run.judgement == judgement:
+                    return run.reason
+        return ""
+
+
+def rows_of(folder: Path, trial: Trial) -> Iterator[Row]:
+    """A row for each file below a folder that vastflow reads, by name."""
+    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+        kind = _kind(file)
+        if kind is None:
+            continue
+        name = file.relative_to(folder).as_posix()
+        try:
+            yield _MAKERS[kind](name, file, trial)
+        except Exception as error:  # noqa: BLE001 - what should never be raised is told, with all the other files
+            yield Row(name, kind, "refused", f"{type(error).__name__}: {_line(error)}", broken=1)
+
+
+def _kind(file: Path) -> Kind | None:
+    by_suffix: dict[str, Kind] = {
+        ".vast": "campaign",
+        ".osc": "scenario",
+        ".fpm": "floor plan",
+        ".fpm2": "floor plan",
+        ".variation": "variation",
+    }
+    if file.suffix in (".yaml", ".yml"):
+        return "Nav2 parameters" if _is_nav2(file) else None
+    return by_suffix.get(file.suffix)
+
+
+def _is_nav2(file: Path) -> bool:
+    try:
+        found = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return False
+    nodes = {"amcl", "controller_server", "planner_server", "local_costmap", "global_costmap", "bt_navigator"}
+    return isinstance(found, Mapping) and not nodes.isdisjoint(found)
+
+
+def _campaign(name: str, file: Path, trial: Trial) -> Row:
+    try:
+        campaign, oracles = read_campaign(file, as_v1=True)
+        if campaign.unexecutable:
+            return Row(name, "campaign", "valid", campaign.unexecutable[0].what)
+        made = instantiate(campaign)
+    except CampaignError as error:
+        return Row(name, "campaign", "refused", _first([_short(fault, file) for fault in error.faults]))
+    distinct = [each for each in made.configurations if each.duplicate_of is None]
+    told = _Told(_executed(_spread(distinct, trial.sample), oracles, campaign.seed, trial))
+    steps = steps_of(campaign.spec.results_processing.postprocessing)
+    undone = [complaint for step in steps if (complaint := step.complaint(file.parent))]
+    counts = told.counts()
+    missing = [_short(faults[0], file) for faults in campaign.unavailable.values()]
+    counts["broken"] += len(undone) + len(missing)
+    reasons = [told.reason, *undone, *missing, *(each.reason for each in made.rejections[:1])]
+    return Row(
+        *(name, "campaign", "ran" if told.runs else "refused"),
+        _first([reason for reason in reasons if reason]),
+        configurations=len(distinct),
+        rejected=len(made.rejections),
+        **counts,
+    )
+
+
+def _scenario(name: str, file: Path, trial: Trial) -> Row:
+    try:
+        content = content_of(file)
+        definition = definition_of(content)
+    except OscError as error:
+        return Row(name, "scenario", "refused", _first([f"{f.place.line}: {f.what}; {f.right}" for f in error.faults]))
+    except (AbstractError, UnicodeDecodeError) as error:
+        return Row(name, "scenario", "refused", _line(error))
+    if lacking := unsupported(definition, ACTIONS):
+        return Row(name, "scenario", "refused", _first([f"{each.name}: {each.reason}" for each in lacking]))
+    with tempfile.TemporaryDirectory() as folder:
+        values: dict[str, Any] = {"map_file": map_content(_room(Path(folder)))}
+        for parameter in definition.parameters:
+            if parameter.default is None and parameter.name not in values:
+                values[parameter.name] = _made_up(parameter)
+        setup = ProcessSetup(run_files(file.parent, ["files/**"]))
+        scenario = scenario_of(values, {}, abstract=content, timeout_s=SCENARIO_TIMEOUT_S, programs=setup)
+        told = _Told([_run(scenario, oracles_of([], file.parent), 0, 0)])
+    return Row(name, "scenario", "ran", told.reason, **told.counts())
+
+
+def _floor_plan(name: str, file: Path, trial: Trial) -> Row:
+    try:
+        plan = read_plan_file(file)
+        written = render(plan.building(), plan.text, str(file), RESOLUTION_M, LASER_M)
+    except FloorplanError as error:
+        return Row(name, "floor plan", "refused", error.brief.replace(f"{file.parent}/", ""))
+    return Row(name, "floor plan", "ran", f"map of {_cells(written)} cells")
+
+
+def _variation(name: str, file: Path, trial: Trial) -> Row:
+    try:
+        variation = read_variation_file(file).variation()
+        for seed in range(PLANS_OF_A_VARIATION):
+            plan = PlanFile(f"{seed}.fpm", variation.sample(seed).text)
+            render(plan.building(), plan.text, plan.name, RESOLUTION_M, LASER_M)
+    except FloorplanError as error:
+        return Row(name, "variation", "refused", error.brief.replace(f"{file.parent}/", ""))
+    return Row(name, "variation", "ran", f"{PLANS_OF_A_VARIATION} plans drawn")
+
+
+def _nav2(name: str, file: Path, trial: Trial) -> Row:
+    try:
+        found = findings(interpretation(read_document(file)))
+    except DocumentError as error:
+        return Row(name, "Nav2 parameters", "refused", _line(error))
+    unmodelled = sum(each.status == "not modelled" for each in found)
+    return Row(name, "Nav2 parameters", "valid", f"{len(found)} parameters, {unmodelled} of them not modelled")
+
+
+_MAKERS: Final[Mapping[Kind, Callable[[str, Path, Trial], Row]]] = {
+    "campaign": _campaign,
+    "scenario": _scenario,
+    "floor plan": _floor_plan,
+    "variation": _variation,
+    "Nav2 parameters": _nav2,
+}
+
+
+def _executed(
+    configurations: Sequence[Configuration], oracles: Sequence[Oracle[Any]], seed: int, trial: Trial
+) -> list[Ran]:
+    wanted = [(each.scenario, run) for each in configurations for run in range(trial.runs)]
+    if trial.workers == 1:
+        return [_run(scenario, oracles, run, seed) for scenario, run in wanted]
+    with ProcessPoolExecutor(trial.workers) as pool:
+        running: list[Future[Ran]] = [pool.submit(_run, scenario, oracles, run, seed) for scenario, run in wanted]
+        return [future.result() for future in running]
+
+
+def _run(scenario: Scenario, oracles: Sequence[Oracle[Any]], run_index: int, seed: int) -> Ran:
+    """Execute, observe and judge one run."""
+    try:
+        sent = bool(script_of(scenario).goals)
+        recording = execute(scenario, run_index, seed).recording
+        block = write_recordings([recording])
+        outputs = write_outputs({run_index: recording.outputs})
+        verdicts = judge_block(scenario, block, observe_block(scenario, block), oracles, outputs)
+    except Exception as error:  # noqa: BLE001 - a run that breaks is what the table tells
+        return Ran(None, "", f"{type(error).__name__}: {_line(error)}")
+    judgement = run_judgement(verdict.judgement for verdict in verdicts)
+    reasons = [verdict.reason for verdict in verdicts if verdict.judgement == judgement and verdict.reason]
+    return Ran(recording.run.distance_m if sent else None, judgement, _first(reasons))
+
+
+def _spread(configurations: Sequence[Configuration], sample: int | None) -> Sequence[Configuration]:
+    """So many of them, at equal distances from the first on."""
+    if sample is None or sample >= len(configurations):
+        return configurations
+    return configurations[:: math.ceil(len(configurations) / sample)]
+
+
+ROOM_M: Final = (12.0, 8.0)
+PLACES: Final = [(-1.0, 0.0), (1.5, 1.0), (3.0, -1.0), (0.0, -2.0), (-3.0, 2.0), (0.0, 2.0)]
+"""Goals in the room, from which any two that follow each other are more than a meter apart."""
+
+
+def _room(folder: Path) -> Path:
+    """A map of an empty room round the origin."""
+    width, height = (round(length_m / RESOLUTION_M) for length_m in ROOM_M)
+    inside = range(2, width - 2)
+    cells = bytes(254 if x in inside and 2 <= y < height - 2 else 0 for y in range(height) for x in range(width))
+    (folder / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (width, height) + cells)
+    origin = [-ROOM_M[0] / 2, -ROOM_M[1] / 2, 0.0]
+    (folder / "room.yaml").write_text(f"{{image: room.pgm, resolution: {RESOLUTION_M}, origin: {origin}}}\n")
+    return folder / "room.yaml"
+
+
+def _made_up(parameter: Parameter) -> Any:
+    """A value of a parameter's type."""
+    kind = parameter.type
+    if kind.name == "pose_3d":
+        if kind.is_list:
+            return [_pose(*place) for place in PLACES[:2]]
+        number = "".join(letter for letter in parameter.name if letter.isdigit())
+        return _pose(-4.0, 0.0) if "start" in parameter.name else _pose(*PLACES[int(number or 0) % len(PLACES)])
+    if kind.is_list:
+        return []
+    by_name: dict[str, Any] = {"string": "1", "bool": True, "float": 1.0, "position_3d": {"x": 1.0, "y": 0.0}}
+    return by_name.get(kind.name, 1)
+
+
+def _pose(x_m: float, y_m: float) -> dict[str, Any]:
+    return {"position": {"x": x_m, "y": y_m}, "orientation": {"yaw": 0.0}}
+
+
+def _cells(files: Mapping[str, bytes]) -> str:
+    """Width and height of the map among the files of a floor plan."""
+    picture = next(content for name, content in files.items() if name.endswith(".pgm"))
+    width, height = picture.split(maxsplit=3)[1:3]
+    return f"{int(width)} x {int(height)}"
+
+
+def _short(fault: Any, file: Path) -> str:
+    place = "" if Path(fault.file) == file else f"{Path(fault.file).name}:"
+    return f"{place}{fault.line}: {fault.where}: {fault.what}; {fault.right}".replace(f"{file.parent}/", "")
+
+
+def _first(reasons: Iterable[str]) -> str:
+    listed = list(reasons)
+    more = f" (and {len(listed) - 1} more)" if len(listed) > 1 else ""
+    return f"{listed[0]}{more}" if listed else ""
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:300]
+
+
+def copied(folder: Path, to: Path) -> Path:
+    """A copy of a folder, in which programs and caches may write."""
+    return Path(shutil.copytree(folder, to / folder.name))

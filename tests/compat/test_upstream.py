@@ -1,0 +1,92 @@
+"""RoboVAST's own configurations, which lie beside the repository where they are: what runs of them, and that it stays so.
+
+`expected.json` has for each file what `table.py` said of it with two configurations of a campaign and one run of each. A row that
+is better than that fails nothing; one that got worse does.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+UPSTREAM = Path(__file__).parents[3] / "shared" / "upstream" / "robovast-configs"
+EXPECTED = json.loads((Path(__file__).parent / "expected.json").read_text())
+RANKS = ("refused", "valid", "ran")
+
+NAVIGATION = [
+    f"navigation/{name}.vast"
+    for name in (
+        "nav_to_pose_multiple",
+        "navigation_variation",
+        "navigation_variation_random",
+        "navigation_variation_rasterized",
+        "small_dataset",
+    )
+]
+PROGRAMS = ["examples/growth_sim/growth_sim.vast", "examples/quadrotor_landing/quadrotor_landing.vast"]
+DRIVING = ["examples/basic_nav/basic_nav.vast", *NAVIGATION]
+
+pytestmark = [
+    pytest.mark.skipif(not UPSTREAM.is_dir(), reason="RoboVAST's configurations are not beside the repository"),
+    pytest.mark.timeout(2400),  # the first of them executes all files
+]
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    sys.path.insert(0, str(Path(__file__).parent))
+    try:
+        from rows import Trial, copied, rows_of
+    finally:
+        sys.path.pop(0)
+    folder = copied(UPSTREAM, tmp_path_factory.mktemp("upstream"))
+    return {row.file: row for row in rows_of(folder, Trial(sample=2))}
+
+
+def test_every_file_has_an_expectation(rows):
+    assert sorted(rows) == sorted(EXPECTED)
+
+
+@pytest.mark.parametrize("file", EXPECTED)
+def test_a_file_fares_no_worse_than_it_did(rows, file):
+    row, expected = rows[file], EXPECTED[file]
+    assert RANKS.index(row.outcome) >= RANKS.index(expected["outcome"]), row
+    assert row.configurations >= expected["configurations"], row
+    assert row.broken <= expected["broken"], row
+    if expected["sent"]:
+        assert row.sent and row.drove / row.sent >= expected["drove"] / expected["sent"], row
+
+
+@pytest.mark.parametrize("file", DRIVING)
+def test_a_campaign_for_a_robot_runs_and_nine_robots_in_ten_drive_a_meter(rows, file):
+    row = rows[file]
+    assert row.outcome == "ran" and row.sent == row.runs > 0, row
+    assert row.drove >= 0.9 * row.sent, row
+
+
+@pytest.mark.parametrize("file", PROGRAMS)
+def test_a_campaign_of_a_program_runs_it(rows, file):
+    row = rows[file]
+    assert row.outcome == "ran" and row.passed + row.failed == row.runs > 0, row
+
+
+def test_of_the_scenarios_only_one_of_ros_nodes_is_refused_and_the_others_do_what_they_are_for(rows):
+    scenarios = {file: row for file, row in rows.items() if row.kind == "scenario"}
+    assert len(scenarios) == 8
+    assert [file for file, row in scenarios.items() if row.outcome == "refused"] == ["examples/ros2_basic/scenario.osc"]
+    for file, row in scenarios.items():
+        assert row.broken == 0, row
+        assert row.drove == row.sent, row
+        if "nav" in file:
+            assert row.sent == 1, row
+
+
+def test_floor_plans_and_their_variations_become_maps(rows):
+    plans = [row for row in rows.values() if row.kind in ("floor plan", "variation")]
+    assert len(plans) == 4 and all(row.outcome == "ran" for row in plans)
+
+
+def test_searches_are_valid_files(rows):
+    searches = [row for file, row in rows.items() if "search is not executed" in row.reason]
+    assert len(searches) == 4 and all(row.outcome == "valid" for row in searches)

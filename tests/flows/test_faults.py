@@ -1,0 +1,50 @@
+"""A scenario that can't work: a fault of its runs, and no failure of anything."""
+
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+from vastflow.oracles.directory.tables import read_tables
+
+SCENARIO = """\
+import osc.helpers
+
+scenario tool:
+    timeout(20s)
+    program: string = "true"
+    do serial:
+        run_process(program)
+"""
+CAMPAIGN = """\
+version: 1
+metadata: {name: tools}
+configuration:
+  - name: tool
+    variations:
+      - ParameterVariationList: {name: program, values: ["true", "no-such-tool --now", "sh -c 'exit 127'"]}
+execution: {runs: 2, scenario_file: tool.osc}
+"""
+
+
+@pytest.fixture
+def tools(tmp_path):
+    (tmp_path / "tool.osc").write_text(SCENARIO)
+    (tmp_path / "tools.vast").write_text(CAMPAIGN)
+
+    places = ("--results", str(tmp_path / "results"), "--store", str(tmp_path / "store"), "--workers", "1")
+    return CliRunner().invoke(app, ["run", str(tmp_path / "tools.vast"), *places]), tmp_path / "results"
+
+
+def test_a_program_that_can_not_be_started_is_a_fault_and_in_no_rate(tools):
+    called, results = tools
+    assert called.exit_code == 3
+    why = "'no-such-tool' could not be started: no program of this name in PATH; run_process at tool.osc:7:9"
+    assert f"fault: tool-2 run 0, execute: {why}" in called.stdout
+    (directory,) = results.iterdir()
+    tables = read_tables(directory)
+    counts = tables.metadata["counts"]
+    assert (counts["passed"], counts["failed"], counts["not_judged"], counts["executed"]) == (2, 2, 2, 4)
+    faulty = [row for row in tables.verdicts.rows() if row["configuration"] == "tool-2"]
+    assert {(row["judgement"], row["reason"]) for row in faulty} == {("not judged", f"fault in execute: {why}")}
+    assert "tool-2" not in tables.runs["configuration"].to_pylist()
+    assert "2 runs not judged, 2 faults" in " ".join((directory / "report.html").read_text().split())

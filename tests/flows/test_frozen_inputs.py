@@ -1,0 +1,108 @@
+"""A campaign directory has all that its plug-ins use: it can be asked again when the original is gone."""
+
+import shutil
+
+import pytest
+
+from vastflow.flows.request.asked import Asked
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.replica import NotReplicable, replica
+from vastflow.tasks.source import installed_tree
+
+VAST = """
+version: 1
+configuration:
+  - name: room
+    parameters:
+      - map_file: maps/room.yaml
+      - start_pose: {position: {x: 1.0, y: 1.0}, orientation: {yaw: 0.0}}
+      - goal_pose: {position: {x: 2.0, y: 1.0}, orientation: {yaw: 0.0}}
+    variations:
+      - own.py:Own: {}
+execution:
+  runs: 1
+evaluation:
+  oracles:
+    - OFOLDERown_oracle.py:Limited
+"""
+PRODUCER = """
+from vastflow.producers.configuration import Fragment
+from vastflow.producers.producer import Parameters, Producer
+from lib.values import VALUES
+
+class Own(Producer[Parameters]):
+    Parameters = Parameters
+    reads = ()
+    writes = {"scan_noise_std": "system"}
+
+    def produce(self, inputs, draws):
+        for value in VALUES:
+            yield Fragment({"scan_noise_std": value})
+"""
+ORACLE = """
+import json, os
+from pathlib import Path
+from vastflow.oracles.oracle import Oracle, Parameters
+import limits
+
+class Limited(Oracle[Parameters]):
+    Parameters = Parameters
+    metrics = {}
+    files = ["data/limit.json", "../shared.json"]
+
+    def judge(self, trace, situation):
+        return self.passed(trace) if not os.getenv("STRICT") else self.failed(trace, "strict")
+"""
+
+
+@pytest.mark.parametrize("oracle_folder", ["", "../oracles/"])
+def test_a_campaign_directory_is_complete_without_the_campaigns_folder(
+    tmp_path, small_room, monkeypatch, oracle_folder
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    home = tmp_path / "all" / "campaign"
+    judges = home / oracle_folder
+    for file, text in {
+        home / "x.vast": VAST.replace("OFOLDER", oracle_folder),
+        home / "own.py": PRODUCER,
+        home / "lib" / "__init__.py": "",
+        home / "lib" / "values.py": "VALUES = [0.01, 0.02]\n",
+        home / "not_used.py": "",
+        judges / "own_oracle.py": ORACLE,
+        judges / "limits.py": "LIMIT = 1\n",
+        judges / "data" / "limit.json": "1",
+        judges / ".." / "shared.json": "2",
+    }.items():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.resolve().write_text(text)
+    shutil.copytree(small_room.parent, home / "maps")
+    campaign, oracles = read_campaign(home / "x.vast")
+    tree = installed_tree()
+    keys = campaign_keys(tree, 0, oracles)
+    producer = tree.plug_in_digest(type(campaign.families[0].producers[0]))
+    (note,) = [note for note in campaign.notes if note.file.endswith(".py")]
+    assert str(note).startswith(str(home / f"{oracle_folder}own_oracle.py") + ":13:1: warning: os.getenv: ")
+    assert str(note).endswith("is in no key: an edit of it goes unnoticed; a parameter is noticed")
+    (home / "lib" / "values.py").write_text("VALUES = [0.5]\n")  # while it runs
+    inputs = inputs_of(campaign, oracles)
+    directory = tmp_path / "results"
+    directory.mkdir()
+    inputs.write(directory)
+    assert (directory / "inputs" / "lib" / "values.py").read_text() == "VALUES = [0.01, 0.02]\n"
+    kept = {path.name for path in (directory / "inputs").rglob("*") if path.is_file()}
+    assert {"own.py", "own_oracle.py", "limits.py", "limit.json", "shared.json"} <= kept
+    assert "not_used.py" not in kept
+    shutil.rmtree(tmp_path / "all")
+    shutil.rmtree(tmp_path / "cache")
+    with replica(directory, Asked("x.vast", 1, (), inputs.places)) as file:
+        again, judges_again = read_campaign(file)
+        assert campaign_keys(installed_tree(), 0, judges_again) == keys
+        assert installed_tree().plug_in_digest(type(again.families[0].producers[0])) == producer
+    shutil.rmtree(directory / "inputs" / "lib")
+    with (
+        pytest.raises(NotReplicable, match="No module named 'lib'"),
+        replica(directory, Asked("x.vast", 1, (), inputs.places)),
+    ):
+        pass

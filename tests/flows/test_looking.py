@@ -1,0 +1,84 @@
+"""Commands that only look at a campaign execute nothing of it that has an effect."""
+
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+
+CAMPAIGN = """\
+version: 1
+configuration:
+  - name: one
+    variations:
+      - own.py:Words: {}
+execution:
+  scenario_file: scenario.osc
+  run_files: ["*.sh"]
+  pre_command: /config/touch.sh
+  post_command: /config/touch.sh
+evaluation:
+  oracles: [own_oracle.ipynb]
+  visualization: [Tab: {run: own_oracle.ipynb}]
+results_processing:
+  postprocessing: [command: {script: touch.sh}]
+"""
+NOTEBOOK = """\
+{"cells": [{"cell_type": "code", "metadata": {}, "outputs": [], "execution_count": null,
+            "source": "import os; os.system('touch MARK'); verdicts = []"}],
+ "metadata": {}, "nbformat": 4, "nbformat_minor": 5}
+"""
+PRODUCER = """\
+from vastflow.producers.configuration import Fragment
+from vastflow.producers.producer import Parameters, Producer
+{imported}
+class Words(Producer[Parameters]):
+    Parameters = Parameters
+    reads = ()
+    writes = {{"word": None}}
+
+    def produce(self, inputs, draws):
+        {produced}
+        yield Fragment({{"word": "a"}})
+"""
+TOUCH = "open({mark!r}, 'w')"
+COMMANDS = (["validate"], ["preview", "--pictures", "0"], ["coverage"], ["run", "--dry-run"])
+
+
+@pytest.fixture
+def looked(tmp_path, monkeypatch):
+    """What a command prints that looks at a campaign, its exit code, and whether anything of the campaign had an effect."""
+    folder, mark = tmp_path / "campaign", tmp_path / "mark"
+    folder.mkdir()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
+    (folder / "x.vast").write_text(CAMPAIGN)
+    (folder / "touch.sh").write_text(f"touch {mark}")
+    (folder / "own_oracle.ipynb").write_text(NOTEBOOK.replace("MARK", str(mark)))
+    (folder / "scenario.osc").write_text(
+        f'import osc.helpers\nscenario x:\n    word: string = ""\n    do run_process("touch {mark}")\n'
+    )
+
+    def look(command, imported="", produced="pass"):
+        texts = {"imported": imported.format(mark=str(mark)), "produced": produced.format(mark=str(mark))}
+        (folder / "own.py").write_text(PRODUCER.format(**texts))
+        result = CliRunner().invoke(app, [*command, str(folder / "x.vast")])
+        left = {path.name for path in folder.iterdir()} - {"__pycache__"}
+        assert left == {"x.vast", "touch.sh", "own_oracle.ipynb", "scenario.osc", "own.py"}
+        return result.exit_code, result.output, mark.exists()
+
+    return look
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_no_script_program_notebook_or_step_is_executed(looked, command):
+    code, said, is_marked = looked(command)
+    assert (code, is_marked) == (0, False), said
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize("when", ["imported", "produced"])
+def test_a_plug_in_has_no_effects_and_is_told(looked, command, when):
+    code, said, is_marked = looked(command, **{when: TOUCH})
+    assert not is_marked
+    assert code == 2
+    assert "EffectRefused: it would write to a file" in said

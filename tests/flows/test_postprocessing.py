@@ -1,0 +1,223 @@
+"""Postprocessing: a campaign file's steps over a copy of its results, and what becomes of one that fails."""
+
+import json
+import sys
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vastflow.flows.export.run import poses_csv
+from vastflow.flows.postprocessing.postprocess import postprocessed
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.results import write_results
+from vastflow.flows.results.summary import Work
+from vastflow.oracles.verdict import Verdict
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.postprocessing import steps_of
+from vastflow.sim.archive import write_outputs
+from vastflow.sim.blocks import write_recordings
+from vastflow.sim.process.outputs import Outputs
+from vastflow.sim.recording import Recording, Run
+from vastflow.tasks.keys import Keys
+
+KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
+
+PLUG_IN = """\
+from pathlib import Path
+
+from robovast.common.campaign_data import read_test_result
+from robovast.results_processing.postprocessing_plugins import BasePostprocessingPlugin
+
+from helper import length
+
+
+class Lengths(BasePostprocessingPlugin):
+    def __call__(self, results_dir, config_dir, suffix=".txt", **kwargs):
+        files = sorted(Path(results_dir).rglob("drive.log"))
+        for file in files:
+            passed = read_test_result(file.parent)["success"]
+            (file.parent / f"length{suffix}").write_text(f"{length(file)} {passed}")
+            file.write_text("spoiled")
+        assert (Path(config_dir) / "campaign.vast").is_file()
+        (Path(config_dir) / "room.yaml").write_text("spoiled")
+        return True, f"measured {len(files)} runs"
+
+
+class Raises:
+    def __call__(self, results_dir, config_dir):
+        raise RuntimeError("out of ideas")
+
+
+class Refuses:
+    def __call__(self, results_dir, config_dir):
+        return False, "nothing to do"
+
+
+class Leaves:
+    def __call__(self, results_dir, config_dir):
+        print("about to leave")
+        import os
+        os._exit(0)
+
+
+class Forgets:
+    def __call__(self, results_dir, config_dir):
+        ...
+
+
+class Exits:
+    def __call__(self, results_dir, config_dir):
+        raise SystemExit(0)
+"""
+HELPER = "def length(file):\n    return len(file.read_text())\n"
+SCRIPT = '#!/bin/sh\necho "$1" > "$2/note.txt"\ncat "$2"/*/*/length.txt > lengths.txt 2>/dev/null\nexit $1\n'
+
+
+class Campaign:
+    """A campaign file with steps, and the directory that it left."""
+
+    def __init__(self, file: Path, root: Path) -> None:
+        self.file, self.root = file, root
+        self.count = 0
+
+    def after(self, steps, report="a report's key"):
+        """The steps' rows and the results, of a directory in which two configurations with two runs each were judged."""
+        self.count += 1
+        text = self.file.read_text().partition("results_processing")[0]
+        self.file.write_text(text + f"results_processing:\n  postprocessing: {json.dumps(steps)}\n")
+        campaign, oracles = read_campaign(self.file)
+        outputs = {run: Outputs({}, {"drive.log": b"12345" * (run + 1)}) for run in range(2)}
+        rows = [Recording(Run(run, "7", "succeeded", 0, "", 7.5, 5.0, 0, 0), {}) for run in range(2)]
+        verdicts = [Verdict("success", 0, "pass"), Verdict("success", 1, "fail", "late")]
+        found = ConfigurationResult([write_recordings(rows)], verdicts=verdicts, outputs=[write_outputs(outputs)])
+        written = write_results(
+            self.root,
+            campaign,
+            inputs_of(campaign, oracles),
+            instantiate(campaign),
+            lambda configuration: found,
+            runs=2,
+            oracles=("success",),
+            keys=KEYS,
+            record={"report": report} if report else {},
+            created=datetime(2026, 11, 21, 10, 0, self.count),
+            work=lambda: Work(4, 0, 30.0, 2.0, 1.5),
+            report=lambda directory: None,
+        )
+        before = contents(written.directory, "metadata.json")
+        steps = steps_of(campaign.spec.results_processing.postprocessing)
+        results = postprocessed(written, steps, self.file.parent)
+        after = contents(written.directory, "metadata.json")
+        assert {name: content for name, content in after.items() if not name.startswith("postprocessing/")} == before
+        return json.loads((written.directory / "postprocessing/steps.json").read_text())["steps"], results
+
+
+def contents(folder, *but):
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name not in but]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+@pytest.fixture
+def campaign(small_room, tmp_path):
+    (small_room.parent / "measure").mkdir()
+    (small_room.parent / "measure" / "plug.py").write_text(PLUG_IN)
+    (small_room.parent / "measure" / "helper.py").write_text(HELPER)
+    (small_room.parent / "note.sh").write_text(SCRIPT)
+    return Campaign(small_room, tmp_path / "results")
+
+
+def test_a_plug_in_works_on_a_copy_and_what_it_writes_lies_below_one_folder(campaign):
+    beside = contents(campaign.file.parent, campaign.file.name)
+    (step,), results = campaign.after([{"measure/plug.py:Lengths": {"suffix": ".len"}}])
+    assert (step["outcome"], step["message"], results.faults) == ("done", "measured 4 runs", ())
+    made = results.directory / "postprocessing"
+    assert (made / "room-1/0/length.len").read_text() == "5 True"
+    assert (made / "room-2/1/length.len").read_text() == "10 False"
+    assert contents(campaign.file.parent, campaign.file.name) == beside
+    assert "robovast" not in sys.modules
+
+
+def test_a_command_gets_its_arguments_and_the_copy_with_what_steps_before_it_made(campaign):
+    steps = ["measure/plug.py:Lengths", {"command": {"script": "note.sh", "args": [0]}}]
+    rows, results = campaign.after(steps)
+    assert [row["outcome"] for row in rows] == ["done", "done"]
+    made = results.directory / "postprocessing"
+    assert (made / "note.txt").read_text() == "0\n"
+    assert (made / "lengths.txt").read_text() == "5 True10 False" * 2
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        ("measure/plug.py:Raises", "RuntimeError: out of ideas"),
+        ("measure/plug.py:Refuses", "nothing to do"),
+        ("measure/plug.py:Leaves", "its process ended with code 0 without an answer: about to leave"),
+        ("measure/plug.py:Exits", "its process ended with code 0 without an answer"),
+        ("measure/plug.py:Forgets", "TypeError: it returned None; (done, message), such as (True, 'wrote 3 files')"),
+        ({"measure/plug.py:Raises": {"speed": 1}}, "TypeError: Raises.__call__() got an unexpected keyword"),
+        ("measure/gone.py:Raises", "found 'measure/gone.py:Raises', and there is no such file"),
+        ("measure/plug.py:Gone", "no class 'Gone' in measure/plug.py"),
+        ("rosbag_to_csv", "no step is called 'rosbag_to_csv'; did you mean 'rosbags_to_csv'?"),
+        ({"command": {"script": "gone.sh"}}, "found the script 'gone.sh', and there is no such file"),
+        ({"command": {"script": "note.sh", "args": [7]}}, "ended with code 7"),
+        ("command", "a command without a script; script: FILE"),
+    ],
+)
+def test_a_step_that_fails_is_a_fault_of_its_own_and_the_rest_runs(campaign, step, message):
+    rows, results = campaign.after([step, {"command": {"script": "note.sh", "args": [0]}}])
+    assert [row["outcome"] for row in rows] == ["failed", "done"]
+    assert rows[0]["message"].startswith(message)
+    (fault,) = results.faults
+    assert (fault.configuration, fault.stage) == ("", "postprocessing")
+    assert json.loads((results.directory / "metadata.json").read_text())["faults"][0]["error"].endswith(
+        rows[0]["message"]
+    )
+    assert (results.directory / "recordings/room-1.parquet").is_file()
+
+
+def test_steps_that_recordings_satisfy_run_nothing_and_say_what_there_is(campaign):
+    rows, results = campaign.after(["rosbags_to_csv", {"rosbags_tf_to_csv": {"frames": ["base_link"]}}, "compress"])
+    assert [row["outcome"] for row in rows] == ["recorded", "recorded", "not executed"]
+    assert "poses.csv" in rows[1]["message"] and results.faults == ()
+
+
+def test_the_same_steps_over_the_same_results_are_not_run_again_and_edited_ones_are(campaign):
+    steps = ["measure/plug.py:Lengths", {"command": {"script": "count.sh"}}]
+    counter = campaign.root.parent / "count"
+    (campaign.file.parent / "count.sh").write_text(f"#!/bin/sh\necho run >> {counter}\ncp {counter} .\n")
+    rows, first = campaign.after(steps)
+    again, second = campaign.after(steps)
+    assert counter.read_text() == "run\n" and again == rows
+    assert contents(second.directory / "postprocessing") == contents(first.directory / "postprocessing")
+    (campaign.file.parent / "measure" / "helper.py").write_text(HELPER.replace("len(", "2 * len("))
+    _, third = campaign.after(steps)
+    assert (third.directory / "postprocessing/room-1/0/length.txt").read_text() == "10 True"
+    assert counter.read_text() == "run\n" * 2  # what follows a step that is another now runs again
+    campaign.after(steps, report="other results")
+    campaign.after(steps, report="")  # of results with a fault there is no key
+    assert counter.read_text() == "run\n" * 4
+
+
+def test_results_of_a_step_that_somebody_edited_are_not_taken(campaign):
+    _, first = campaign.after(["measure/plug.py:Lengths"])
+    (first.directory / "postprocessing/room-1/0/length.txt").write_text("0 True")
+    _, second = campaign.after(["measure/plug.py:Lengths"])
+    assert (second.directory / "postprocessing/room-1/0/length.txt").read_text() == "5 True"
+
+
+def test_poses_are_in_robovast_s_columns_estimated_and_true():
+    names = ("t_ms", "x_mm", "y_mm", "yaw_mrad", "estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad")
+    columns = {name: np.array([k, 1000 + k]) for k, name in enumerate(names)}
+    header, *rows = poses_csv(columns).decode().splitlines()
+    assert header == (
+        "frame,timestamp,position.x,position.y,position.z,orientation.roll,orientation.pitch,orientation.yaw"
+    )
+    assert rows[:2] == [
+        "base_link,0.0,0.004,0.005,0.0,0.0,0.0,0.006",
+        "turtlebot4_base_link_gt,0.0,0.001,0.002,0.0,0.0,0.0,0.003",
+    ]
+    assert [row.split(",")[1] for row in rows] == ["0.0", "0.0", "1.0", "1.0"]

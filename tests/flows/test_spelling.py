@@ -1,0 +1,168 @@
+"""How the path of a campaign file is typed reaches neither what a campaign does nor its keys."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from vastflow.flows.request.campaign_file import campaign_name, read_campaign
+from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.members import members_of
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.run import execute
+from vastflow.tasks.source import installed_tree
+
+UPSTREAM = Path(__file__).parents[2].parent / "shared" / "upstream" / "robovast-configs" / "examples"
+
+CAMPAIGN = """\
+version: 1
+configuration:
+  - name: copies
+    parameters:
+      - word: "1"
+      - map_file: maps/room.yaml
+    variations:
+      - plug_ins/own.py:Sizes: {}
+execution:
+  scenario_file: scenario.osc
+  nav2_params: nav2.yaml
+  run_files: ["files/*.py"]
+  pre_command: files/pre.sh
+evaluation:
+  oracles:
+    - oracle.py:Prints
+"""
+SCENARIO = """\
+import osc.helpers
+
+scenario copies:
+    word: string
+    size: string = "0"
+    map_file: string
+    do serial:
+        log(common.get_scenario_file_directory() + " to " + common.get_output_directory() + " with " + map_file)
+        run_process(common.get_scenario_file_directory() + "/files/write.py " + word + size + " " + common.get_output_directory() + " " + common.get_scenario_file_directory() + "/" + map_file)
+"""
+PROGRAM = """\
+#!/usr/bin/env python3
+import os, sys
+header = dict(line.split(": ", 1) for line in open(sys.argv[3]).read().splitlines() if ": " in line)
+assert open(os.path.join(os.path.dirname(sys.argv[3]), header["image"]), "rb").read(2) == b"P5"
+open(sys.argv[2] + "/word.csv", "w").write(f"word\\n{sys.argv[1]}{os.environ['FROM_PRE']}\\n")
+"""
+PRODUCER = """\
+from vastflow.producers.configuration import Fragment
+from vastflow.producers.producer import Parameters, Producer
+
+class Sizes(Producer[Parameters]):
+    Parameters = Parameters
+    reads = ()
+    writes = {"size": None}
+
+    def produce(self, inputs, draws):
+        yield Fragment({"size": "2"})
+"""
+ORACLE = """\
+from vastflow.oracles.oracle import Oracle, Parameters
+
+class Prints(Oracle[Parameters]):
+    Parameters = Parameters
+    metrics = {}
+
+    def judge(self, trace, situation):
+        return self.passed(trace)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The folder of a campaign with files of every kind."""
+    base = tmp_path / "real" / "campaign"
+    files = {
+        "own.vast": CAMPAIGN,
+        "scenario.osc": SCENARIO,
+        "files/write.py": PROGRAM,
+        "files/pre.sh": "export FROM_PRE=3",
+        "plug_ins/own.py": PRODUCER,
+        "oracle.py": ORACLE,
+        "nav2.yaml": "controller_server: {ros__parameters: {controller_frequency: 20.0}}",
+        "maps/room.yaml": "image: room.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n",
+    }
+    for name, text in files.items():
+        (base / name).parent.mkdir(parents=True, exist_ok=True)
+        (base / name).write_text(text)
+        (base / name).chmod(0o755)
+    (base / "maps/room.pgm").write_bytes(b"P5 4 4 255\n" + bytes([254] * 16))
+    return base
+
+
+def spellings(base, name, links):
+    """Working folder and path of every way to name a campaign file."""
+    (links / "link.vast").symlink_to(base / name)
+    (links / "folder").symlink_to(base)
+    return {
+        "absolute": (links, base / name),
+        "in its folder": (base, Path(name)),
+        "in its folder with a dot": (base, Path(f"./{name}")),
+        "from the folder above": (base.parent, Path(base.name, name)),
+        "up and down again": (base, Path("..", base.name, name)),
+        "through a link to the file": (links, Path("link.vast")),
+        "through a link to the folder": (links, Path("folder", name)),
+        "through a link and up": (links, Path("folder", "..", base.name, name)),
+    }
+
+
+def asked(path):
+    """All that a campaign is known by: its name, and the keys of what is computed of it."""
+    campaign, oracles = read_campaign(path)
+    keys = campaign_keys(installed_tree(), campaign.seed, oracles)
+    instantiation = instantiate(campaign)
+    members = members_of(instantiation, campaign.runs)
+    scenarios = [(each.name, each.scenario.digest) for each in instantiation.configurations]
+    executed = [(member.name, member.runs, keys.recordings(member.scenario.digest)) for member in members]
+    return members, (campaign_name(campaign), tuple(scenarios), tuple(executed), keys.judge_source)
+
+
+def test_every_spelling_asks_for_the_same_runs_which_do_the_same(folder, tmp_path, monkeypatch):
+    known, done = {}, {}
+    for how, (here, path) in spellings(folder, "own.vast", tmp_path).items():
+        monkeypatch.chdir(here)
+        members, known[how] = asked(path)
+        monkeypatch.chdir(tmp_path)  # keys were made there, runs are not
+        found = execute(members[0].scenario, 0).recording
+        words = {name: table["word"].tolist() for name, table in found.outputs.tables.items()}
+        done[how] = found.run.outcome, words, sorted(set(found.behaviors["message"].tolist()))
+    assert set(known.values()) == {known["absolute"]}
+    assert done["absolute"][:2] == ("succeeded", {"word": [123]})
+    assert all(did == done["absolute"] for did in done.values()), done
+
+
+@pytest.mark.skipif(not UPSTREAM.is_dir(), reason="../shared/upstream is not there")
+@pytest.mark.parametrize(("name", "runs"), [("growth_sim", 26), ("quadrotor_landing", 80)])
+def test_upstreams_campaigns_are_the_same_by_every_spelling(name, runs, tmp_path, monkeypatch):
+    known = {}
+    for how, (here, path) in spellings(UPSTREAM / name, f"{name}.vast", tmp_path).items():
+        monkeypatch.chdir(here)
+        members, known[how] = asked(path)
+        assert sum(member.runs for member in members) == runs
+    assert set(known.values()) == {known["absolute"]}
+    monkeypatch.chdir("/")
+    found = execute(members[0].scenario, 0)
+    assert [log.label for log in found.log.texts][:1] == (["pre_command"] if name == "growth_sim" else [""])
+    wrote = {*found.recording.outputs.tables, *found.recording.outputs.files}
+    assert wrote >= ({"out.csv", "pre_command_executed"} if name == "growth_sim" else {"trajectory"})
+
+
+def test_faults_name_the_file_as_it_was_typed(folder, monkeypatch):
+    (folder / "own.vast").write_text(CAMPAIGN.replace("version: 1", "version: 2"))
+    monkeypatch.chdir(folder.parent)
+    with pytest.raises(CampaignError, match=r"^campaign/own\.vast:1:10: version: found 2; 1$"):
+        read_campaign(Path("campaign/own.vast"))
+
+
+def test_links_that_lead_round_in_a_circle_are_a_fault(tmp_path):
+    os.symlink("b.vast", tmp_path / "a.vast")
+    os.symlink("a.vast", tmp_path / "b.vast")
+    with pytest.raises(CampaignError, match="can't be read"):
+        read_campaign(tmp_path / "a.vast")

@@ -1,0 +1,94 @@
+"""Robots that were sent and never moved: shown apart, and in every rate and gate."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+from vastflow.flows.terminal.outcome import outcome
+from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.evidence.evidence import evidence_of
+from vastflow.oracles.evidence.findings import findings_of, shape_of
+from vastflow.oracles.evidence.standstills import Standstills, standstills_of
+from vastflow.oracles.page.report import write_report
+from vastflow.sim.maps import map_content
+from vastflow.sim.run import run
+from vastflow.sim.scenario import Scenario
+
+CONFIGURATIONS, RUNS = 12, 10
+NEAR_A_WALL = 4
+"""So many of the configurations start 0.27 m from a wall, the others 1 m and more."""
+THIN, WIDE = 0.2, 0.3
+"""Radii of robots (m): in the footprint of the wide one there is a wall at those starts."""
+CAUSE = "the collision monitor stopped every command: scan points inside the footprint"
+
+
+@pytest.fixture(scope="module")
+def driven(build, tmp_path_factory):
+    """Campaign directories of two systems that differ in their radius, driven by the simulator: thin, wide."""
+    map_file = build.write_map(tmp_path_factory.mktemp("room"), build.walled_room(6.0, 6.0))
+
+    def campaign(radius_m):
+        made = build.campaign(tmp_path_factory.mktemp(f"radius-{radius_m}"))
+        system = {"robot_radius": radius_m, "controller": "rpp"}
+        for k in range(CONFIGURATIONS):
+            y_m = 0.32 if k < NEAR_A_WALL else 1.0 + 0.1 * k
+            task = {"start_pose": pose(1.0 + 0.1 * k, y_m), "goal_pose": pose(2.5 + 0.1 * k, y_m + 1.0)}
+            environment = {"map_file": map_content(map_file), "static_objects": []}
+            scenario = Scenario("builtin:navigate_to_pose", 20.0, environment, task, system)
+            recordings = [run(scenario, index) for index in range(RUNS)]
+            made.add(f"start-{k}", "room", map_file, task, recordings=recordings, factors=system, system=system)
+        return made.write()
+
+    return campaign(THIN), campaign(WIDE)
+
+
+def pose(x_m, y_m):
+    return {"position": {"x": x_m, "y": y_m}, "orientation": {"yaw": 0.0}}
+
+
+def test_a_system_that_freezes_in_a_third_of_the_runs_fails_the_gate_and_the_one_that_does_not_holds_it(driven):
+    thin, wide = map(str, driven)
+    called = CliRunner().invoke(app, ["compare", thin, wide, "--gate", "--pictures", "0"], terminal_width=200)
+    assert called.exit_code == 1, called.output
+    assert "gate does not hold" in called.stdout
+    assert f"B  stood still at the start: 40 runs (40: {CAUSE})" in " ".join(called.stdout.split()).replace(
+        "B stood", "B  stood"
+    )
+    equal = CliRunner().invoke(app, ["compare", thin, thin, "--gate", "--pictures", "0", "--json"])
+    assert equal.exit_code == 0
+    assert json.loads(equal.stdout)["stood_still"] == {"before": 0, "after": 0}
+
+
+def test_runs_that_stood_still_are_failed_runs_in_every_rate_and_class(driven):
+    tables = read_tables(driven[1])
+    evidence, findings = evidence_of(tables)[None], findings_of(tables)
+    assert standstills_of(tables) == Standstills(
+        {"points in footprint": 40}, {f"start-{k}": 10 for k in range(NEAR_A_WALL)}
+    )
+    assert (evidence.campaign.counts.passed, evidence.campaign.counts.failed) == (80, 40)
+    assert evidence.families["room"].counts.failed == 40
+    assert shape_of(findings) == {"always": CONFIGURATIONS - NEAR_A_WALL, "never": NEAR_A_WALL, "mixed": 0}
+
+
+def test_the_terminal_the_report_and_the_evidence_show_them_apart(driven):
+    thin, wide = driven
+    tables = read_tables(wide)
+    said = [str(part) for part in outcome(tables, evidence_of(tables))]
+    assert f"stood still at the start: 40 runs (40: {CAUSE})" in said
+    write_report(wide)
+    report = " ".join((wide / "report.html").read_text().split())
+    headline = report[: report.index('<section id="rates">')]
+    assert "<b>40 runs stood still at the start</b>" in headline
+    assert f"Stood still at the start: 40 runs (40: {CAUSE})." in headline
+    assert '<th scope="col" class="n">Stood still</th>' in report
+    found = json.loads((wide / "evidence.json").read_text())["stood_still"]
+    assert (found["runs"], found["causes"]) == (40, {"points in footprint": 40})
+    assert not [part for part in outcome(read_tables(thin), evidence_of(read_tables(thin))) if "stood" in str(part)]
+
+
+def test_a_directory_of_an_earlier_version_knows_of_no_standstill(driven):
+    tables = read_tables(driven[1])
+    earlier = tables.__class__(**{**tables.__dict__, "runs": tables.runs.drop_columns(["stood_still"])})
+    assert standstills_of(earlier).runs == 0

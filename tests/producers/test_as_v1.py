@@ -1,0 +1,181 @@
+"""Obstacles placed as version 1 of RoboVAST places them, against its rule read plainly."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from shapely import contains_xy
+from shapely.geometry import LineString, Point
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.obstacle import ObstacleVariation
+from vastflow.producers.path import PathVariationRandom
+from vastflow.producers.producer import evaluate
+from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger
+from vastflow.sim import octile
+from vastflow.sim.maps import load_map
+from vastflow.sim.obstacle import obstacles_of
+
+DIAMETER_M = 0.35
+CORRIDOR = ["?" * 16, "?" + "." * 14 + "?", "?" + "." * 14 + "?", "?" * 16]
+"""14 m long and 2 m wide, with cells of 1 m."""
+NARROW = ["?" * 16, "?" + "." * 14 + "?", "?" * 16]
+
+
+def obstacles(kind=ObstacleVariation, **parameters):
+    return kind(kind.Parameters.model_validate({"placement": "as_v1", "robot_diameter": DIAMETER_M, **parameters}))
+
+
+def boxes(amount, max_distance=0.3, side=0.8):
+    return [{"amount": amount, "max_distance": max_distance, "xacro_arguments": f"width:={side}, length:={side}"}]
+
+
+def with_path(content, length):
+    asked = PathVariationRandom.Parameters(path_length=length, goal_poses="@goal_pose", robot_diameter=DIAMETER_M)
+    (item,) = evaluate(PathVariationRandom(asked), {"map_file": content})
+    return {"map_file": content, **item.values}
+
+
+@pytest.fixture(scope="module")
+def wide(drawn_map):
+    return with_path(drawn_map(*CORRIDOR, cells=20), 10)
+
+
+@pytest.fixture(scope="module")
+def narrow(drawn_map):
+    return with_path(drawn_map(*NARROW, cells=20), 10)
+
+
+@given(
+    amount=st.integers(0, 6),
+    max_distance=st.floats(0.0, 1.2),
+    side=st.sampled_from([0.2, 0.5, 0.8]),
+    shape=st.sampled_from(["box", "cylinder"]),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_centres_are_apart_near_the_path_and_off_the_stops_and_a_path_remains(
+    wide, amount, max_distance, side, shape, seed
+):
+    size = f"width:={side}, length:={side}" if shape == "box" else f"radius:={side / 2}"
+    config = {"amount": amount, "max_distance": max_distance, "model": shape, "xacro_arguments": size}
+    (item,) = evaluate(obstacles(obstacle_configs=[config], seed=seed), wide)
+    if isinstance(item, Rejection):
+        assert item.reason.startswith("as version 1 places them")
+        return
+    placed = obstacles_of({"static_objects": item.values["static_objects"]})
+    centres = [(each.pose.x_m, each.pose.y_m) for each in placed]
+    assert len(placed) == amount
+    path = LineString(wide["_path"])
+    assert all(path.distance(Point(centre)) <= max_distance + 1e-5 for centre in centres)
+    assert all(math.dist(one, other) >= 1.5 * DIAMETER_M for one, other in itertools.combinations(centres, 2))
+    stops = [tuple(wide[key]["position"].values()) for key in ("start_pose", "goal_pose")]
+    assert all(math.dist(centre, stop) >= 2 * DIAMETER_M for centre in centres for stop in stops)
+    occupancy = load_map(wide["map_file"].path)
+    passable = octile.inflated_free(occupancy.free, math.ceil(DIAMETER_M / 2 / occupancy.resolution_m))
+    # A box grown by the radius has the corners of a box: cap and join are square.
+    grown = [each.footprint().buffer(DIAMETER_M / 2, join_style="mitre") for each in placed]
+    centres_m = octile.path_xy_m(occupancy, np.argwhere(np.ones(occupancy.shape)))
+    for each in grown:
+        passable &= ~contains_xy(each.buffer(-1e-6), *centres_m.T).reshape(occupancy.shape)
+    assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
+
+
+def test_a_box_stands_in_the_wall_where_none_would_find_room(narrow):
+    """A box of 0.8 m beside the middle of a corridor 1 m wide leaves a path only by standing in the wall."""
+    asked = {"obstacle_configs": boxes(1, max_distance=0.5), "seed": 1}
+    (constructive,) = evaluate(obstacles(placement="constructive", **asked), narrow)
+    (item,) = evaluate(obstacles(**asked), narrow)
+    assert isinstance(constructive, Rejection) and "found room" in constructive.reason
+    occupancy = load_map(narrow["map_file"].path)
+    placed = obstacles_of({"static_objects": item.values["static_objects"]})
+    corners = [corner for each in placed for corner in each.footprint().exterior.coords[:-1]]
+    assert not all(occupancy.free[occupancy.cell_of(*corner)] for corner in corners)
+
+
+def test_a_set_that_leaves_no_path_is_drawn_ten_times_and_then_rejected(narrow):
+    (item,) = evaluate(obstacles(obstacle_configs=boxes(1, max_distance=0.0)), narrow)
+    assert item.reason == "as version 1 places them, 10 of 10 sets of 1 obstacles left no way to the goals"
+
+
+def test_more_centres_than_the_path_holds_are_rejected_with_how_many_it_held(wide):
+    (item,) = evaluate(obstacles(obstacle_configs=boxes(60, max_distance=0.0, side=0.05)), wide)
+    assert item.reason.startswith("as version 1 places them, at most ")
+    assert item.reason.endswith(" of 60 obstacles found room in 10 attempts")
+
+
+def test_no_obstacles_are_no_question_of_room(narrow):
+    (item,) = evaluate(obstacles(obstacle_configs=boxes(0)), narrow)
+    assert item.values["static_objects"] == []
+
+
+def test_an_obstacle_may_appear_where_the_robot_is(wide):
+    asked = {
+        "obstacle_configs": boxes(1, max_distance=0.0, side=0.5),
+        "spawn_trigger_point": "point",
+        "spawn_trigger_threshold": "threshold",
+        "trigger_distance": 0.1,
+    }
+    kind = ObstacleVariationWithDistanceTrigger
+    assert isinstance(evaluate(obstacles(kind, **asked), wide)[0], Fragment)
+    (constructive,) = evaluate(obstacles(kind, placement="constructive", **asked), wide)
+    assert "would appear where the robot is" in constructive.reason
+
+
+def test_another_placement_has_a_name_that_is_not_known():
+    with pytest.raises(ValueError, match="Input should be 'constructive' or 'as_v1'"):
+        obstacles(placement="v1", obstacle_configs=boxes(1))
+
+
+FILE = """\
+version: 1
+configuration:
+- name: a
+  parameters:
+  - map_file: MAP
+  variations:
+  - PathVariationRandom: {path_length: 10.0, goal_poses: "@goal_pose"}
+  - OneOfVariation:
+      variations:
+      - ObstacleVariation: {obstacle_configs: [{amount: 1, max_distance: 0.5, args: "width:=0.8, length:=0.8"}], seed: 1}
+"""
+
+
+@pytest.fixture
+def file(narrow, tmp_path):
+    path = tmp_path / "narrow.vast"
+    path.write_text(FILE.replace("MAP", narrow["map_file"].path))
+    return path
+
+
+def test_a_whole_file_is_placed_so_whatever_it_says(file):
+    for text in (FILE, FILE.replace("seed: 1", "seed: 1, placement: constructive")):
+        file.write_text(text.replace("MAP", load_campaign(file).families[0].values["map_file"].path))
+        assert len(instantiate(load_campaign(file)).configurations) == 0
+        assert len(instantiate(load_campaign(file, as_v1=True)).configurations) == 1
+
+
+def test_a_file_that_does_not_choose_is_told_that_the_two_differ(file):
+    (note,) = load_campaign(file).notes
+    assert str(note).endswith(
+        "obstacles keep clear of walls and of each other; version 1 of RoboVAST places them otherwise, as does --as-v1 or "
+        "placement: as_v1"
+    )
+    (note,) = load_campaign(file, as_v1=True).notes
+    assert "without --as-v1 they keep clear" in note.right
+
+
+@pytest.mark.parametrize("chosen", ["seed: 1, placement: as_v1", "seed: 1, placement: constructive"])
+def test_a_file_that_chooses_is_told_nothing(file, chosen):
+    file.write_text(file.read_text().replace("seed: 1", chosen))
+    assert load_campaign(file).notes == ()
+
+
+def test_a_file_without_any_obstacle_is_told_nothing(file):
+    file.write_text(file.read_text().replace("amount: 1", "amount_per_m: 0.0"))
+    assert load_campaign(file).notes == ()

@@ -1,0 +1,282 @@
+"""The kinds of plans that are published: whatever one of them does, a plan that does the same is read and built."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from vastflow.producers.floorplan.environment import solid_digest
+from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
+from vastflow.producers.floorplan.grid import grid_of
+from vastflow.producers.floorplan.mesh import is_closed, mesh_of, volume_of
+from vastflow.sim.maps import FREE, OCCUPIED
+
+FOLDER = Path(__file__).parents[2] / "campaigns" / "floorplans"
+
+DIGESTS = {
+    "corridors": (
+        "fb54e440a15beb43f6542b5303fa03aaa62f79ad43b6cef18f7be44759c9e4dc",
+        "db501d7f717869e94384dc296a7e1ea94bd2dc09d06b47abf31dc9583a715c57",
+    ),
+    "hospital_lobby": (
+        "2ddaa0da8612ec852a4d9fc092d04fb1f9b15f674608583c491a428807869e31",
+        "8335308a46d0c0e13b04af96136e19b61f6c37e129309da50203fa86667773cb",
+    ),
+    "nested_rooms": (
+        "c584f7f1e5fc384db020b40651c8898a34bcec61208fddcd31ee03f2070e5f15",
+        "32b84d77f1796cef478fba52d62a025cc4d6738647e439f350a1159aca7dc3f1",
+    ),
+    "office_wing": (
+        "2b73b62718465b2d6acfc77a686e50ce2e1cff6ee0fad57e7668226b396d8bdb",
+        "965dc341d65e9c21589cc90da7cdc2b9110d1454831d76a828e4e01d324d1bca",
+    ),
+    "university": (
+        "23eb874edb54d417162c6b0b5c97391ead15ba1fb0c3aa6c65358810bc61c0ff",
+        "96192e66d754bcb44ca2dfc10c312705ac75e4a646a019bbf3e5c8e51766be8f",
+    ),
+}
+"""Of what is solid and of the map, as they were before openings were cut to their walls."""
+
+CLINIC = """\
+// A draft's order: variables first, defaults at the end; `spaced` and `walls:` indented like their space.
+Floor plan : clinic
+
+    var aisle = 2.0 m
+    var lobby_turn = 45.0 deg
+    var into_the_room = 0.3 m
+    var none = 0.0 m
+
+    Space lobby :
+        shape: Polygon points:[
+            (-5.0 m, 4.0 m), (5.0 m, 4.0 m), (5.0 m, -2.0 m), (3.0 m, -4.0 m), (-3.0 m, -4.0 m), (-5.0 m, -2.0 m)
+        ]
+        location:
+            translation: x: 8.0 m, y: 4.0 m
+            rotation: z: lobby_turn
+            wrt: world
+            of: this
+        walls :
+            thickness: 0.40 m
+            height: 3.0 m
+        features:
+            Column left:
+                shape: Rectangle width=0.5 m, length=0.5 m
+                height: 3.0 m
+                location:
+                    wrt: this
+                    translation: x: -2.0 m, y: none, z: 0.0 m
+                    rotation: z: -lobby_turn
+            Column round:
+                shape: Circle radius=0.25 m
+                height: 3.0 m
+                location:
+                    translation: x: 2.0 m
+                    wrt: this
+            Divider counter:
+                shape: Polygon points:[(-1.0 m, 0.1 m), (1.0 m, 0.1 m), (1.0 m, -0.1 m), (-1.0 m, -0.1 m)]
+                height: 1.1 m
+                location:
+                    wrt: this.walls[3]
+                    translation: y: -into_the_room
+
+    Space ward:
+        shape: Rectangle width=4.0 m, length=10.0 m
+        location:
+            wrt: lobby.walls[0]
+            of: this.walls[2]
+            translation: x: 1.0 m
+        spaced
+        features:
+            Column buttress:
+                shape: Rectangle width=0.4 m, length=0.4 m
+                height: 2.5 m
+                location:
+                    wrt: this.walls[3]
+                    translation: x: 1.0 m, y: 0.0 m
+                    rotation: z: 0.0 deg
+
+    Space store:
+        shape: Rectangle width=3.0 m, length=2.0 m
+        location:
+            wrt: ward.walls[1]
+            of: this.walls[3]
+            translation: x: none, y: 0.5 m
+            rotation: x: 0.0 deg, y: 0.0 deg, z: 0.0 deg
+        walls:
+            thickness: 0.5 m
+
+    Space court:
+        shape: Circle radius=3.0 m
+        location:
+            wrt: ward
+            of: this
+            translation: x: -12.0 m
+            not aligned
+
+    Divider bench:
+        shape: Rectangle width=1.5 m, length=0.4 m
+        height: 0.5 m
+        location:
+            wrt: court
+
+    Entryway main:
+        shape: Rectangle width=2.5 m, height=2.0 m
+        location:
+            in: lobby.walls[3]
+
+    Entryway lobby_ward:
+        shape: Rectangle width=aisle, height=2.0 m
+        location:
+            in: ward.walls[2] and lobby.walls[0]
+            translation: x: 0.0 m, y: 0.0 m, z: 1.0 m
+            rotation: y: 0.0 deg
+
+    Entryway whole_wall:
+        shape: Rectangle width=3.5 m, height=3.5 m
+        location:
+            in: store.walls[3] and ward.walls[1]
+            translation: x: 0.0 m, y: none, z: 1.75 m
+
+    Entryway over_the_corner:
+        shape: Rectangle width=1.0 m, height=2.0 m
+        location:
+            in: ward.walls[0]
+            translation: x: -1.8 m, y: 0.0 m, z: 1.0 m
+
+    Window slit:
+        shape: Rectangle width=1.0 m, height=0.6 m
+        location:
+            in: ward.walls[3]
+            translation: x: -3.0 m, z: 1.5 m
+            rotation: y: 90.0 deg
+
+    Window eye:
+        shape: Circle radius=0.4 m
+        location:
+            in: ward.walls[3]
+            translation: x: 3.0 m, z: 1.5 m
+
+    Defaults:
+        walls:
+            thickness: 0.23 m
+            height: 2.5 m
+"""
+
+
+@pytest.fixture
+def clinic(tmp_path):
+    """The plan as a file of the draft's suffix."""
+    (tmp_path / "clinic.fpm2").write_text(CLINIC)
+    return tmp_path / "clinic.fpm2"
+
+
+@pytest.mark.parametrize("name", sorted(DIGESTS))
+def test_what_was_read_before_has_the_geometry_and_the_map_that_it_had(name):
+    building = read_plan_file(FOLDER / f"{name}.fpm").building()
+    assert (solid_digest(building), grid_of(building).occupancy.digest) == DIGESTS[name]
+
+
+def test_a_plan_with_every_kind_of_thing_is_built_and_warns_of_what_is_cut(clinic):
+    building = read_plan_file(clinic).building()
+    assert len(building.rooms) == 4
+    assert [obstacle.name for obstacle in building.obstacles] == ["left", "round", "counter", "buttress", "bench"]
+    assert {hole.name for hole in building.holes} == {
+        "main", "lobby_ward", "whole_wall", "over_the_corner", "slit", "eye",
+    }  # fmt: skip
+    assert [re.sub(r"^.*warning: ", "", str(note)) for note in building.notes] == [
+        (
+            "Entryway whole_wall: it reaches from -1.75 m to 1.75 m along store.walls[3], which has -1 m to 1 m, and is cut "
+            "to that; within ±1 m"
+        ),
+        "Entryway whole_wall: it reaches up to 3.5 m, and is cut to its wall; at most 2.5 m",
+        (
+            "Entryway over_the_corner: it reaches from -2.3 m to -1.3 m along ward.walls[0], which has -2 m to 2 m, and is "
+            "cut to that; within ±2 m"
+        ),
+    ]
+
+
+def test_no_opening_takes_anything_of_a_wall_that_it_does_not_name(clinic):
+    whole, cut = (
+        PlanFile("p", text).building() for text in (CLINIC.partition("    Entryway main")[0] + DEFAULTS, CLINIC)
+    )
+    names = {wall for hole in cut.holes for wall in hole.walls}
+    named = shapely.union_all([shapely.Polygon(wall.outline) for wall in cut.walls if wall.name in names])
+    gone_m3 = volume_of(mesh_of(whole)) - volume_of(mesh_of(cut))
+    assert 0.0 < gone_m3 < named.area * 3.0
+    for hole in cut.holes:
+        others = [shapely.Polygon(wall.outline) for wall in cut.walls if wall.name not in hole.walls]
+        taken = shapely.Polygon(hole.outline)
+        assert sum(shapely.intersection(taken, other).area for other in others) < 1e-3, hole.name
+
+
+DEFAULTS = CLINIC[CLINIC.index("    Defaults:") :]
+
+
+def test_its_mesh_is_closed_and_its_map_has_the_doors_as_wide_as_their_walls(clinic):
+    building = read_plan_file(clinic).building()
+    assert is_closed(mesh_of(building))
+    occupancy = grid_of(building).occupancy
+    (door,) = [hole for hole in building.holes if hole.name == "whole_wall"]
+    for x, cell in ((0.0, FREE), (-0.9, FREE), (0.9, FREE), (-1.2, OCCUPIED), (1.2, OCCUPIED)):
+        assert occupancy.cells[occupancy.cell_of(*door.frame.apply((x, 0.25)))] == cell, x
+
+
+def test_a_variation_may_stand_elsewhere_and_speak_of_a_draft_in_the_draft_s_words(clinic, tmp_path):
+    folder = tmp_path / "variations"
+    folder.mkdir()
+    (folder / "wards.variation").write_text("""\
+// Where the plan is, from here
+import "../clinic.fpm2"
+
+aisle : uniform([1.0,1.5,2.0])  // no blanks
+lobby_turn : normal(mean=-45.0, std=5)
+into_the_room : discrete([
+    (0.25, -1.5e-1),
+    (.75, 0.3)
+])
+
+ward : {
+    shape.length: uniform([8.0, 10.0])
+    location.pose.translation.x : normal(mean=-0.5, std=0.2)
+}
+lobby: { wall_thickness : uniform([0.3]) }
+lobby.counter: { height : uniform([0.9, 1.1]) }
+lobby_ward: { location.translation.x : uniform([-0.2, 0.2]) }
+over_the_corner: { pose.translation.x : uniform([-1.9, 1.9]) }
+""")
+    variation = read_variation_file(folder / "wards.variation").variation()
+    samples = [variation.sample(seed) for seed in range(4)]
+    assert all(PlanFile("p", sample.text).building().holes for sample in samples)
+    rng = np.random.RandomState(2)
+    assert samples[2].values["aisle"] == [1.0, 1.5, 2.0][rng.randint(0, 3)]
+    assert samples[2].values["lobby_turn"] == np.around(rng.normal(-45.0, 5.0), 2)
+    assert list(samples[2].values) == [
+        *("aisle", "lobby_turn", "into_the_room", "ward.shape.length", "ward.location.pose.translation.x"),
+        *("lobby.wall_thickness", "lobby.counter.height", "lobby_ward.location.translation.x"),
+        "over_the_corner.pose.translation.x",
+    ]
+
+
+@pytest.mark.parametrize("door_width_m", [0.5, 1.0, 2.0])
+def test_a_varied_door_wider_than_its_varied_wall_is_as_wide_as_that(tmp_path, door_width_m):
+    (tmp_path / "cells.fpm").write_text("""\
+Floor plan: cells
+    Defaults: walls: thickness: 0.1 m height: 2.0 m
+    var door = 2.0 m
+    var wide = 2.0 m
+    Space a: shape: Rectangle width=wide, length=3.0 m location: wrt: world of: this
+    Space b: shape: Rectangle width=wide, length=3.0 m location: wrt: a.walls[0] of: this.walls[2] spaced
+    Entryway d: shape: Rectangle width=door, height=2.0 m
+        location: in: a.walls[0] and b.walls[2] translation: x: 0.0 m, y: 0.0 m, z: 0.0 m
+""")
+    (tmp_path / "cells.variation").write_text(
+        f'import "cells.fpm"\ndoor : uniform([{door_width_m}])\nwide : uniform([0.6, 0.8])'
+    )
+    variation = read_variation_file(tmp_path / "cells.variation").variation()
+    for sample in map(variation.sample, range(3)):
+        (hole,) = PlanFile("p", sample.text).building().holes
+        ((x0, x1),) = hole.section(0.2)
+        assert x1 - x0 == pytest.approx(min(door_width_m, sample.values["wide"]))

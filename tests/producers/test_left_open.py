@@ -1,0 +1,143 @@
+"""What a scenario file needs and a family leaves open: how it is read, and that this is said."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from vastflow.producers.campaign import Campaign, load_campaign
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps import load_map
+from vastflow.sim.octile import passable
+
+SCENARIO = """\
+import osc.gazebo
+import osc.nav2
+import osc.ros
+
+scenario go:
+    goal_pose: pose_3d
+{parameters}    robot: differential_drive_robot
+    do parallel:
+        ros_launch('nav2_bringup', 'tb4_simulation_launch.py')
+        serial:
+            robot.init_nav2(pose_3d())
+            robot.nav_to_pose(goal_pose)
+            emit end
+"""
+FILE = """\
+configuration:
+- name: a
+  parameters:
+{parameters}execution:
+  scenario_file: go.osc
+{execution}"""
+GOAL = "  - goal_pose: {x: 2.0, y: 1.0}\n"
+MAP = "  - map_file: room.yaml\n"
+Load = Callable[..., Campaign]
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Load:
+    def load_text(parameters: str, own: str = "", execution: str = "") -> Campaign:
+        (tmp_path / "room.yaml").write_text("image: room.pgm\nresolution: 0.05\norigin: [0.0, 0.0, 0.0]\n")
+        (tmp_path / "room.pgm").write_bytes(b"P5\n40 20\n255\n" + bytes([255]) * 800)
+        (tmp_path / "go.osc").write_text(SCENARIO.format(parameters=own))
+        (tmp_path / "c.vast").write_text(FILE.format(parameters=parameters, execution=execution))
+        return load_campaign(tmp_path / "c.vast")
+
+    return load_text
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ("- gaol_pose: {x: 1.0}", r"'gaol_pose' is no parameter of go.osc; did you mean 'goal_pose'"),
+        ("- speed: fast", r"found 'fast'; a speed, a number in mps"),
+        ("- speed: 1.0\n    - speed: 2.0", r"a second 'speed'; one"),
+    ],
+)
+def test_an_override_that_the_scenario_can_not_take_is_a_fault_with_its_place(
+    load: Load, overrides: str, words: str
+) -> None:
+    local = f"  local:\n    parameter_overrides:\n    {overrides}\n"
+    with pytest.raises(CampaignError, match=r"execution\.local\.parameter_overrides") as raised:
+        load(f"{GOAL}{MAP}", "    speed: speed = 0.5mps\n", local)
+    assert re.search(words, str(raised.value))
+
+
+def test_an_override_takes_the_place_of_what_a_family_and_its_producers_give(load: Load) -> None:
+    local = "  local:\n    parameter_overrides:\n    - goal_pose: {x: 1.5, y: 0.5}\n    - speed: 0.3\n"
+    vary = "  variations:\n  - ParameterVariationList: {name: speed, values: [0.1, 0.2]}\n"
+    campaign = load(f"{GOAL}{MAP}{vary}", "    speed: speed = 0.5mps\n", local)
+    assert "execution.local" not in [note.where for note in campaign.notes]
+    for configuration in instantiate(campaign).configurations:
+        assert configuration.scenario.task["goal_pose"] == {"x": 1.5, "y": 0.5}
+        assert configuration.factors["speed"] == 0.3
+
+
+def said(campaign: Campaign) -> list[str]:
+    return [f"{note.what}; {note.right}" for note in campaign.notes if note.where == "execution.scenario_file"]
+
+
+def test_a_launched_simulation_with_its_own_map_becomes_a_hall_in_which_a_robot_finds_its_place(load: Load) -> None:
+    campaign = load(GOAL)
+    found = campaign.families[0].values["map_file"]
+    assert isinstance(found, FileContent)
+    hall = load_map(found.path)
+    assert hall.shape == (1200, 1200) and hall.occupied.any()
+    (note,) = said(campaign)
+    assert note.startswith("launches a simulation with a map of its own, which is not here; the robot drives in a hall")
+
+
+def test_in_the_hall_a_robot_stands_at_every_whole_meter(load: Load) -> None:
+    found = load(GOAL).families[0].values["map_file"]
+    assert isinstance(found, FileContent)
+    hall = load_map(found.path)
+    fits = passable(hall, 0.3)
+    assert all(fits[hall.cell_of(float(x), float(y))] for x in range(-29, 30) for y in range(-29, 30))
+
+
+def test_a_map_that_the_family_names_is_the_world(load: Load) -> None:
+    campaign = load(GOAL + MAP)
+    found = campaign.families[0].values["map_file"]
+    assert isinstance(found, FileContent) and Path(found.path).name == "room.yaml"
+    assert said(campaign) == []
+
+
+def test_a_scenario_that_takes_its_map_from_the_family_needs_one(load: Load) -> None:
+    with pytest.raises(CampaignError, match=r"go.osc needs map_file, which nothing writes"):
+        load(GOAL, own="    map_file: string\n")
+
+
+@pytest.mark.parametrize(
+    ("goals", "given"),
+    [
+        ("  - goal_poses: [{x: 2.0, y: 1.0}, {x: 1.0, y: 1.0}]\n", "goal_poses"),
+        ("  - goal_pose1: {x: 2.0, y: 1.0}\n  - goal_pose2: {x: 1.0, y: 1.0}\n", "goal_pose1 to goal_pose2"),
+    ],
+)
+def test_several_goals_for_a_scenario_with_one_are_sent_for_in_turn(load: Load, goals: str, given: str) -> None:
+    campaign = load(goals + MAP)
+    assert said(campaign) == [f"takes one goal_pose, and there are {given}; the robot is sent to each of them in turn"]
+    assert not [note for note in campaign.notes if "nothing in this version's simulator reads" in note.what]
+
+
+def test_objects_to_spawn_that_nobody_gives_are_none(load: Load) -> None:
+    campaign = load(GOAL + MAP, own="    static_objects: list of spawn_entity\n")
+    assert said(campaign) == ["takes static_objects, which nothing writes; it spawns none of them there"]
+
+
+def test_another_parameter_without_a_value_is_a_fault_as_before(load: Load) -> None:
+    with pytest.raises(CampaignError, match=r"go.osc needs speed, which nothing writes"):
+        load(GOAL + MAP, own="    speed: float\n")
+
+
+def test_a_family_whose_list_of_goals_is_empty_is_lost_and_the_others_are_not(load: Load) -> None:
+    campaign = load(GOAL + MAP + "- name: b\n  parameters:\n  - goal_poses: []\n" + MAP)
+    assert [family.name for family in campaign.families] == ["a"]
+    (fault,) = campaign.unavailable["b"]
+    assert (fault.line, fault.what) == (8, "found []")

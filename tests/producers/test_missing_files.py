@@ -1,0 +1,80 @@
+"""Families whose files are not there: which faults are theirs alone, and which are the whole file's."""
+
+import pytest
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.faults import CampaignError
+
+HERE = "map_file: room.yaml"
+
+
+@pytest.fixture
+def loaded(tmp_path):
+    """A campaign of two families with these parameters beside their poses, the second with these variations too."""
+    (tmp_path / "room.pgm").write_bytes(b"P5 40 40 255\n" + bytes([254] * 1600))
+    (tmp_path / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    (tmp_path / "no-picture.yaml").write_text("{image: gone.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    (tmp_path / "no-map.yaml").write_text("[]")
+    (tmp_path / "no-plan.variation").write_text('import "gone.fpm"\nwidth : uniform([1.0, 2.0])\n')
+
+    def load(parameters=HERE, variations="", first=HERE, poses="start_pose: {x: 1, y: 1}, goal_pose: {x: 1.5, y: 1}"):
+        (tmp_path / "x.vast").write_text(f"""\
+version: 1
+configuration:
+  - name: one
+    parameters: [{first}, {poses}]
+  - name: two
+    parameters: [{", ".join(filter(None, [parameters, poses]))}]
+    variations: [{variations}]
+""")
+        return load_campaign(tmp_path / "x.vast")
+
+    return load
+
+
+PLANS = "{name: [map_file, mesh_file], %s}"
+PATHS = "{start_pose: '@start_pose', goal_poses: '@goal_pose', path_length: 1, num_paths: 1, robot_diameter: 0.3, map_file: gone.yaml}"
+
+
+@pytest.mark.parametrize(
+    ("family", "what"),
+    [
+        ({"parameters": "map_file: gone.yaml"}, "/gone.yaml: no such file"),
+        ({"parameters": "map_file: /opt/ros/maps/depot.yaml"}, "/opt/ros/maps/depot.yaml: no such file"),
+        ({"parameters": "map_file: no-picture.yaml"}, "image: no file '"),
+        ({"variations": f"PathVariationRandom: {PATHS}"}, "/gone.yaml: no such file"),
+        ({"variations": f"OneOfVariation: {{variations: [PathVariationRandom: {PATHS}]}}"}, "/gone.yaml: no such file"),
+        ({"parameters": "", "variations": f"FloorplanGeneration: {PLANS % 'floorplans: [gone.fpm]'}"}, "gone.fpm:1:1: file: no such file"),
+        ({"parameters": "", "variations": f"FloorplanVariation: {PLANS % 'variation_files: [gone.variation]'}"}, "gone.variation:1:1: file: no such file"),
+        ({"parameters": "", "variations": f"FloorplanVariation: {PLANS % 'variation_files: [no-plan.variation]'}"}, "gone.fpm': no such file"),
+    ],
+)  # fmt: skip
+def test_a_family_that_lacks_a_file_is_set_apart_with_its_fault(loaded, family, what):
+    campaign = loaded(**family)
+    assert [each.name for each in campaign.families] == ["one"]
+    (fault,) = campaign.unavailable["two"]
+    assert what in fault.what
+    assert (fault.line, fault.missing) == (6 if "variations" not in family else 7, True)
+
+
+def test_nothing_is_set_apart_where_all_files_are_there(loaded):
+    campaign = loaded()
+    assert [each.name for each in campaign.families] == ["one", "two"]
+    assert campaign.missing == ()
+
+
+@pytest.mark.parametrize(
+    ("families", "faults"),
+    [
+        ({"parameters": "map_file: gone.yaml", "first": "map_file: lost.yaml"}, ["lost.yaml", "gone.yaml"]),
+        ({"parameters": "map_file: gone.yaml", "first": "map_file: no-map.yaml"}, ["found list", "gone.yaml"]),
+        ({"parameters": "map_file: gone.yaml, robot_radius: -1"}, ["gone.yaml", "found -1"]),
+        ({"parameters": "map_file: no-map.yaml"}, ["found list"]),
+    ],
+)
+def test_a_file_with_other_faults_or_without_any_family_left_is_refused_with_all_of_them(loaded, families, faults):
+    with pytest.raises(CampaignError, match=r"x\.vast") as refused:
+        loaded(**families)
+    assert len(refused.value.faults) == len(faults)
+    for fault, said in zip(refused.value.faults, faults, strict=True):
+        assert said in str(fault)

@@ -1,0 +1,146 @@
+"""The size of a campaign: more configurations or runs than it permits are refused with the number."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.configuration import Fragment
+from vastflow.producers.family import Family
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.growth import Grown
+from vastflow.producers.instantiate import growth_of, instantiate
+from vastflow.producers.producer import TooManyChoices, evaluate
+from vastflow.producers.size import most_configurations
+
+UNIFORM = "ParameterVariationDistributionUniform: {name: %s, min: 0, max: 1, num_variations: %d}"
+
+
+def campaign(folder: Path, *producers: str, execution: str = "", families: int = 1) -> Path:
+    (folder / "map.pgm").write_bytes(b"P5 40 40 255\n" + b"\xfe" * 1600)
+    (folder / "map.yaml").write_text("{image: map.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    file = folder / "c.vast"
+    lines = "".join(f"      - {producer}\n" for producer in producers)
+    poses = "" if "Path" in lines else ", {start_pose: {x: 0.5, y: 1, yaw: 0}}, {goal_pose: {x: 1.5, y: 1, yaw: 0}}"
+    head = f"    parameters: [{{map_file: map.yaml}}{poses}]\n    variations:\n"
+    text = "".join(f"  - name: {'abc'[k]}\n{head}{lines}" for k in range(families))
+    file.write_text(f"execution: {{{execution}}}\nconfiguration:\n{text}")
+    return file
+
+
+def refused(file: Path) -> str:
+    with pytest.raises(CampaignError, match=re.escape(str(file))) as caught:
+        load_campaign(file)
+    return str(caught.value).removeprefix(f"{file}:")
+
+
+BOX = "{amount: 1, max_distance: [0.1, 0.2]}"
+PATH = "start_pose: '@start_pose', goal_poses: '@goal_poses'"
+PLACED = "obstacle_configs: [%s]"
+
+
+@pytest.mark.parametrize(
+    ("producer", "asked"),
+    [
+        (f"PathVariationRandom: {{path_length: 5, num_paths: 1000000000, {PATH}}}", "1,000,000,000"),
+        (f"PathVariationRandom: {{path_length: [5, 6], num_paths: 60000, {PATH}}}", "120,000"),
+        (UNIFORM % ("a", 10**9), "1,000,000,000"),
+        ("ParameterVariationDistributionGaussian: {name: a, mean: 0, std: 1, seed: 1, num_variations: 100001}", "100,001"),
+        (f"ObstacleVariation: {{count: 30000, obstacle_configs: [{BOX}, {BOX}]}}", "120,000"),
+        (f"ObstacleVariation: {{obstacle_configs: [{', '.join([BOX] * 40)}]}}", "1,099,511,627,776"),
+        (f"OneOfVariation: {{variations: [{UNIFORM % ('a', 99_999)}, {UNIFORM % ('a', 2)}]}}".replace("[P", "[{P").replace("}, P", "}}, {P").replace("}]", "}}]"), "100,001"),
+    ],
+)  # fmt: skip
+def test_a_producer_of_too_many_is_refused_with_the_number_and_the_key_that_permits_it(tmp_path, producer, asked):
+    said = refused(campaign(tmp_path, producer))
+    number = asked.replace(",", "")
+    right = f"at most 100,000, or 'execution: {{max_configurations: {number}}}'"
+    assert said == f"5:5: configuration[0].variations: asks for {asked} configurations; {right}"
+
+
+def test_the_product_of_producers_and_the_sum_of_families_count(tmp_path):
+    assert "asks for 1,000,000 configurations;" in refused(
+        campaign(tmp_path, UNIFORM % ("a", 1000), UNIFORM % ("b", 1000))
+    )
+    said = refused(campaign(tmp_path, UNIFORM % ("a", 50_000), families=3))
+    assert "asks for 150,000 configurations, 50,000 of them here;" in said
+
+
+def test_what_the_file_permits_is_read(tmp_path):
+    producer = UNIFORM % ("a", 100_001)
+    assert "asks for 100,001" in refused(campaign(tmp_path, producer))
+    found = load_campaign(campaign(tmp_path, producer, execution="max_configurations: 100001"))
+    assert most_configurations(found.families[0]) == 100_001
+
+
+def test_a_number_of_runs_is_refused_like_a_number_of_configurations(tmp_path):
+    said = refused(campaign(tmp_path, UNIFORM % ("a", 20), execution="runs: 1000000000"))
+    assert said == (
+        "1:13: execution.runs: asks for 20,000,000,000 runs, 1,000,000,000 of each configuration; "
+        "at most 10,000,000, or 'execution: {max_runs: 20000000000}'"
+    )
+    found = load_campaign(campaign(tmp_path, UNIFORM % ("a", 20), execution="runs: 3"))
+    assert (found.runs_asked(None), found.runs_asked(500_000), found.runs_asked(10**6, sample=10)) == (
+        3,
+        500_000,
+        10**6,
+    )
+    with pytest.raises(CampaignError, match="asks for 10,000,020 runs, 500,001 of each configuration"):
+        found.runs_asked(500_001)
+
+
+@pytest.mark.parametrize(
+    ("producer", "message"),
+    [
+        (f"ObstacleVariation: {{{PLACED % '{amount: 1000000000, max_distance: 0}'}}}", "found 1000000000; 1000 or less"),
+        (f"PathVariationRandom: {{path_length: 5, num_goal_poses: 1000000000, {PATH}}}", "found 1000000000; 1000 or less"),
+    ],
+)  # fmt: skip
+def test_more_in_one_configuration_than_anybody_drives_by_is_refused(tmp_path, producer, message):
+    assert message in refused(campaign(tmp_path, producer))
+
+
+def test_amounts_per_metre_that_come_to_too_many_are_rejections(tmp_path):
+    path = "PathVariationRandom: {path_length: 1.0, num_goal_poses_per_m: 1000000000}"
+    (rejection,) = instantiate(load_campaign(campaign(tmp_path, path))).rejections
+    assert rejection.reason == "a path of 1 m was to have 1000000000 goals; at most 1000"
+    path = "PathVariationRandom: {path_length: 1.0, robot_diameter: 0.1, goal_poses: '@goal_pose'}"
+    boxes = f"ObstacleVariation: {{{PLACED % '{amount_per_m: 1000000000, max_distance: 0}'}, robot_diameter: 0.1}}"
+    (rejection,) = instantiate(load_campaign(campaign(tmp_path, path, boxes))).rejections
+    assert re.fullmatch(r"\d{9,10} obstacles were asked for; at most 1000", rejection.reason)
+
+
+class Untold:
+    """A producer as users write them: it does not say how many choices there are."""
+
+    reads: tuple[str, ...] = ()
+    writes = {"a": None}  # noqa: RUF012
+    seed = 0
+    most_choices: int | None = None
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+
+    def produce(self, inputs, draws):
+        yield from (Fragment({f"a{self.n}": k}) for k in range(self.n))
+
+
+def grown(*producers: Untold, most: int) -> Grown:
+    growth = growth_of(Family("a", {}, {}, producers, max_configurations=most))
+    for producer in producers:
+        growth.join({key: evaluate(producer, inputs) for key, inputs in growth.inputs().items()})
+    return growth.grown()
+
+
+def test_a_producer_that_never_ends_is_an_error():
+    with pytest.raises(TooManyChoices, match="Untold yields more than 100,000 choices for one input"):
+        evaluate(Untold(10**12), {})
+
+
+def test_what_producers_did_not_tell_is_counted_as_they_are_joined():
+    assert len(grown(Untold(20), Untold(30), most=600).partials) == 600
+    with pytest.raises(
+        CampaignError, match=r"Untold makes 600 configurations of family 'a'; at most 599, or 'execution:"
+    ):
+        grown(Untold(20), Untold(30), most=599)

@@ -1,0 +1,325 @@
+"""The start check: the system's own footprint must fit where a configuration begins and ends."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from shapely.geometry import Polygon, box
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.places.ground import ground_of
+from vastflow.producers.places.start_check import room_m
+from vastflow.producers.vast.schema import campaign_schema
+from vastflow.sim.maps import load_map
+from vastflow.sim.nav.outline import circumscribed_radius_m, padded_outline
+from vastflow.sim.octile import inflated_free
+from vastflow.sim.pose import pose_of
+
+WALLED = ["#" * 10, *["#" + "." * 8 + "#"] * 6, "#" * 10]
+"""A room of 8 m x 6 m between walls, from (0, -1) to (8, 5) with cells of 1 m, drawn in cells of 0.05 m."""
+LEFT_M, LOW_M = 0.0, -1.0
+NAV2 = """\
+local_costmap:
+  local_costmap:
+    ros__parameters:
+      robot_radius: {radius}
+      footprint_padding: {padding}
+      {more}
+      plugins: ["inflation_layer"]
+      inflation_layer: {{plugin: "nav2_costmap_2d::InflationLayer"}}
+"""
+DISC_M = 0.234142
+"""As far as the outline of a robot of 0.22 m padded by 0.01 m reaches, to the right also 0.23 m."""
+
+
+@pytest.fixture(scope="module")
+def room(drawn_map):
+    return drawn_map(*WALLED, cells=20)
+
+
+@pytest.fixture
+def made(room, tmp_path):
+    """The instantiation of a file with one family, of the lines that it has besides its map."""
+
+    def make(lines, execution="", name="made.vast"):
+        text = f"version: 1\nconfiguration:\n- name: a\n{lines}\n{execution}"
+        (tmp_path / name).write_text(text.replace("MAP", room.path))
+        return instantiate(load_campaign(tmp_path / name))
+
+    return make
+
+
+def poses(start, goal=(4.0, 2.0), more=""):
+    place = [f"{{x: {x}, y: {y}, yaw: 0.0}}" for x, y in (start, goal)]
+    return f"  parameters:\n  - map_file: MAP\n  - start_pose: {place[0]}\n  - goal_pose: {place[1]}\n{more}"
+
+
+def fits(found):
+    assert len(found.configurations) + len(found.rejections) == 1
+    return bool(found.configurations)
+
+
+@pytest.mark.parametrize(
+    ("x_m", "free"),
+    [(4.0, True), (0.231, True), (0.229, False), (0.1, False), (-0.5, False), (7.769, True), (7.771, False)],
+)
+def test_a_given_start_is_realised_exactly_where_the_padded_footprint_fits(made, x_m, free):
+    """0.22 m and 0.01 m of padding to each side along an axis."""
+    assert fits(made(poses((x_m, 2.0)))) is free
+
+
+@pytest.mark.parametrize(
+    ("goals", "free"),
+    [
+        ("goal_pose: {x: 4.0, y: 2.0}", True),
+        ("goal_pose: {x: 0.1, y: 2.0}", False),
+        ("goal_pose: {x: 4.0, y: 2.0}\n  - goal_pose1: {x: 0.1, y: 2.0}", True),
+        ("goal_pose: {x: 4.0, y: 2.0}\n  - goal_pose1: {x: 0.1, y: 2.0}\n  dimensions: {goal_pose1: task}", False),
+        ("goal_poses: [{x: 4.0, y: 2.0}, {x: 1.0, y: 2.0}]", True),
+        ("goal_poses: [{x: 4.0, y: 2.0}, {x: 1.0, y: -0.9}]", False),
+    ],
+)
+def test_every_goal_counts_as_the_start_does(made, goals, free):
+    found = made(f"  parameters:\n  - map_file: MAP\n  - start_pose: {{x: 4.0, y: 2.0}}\n  - {goals}\n")
+    assert fits(found) is free
+    assert free or found.rejections[0].reason.split(" at ")[1].startswith(
+        ("goal_pose (0.1", "goal_pose1 (0.1", "goal_poses[1] (1, -0.9")
+    )
+
+
+def test_the_rejection_says_who_where_and_into_what(made):
+    found = made(poses((0.1, 2.0)))
+    (rejection,) = found.rejections
+    assert (rejection.producer, rejection.family, rejection.parent) == ("start_check", "a", "a")
+    assert rejection.reason == (
+        "the local costmap's footprint does not fit at start_pose (0.1, 2): it reaches 0.234 m from its center, into a wall"
+    )
+    assert found.coverage["unrealisable_by"] == {
+        "start_check": {"count": 1, "reasons": {rejection.reason: 1}, "reasons_not_listed": 0}
+    }
+
+
+def test_without_the_check_a_robot_may_begin_in_a_wall(made):
+    assert fits(made("  start_check: none\n" + poses((0.1, 2.0))))
+
+
+@pytest.mark.parametrize(
+    ("more", "free"),
+    [
+        ("  - robot_radius: 0.3\n", False),
+        ("  - local_costmap.robot_radius: 0.3\n", False),
+        ("  - global_costmap.robot_radius: 0.3\n", True),
+        ("  - footprint_padding: 0.1\n", False),
+        ("  - robot_radius: '0.3'\n", False),
+    ],
+)
+def test_it_is_the_local_costmaps_footprint_that_counts(made, more, free):
+    assert fits(made(poses((0.27, 2.0), more=more))) is free
+
+
+@pytest.mark.parametrize(
+    ("radius", "padding", "more", "free"),
+    [
+        (0.2, 0.0, "", True),
+        (0.3, 0.0, "", False),
+        (0.2, 0.1, "", False),
+        (0.2, 0.0, 'footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"', False),
+        (0.2, 0.0, 'footprint: "[[.2, .4], [.2, -.4], [-.2, -.4], [-.2, .4]]"', True),
+        (0.2, 0.1, 'footprint: "[[.2, .4], [.2, -.4], [-.2, -.4], [-.2, .4]]"', False),
+        (0.2, 0.0, 'footprint: "[]"', True),
+    ],
+)
+def test_radius_polygon_and_padding_are_those_of_the_systems_parameter_file(
+    made, tmp_path, radius, padding, more, free
+):
+    (tmp_path / "nav2.yaml").write_text(NAV2.format(radius=radius, padding=padding, more=more))
+    assert fits(made(poses((0.27, 2.0)), "execution:\n  nav2_params: nav2.yaml\n")) is free
+
+
+def test_a_polygon_turns_with_the_robot(made, tmp_path):
+    long = 'footprint: "[[0.5, 0.1], [0.5, -0.1], [-0.5, -0.1], [-0.5, 0.1]]"'
+    (tmp_path / "nav2.yaml").write_text(NAV2.format(radius=0.1, padding=0.0, more=long))
+    execution = "execution:\n  nav2_params: nav2.yaml\n"
+    assert not fits(made(poses((0.27, 2.0)), execution))
+    assert fits(made(poses((0.27, 2.0)).replace("yaw: 0.0", f"yaw: {math.pi / 2}", 1), execution))
+
+
+def test_a_radius_that_a_later_producer_varies_is_looked_at_on_the_finished_configuration(made):
+    radii = "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [0.2, 0.25, 0.3]}\n"
+    found = made(poses((0.27, 2.0), more=radii))
+    assert [c.scenario.system["robot_radius"] for c in found.configurations] == [0.2, 0.25]
+    (rejection,) = found.rejections
+    assert rejection.parent == "a-3"
+
+
+@pytest.mark.parametrize("design", ["t_way: {strength: 2}", "sample: {method: lhs, size: 6, seed: 1}"])
+def test_a_design_is_of_what_fits(made, design):
+    radii = "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [0.2, 0.25, 0.3]}\n"
+    noise = "  - ParameterVariationList: {name: laserscan_gaussian_noise_std_deviation, values: [0.0, 0.1, 0.2]}\n"
+    found = made(f"  design:\n    {design}\n" + poses((0.27, 2.0), more=radii + noise))
+    assert len(found.configurations) == 6
+    assert {c.scenario.system["robot_radius"] for c in found.configurations} == {0.2, 0.25}
+    assert [(r.producer, r.parent) for r in found.rejections] == [("start_check", "a-3")]
+
+
+@pytest.mark.parametrize(
+    ("box", "free"), [("x: 0.5, y: 0.0", False), ("x: 3.0, y: 3.0", True), ("x: 4.0, y: 2.0", True)]
+)
+def test_an_obstacle_is_in_the_way_at_the_start_and_not_at_the_goal(made, box, free):
+    more = f"  - static_objects: [{{entity_name: crate, spawn_pose: {{{box}}}}}]\n"
+    found = made(poses((0.5, 0.4), (4.0, 2.0), more))
+    assert fits(found) is free
+    assert free or found.rejections[0].reason.endswith("into crate")
+
+
+def test_without_a_map_or_a_start_there_is_nothing_to_check(tmp_path):
+    (tmp_path / "p.osc").write_text("import osc.helpers\nscenario p:\n    do serial:\n        run_process('true')\n")
+    file = tmp_path / "p.vast"
+    file.write_text("version: 1\nconfiguration:\n- name: a\nexecution:\n  scenario_file: p.osc\n")
+    assert fits(instantiate(load_campaign(file)))
+
+
+PATHS = """\
+  parameters:
+  - map_file: MAP
+  variations:
+  - PathVariationRandom:
+      {{path_length: 4.0, path_length_tolerance: 0.5, num_paths: 30, num_goal_poses: 2, robot_diameter: 0.2, seed: {seed}}}
+"""
+RADII = "  - ParameterVariationList: {name: robot_radius, values: [0.1, 0.45]}\n"
+RASTER = """\
+  parameters:
+  - map_file: MAP
+  variations:
+  - PathVariationRasterized: {path_length: 5.0, raster_size: 1.25, raster_offset_x: 1.15, raster_offset_y: 1.15, robot_diameter: 0.2}
+"""
+
+
+def stops(configuration):
+    task = configuration.scenario.task
+    goals = task.get("goal_poses") or [task["goal_pose"]]
+    return [pose_of(pose) for pose in (task["start_pose"], *goals)]
+
+
+def gap_m(pose):
+    """To the nearest wall of the room."""
+    return min(pose.x_m - LEFT_M, 8.0 + LEFT_M - pose.x_m, pose.y_m - LOW_M, 6.0 + LOW_M - pose.y_m)
+
+
+@pytest.mark.parametrize("lines", [PATHS.format(seed=3), RASTER], ids=["drawn", "raster"])
+def test_what_is_drawn_fits_and_is_not_rejected_afterwards(made, lines):
+    loose, checked = made("  start_check: none\n" + lines), made(lines)
+    assert [r.reason for r in checked.rejections if r.producer == "start_check"] == []
+    gaps = {
+        name: [gap_m(pose) for c in found.configurations for pose in stops(c)]
+        for name, found in (("loose", loose), ("checked", checked))
+    }
+    assert min(gaps["loose"]) < DISC_M < min(gaps["checked"])
+
+
+def test_what_is_drawn_fits_the_largest_robot_of_the_family(made):
+    found = made(PATHS.format(seed=3) + RADII)
+    assert found.rejections == ()
+    assert min(gap_m(pose) for c in found.configurations for pose in stops(c)) >= 0.46
+
+
+def test_where_a_larger_robot_fits_too_the_same_is_drawn_for_it(made):
+    """The footprint narrows what is drawn and seeds nothing: two systems can be compared path by path."""
+    one = made(PATHS.format(seed=3)).configurations
+    other = made(
+        PATHS.format(seed=3) + "  - ParameterVariationList: {name: robot_radius, values: [0.23]}\n"
+    ).configurations
+    same = [stops(a) == stops(b) for a, b in zip(one, other, strict=True)]
+    assert sum(same) > 25
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 19), st.integers(0, 19)), min_size=1, max_size=5),
+    st.sampled_from([0.0, 0.03, 0.1, 0.234142, 0.4]),
+)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_stop_is_as_far_from_every_wall_as_was_asked(drawn_map, walls, room_m):
+    rows = [["."] * 20 for _ in range(20)]
+    for row, column in walls:
+        rows[row][column] = "#"
+    ground = ground_of(drawn_map(*("".join(row) for row in rows)), 0.05, room_m)
+    squares = [
+        box(x - 0.025, y - 0.025, x + 0.025, y + 0.025)
+        for x, y in (ground.occupancy.centre_of(int(r), int(c)) for r, c in np.argwhere(ground.occupancy.occupied))
+    ]
+    for row, column in np.argwhere(ground.passable):
+        x, y = ground.occupancy.centre_of(int(row), int(column))
+        nearest = min(
+            math.dist((x, y), (min(max(x, s.bounds[0]), s.bounds[2]), min(max(y, s.bounds[1]), s.bounds[3])))
+            for s in squares
+        )
+        if abs(nearest - room_m) > 1e-9:
+            assert ground.stops[row, column] == (nearest > room_m or not room_m)
+
+
+def test_on_the_papers_maps_one_start_in_22_leaves_no_room_for_nav2s_footprint(shared_map):
+    """Of the cells where a robot 0.35 m across stands; with its radius rounded down to 3.5 cells it was one in 15."""
+    cells, tight, rounded_down, tight_then = 0, 0, 0, 0
+    for name in ("hallways", "rooms", "hospital", "office", "university"):
+        map_file = shared_map(name)
+        ground, everywhere = ground_of(map_file, 0.35, DISC_M), ground_of(map_file, 1e-9, DISC_M)
+        before = inflated_free(ground.occupancy.free, 3.5)
+        cells, rounded_down = cells + ground.passable.sum(), rounded_down + before.sum()
+        tight, tight_then = (
+            tight + (ground.passable & ~ground.stops).sum(),
+            tight_then + (before & ~everywhere.stops).sum(),
+        )
+    assert (tight / cells, tight_then / rounded_down) == pytest.approx((0.0451, 0.0673), abs=0.0001)
+
+
+def test_the_room_is_that_of_the_largest_outline():
+    assert room_m({}, []) == pytest.approx(circumscribed_radius_m(padded_outline(0.22, 0.01)))
+    assert room_m({"robot_radius": "0.4", "footprint_padding": 0.0}, []) == pytest.approx(0.4)
+
+
+def test_obstacles_leave_the_robots_own_room_at_its_stops(made, room):
+    """`robot_diameter` of 0.2 m alone would let a box stand 0.15 m from the start."""
+    boxes = "  - ObstacleVariation: {obstacle_configs: [{amount: 3, max_distance: 0.5, args: 'width:=0.3'}], robot_diameter: 0.2, placement: constructive}\n"
+    found = made(PATHS.format(seed=5) + boxes)
+    assert [r.reason for r in found.rejections if r.producer == "start_check"] == []
+    assert len(found.configurations) > 20
+    loose = made("  start_check: none\n" + PATHS.format(seed=5) + boxes)
+    areas = [(pose, c.scenario.environment["static_objects"]) for c in loose.configurations for pose in stops(c)[:1]]
+    nearest = min(
+        math.dist((p.x_m, p.y_m), tuple(o["spawn_pose"]["position"].values())[:2])
+        for p, listed in areas
+        for o in listed
+    )
+    assert nearest < DISC_M + 0.22
+
+
+def test_anything_else_than_the_two_is_refused(made):
+    with pytest.raises(
+        CampaignError, match=r"made.vast:4:16: configuration\[0\].start_check: found 'no'; did you mean 'none'\?"
+    ):
+        made("  start_check: 'no'\n" + poses((4.0, 2.0)))
+
+
+def test_editors_know_the_key():
+    assert '"start_check"' in json.dumps(campaign_schema())
+
+
+def test_the_outline_is_a_polygon_of_the_map(room):
+    """The room of this file is what the numbers above say."""
+    occupancy = load_map(room.path)
+    free = [occupancy.centre_of(int(r), int(c)) for r, c in np.argwhere(occupancy.free)]
+    area = Polygon([(LEFT_M, LOW_M), (LEFT_M + 8, LOW_M), (LEFT_M + 8, LOW_M + 6), (LEFT_M, LOW_M + 6)])
+    assert len(free) == 8 * 6 * 400
+    assert area.bounds == pytest.approx(
+        (
+            min(x for x, _ in free) - 0.025,
+            min(y for _, y in free) - 0.025,
+            max(x for x, _ in free) + 0.025,
+            max(y for _, y in free) + 0.025,
+        )
+    )

@@ -1,0 +1,64 @@
+"""One call of a campaign without Prefect: keys, instantiation, and all stages in a worker of its own.
+
+    python invalidation_child.py CAMPAIGN STORE [--python 3.12] [--version DISTRIBUTION=9.9] [--wait]
+
+With `--wait` it says `keyed` when the keys are made, and goes on with the next line of its input. Prints what broke, as JSON.
+"""
+
+import argparse
+import json
+import pickle
+import platform
+import sys
+from pathlib import Path
+
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.members import members_of
+from vastflow.tasks import source
+from vastflow.tasks.evaluation import packed
+from vastflow.tasks.instantiation import Instantiator
+from vastflow.tasks.pool import Pool
+from vastflow.tasks.progress import Tally
+from vastflow.tasks.shard_run import compute
+from vastflow.tasks.shelf import Shelf
+from vastflow.tasks.store import open_store
+from vastflow.tasks.workshop import Workshop
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("campaign", type=Path)
+    parser.add_argument("store", type=Path)
+    parser.add_argument("--python")
+    parser.add_argument("--version", default="")
+    parser.add_argument("--wait", action="store_true")
+    asked = parser.parse_args()
+    if asked.python:
+        platform.python_version_tuple = lambda: (*asked.python.split("."), "0")
+    name, _, faked = asked.version.partition("=")
+    real = source._version
+    source._version = lambda distribution: faked if distribution == name else real(distribution)
+
+    campaign, oracles = read_campaign(asked.campaign)
+    store, tree = open_store(asked.store), source.installed_tree()
+    keys = campaign_keys(tree, campaign.seed, oracles)
+    pool = Pool(1, asked.store / "workers.log")
+    workshop = Workshop(Shelf(store, keys), pool, Tally(), pickle.dumps(oracles))
+    errors = {}
+
+    def evaluator(requests):
+        for request in requests:
+            errors.update(workshop.evaluate(packed(request.producer), request.evaluations))
+        return errors
+
+    if asked.wait:
+        print("keyed", flush=True)
+        sys.stdin.readline()
+    found = Instantiator(campaign, store, keys, tree).instantiated(evaluator)
+    faults = compute(workshop, pool, members_of(found.instantiation, campaign.runs), 1)
+    print(json.dumps([*errors.values(), *(fault.error for fault in faults)]))
+
+
+if __name__ == "__main__":
+    main()

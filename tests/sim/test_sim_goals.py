@@ -1,0 +1,81 @@
+"""A scenario with one goal and a configuration with several: the robot is sent to each in turn."""
+
+import pytest
+
+from vastflow.sim.abstract import content_of
+from vastflow.sim.osc.parameters import ParameterMismatch
+from vastflow.sim.pose import Pose
+from vastflow.sim.scenario import Scenario
+from vastflow.sim.script import calls_of, script_of
+
+ONE_GOAL = """\
+import osc.gazebo
+import osc.helpers
+import osc.nav2
+import osc.ros
+
+scenario go:
+    start_pose: pose_3d
+    goal_pose: pose_3d
+{parameters}    robot: differential_drive_robot
+    do serial:
+        robot.init_nav2(start_pose)
+        robot.nav_to_pose(goal_pose) with:
+            timeout(60s)
+        spawn_multiple(boxes)
+        log('there')
+"""
+GOALS = [{"x": 1.0, "y": 0.0}, {"x": 2.0, "y": 1.0}, {"x": 3.0, "y": 0.0, "yaw": 1.0}]
+POSES = (Pose(1, 0), Pose(2, 1), Pose(3, 0, 1))
+
+
+@pytest.fixture
+def script(tmp_path):
+    def made(task, parameters="    boxes: list of spawn_entity\n"):
+        file = tmp_path / "go.osc"
+        file.write_text(ONE_GOAL.format(parameters=parameters))
+        return script_of(Scenario(content_of(file), 60.0, {}, {"start_pose": {"x": 0.0, "y": 0.0}, **task}, {}))
+
+    return made
+
+
+def sent(script):
+    return [call for call in calls_of(script.definition.root) if call.action.endswith("nav_to_pose")]
+
+
+def test_goals_of_a_list_are_sent_for_in_turn_and_the_last_is_the_goal_elsewhere(script):
+    found = script({"goal_poses": GOALS})
+    assert found.goals == POSES
+    assert len(sent(found)) == 3
+    assert found.values["goal_pose"]["position"]["x"] == 3.0
+
+
+def test_numbered_goals_are_sent_for_in_the_order_of_their_numbers(script):
+    task = {"goal_pose10": GOALS[2], "goal_pose2": GOALS[1], "goal_pose1": GOALS[0]}
+    assert script(task).goals == POSES
+
+
+def test_a_single_goal_of_a_list_is_the_goal(script):
+    found = script({"goal_poses": GOALS[:1]})
+    assert (found.goals, len(sent(found))) == (POSES[:1], 1)
+
+
+def test_a_goal_of_its_own_counts_whatever_else_is_given(script):
+    assert script({"goal_pose": GOALS[1], "goal_poses": GOALS}).goals == POSES[1:2]
+
+
+def test_numbered_goals_that_are_parameters_stay_what_they_are(script):
+    own = "    goal_pose1: pose_3d\n    boxes: list of spawn_entity\n"
+    assert script({"goal_pose": GOALS[1], "goal_pose1": GOALS[0]}, own).goals == POSES[1:2]
+    with pytest.raises(ParameterMismatch, match="parameter goal_pose of scenario go: found nothing"):
+        script({"goal_pose1": GOALS[0]}, own)
+
+
+@pytest.mark.parametrize("goals", [[], "@goal", 3])
+def test_what_is_no_list_of_goals_is_refused(script, goals):
+    with pytest.raises(ValueError, match=r"goal_poses: found .*; a list of poses, at least one"):
+        script({"goal_poses": goals})
+
+
+def test_a_list_of_objects_that_nobody_gives_is_empty(script):
+    assert script({"goal_pose": GOALS[0]}).values["boxes"] == []

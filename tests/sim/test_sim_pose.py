@@ -1,0 +1,26 @@
+"""Poses as campaign files write them."""
+
+import pytest
+
+from vastflow.sim.pose import Pose, pose_of
+
+
+@pytest.mark.parametrize(
+    ("value", "pose"),
+    [
+        ({"x": 1, "y": 2.5}, Pose(1.0, 2.5, 0.0)),
+        ({"x": 1, "y": 2.5, "yaw": -3}, Pose(1.0, 2.5, -3.0)),
+        ({"position": {"x": 1, "y": 2, "z": 0}}, Pose(1.0, 2.0, 0.0)),
+        ({"position": {"x": 1, "y": 2}, "orientation": {"yaw": 0.5}}, Pose(1.0, 2.0, 0.5)),
+        ({"position": {"x": 1, "y": 2}, "orientation": {}}, Pose(1.0, 2.0, 0.0)),
+        ({"position": {"x": "1.5", "y": "-2"}, "orientation": {"yaw": "1e-1"}}, Pose(1.5, -2.0, 0.1)),
+    ],
+)
+def test_a_pose_may_be_short_without_a_yaw_or_of_numbers_in_quotes(value, pose):
+    assert pose_of(value) == pose
+
+
+@pytest.mark.parametrize("x", [None, True, "east", "", "nan", "inf", [1], float("inf"), float("nan")])
+def test_what_is_no_number_makes_no_pose(x):
+    with pytest.raises(ValueError, match=r"^goal_pose: found .*; a pose is \{x, y, yaw\} or"):
+        pose_of({"x": x, "y": 1.0}, "goal_pose")

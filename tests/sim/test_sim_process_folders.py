@@ -1,0 +1,214 @@
+"""A run's programs know its folders as `/config` and `/out`, whether or not the machine lets them be mounted there."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vastflow.sim.maps import load_map, map_content
+from vastflow.sim.process import mounts
+from vastflow.sim.process import run as run_module
+from vastflow.sim.process.environment import CommandFailed
+from vastflow.sim.process.folder import RunFileError, files_matching
+from vastflow.sim.process.folders import RunFolders, below_config, named_in
+from vastflow.sim.process.handed import handed_name
+from vastflow.sim.process.process import NotStarted
+from vastflow.sim.process.run import process_run
+from vastflow.sim.process.setup import ProcessSetup
+
+pytestmark = pytest.mark.timeout(60)
+
+FOLDERS = RunFolders.below(Path("/tmp/a run"))
+
+
+@pytest.fixture(params=["mounted", "rewritten"])
+def begun(request, tmp_path, monkeypatch):
+    """Begins runs of a campaign: on a machine that mounts folders for programs, and on one that forbids it."""
+    if request.param == "rewritten":
+        monkeypatch.setattr(run_module, "can_mount", lambda: False)
+    elif not mounts.can_mount():
+        pytest.skip("this machine forbids mounts")
+    (tmp_path / "campaign" / "files").mkdir(parents=True)
+
+    def begin(files=(), **setup):
+        for name, text in dict(files).items():
+            path = tmp_path / "campaign" / name
+            path.write_text(text)
+            path.chmod(0o755)
+        return process_run(ProcessSetup(files_matching(tmp_path / "campaign", ["**"]), **setup), where=tmp_path)
+
+    return begin
+
+
+def printed(run, *command):
+    group = run.start(command)
+    assert group.wait(20).reason == "", group.log.read()
+    group.stop()
+    return group.log.read().decode()
+
+
+def test_scripts_before_and_after_write_to_out_and_nothing_comes_to_the_machines_own(begun):
+    before = set(os.listdir("/"))
+    files = {
+        "files/pre.sh": "#!/bin/sh\n\ntouch /out/before",
+        "files/post.sh": "#!/bin/sh\n\necho $* > /out/after",
+    }
+    with begun(files, pre_command="/config/files/pre.sh", post_command="/config/files/post.sh one") as run:
+        record = run.close()
+    assert record.post_command == ""
+    assert set(record.outputs.files) == {"before", "after"}
+    assert record.outputs.files["after"].startswith(b"one /")
+    assert set(os.listdir("/")) == before
+
+
+def test_a_program_reads_below_config_and_writes_below_out(begun):
+    code = "import shutil; shutil.copy('/config/files/given.txt', '/out/given.txt'); open('/out/x.csv', 'w').write('a\\n1\\n')"
+    with begun({"files/given.txt": "given", "files/copy.py": code}) as run:
+        printed(run, sys.executable, "/config/files/copy.py")
+        record = run.close()
+    assert record.outputs.files == {"given.txt": b"given"}
+    assert record.outputs.tables["x"]["a"].tolist() == [1]
+
+
+def test_names_in_arguments_and_in_the_environment_are_those_of_the_folders(begun):
+    with begun({"files/given.txt": "given"}, environment={"GIVEN": "/config/files/given.txt"}) as run:
+        assert printed(run, "cat", "/config/files/given.txt") == "given"
+        assert printed(run, "sh", "-c", "cat $GIVEN > /out/copy; cat /out/copy") == "given"
+
+
+def test_config_has_the_run_files_also_after_the_programs_copies_were_changed(begun):
+    with begun({"a.txt": "first"}) as run:
+        printed(run, "sh", "-c", "echo second > a.txt")
+        assert printed(run, "cat", "/config/a.txt", "/out/a.txt") == "firstsecond\n"
+
+
+def test_out_of_config_leads_no_path_to_the_campaigns_folder(begun, tmp_path):
+    (tmp_path / "secret").write_text("outside")
+    with begun({"a.txt": "a"}) as run:
+        for path in ("/config/../secret", "/config/files/../../secret", "/out/../secret"):
+            assert printed(run, "sh", "-c", f"cat {path} 2>/dev/null || true") == ""
+
+
+def test_arguments_of_the_script_before_are_its_own(begun):
+    with begun({"pre.sh": "export GOT=$1-$2"}, pre_command="/config/pre.sh first 'the second'") as run:
+        assert printed(run, "printenv", "GOT") == "first-the second\n"
+
+
+def test_a_script_that_is_not_among_the_run_files_is_missed_by_its_name(begun):
+    with (
+        pytest.raises(CommandFailed, match=r"pre_command: there is no file '/config/other\.sh'"),
+        begun({}, pre_command="/config/other.sh"),
+    ):
+        pass
+
+
+def test_a_program_that_is_not_among_the_run_files_is_said_to_be_missing_there(begun):
+    with begun({"a.txt": "a"}) as run:
+        with pytest.raises(NotStarted, match=r"no file that execution\.run_files matches lies there"):
+            run.start(["/config/other.py"])
+        with pytest.raises(NotStarted, match="no program of this name in PATH"):
+            run.start(["no-such-program", "/out"])
+
+
+def test_a_file_of_bytes_is_never_rewritten(begun):
+    content = b"\0 /config/x"
+    with begun({"a.txt": "/config/x"}) as run:
+        (run.folders.config / "data.bin").write_bytes(content)
+        run.folders.rewrite_files()
+        assert (run.folders.config / "data.bin").read_bytes() == content
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="signals are read from /proc")
+def test_a_program_that_names_a_folder_has_the_arguments_environment_and_signals_of_any_other(begun):
+    show = (
+        "printf '%s|' \"$@\"; env | grep -e ^LC_ -e ^GIVEN; grep -e SigIgn -e SigBlk /proc/self/status; pwd; ulimit -a"
+    )
+    with begun() as run:
+        run.environment = {"PATH": run.environment["PATH"], "GIVEN": "a b"}
+        plain = printed(run, "sh", "-c", show, "sh", "", "a  b", "--", "*")
+        assert printed(run, "sh", "-c", f"{show} # /out", "sh", "", "a  b", "--", "*") == plain
+
+
+@pytest.mark.parametrize(
+    ("text", "rewritten"),
+    [
+        ("/out", "/tmp/a run/run"),
+        ("--output=/out/x.csv", "--output=/tmp/a run/run/x.csv"),
+        ('open("/config/a.yaml")', 'open("/tmp/a run/config/a.yaml")'),
+        ("cat /config/a>/out/b;", "cat /tmp/a run/config/a>/tmp/a run/run/b;"),
+        ("/config/..", "/tmp/a run/config/.."),
+        ("$HOME/config ./out ~/out a/out /output /config.yaml /out-2 ${X}/out $(pwd)/out", None),
+    ],
+)
+def test_names_are_rewritten_where_they_begin_a_path(text, rewritten):
+    assert FOLDERS.rewritten(text) == (text if rewritten is None else rewritten)
+
+
+@given(st.text())
+def test_a_text_without_a_name_is_left_as_it_is(text):
+    if not named_in([text]):
+        assert FOLDERS.rewritten(text) == text
+
+
+@pytest.mark.parametrize(
+    ("name", "path"),
+    [
+        ("/config/files/pre.sh", "files/pre.sh"),
+        ("files/pre.sh", "files/pre.sh"),
+        ("./files//pre.sh", "files/pre.sh"),
+        ("/config/../etc/passwd", None),
+        ("/configuration/x", None),
+        ("../x", None),
+        ("/opt/ros/setup.bash", None),
+    ],
+)
+def test_a_name_below_config_is_a_path_below_the_campaigns_folder(name, path):
+    assert below_config(name) == path
+
+
+PROBE = "from vastflow.sim.process.mounts import can_mount; print(can_mount())"
+
+
+def probed(*prefix):
+    """What `can_mount` says in a process that is started so; skips where it can't be."""
+    if not shutil.which(prefix[0]) or subprocess.run([*prefix, "true"], check=False, capture_output=True).returncode:
+        pytest.skip(f"{prefix[0]} can't do this here")
+    return subprocess.run(
+        [*prefix, sys.executable, "-c", PROBE], capture_output=True, text=True, check=True
+    ).stdout.strip()
+
+
+def test_a_machine_that_forbids_mounts_is_known():
+    forbid = 'echo 0 > /proc/sys/user/max_mnt_namespaces; exec "$@"'
+    assert probed("unshare", "--user", "--map-root-user", "sh", "-c", forbid, "sh") == "False"
+
+
+@pytest.mark.skipif(not mounts.can_mount(), reason="this machine forbids mounts")
+def test_a_user_who_may_not_mount_does_so_as_the_root_of_a_user_namespace():
+    dropped = ("setpriv", "--bounding-set=-sys_admin", "--inh-caps=-all")
+    assert probed(*dropped) == probed(*dropped, "unshare", "--user", "--map-current-user")
+
+
+def test_a_map_is_handed_to_programs_with_its_picture_and_one_that_changed_is_told(tmp_path):
+    folder = tmp_path / "maps"
+    folder.mkdir()
+    (folder / "hall.yml").write_text("{image: hall.pgm, resolution: 0.05, origin: [0, 0, 0]}")
+    (folder / "hall.pgm").write_bytes(b"P5 2 2 255\n" + bytes([254, 0, 254, 254]))
+    content = map_content(folder / "hall.yml")
+    name = handed_name("map_file", content)
+    assert name == f"map_file/{content.digest[:12]}.yaml"
+    with process_run(ProcessSetup(), {"map_file": content}, where=tmp_path) as run:
+        for place in (run.folders.config, run.folders.out):
+            assert load_map(place / name).digest == content.digest
+        assert run.close().outputs.files == {}
+    (folder / "hall.pgm").write_bytes(b"P5 2 2 255\n" + bytes(4))
+    with (
+        pytest.raises(RunFileError, match=r"map_file: '.*hall\.yml' changed since the campaign was read; run it again"),
+        process_run(ProcessSetup(), {"map_file": content}, where=tmp_path),
+    ):
+        pass

@@ -1,0 +1,249 @@
+"""Scenario files that listen to the simulated robot's topics, publish on them, and read its stack's log."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vastflow.sim.behaviour.support import unsupported
+from vastflow.sim.behaviour.vocabulary import ACTIONS
+from vastflow.sim.osc.reading import read_text
+from vastflow.sim.recording import si
+from vastflow.sim.run import run
+from vastflow.sim.scenario_error import ScenarioError
+
+ODOMETRY = "topic_name: '/odom', topic_type: 'nav_msgs.msg.Odometry'"
+HEAD = "import osc.helpers\nimport osc.nav2\nimport osc.ros\n"
+
+
+def ended(recording, name):
+    """When the behaviour of a name ended, and how."""
+    b = recording.behaviors
+    rows = zip(b["name"], b["t_s"], b["status"], strict=True)
+    return next((float(t), status) for n, t, status in rows if n == name and status in ("SUCCESS", "FAILURE"))
+
+
+def final(recording):
+    return si(recording.columns["x_mm"])[-1], si(recording.columns["y_mm"])[-1]
+
+
+def lacks(body):
+    """Why a scenario with that body can't be run, told from its file."""
+    lines = "".join(f"    {line}\n" for line in body.split("\n"))
+    (definition,) = read_text(f"{HEAD}scenario trial:\n{lines}", "trial.osc", Path())
+    return [f"{each.place.line}: {each.name}: {each.reason}" for each in unsupported(definition, ACTIONS)]
+
+
+def test_data_is_waited_for_until_it_comes(staged):
+    text = """
+        do parallel:
+            pose: wait_for_data('/amcl_pose', 'geometry_msgs.msg.PoseWithCovarianceStamped')
+            scan: wait_for_data('/scan', 'sensor_msgs.msg.LaserScan', qos_preset_profiles!sensor_data)
+            map: wait_for_data('/map', 'nav_msgs.msg.OccupancyGrid')
+            serial:
+                wait elapsed(1s)
+                robot.init_nav2(start)
+    """
+    recording = run(staged(text, timeout_s=10.0), 0)
+    assert recording.run.outcome == "succeeded"
+    assert ended(recording, "map") == (0.1, "SUCCESS")
+    assert ended(recording, "scan")[0] <= 0.4
+    assert 1.1 < ended(recording, "pose")[0] < 1.6
+
+
+def test_a_member_of_a_message_is_compared_until_the_relation_holds(staged):
+    text = f"""
+        parallel:
+            robot.nav_to_pose(near)
+            far: check_data({ODOMETRY}, member_name: 'pose.pose.position.x', expected_value: '1.0', comparison_operator: comparison_operator!gt)
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    t_s, status = ended(recording, "far")
+    driven = si(recording.columns["x_mm"])[np.searchsorted(recording.columns["t_ms"], round(t_s * 1000))] - 1.0
+    assert status == "SUCCESS" and 0.9 < driven < 1.2
+
+
+def test_a_relation_that_does_not_hold_fails_where_it_is_asked_to(staged):
+    text = f"check_data({ODOMETRY}, member_name: 'twist.twist.linear.x', expected_value: '5.0', fail_if_bad_comparison: true)"
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "failed"
+    assert "twist.twist.linear.x of /odom is 0.0, eq 5.0: false" in recording.run.reason
+
+
+def test_a_monitored_member_is_a_variable_that_goes_on_changing(staged):
+    text = f"""
+        var x: float = 0.0
+        do serial:
+            robot.init_nav2(start)
+            topic_monitor({ODOMETRY}, target_variable: x, member_name: 'pose.pose.position.x')
+            parallel:
+                robot.nav_to_pose(near)
+                serial:
+                    half: wait x > 1.0
+                    log(x)
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    assert 0.5 < ended(recording, "half")[0] < recording.run.simulated_s
+
+
+def test_a_pose_that_was_heard_is_a_goal(staged):
+    """The robot goes back to where AMCL took it to be when the scenario began."""
+    text = """
+        var heard: pose_3d
+        do serial:
+            topic_monitor('/amcl_pose', 'geometry_msgs.msg.PoseWithCovarianceStamped', heard)
+            robot.init_nav2(start)
+            wait elapsed(0.5s)
+            robot.nav_to_pose(near)
+            robot.nav_to_pose(msg_conversion.to_pose_3d(heard))
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    assert math.dist(final(recording), (3.0, 1.0)) < 0.6
+
+
+def test_a_goal_that_is_published_sends_the_robot_there(staged):
+    text = """
+        topic_publish('/goal_pose', 'geometry_msgs.msg.PoseStamped', '{\\"pose\\": {\\"position\\": {\\"x\\": 3.0, \\"y\\": 1.0}}}')
+        log_check(values: ['Goal succeeded'])
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    assert math.dist(final(recording), (3.0, 1.0)) < 0.4
+
+
+def test_a_velocity_that_is_published_moves_the_robot_until_its_smoother_gives_up(staged):
+    text = """
+        topic_publish('/cmd_vel', 'geometry_msgs.msg.Twist', "{'linear': {'x': 0.4}}")
+        robot.odometry_distance_traveled(0.2m)
+        wait elapsed(3s)
+    """
+    recording = run(staged(text, timeout_s=20.0), 0)
+    assert recording.run.outcome == "succeeded"
+    assert 1.2 < final(recording)[0] < 1.7
+    assert recording.columns["speed_mmps"][-1] == 0
+
+
+def test_an_initial_pose_that_is_published_is_what_init_nav2_waits_for(staged):
+    text = """
+        do parallel:
+            init: robot.init_nav2(wait_for_initial_pose: true)
+            serial:
+                wait elapsed(1s)
+                topic_publish('/initialpose', 'geometry_msgs.msg.PoseWithCovarianceStamped', "{'pose': {'pose': {'position': {'x': 1.0, 'y': 1.0}}}}")
+    """
+    recording = run(staged(text, timeout_s=10.0, start_pose={"x": 1.0, "y": 1.0}), 0)
+    assert recording.run.outcome == "succeeded"
+    assert 1.0 < ended(recording, "init")[0] < 1.6
+
+
+def test_the_log_of_the_stack_is_read_from_here_on_and_by_node(staged):
+    text = """
+        parallel:
+            begun: log_check('bt_navigator', ['Begin navigating'])
+            there: log_check(values: ['Reached the goal!', 'Goal failed'])
+            serial:
+                wait elapsed(1s)
+                robot.nav_to_pose(near)
+                emit end
+            other: log_check('amcl', ['Begin navigating'])
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    assert ended(recording, "begun") == (1.3, "SUCCESS")
+    assert ended(recording, "there")[1] == "SUCCESS"
+    assert "SUCCESS" not in recording.behaviors["status"][recording.behaviors["name"] == "other"]
+
+
+def test_a_robot_that_stands_still_for_too_long_fails_the_assertion_that_it_moves(staged):
+    text = """
+        parallel:
+            moves: assert_tf_moving('base_link', timeout: 2s)
+            serial:
+                robot.nav_to_pose(near)
+                wait elapsed(5s)
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "failed"
+    assert recording.run.reason.startswith("base_link has not moved for 2.")
+    driven = run(
+        staged(
+            "parallel:\n    assert_tf_moving('base_link', timeout: 2s)\n    serial:\n        robot.nav_to_pose(near)\n        emit end"
+        ),
+        0,
+    )
+    assert driven.run.outcome == "succeeded"
+
+
+def test_a_frame_of_the_truth_is_where_the_robot_is_and_one_of_odometry_begins_at_nothing(staged):
+    text = """
+        parallel:
+            robot.nav_to_pose(near)
+            true: robot.tf_close_to(0.1m, position_3d(2.0m, 1.0m), robot_frame_id: 'turtlebot4_base_link_gt')
+            counted: robot.tf_close_to(0.1m, position_3d(1.0m, 0.0m), parent_frame_id: 'odom')
+    """
+    recording = run(staged(text), 0)
+    assert recording.run.outcome == "succeeded"
+    assert abs(ended(recording, "true")[0] - ended(recording, "counted")[0]) <= 0.3
+
+
+def test_nodes_and_topics_that_are_here_are_here_at_once(staged):
+    text = """
+        wait_for_topics(['/scan', 'odom'])
+        wait_for_nodes(['/amcl', 'bt_navigator'])
+        wait_for_topic_publisher('/scan', 'ros_gz_bridge')
+        wait_for_topic_subscription('/goal_pose', '/bt_navigator')
+    """
+    assert run(staged(text), 0).run.simulated_s < 0.4
+
+
+@pytest.mark.parametrize(
+    ("call", "reason"),
+    [
+        ("wait_for_data('/camera', 'sensor_msgs.msg.Image')", "nothing publishes /camera here; there are /amcl_pose,"),
+        ("wait_for_data('/odom', 'std_msgs.msg.String')", "the messages of /odom are nav_msgs.msg.Odometry"),
+        ("check_data('/map', 'nav_msgs.msg.OccupancyGrid', '1')", "what is in the messages of /map is not simulated"),
+        (
+            "topic_publish('/robot2/cmd_vel', 'geometry_msgs.msg.Twist', '{}')",
+            "nothing here does anything with what is",
+        ),
+        ("wait_for_topics(['/scan', '/camera'])", "nothing publishes /camera here"),
+        ("wait_for_nodes(['/rviz'])", "there is no node /rviz here; there are amcl,"),
+        ("wait_for_topic_publisher('/scan', 'amcl')", "amcl does not publish on /scan here"),
+        ("robot.tf_close_to(1m, position_3d(), parent_frame_id: 'world')", "there is no frame 'world' to look from"),
+        ("assert_tf_moving('gripper', timeout: 1s)", "there is no frame 'gripper' of the robot here"),
+        ("service_call('/reset', 'std_srvs.srv.Empty')", "nothing offers one"),
+        ("wait_for_services(['/reset'])", "nothing offers one"),
+    ],
+)
+def test_what_is_not_here_is_said_before_anything_runs(call, reason):
+    (said,) = lacks(f"robot: differential_drive_robot\ndo {call}")
+    assert said.startswith("6: ") and reason in said
+
+
+def test_the_log_of_nodes_of_ones_own_is_not_here():
+    (said,) = lacks("do log_check(values: ['ready'])")
+    assert "process_log_check" in said
+
+
+def test_a_topic_that_only_a_run_knows_and_nobody_publishes_is_a_fault_of_the_run(staged):
+    text = "wait_for_data(random.get_random_string(['/camera']), 'sensor_msgs.msg.Image')"
+    with pytest.raises(ScenarioError, match=r"nothing publishes /camera here; .* wait_for_data at trial\.osc:"):
+        run(staged(text), 0)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (f"check_data({ODOMETRY}, member_name: 'pose.pose.z', expected_value: '1')", "no member 'z' of 'pose.pose.z'; position"),
+        (f"check_data({ODOMETRY}, expected_value: '1 +')", r"found '1 \+'; a literal"),
+        ("topic_publish('/goal_pose', 'geometry_msgs.msg.PoseStamped', '{}')", "found no pose in the message"),
+        ("topic_publish('/cmd_vel', 'geometry_msgs.msg.Twist', '[1]')", "found no twist in the message"),
+    ],
+)  # fmt: skip
+def test_a_message_without_what_is_looked_for_is_a_fault_of_the_run(staged, call, words):
+    with pytest.raises(ScenarioError, match=words):
+        run(staged(call), 0)

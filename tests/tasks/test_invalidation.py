@@ -1,0 +1,29 @@
+"""What an edit computes again, counted by what is executed: some edits of the table of `tests/proofs/invalidation.py`."""
+
+from pathlib import Path
+
+import pytest
+
+CHOSEN = frozenset(
+    {"helper: a comment", "helper: a constant", "vastflow: code of the judging", "meanwhile: oracle: code"}
+)
+
+
+@pytest.fixture
+def proof(monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "proofs")
+    import invalidation
+
+    return invalidation
+
+
+def test_an_edit_computes_again_what_it_reaches_and_nothing_else(proof, tmp_path):
+    rows = list(proof.rows(tmp_path, CHOSEN.__contains__))
+    assert len(rows) == 1 + len(CHOSEN)
+    assert [(row.edit, row.wrong) for row in rows if row.wrong] == []
+
+
+def test_the_table_has_edits_of_both_kinds(proof):
+    assert len(proof.MUST) >= 30
+    assert len(proof.MUST_NOT) >= 30
+    assert len(proof.MEANWHILE) >= 5

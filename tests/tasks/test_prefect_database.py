@@ -1,0 +1,83 @@
+"""The database of Prefect's embedded API: what SQLite can't read is set aside, and everything else left alone."""
+
+import contextlib
+import re
+import sqlite3
+import time
+from datetime import datetime
+
+import pytest
+
+from vastflow.tasks.prefect_database import set_aside_if_damaged
+from vastflow.tasks.server import ApiServer
+
+NOW = datetime(2026, 3, 4, 5, 6, 7)
+ASIDE = "prefect.db.damaged-2026-03-04-050607"
+
+
+def url(database):
+    return f"sqlite+aiosqlite:///{database}"
+
+
+@pytest.fixture
+def database(tmp_path):
+    """A database of 200 pages."""
+    file = tmp_path / "prefect.db"
+    with contextlib.closing(sqlite3.connect(file)) as connection:
+        connection.execute("create table flow_run (name text)")
+        connection.executemany("insert into flow_run values (?)", [("x" * 1000,) for _ in range(800)])
+        connection.commit()
+    return file
+
+
+@pytest.mark.parametrize(
+    ("damaged", "said"),
+    [
+        (lambda content: b"garbage" * 1000, "file is not a database"),
+        (lambda content: content[:40000], "malformed"),
+        (lambda content: content[:8192] + bytes(40960) + content[49152:], "malformed|btreeInitPage"),
+    ],
+    ids=["overwritten", "truncated", "pages of zeros"],
+)
+def test_a_damaged_database_is_set_aside_with_its_cause(database, damaged, said):
+    content = damaged(database.read_bytes())
+    database.write_bytes(content)
+    database.with_name("prefect.db-wal").write_bytes(b"")
+    found = set_aside_if_damaged(url(database), NOW)
+    assert found.startswith(f"Prefect's database {database} is damaged (")
+    assert found.endswith(f"it is now {ASIDE}, and a new one is made")
+    assert re.search(said, found)
+    assert not database.exists() and not database.with_name("prefect.db-wal").exists()
+    assert database.with_name(ASIDE).read_bytes() == content
+
+
+def test_a_sound_database_stays(database):
+    before = database.read_bytes()
+    assert set_aside_if_damaged(url(database), NOW) is None
+    assert database.read_bytes() == before
+
+
+def test_a_database_that_another_process_has_locked_stays(database):
+    with contextlib.closing(sqlite3.connect(database)) as connection:
+        connection.execute("begin exclusive")
+        assert set_aside_if_damaged(url(database), NOW) is None
+    assert database.exists()
+
+
+@pytest.mark.parametrize("connection_url", ["postgresql+asyncpg://me@host/prefect", "sqlite+aiosqlite:///:memory:"])
+def test_a_database_that_is_no_file_is_nobodys_business(connection_url):
+    assert set_aside_if_damaged(connection_url, NOW) is None
+
+
+@pytest.mark.timeout(60)
+def test_the_api_says_what_it_set_aside_before_it_serves(tmp_path, monkeypatch):
+    monkeypatch.setenv("PREFECT_HOME", str(tmp_path))
+    (tmp_path / "prefect.db").write_bytes(b"garbage" * 1000)
+    server = ApiServer(tmp_path / "log")
+    deadline = time.monotonic() + 50
+    while not server.notices and not server.lost and time.monotonic() < deadline:
+        time.sleep(0.05)
+    server.stop(0)
+    (notice,) = server.notices
+    assert "is damaged (file is not a database)" in notice
+    assert len(list(tmp_path.glob("prefect.db.damaged-*"))) == 1

@@ -1,0 +1,107 @@
+"""Nothing is stored that was computed by other source than its key is made of."""
+
+import os
+import pickle
+import subprocess
+import sys
+import time
+
+import pytest
+
+from vastflow.tasks.local_store import open_local_store
+from vastflow.tasks.source import SourceTree
+from vastflow.tasks.source_files import KeyedStore, SourceChanged, source_files
+
+CODE = """
+import importlib, pickle, sys, time
+store = pickle.load(open(sys.argv[1], "rb"))
+import vastflow.made_up.one
+from vastflow.tasks.store import StoreError
+for name in sys.argv[3:]:
+    print("ready", flush=True)
+    sys.stdin.readline()
+    if name != "-":
+        importlib.import_module(name)
+    try:
+        store.put(f"judge/ab/{len(sys.argv)}{name}", {"a": b"1"})
+        print("stored", flush=True)
+    except StoreError as error:
+        print(error, flush=True)
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A package below `vastflow`, as an installation for editing has them."""
+    package = tmp_path / "src" / "vastflow" / "made_up"
+    package.mkdir(parents=True)
+    for name in ("__init__", "one", "two"):
+        (package / f"{name}.py").write_text("VALUE = 1\n")
+    return package
+
+
+@pytest.fixture
+def worker(tmp_path, package):
+    """Starts a process that imports `one`, and then puts something into the store at each turn."""
+    started = []
+
+    def start(*turns):
+        store = KeyedStore(open_local_store(tmp_path / "store"), source_files([package]))
+        (tmp_path / "store.pickle").write_bytes(pickle.dumps(store))
+        code = f"import vastflow.tasks\nvastflow.__path__ = [*vastflow.__path__, {str(package.parent)!r}]\n{CODE}"
+        command = [sys.executable, "-c", code, str(tmp_path / "store.pickle"), "-", *turns]
+        started.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
+
+        def turn(edit=lambda: None):
+            assert started[-1].stdout.readline() == "ready\n"
+            edit()
+            started[-1].stdin.write("\n")
+            started[-1].stdin.flush()
+            return started[-1].stdout.readline().rstrip("\n")
+
+        return turn
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def test_nothing_is_stored_by_a_process_that_imported_what_was_edited_meanwhile(worker, package):
+    turn = worker("-", "vastflow.made_up.two", "-")
+    assert turn() == "stored"
+    said = turn(lambda: (package / "two.py").write_text("VALUE = 2\n"))
+    assert said.startswith(
+        f"store: {package / 'two.py'} changed while the campaign ran, so nothing more of it is kept; "
+    )
+    assert turn() == said
+
+
+def test_an_edit_of_what_was_imported_before_changes_nothing(worker, package):
+    turn = worker("-", "vastflow.made_up.two")
+    assert turn() == "stored"
+    assert turn(lambda: (package / "one.py").write_text("VALUE = 2\n")) == "stored"
+
+
+def test_a_file_that_was_only_touched_is_the_same(worker, package):
+    turn = worker("vastflow.made_up.two")
+    assert turn(lambda: os.utime(package / "two.py", ns=(1, 1))) == "stored"
+
+
+def test_a_module_that_is_new_is_none_of_the_keys(worker, package):
+    turn = worker("vastflow.made_up.new")
+    assert "new.py changed while the campaign ran" in turn(lambda: (package / "new.py").write_text("VALUE = 2\n"))
+
+
+def test_a_process_that_is_older_than_its_source_keeps_no_report(tmp_path, package):
+    source_files([package]).check()
+    with pytest.raises(SourceChanged, match="changed while the campaign ran"):
+        source_files([package]).check_since_start()
+    old = time.time() - 365 * 24 * 3600
+    for file in package.glob("*.py"):
+        os.utime(file, (old, old))
+    source_files([package]).check_since_start()
+
+
+def test_the_files_of_a_tree_are_all_of_its_packages(package):
+    assert SourceTree({"vastflow.made_up": package}).files() == source_files([package])
