@@ -85,7 +85,7 @@ def _coverage(source: Path, map_dir: Path | None, as_v1: bool) -> "Coverage":
 def _text(coverage: "Coverage") -> "Iterator[RenderableType]":
     from rich.text import Text
 
-    from vastflow.flows.foresight.preview import lost_table
+    from vastflow.flows.plan.preview import lost_table
     from vastflow.oracles.directory.coverage import (
         COUNTS,
         counts,

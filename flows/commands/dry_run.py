@@ -24,7 +24,7 @@ def print_dry_run(
     as_json: bool,
 ) -> None:
     """Print the dry run of the campaign at `file`; a wrong file or option ends with exit code 2."""
-    from vastflow.flows.foresight.dry_run import dry_run
+    from vastflow.flows.plan.dry_run import dry_run
     from vastflow.flows.results.past import NoPast
     from vastflow.producers.faults import CampaignError
     from vastflow.sim.effects import looking_only
@@ -50,7 +50,7 @@ def print_dry_run(
         except (CampaignError, StoreError) as error:
             print(error, file=sys.stderr)
             raise typer.Exit(2) from None
-    from vastflow.flows.foresight.dry_run_text import dry_run_json, dry_run_text
+    from vastflow.flows.plan.dry_run_text import dry_run_json, dry_run_text
     from vastflow.flows.terminal.outcome import printed
 
     if as_json:

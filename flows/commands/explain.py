@@ -35,8 +35,8 @@ def explain(
         if directory is not None and (wrong := wrong_directory(directory)):
             _end(f"{option}{wrong}")
     with Interruptible("interrupted"):
-        from vastflow.flows.foresight.explain import Unexplained, explanation
-        from vastflow.flows.foresight.explain_text import explanation_json, explanation_text
+        from vastflow.flows.plan.explain import Unexplained, explanation
+        from vastflow.flows.plan.explain_text import explanation_json, explanation_text
         from vastflow.flows.results.past import NoPast
         from vastflow.flows.terminal.outcome import printed
         from vastflow.tasks.store import StoreError

@@ -33,8 +33,8 @@ def preview(
     """
     with Interruptible("interrupted"):
         from vastflow.flows.computing.computation import cores
-        from vastflow.flows.foresight.estimate import estimate_of
-        from vastflow.flows.foresight.preview import preview_json, preview_text
+        from vastflow.flows.plan.estimate import estimate_of
+        from vastflow.flows.plan.preview import preview_json, preview_text
         from vastflow.flows.request.campaign_file import campaign_name, read_campaign
         from vastflow.flows.results.directory import directory_name
         from vastflow.producers.faults import CampaignError
@@ -79,7 +79,7 @@ def preview(
 
 def _drawn(configurations: "Sequence[Configuration]", folder: Path) -> list[Path]:
     """The pictures of these configurations; one that can't be drawn is named on standard error."""
-    from vastflow.flows.foresight.preview import plan_view_of
+    from vastflow.flows.plan.preview import plan_view_of
     from vastflow.oracles.figures.picture import png
     from vastflow.oracles.figures.plan_view import plan_view_figure
 

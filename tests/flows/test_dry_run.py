@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 from vastflow.flows import api, run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.computing import computation
-from vastflow.flows.foresight import dry_run as dry_runs
-from vastflow.flows.foresight.dry_run import STAGES, dry_run
-from vastflow.flows.foresight.dry_run_text import whys
+from vastflow.flows.plan import dry_run as dry_runs
+from vastflow.flows.plan.dry_run import STAGES, dry_run
+from vastflow.flows.plan.dry_run_text import whys
 from vastflow.flows.results.past import NoPast, newest_past
 from vastflow.producers.faults import CampaignError
 from vastflow.sim.blocks import read_rows

@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.foresight import dry_run as dry_runs
-from vastflow.flows.foresight.explain import Unexplained, explanation
+from vastflow.flows.plan import dry_run as dry_runs
+from vastflow.flows.plan.explain import Unexplained, explanation
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys

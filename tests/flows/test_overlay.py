@@ -2,7 +2,7 @@
 
 import pytest
 
-from vastflow.flows.foresight.store import Overlay, untouched
+from vastflow.flows.plan.store import Overlay, untouched
 from vastflow.tasks.store import Lost
 
 

@@ -9,8 +9,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.foresight.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, way_m
-from vastflow.flows.foresight.preview import plan_view_of
+from vastflow.flows.plan.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, way_m
+from vastflow.flows.plan.preview import plan_view_of
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiate import instantiate
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from vastflow.flows.foresight.reasons import parameter_changes, scenario_reason
+from vastflow.flows.plan.reasons import parameter_changes, scenario_reason
 
 
 def test_obstacles_are_compared_one_by_one_and_named_by_their_key():

@@ -14,8 +14,8 @@ import pytest
 
 from vastflow.flows import api, run_campaign
 from vastflow.flows.computing import computation
-from vastflow.flows.foresight.dry_run import dry_run
-from vastflow.flows.foresight.dry_run_text import dry_run_json, dry_run_text
+from vastflow.flows.plan.dry_run import dry_run
+from vastflow.flows.plan.dry_run_text import dry_run_json, dry_run_text
 from vastflow.flows.results.past import past_of
 from vastflow.tasks.source import installed_tree
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
-from vastflow.flows.foresight.producers import Evaluated, HereEvaluator, ProducerReasons
-from vastflow.flows.foresight.reasons import Origins, Reason, RunReasons
-from vastflow.flows.foresight.store import Overlay, untouched
+from vastflow.flows.plan.producers import Evaluated, HereEvaluator, ProducerReasons
+from vastflow.flows.plan.reasons import Origins, Reason, RunReasons
+from vastflow.flows.plan.store import Overlay, untouched
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.members import members_of, narrowed

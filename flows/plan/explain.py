@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.flows.foresight.dry_run import DryRun, dry_run
-from vastflow.flows.foresight.reasons import change_text, differing
-from vastflow.flows.foresight.store import untouched
+from vastflow.flows.plan.dry_run import DryRun, dry_run
+from vastflow.flows.plan.reasons import change_text, differing
+from vastflow.flows.plan.store import untouched
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.origin import other_parts

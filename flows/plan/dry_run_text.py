@@ -9,8 +9,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.foresight.dry_run import STAGES, DryRun, Due, Stage
-from vastflow.flows.foresight.reasons import Kind
+from vastflow.flows.plan.dry_run import STAGES, DryRun, Due, Stage
+from vastflow.flows.plan.reasons import Kind
 
 MOST_REASONS: Final = 20
 """Reasons in the terminal; `--json` has all."""

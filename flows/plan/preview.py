@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.foresight.estimate import Estimate
+from vastflow.flows.plan.estimate import Estimate
 from vastflow.flows.terminal.display import duration_text
 from vastflow.oracles.directory.coverage import Coverage, Lost, design_text, excluded, parts, unrealisable
 from vastflow.oracles.situation import situation_of

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vastflow.flows.foresight.reasons import NEVER, Origins, Reason, parameter_changes
-from vastflow.flows.foresight.store import Overlay
+from vastflow.flows.plan.reasons import NEVER, Origins, Reason, parameter_changes
+from vastflow.flows.plan.store import Overlay
 from vastflow.flows.results.past import Past, values_of
 from vastflow.flows.results.tables import json_text
 from vastflow.producers.family import Family

@@ -8,9 +8,9 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.foresight.dry_run import STAGES
-from vastflow.flows.foresight.dry_run_text import UNITS, whys
-from vastflow.flows.foresight.explain import Explanation
+from vastflow.flows.plan.dry_run import STAGES
+from vastflow.flows.plan.dry_run_text import UNITS, whys
+from vastflow.flows.plan.explain import Explanation
 from vastflow.producers.faults import shown
 
 
