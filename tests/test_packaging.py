@@ -175,6 +175,8 @@ def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(tmp_path):
     assert {f"vastflow/{file.relative_to(ROOT).as_posix()}" for file in shipped} <= set(names)
     assert {f"vastflow/oracles/page/report.{kind}" for kind in ("html.j2", "css", "js")} <= {*names}
     assert {"vastflow/sim/osc/grammar.lark", "vastflow/sim/osc/library/nav2.osc"} <= set(names)
+    described = [file for kind in ("pools/*.json", "templates/*.yaml") for file in (ROOT / "deployments").glob(kind)]
+    assert described and {f"vastflow/{file.relative_to(ROOT).as_posix()}" for file in described} <= {*names}
     scenarios = {f"vastflow/campaigns/scenarios/{name}.osc" for name in SHIPPED}
     hall = {f"vastflow/campaigns/scenarios/hall.{kind}" for kind in ("yaml", "png")}
     assert {name for name in names if name.startswith("vastflow/campaigns/")} == scenarios | hall

@@ -2,16 +2,9 @@
 
 from typing import Any, Final
 
-from vastflow.tasks.execution.description import (
-    CONFIG,
-    OUT,
-    SHARED_MEMORY_BYTES,
-    SOCKETS,
-    Container,
-    Needs,
-    RunDescription,
-)
+from vastflow.tasks.execution.description import Container, RunDescription
 from vastflow.tasks.execution.memory import compose_memory
+from vastflow.tasks.execution.template import filled, template
 
 OUT_FOLDER: Final = "./out"
 
@@ -19,64 +12,37 @@ OUT_FOLDER: Final = "./out"
 def compose_file(description: RunDescription) -> dict[str, Any]:
     """The file as plain data. Its paths are relative to the campaign file's folder.
 
-    As in a pod, the containers share network, `/dev/shm` and two folders, and the main one starts last. The first to
-    start has the network and the memory that the others join. There is no key for the deadline.
+    As in a pod, the containers share network, `/dev/shm` and two folders, and the main one starts last.
     """
+    parts = template("templates/compose.yaml")
     containers = (*description.sidecars, description.main)
-    file: dict[str, Any] = {
-        "name": description.name,
-        "services": {container.name: _service(description, container, containers[0]) for container in containers},
-        # A new volume is root's; in memory it can have another owner, and sockets need no disk.
-        "volumes": {
-            "sockets": {
-                "driver": "local",
-                "driver_opts": {"type": "tmpfs", "device": "tmpfs", "o": f"uid={description.user},mode=0770"},
-            }
-        },
-    }
-    literal: dict[str, Any] = _literal(file)
+    services = {each.name: _service(parts, description, each, containers[0]) for each in containers}
+    values = {"name": description.name, "user": description.user, "services": services}
+    literal: dict[str, Any] = _literal(filled(parts["file"], values))
     return literal
 
 
-def _service(description: RunDescription, container: Container, first: Container) -> dict[str, Any]:
-    service: dict[str, Any] = {"image": description.image}
-    if command := description.command_of(container):
-        service["entrypoint"] = list(command)
-    service |= {"user": str(description.user), "init": True, "restart": "no"}
-    if description.user != 0:
-        service |= {"cap_drop": ["ALL"], "security_opt": ["no-new-privileges:true"]}
-    if container is first:
-        service |= {"ipc": "shareable", "shm_size": compose_memory(SHARED_MEMORY_BYTES)}
-    else:
-        service |= {"ipc": f"service:{first.name}", "network_mode": f"service:{first.name}"}
-    if container is description.main and description.sidecars:
-        service["depends_on"] = [sidecar.name for sidecar in description.sidecars]
-    service["environment"] = description.environment_of(container)
-    service["volumes"] = [
-        _bound(OUT_FOLDER, OUT),
-        {"type": "volume", "source": "sockets", "target": SOCKETS},
-        *({**_bound(f"./{file}", f"{CONFIG}/{file}"), "read_only": True} for file in description.files),
-    ]
-    if resources := _resources(container.needs):
-        service["deploy"] = {"resources": resources}
+def _service(
+    parts: dict[str, Any], description: RunDescription, container: Container, first: Container
+) -> dict[str, Any]:
+    needs = container.needs
+    waits_for = [sidecar.name for sidecar in description.sidecars] if container is description.main else []
+    values = {
+        **dict.fromkeys(("cap_drop", "security_opt", "shm_size", "network_mode")),
+        **(parts["unprivileged"] if description.user != 0 else {}),
+        **(parts["first"] if container is first else filled(parts["joined"], {"first": first.name})),
+        "image": description.image,
+        "command": list(description.command_of(container)) or None,
+        "user": str(description.user),
+        "depends_on": waits_for or None,
+        "environment": description.environment_of(container),
+        "cpu": None if needs.cpu is None else str(needs.cpu),
+        "memory": None if needs.memory_bytes is None else compose_memory(needs.memory_bytes),
+        "devices": filled(parts["devices"], {"gpu": needs.gpu}) if needs.gpu else None,
+    }
+    service: dict[str, Any] = filled(parts["service"], values)
+    service["volumes"] += [filled(parts["mount"], {"file": file}) for file in description.files]
     return service
-
-
-def _bound(source: str, target: str) -> dict[str, Any]:
-    """A mount of the host's; a source that is not there is an error and not a new folder of root's."""
-    return {"type": "bind", "source": source, "target": target, "bind": {"create_host_path": False}}
-
-
-def _resources(needs: Needs) -> dict[str, Any]:
-    reserved: dict[str, Any] = {}
-    limits: dict[str, Any] = {}
-    if needs.cpu is not None:
-        reserved["cpus"] = str(needs.cpu)
-    if needs.memory_bytes is not None:
-        reserved["memory"] = limits["memory"] = compose_memory(needs.memory_bytes)
-    if needs.gpu:
-        reserved["devices"] = [{"driver": "nvidia", "count": needs.gpu, "capabilities": ["gpu"]}]
-    return {name: found for name, found in (("reservations", reserved), ("limits", limits)) if found}
 
 
 def _literal(value: Any) -> Any:

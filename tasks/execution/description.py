@@ -12,13 +12,6 @@ MAIN: Final = "main"
 """Name of the container whose end is the run's."""
 OUT: Final = "/vastflow/out"
 """Where containers write what is kept; shared."""
-SOCKETS: Final = "/vastflow/sockets"
-"""Where containers put Unix sockets for each other; shared."""
-CONFIG: Final = "/config"
-"""Where the run's files are, at their places below the campaign file's folder; can't be written."""
-SHARED_MEMORY: Final = "/dev/shm"
-SHARED_MEMORY_BYTES: Final = 512 * 2**20
-"""DDS and simulators want more than the 64 MiB that engines give; as in version 4 of the format."""
 
 MAX_LABEL: Final = 63
 LABEL: Final = re.compile(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?")
@@ -78,7 +71,7 @@ class RunDescription:
         sidecars: The others. They run before the main one begins and are stopped when it ends.
         env: Variables of all containers, the campaign file's own.
         folder: What `files` are relative to.
-        files: Files that the containers find below `CONFIG`.
+        files: Files that the containers find below `/config`, at their places below `folder`.
         pre_command, post_command: Paths in the main container of a script to be sourced before and of one to run after
             its command.
         user: User id in the containers.

@@ -1,64 +1,35 @@
 """A run description as a pod of Kubernetes."""
 
 import re
-from typing import Any, Final
+from typing import Any
 
-from vastflow.tasks.execution.description import (
-    CONFIG,
-    OUT,
-    SHARED_MEMORY,
-    SHARED_MEMORY_BYTES,
-    SOCKETS,
-    Container,
-    Needs,
-    RunDescription,
-)
+from vastflow.tasks.execution.description import Container, RunDescription
 from vastflow.tasks.execution.memory import kubernetes_memory
-
-GPU: Final = "nvidia.com/gpu"
-READ_AND_EXECUTE: Final = 0o555
-"""Mode of the run's files, for scripts are among them."""
+from vastflow.tasks.execution.template import filled, template
 
 
 def pod_template(description: RunDescription) -> dict[str, Any]:
-    """A `PodTemplate`, whose `template` is what a Job takes, as plain data.
-
-    Sidecars are init containers that restart always (Kubernetes 1.29 and later), so they start before the main container
-    and the pod ends with it. Requests are what the file asks for. Memory is limited to the same, for a run that grows beyond
-    is better ended than one of its neighbours; cores are not limited, for a throttled controller would miss its cycles.
-    """
-    name = description.name
-    labels = {"app.kubernetes.io/name": "vastflow", "app.kubernetes.io/instance": name}
-    return {
-        "apiVersion": "v1",
-        "kind": "PodTemplate",
-        "metadata": {"name": name, "labels": labels},
-        "template": {"metadata": {"labels": labels.copy()}, "spec": pod_spec(description)},
-    }
+    """A `PodTemplate`, whose `template` is what a Job takes, as plain data. Requests are what the file asks for."""
+    values = {"name": description.name, "spec": pod_spec(description)}
+    made: dict[str, Any] = filled(template("templates/pod.yaml")["pod_template"], values)
+    return made
 
 
 def pod_spec(description: RunDescription) -> dict[str, Any]:
     """The `PodSpec` of `pod_template`."""
-    spec: dict[str, Any] = {
-        "restartPolicy": "Never",
-        "automountServiceAccountToken": False,
-        "enableServiceLinks": False,
-        "securityContext": {
-            "runAsUser": description.user,
-            "runAsNonRoot": description.user != 0,
-            "seccompProfile": {"type": "RuntimeDefault"},
-        },
+    parts = template("templates/pod.yaml")
+    items = [{"key": key, "path": file} for key, file in config_map_keys(description).items()]
+    config = {"config_map": config_map_name(description), "items": items}
+    values = {
+        "user": description.user,
+        "is_not_root": description.user != 0,
+        "deadline_s": description.deadline_s,
+        "node_labels": dict(description.node_labels) or None,
+        "sidecars": [_container(parts, description, each, "Always") for each in description.sidecars] or None,
+        "main": _container(parts, description, description.main),
+        "config_volume": filled(parts["config_volume"], config) if items else None,
     }
-    if description.deadline_s is not None:
-        spec["activeDeadlineSeconds"] = description.deadline_s
-    if description.node_labels:
-        spec["nodeSelector"] = dict(description.node_labels)
-    if description.sidecars:
-        spec["initContainers"] = [
-            {**_container(description, sidecar), "restartPolicy": "Always"} for sidecar in description.sidecars
-        ]
-    spec["containers"] = [_container(description, description.main)]
-    spec["volumes"] = _volumes(description)
+    spec: dict[str, Any] = filled(parts["spec"], values)
     return spec
 
 
@@ -73,50 +44,24 @@ def config_map_keys(description: RunDescription) -> dict[str, str]:
     return {f"{k}-{name}": file for k, (name, file) in enumerate(zip(names, description.files, strict=True))}
 
 
-def _container(description: RunDescription, container: Container) -> dict[str, Any]:
-    found: dict[str, Any] = {"name": container.name, "image": description.image}
-    if command := description.command_of(container):
-        found["command"] = [_literal(argument) for argument in command]
-    environment = description.environment_of(container)
-    found["env"] = [{"name": name, "value": _literal(value)} for name, value in environment.items()]
-    if resources := _resources(container.needs):
-        found["resources"] = resources
-    if description.user != 0:
-        found["securityContext"] = {"allowPrivilegeEscalation": False, "capabilities": {"drop": ["ALL"]}}
-    found["volumeMounts"] = [
-        {"name": "out", "mountPath": OUT},
-        {"name": "sockets", "mountPath": SOCKETS},
-        {"name": "shared-memory", "mountPath": SHARED_MEMORY},
-    ]
-    if description.files:
-        found["volumeMounts"].append({"name": "config", "mountPath": CONFIG, "readOnly": True})
-    return found
-
-
-def _resources(needs: Needs) -> dict[str, Any]:
-    requests: dict[str, str] = {}
-    limits: dict[str, str] = {}
-    if needs.cpu is not None:
-        requests["cpu"] = str(needs.cpu)
-    if needs.memory_bytes is not None:
-        requests["memory"] = limits["memory"] = kubernetes_memory(needs.memory_bytes)
-    if needs.gpu:
-        limits[GPU] = str(needs.gpu)
-    return {name: found for name, found in (("requests", requests), ("limits", limits)) if found}
-
-
-def _volumes(description: RunDescription) -> list[dict[str, Any]]:
-    in_memory = {"medium": "Memory", "sizeLimit": kubernetes_memory(SHARED_MEMORY_BYTES)}
-    volumes: list[dict[str, Any]] = [
-        {"name": "out", "emptyDir": {}},
-        {"name": "sockets", "emptyDir": {}},
-        {"name": "shared-memory", "emptyDir": in_memory},
-    ]
-    if description.files:
-        items = [{"key": key, "path": file} for key, file in config_map_keys(description).items()]
-        source = {"name": config_map_name(description), "defaultMode": READ_AND_EXECUTE, "items": items}
-        volumes.append({"name": "config", "configMap": source})
-    return volumes
+def _container(
+    parts: dict[str, Any], description: RunDescription, container: Container, restart_policy: str | None = None
+) -> dict[str, Any]:
+    needs, environment = container.needs, description.environment_of(container)
+    values = {
+        "name": container.name,
+        "image": description.image,
+        "command": [_literal(argument) for argument in description.command_of(container)] or None,
+        "env": [{"name": name, "value": _literal(value)} for name, value in environment.items()],
+        "cpu": None if needs.cpu is None else str(needs.cpu),
+        "memory": None if needs.memory_bytes is None else kubernetes_memory(needs.memory_bytes),
+        "gpu": str(needs.gpu) if needs.gpu else None,
+        "security_context": parts["unprivileged"] if description.user != 0 else None,
+        "config_mount": parts["config_mount"] if description.files else None,
+        "restart_policy": restart_policy,
+    }
+    made: dict[str, Any] = filled(parts["container"], values)
+    return made
 
 
 def _literal(text: str) -> str:

@@ -1,4 +1,4 @@
-"""The checked-in files of deployments/: what their builders give, and valid by Prefect, Kubernetes, Kueue and the charts."""
+"""The shipped files of deployments/: valid by Prefect, Kubernetes, Kueue and the charts, and of one mind with each other."""
 
 import json
 import re
@@ -14,18 +14,21 @@ import yaml
 from packaging.requirements import Requirement
 from prefect.cli.deploy._models import PrefectYamlModel, RawScheduleConfig
 
-from vastflow.deployments import checked_in
+from vastflow.flows.commands.deploy import IMAGE_FOLDER
 from vastflow.flows.pool.shard_flow import run_shard
 from vastflow.flows.scheduled import run_scheduled
 from vastflow.producers.campaign import load_campaign
 from vastflow.tasks import work
-from vastflow.tasks.execution import charts, deployment, job
+from vastflow.tasks.execution import deployment, job
+from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
 from vastflow.tasks.execution.memory import memory_bytes
+from vastflow.tasks.execution.template import filled, template
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "deployments"
 DOCKERFILE = (FOLDER / "Dockerfile").read_text()
-CONTENT = checked_in.checked_in()
+IMAGE_USER = 1000
+CAMPAIGN = "campaigns/quickstart/quickstart.vast"
 
 NAME = {"type": "string", "pattern": r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$", "maxLength": 253}
 QUANTITY = {"type": "string", "pattern": r"^[0-9]+(\.[0-9]+)?([KMGTPE]i|[mkMGTPE])?$"}
@@ -72,22 +75,41 @@ KUEUE = {
 
 
 def documents(name):
-    return list(yaml.safe_load_all(CONTENT[name]))
+    return list(yaml.safe_load_all((FOLDER / name).read_text(encoding="utf-8")))
 
 
-@pytest.mark.parametrize("name", CONTENT)
-def test_a_checked_in_file_is_what_its_builder_gives(name):
-    again = "make them anew: python -m vastflow.deployments"
-    assert (FOLDER / name).read_text(encoding="utf-8") == CONTENT[name], again
+def entries():
+    """The deployments of `prefect.yaml`."""
+    (content,) = documents("prefect.yaml")
+    return content["deployments"]
 
 
-def test_every_file_here_has_a_builder_but_the_image():
-    kinds = {path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.suffix in {".yaml", ".json"}}
-    assert kinds == set(CONTENT)
+def variables(kind):
+    return template(f"pools/{kind}.json")["variables"]["properties"]
+
+
+def test_a_placeholder_becomes_its_value_and_text_of_a_user_is_never_read_as_yaml_or_as_a_placeholder():
+    content = {"whole": "{{ text }}", "part": "a-{{ text }}", "list": ["{{ some }}", 1]}
+    text = "{{ some }}: [x"
+    assert filled(content, {"text": text, "some": {"k": [1]}}) == {
+        "whole": text,
+        "part": f"a-{text}",
+        "list": [{"k": [1]}, 1],
+    }
+
+
+def test_a_value_of_none_takes_its_key_or_item_away_and_what_is_empty_then():
+    content = {"limits": {"memory": "{{ memory }}"}, "items": ["{{ memory }}", "x"], "volume": {"emptyDir": {}}}
+    assert filled(content, {"memory": None}) == {"items": ["x"], "volume": {"emptyDir": {}}}
+
+
+def test_a_placeholder_without_a_value_is_an_error():
+    with pytest.raises(KeyError, match="memory"):
+        filled(["{{ memory }}"], {})
 
 
 def test_prefect_reads_the_deployments():
-    read = PrefectYamlModel.model_validate(yaml.safe_load(CONTENT["prefect.yaml"]))
+    read = PrefectYamlModel.model_validate({"deployments": entries()})
     assert {each.work_pool.name for each in read.deployments} == {"lab", "docker", "cluster"}
     for each in read.deployments:
         if each.entrypoint == deployment.ENTRYPOINT:
@@ -100,18 +122,37 @@ def test_the_deployments_run_the_flows_that_there_are_with_parameters_that_they_
     flows = {deployment.ENTRYPOINT: run_scheduled, deployment.SHARD_ENTRYPOINT: run_shard}
     for entrypoint, flow in flows.items():
         assert f"{flow.fn.__module__}.{flow.fn.__name__}" == entrypoint
-    for each in yaml.safe_load(CONTENT["prefect.yaml"])["deployments"]:
+    for each in entries():
         if each["entrypoint"] == deployment.ENTRYPOINT:
-            assert run_scheduled.validate_parameters(each["parameters"])["campaign"] == checked_in.FILE
+            assert run_scheduled.validate_parameters(each["parameters"])["campaign"] == CAMPAIGN
         else:
             assert each["entrypoint"] == deployment.SHARD_ENTRYPOINT
             assert each["parameters"] == {}
-    assert load_campaign(ROOT / checked_in.FILE).runs == checked_in.RUNS
+
+
+def test_the_deployments_are_what_the_command_makes_of_the_same_campaign():
+    runs = load_campaign(ROOT / CAMPAIGN).runs
+    for each in entries():
+        pool, variables = each["work_pool"]["name"], each["work_pool"]["job_variables"]
+        if each["entrypoint"] == deployment.SHARD_ENTRYPOINT:
+            assert each == ShardDeployment(pool, variables).as_yaml()
+        else:
+            (schedule,), (step,) = each["schedules"], each["pull"]
+            made = Deployment(
+                name=each["name"],
+                campaign="quickstart",
+                parameters=each["parameters"],
+                pool=pool,
+                folder=step[deployment.STEP]["directory"],
+                description=description_of("quickstart", CAMPAIGN, runs),
+                job_variables=variables,
+                cron=schedule["cron"],
+            )
+            assert each == made.as_yaml()
 
 
 def test_each_pool_has_a_deployment_by_which_it_computes_shards():
-    entries = yaml.safe_load(CONTENT["prefect.yaml"])["deployments"]
-    shards = [each for each in entries if each["entrypoint"] == deployment.SHARD_ENTRYPOINT]
+    shards = [each for each in entries() if each["entrypoint"] == deployment.SHARD_ENTRYPOINT]
     assert [(each["name"], each["work_pool"]["name"]) for each in shards] == [
         ("lab", "lab"),
         ("docker", "docker"),
@@ -121,18 +162,30 @@ def test_each_pool_has_a_deployment_by_which_it_computes_shards():
 
 
 def test_what_the_deployments_set_is_in_their_pools_template():
-    for each in yaml.safe_load(CONTENT["prefect.yaml"])["deployments"]:
+    for each in entries():
         kind = {"docker": "docker", "cluster": "kubernetes"}.get(each["work_pool"]["name"])
         if kind is not None:
-            variables = json.loads(CONTENT[f"pools/{kind}.json"])["variables"]
-            jsonschema.validate(each["work_pool"]["job_variables"], {**variables, "additionalProperties": False})
+            schema = {**template(f"pools/{kind}.json")["variables"], "additionalProperties": False}
+            jsonschema.validate(each["work_pool"]["job_variables"], schema)
 
 
 def test_every_placeholder_of_a_template_is_one_of_its_variables():
     for kind in ("docker", "kubernetes"):
-        template = json.loads(CONTENT[f"pools/{kind}.json"])
-        used = set(re.findall(r"\{\{ (\w+) \}\}", json.dumps(template["job_configuration"])))
-        assert used | {"env"} == set(template["variables"]["properties"])
+        job_configuration = template(f"pools/{kind}.json")["job_configuration"]
+        used = set(re.findall(r"\{\{ (\w+) \}\}", json.dumps(job_configuration)))
+        assert used | {"env"} == set(variables(kind))
+
+
+def test_both_kinds_of_pools_take_the_same_settings_of_the_worker_away():
+    docker, kubernetes = (template(f"pools/{kind}.json")["job_configuration"]["env"] for kind in job.CONTAINER_POOLS)
+    assert docker == kubernetes
+
+
+def test_the_templates_defaults_are_those_of_the_commands_options():
+    for kind in job.CONTAINER_POOLS:
+        assert variables(kind)["image"]["default"] == job.IMAGE
+    defaults = {name: about.get("default") for name, about in variables("kubernetes").items()}
+    assert (defaults["queue"], defaults["namespace"], defaults["cpu"]) == (job.NAME, job.NAME, str(job.CPU))
 
 
 def test_kubernetes_knows_namespace_and_volume():
@@ -160,7 +213,7 @@ def test_the_quota_admits_a_campaign_whose_file_says_nothing():
     resources = documents("kueue/queues.yaml")[1]["spec"]["resourceGroups"][0]["flavors"][0]["resources"]
     quota = {each["name"]: each["nominalQuota"] for each in resources}
     assert int(quota["cpu"]) >= job.CPU
-    assert memory_bytes(quota["memory"]) >= job.MEMORY_BYTES
+    assert memory_bytes(quota["memory"]) >= memory_bytes(variables("kubernetes")["memory"]["default"])
 
 
 def test_a_cpu_that_is_a_number_is_no_quota():
@@ -197,13 +250,15 @@ def test_the_values_are_keys_of_the_charts():
     (server,), (worker,) = documents("values/server.yaml"), documents("values/worker.yaml")
     jsonschema.validate(server, SERVER)
     jsonschema.validate(worker, WORKER)
-    assert worker["worker"]["selfHostedServerApiConfig"]["apiUrl"] == job.API_URL
+    assert worker["worker"]["selfHostedServerApiConfig"]["apiUrl"] == variables("kubernetes")["api_url"]["default"]
 
 
 def test_server_and_worker_are_of_a_prefect_that_vastflow_runs_with():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     (needed,) = (need for need in map(Requirement, project["dependencies"]) if need.name == "prefect")
-    assert charts.PREFECT in needed.specifier
+    server, worker = documents("values/server.yaml") + documents("values/worker.yaml")
+    tags = server["global"]["prefect"]["image"]["prefectTag"], worker["worker"]["image"]["prefectTag"]
+    assert all(tag.partition("-")[0] in needed.specifier for tag in tags)
 
 
 def test_the_image_installs_as_the_readme_does_and_compiles_the_kernels():
@@ -215,8 +270,9 @@ def test_the_image_installs_as_the_readme_does_and_compiles_the_kernels():
 
 def test_the_image_runs_as_the_user_and_in_the_folder_that_the_jobs_have():
     (user,) = re.findall(r"^USER (.*)$", DOCKERFILE, re.MULTILINE)
-    assert int(user) == job.USER
-    assert re.findall(r"^WORKDIR (.*)$", DOCKERFILE, re.MULTILINE) == [checked_in.IMAGE_FOLDER]
+    pod = template("pools/kubernetes.json")["job_configuration"]["job_manifest"]["spec"]["template"]["spec"]
+    assert int(user) == pod["securityContext"]["runAsUser"] == pod["securityContext"]["fsGroup"] == IMAGE_USER
+    assert re.findall(r"^WORKDIR (.*)$", DOCKERFILE, re.MULTILINE) == [IMAGE_FOLDER]
     assert f"{job.DATA}/store" in DOCKERFILE
 
 

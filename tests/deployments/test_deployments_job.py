@@ -14,9 +14,16 @@ from prefect.settings import Settings
 from prefect.workers.base import BaseJobConfiguration
 from pydantic import Field
 
-from vastflow.tasks.execution.job import DATA, FLOW_RUN, USER, PoolType, base_job_template, job_variables
-from vastflow.tasks.execution.kueue import QUEUE_LABEL
-from vastflow.tasks.execution.leak import OF_THE_WORKER
+from vastflow.tasks.execution.job import DATA, PoolType, base_job_template, job_variables
+
+QUEUE_LABEL = "kueue.x-k8s.io/queue-name"
+IMAGE_USER = 1000
+LOOKED_FOR = "prefect-job"
+"""The container in which Prefect's worker looks for the flow run."""
+_ENV = base_job_template(PoolType.kubernetes)["job_configuration"]["env"]
+OF_THE_WORKER = tuple(name for name, value in _ENV.items() if value is None)
+"""Settings that a job template gives no value: a worker hands all of its own on, and its addresses, paths and secrets mean nothing in a
+container, or too much."""
 
 NEITHER_IN_A_POD_SPEC = ("parallelism", "completions")
 PLACES = re.compile(
@@ -78,7 +85,7 @@ def test_a_job_of_every_key_of_a_campaign_file_is_valid_and_has_them(described):
 
 def test_a_sidecar_has_the_users_of_the_file_and_the_campaign_that_of_its_image(described):
     spec = pod(configured(PoolType.kubernetes, job_variables(PoolType.kubernetes, described())))
-    assert spec["securityContext"]["runAsUser"] == USER
+    assert spec["securityContext"]["runAsUser"] == IMAGE_USER
     assert {each["securityContext"]["runAsUser"] for each in spec["initContainers"]} == {1001}
 
 
@@ -141,7 +148,7 @@ def test_every_setting_of_prefect_that_names_a_place_or_a_secret_is_taken_away()
 
 
 def test_what_a_worker_runs_is_the_container_that_prefect_looks_for():
-    assert [container["name"] for container in pod(configured(PoolType.kubernetes, {}))["containers"]] == [FLOW_RUN]
+    assert [container["name"] for container in pod(configured(PoolType.kubernetes, {}))["containers"]] == [LOOKED_FOR]
 
 
 def test_a_container_of_docker_has_the_volume_and_the_memory(described):
