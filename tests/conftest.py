@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import psutil
 import pytest
@@ -17,6 +18,28 @@ settings.register_profile("other", deadline=None)
 settings.load_profile("same")
 
 API_S = 90
+
+
+@pytest.fixture(scope="session")
+def loops():
+    """Measures the CPU time of a call in empty loops of a million rounds: the least of some tries, each beside its loop.
+
+    A slow or busy machine is slow for both. A bound leaves a factor of four all the same.
+    """
+
+    def empty_loop():
+        for _ in range(1_000_000):
+            pass
+
+    def cpu_s(work):
+        began_s = time.process_time()
+        work()
+        return time.process_time() - began_s
+
+    def measured(work, tries=3):
+        return min(cpu_s(work) / max(cpu_s(empty_loop), cpu_s(empty_loop)) for _ in range(tries))
+
+    return measured
 
 
 @pytest.fixture(scope="session")

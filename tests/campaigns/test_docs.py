@@ -214,7 +214,7 @@ def test_the_python_files_of_the_pages_are_well_kept(folder):
         "I001",
         *files,
     ]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 0, done.stdout
 
 

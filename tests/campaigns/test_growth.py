@@ -33,7 +33,7 @@ from vastflow.sim.run import execute
 GROWTH = Path(__file__).parents[2] / "campaigns/growth"
 RUN = Run(0, "", "succeeded", 0, "", 1.0, 0.0, 0, 0)
 
-pytestmark = pytest.mark.timeout(30)
+pytestmark = pytest.mark.timeout(280)
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def grown(tmp_path):
 
     def run_it(*arguments):
         with process_run(ProcessSetup(files_matching(GROWTH, ["growth.py"])), where=tmp_path) as run:
-            run.start(["python3", "growth.py", *arguments]).wait(20)
+            run.start(["python3", "growth.py", *arguments]).wait(120)
             return run.close()
 
     return run_it

@@ -6,12 +6,12 @@ import pytest
 from vastflow.flows import run_campaign
 from vastflow.producers.faults import CampaignError
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(280)
 
 
 def loaded_after(statement):
     script = f"{statement}; import sys; print(*[name for name in ('numba', 'prefect') if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=True)
     return done.stdout.split()
 
 

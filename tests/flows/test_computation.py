@@ -12,7 +12,7 @@ from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import PrefectUnavailable, import_prefect
 from vastflow.tasks.shelf import Shelf
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(280)
 
 
 class Server:

@@ -259,7 +259,7 @@ def test_an_interrupted_campaign_goes_on_where_it_was(place, run, first):
     while not list((store / "judge").rglob("manifest")) and time.monotonic() < until_s and process.poll() is None:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
+    process.communicate(timeout=240)
     gone_on = run(store="interrupted")
     assert gone_on.summary.executed + gone_on.summary.reused == 58
     assert gone_on.summary.reused > 0

@@ -37,14 +37,12 @@ def refused(*arguments):
     return result.stderr
 
 
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize("what", NAMED)
 def test_a_campaign_that_names_a_pipe_is_refused(folder, what):
     (folder / "c.vast").write_text(NAMED[what])
     assert "c.vast:" in refused("validate", "c.vast")
 
 
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -36,7 +36,7 @@ class Browser:
         self._next += 1
         self._socket.send(json.dumps({"id": self._next, "method": method, "params": parameters}))
         while True:
-            message = json.loads(self._socket.recv(timeout=60))
+            message = json.loads(self._socket.recv(timeout=120))
             self._note(message)
             if message.get("id") == self._next:
                 return message["result"]
@@ -50,9 +50,9 @@ class Browser:
     def open(self, file: Path) -> None:
         """Load a page, and wait until it is loaded with all its pictures."""
         self.ask("Page.navigate", url=file.as_uri())
-        until = time.monotonic() + 60
+        until = time.monotonic() + 120
         while self.value("document.readyState + location.protocol") != "completefile:":
-            assert time.monotonic() < until, "the page was not loaded within a minute"
+            assert time.monotonic() < until, "the page was not loaded within two minutes"
             time.sleep(0.05)
 
     def _note(self, message: dict[str, Any]) -> None:
@@ -76,7 +76,7 @@ def debugged(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     )
     try:
         port = profile / "DevToolsActivePort"
-        until = time.monotonic() + 60
+        until = time.monotonic() + 120
         while not (port.is_file() and port.read_text().count("\n")):
             assert process.poll() is None and time.monotonic() < until, "Chromium did not start"
             time.sleep(0.05)
@@ -85,7 +85,7 @@ def debugged(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield pages[0]["webSocketDebuggerUrl"]
     finally:
         process.terminate()
-        process.wait(30)
+        process.wait(60)
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """What of the test space was realised."""
 
 import json
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -93,11 +92,10 @@ def test_it_stays_readable_however_much_there_is():
 
 
 @pytest.mark.parametrize("constrained", [False, True], ids=["free", "constrained"])
-def test_twenty_thousand_configurations_of_parameters_take_two_seconds(constrained):
+def test_twenty_thousand_configurations_of_parameters_take_a_second_or_two(constrained, loops):
     sizes = (10, 10, 10, 20)
     text = {"sum": "k0 + k1 >= 0 and k2 < 100"} if constrained else {}
     producers = [levels(f"k{i}", *map(float, range(n))) for i, n in enumerate(sizes)]
-    begin = time.process_time()
-    found = coverage(*producers, **text)
-    assert time.process_time() - begin < (2.0 if not constrained else 3.0)
-    assert found["realised"] == 20_000
+    found = []
+    assert loops(lambda: found.append(coverage(*producers, **text)), 1) < 300
+    assert found[0]["realised"] == 20_000

@@ -1,7 +1,6 @@
 """The language of constraints."""
 
 import random
-import time
 
 import pytest
 from hypothesis import given, settings
@@ -186,27 +185,30 @@ PIECES = ["a", "b.c", "1", "2.5", "'t'", '"u"', "(", ")", "[", "]", ",", "+", "-
           " and ", " or ", " not ", " in ", " implies ", "true", "max(", "sqrt(", "`k`", "9999999", "é", "=", "\\", "\n", "0x1", "\0"]  # fmt: skip
 
 
-def test_any_text_is_an_expression_or_a_fault_and_takes_no_time():
+def test_any_text_is_an_expression_or_a_fault_and_takes_no_time(loops):
     chance = random.Random(1)
-    begin = time.process_time()
     outcomes = set()
-    for _ in range(4000):
+
+    def outcome():
         text = "".join(chance.choice(PIECES) for _ in range(chance.randint(1, 25)))
         try:
             outcomes.add(type(holds(text, {"a": 9**99, "b.c": -1.5, "k": "t"})))
         except (ExpressionFault, NotEvaluable) as error:
             outcomes.add(type(error))
             assert str(error)
+
+    assert loops(lambda: [outcome() for _ in range(4000)], 1) < 60
     assert outcomes == {bool, ExpressionFault, NotEvaluable}
-    assert time.process_time() - begin < 20
 
 
-def test_no_expression_grows_without_end():
+def test_no_expression_grows_without_end(loops):
     text = "9" + " ** 9" * 50 + " > " + " * ".join(["9" * 250] * 6)
-    begin = time.process_time()
-    with pytest.raises(NotEvaluable, match="too large"):
-        holds(text)
-    assert time.process_time() - begin < 1
+
+    def refused():
+        with pytest.raises(NotEvaluable, match="too large"):
+            holds(text)
+
+    assert loops(refused) < 10
 
 
 def test_a_large_whole_number_is_still_exact():

@@ -3,7 +3,6 @@
 import itertools
 import math
 import re
-import time
 
 import numpy as np
 import pytest
@@ -350,12 +349,11 @@ def test_whatever_else_a_configuration_holds_the_paths_are_the_same(hall):
     )
 
 
-def test_a_path_of_20_m_in_a_large_building_takes_tens_of_milliseconds(shared_map):
+def test_a_path_of_20_m_in_a_large_building_takes_tens_of_milliseconds(shared_map, loops):
     inputs = {"map_file": shared_map("university")}
     evaluate(path_variation(path_length=20), inputs)  # the map is read and inflated once
-    began = time.process_time()
-    items = evaluate(path_variation(path_length=20, num_paths=10, seed=1), inputs)
-    assert (time.process_time() - began) / 10 < 0.1
+    items = []
+    assert loops(lambda: items.extend(evaluate(path_variation(path_length=20, num_paths=10, seed=1), inputs))) / 10 < 8
     assert all(isinstance(item, Fragment) for item in items)
 
 

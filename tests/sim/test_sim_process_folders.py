@@ -21,7 +21,7 @@ from vastflow.sim.process.process import NotStarted
 from vastflow.sim.process.run import process_run
 from vastflow.sim.process.setup import ProcessSetup
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(280)
 
 FOLDERS = RunFolders.below(Path("/tmp/a run"))
 
@@ -47,7 +47,7 @@ def begun(request, tmp_path, monkeypatch):
 
 def printed(run, *command):
     group = run.start(command)
-    assert group.wait(20).reason == "", group.log.read()
+    assert group.wait(120).reason == "", group.log.read()
     group.stop()
     return group.log.read().decode()
 

