@@ -8,11 +8,11 @@ from vastflow.oracles.oracle import Oracle
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.trace import Trace, trace_of
 from vastflow.oracles.verdict import Verdict
-from vastflow.sim.archive import read_outputs
-from vastflow.sim.blocks import read_block, read_recordings
-from vastflow.sim.frozen.loading import snapshot_behind
-from vastflow.sim.frozen.watch import watched
+from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.plug_ins.watch import watched
 from vastflow.sim.process.outputs import Outputs
+from vastflow.sim.recordings.archive import read_outputs
+from vastflow.sim.recordings.blocks import read_block, read_recordings
 from vastflow.sim.scenario import Scenario
 
 
@@ -26,9 +26,9 @@ def judge_block(
     """Every oracle's verdict on every run of a block: run by run, oracles in their order.
 
     Args:
-        recording_block: Runs of `scenario`, by `vastflow.sim.blocks.write_recordings`.
+        recording_block: Runs of `scenario`, by `vastflow.sim.recordings.blocks.write_recordings`.
         trace_block: The same runs, by `vastflow.oracles.observe.observe_block`.
-        outputs: What the runs' programs wrote, by `vastflow.sim.archive.write_outputs`; None where there is nothing.
+        outputs: What the runs' programs wrote, by `vastflow.sim.recordings.archive.write_outputs`; None where there is nothing.
 
     Raises:
         ValueError: the blocks are not of the same runs.

@@ -19,13 +19,14 @@ from vastflow.oracles.reference import reference_path
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.trace import NOWHERE_MM, MaybeReference, NoReference, Reference, levelled, reference_row
 from vastflow.oracles.whereabouts import Whereabouts, whereabouts_of
-from vastflow.sim.blocks import read_recordings, write_block
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import MapError, OccupancyMap, load_map
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.obstacle import Obstacle
-from vastflow.sim.recording import Recording, si
+from vastflow.sim.reading.map_file import MapError, load_map
+from vastflow.sim.recordings.blocks import read_recordings, write_block
+from vastflow.sim.recordings.recording import Recording, si
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.world.obstacle import Obstacle
 
 _CANDIDATES: Final = 9
 """Cells looked at for the nearest wall: the nearest square is among the nine nearest centres, or at most a

@@ -14,11 +14,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Metric, Verdict
-from vastflow.sim.files import is_file
-from vastflow.sim.frozen.loading import module_of, snapshot_behind
-from vastflow.sim.frozen.neighbors import PlugInError
-from vastflow.sim.frozen.snapshot import Snapshot, snapshot_of
-from vastflow.sim.plug_in import plug_in_code
+from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.plug_in import plug_in_code
+from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
+from vastflow.sim.reading.files import is_file
 
 GROUP: Final = "vastflow.oracles"
 SUCCESS: Final = "success"

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import MaybeReference, NoReference, Reference
-from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.obstacle import Obstacle
-from vastflow.sim.octile import inflated_free, shortest_path
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.maps.octile import inflated_free, shortest_path
+from vastflow.sim.world.obstacle import Obstacle
 
 
 def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_m: float) -> MaybeReference:

@@ -14,7 +14,7 @@ from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Verdict
 from vastflow.oracles.whereabouts import whereabouts_of
-from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.world.obstacle import Obstacle
 
 
 class SafetyParameters(Parameters):

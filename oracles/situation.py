@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from vastflow.sim.obstacle import Obstacle
 from vastflow.sim.pose import Pose
+from vastflow.sim.reading.script import script_of
 from vastflow.sim.scenario import Scenario
-from vastflow.sim.script import script_of
+from vastflow.sim.world.obstacle import Obstacle
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.situation import Situation
-from vastflow.sim.obstacle import Obstacle
 from vastflow.sim.pose import Pose
-from vastflow.sim.recording import Event, Run
+from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.world.obstacle import Obstacle
 
 _SPAWNED, _MOVED, _DELETED = "spawned", "obstacle_moved", "deleted"
 _AWAY: Final = (math.inf, math.inf)

@@ -9,16 +9,16 @@ from vastflow.producers.faults import Fault, Location, did_you_mean
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.producers.vast.document import Document
-from vastflow.sim.abstract import BUILTIN, SHIPPED, AbstractError, content_of, definition_of
 from vastflow.sim.behaviour.support import unsupported
 from vastflow.sim.behaviour.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.files import is_file
-from vastflow.sim.goals import goal_keys
 from vastflow.sim.osc.definition import ScenarioDefinition
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
-from vastflow.sim.script import calls_of, is_optional_list, overrides_of
+from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, AbstractError, content_of, definition_of
+from vastflow.sim.reading.files import is_file
+from vastflow.sim.reading.goals import goal_keys
+from vastflow.sim.reading.script import calls_of, is_optional_list, overrides_of
 
 WHERE: Final[Location] = ("execution", "scenario_file")
 

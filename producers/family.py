@@ -25,11 +25,11 @@ from vastflow.producers.vast.design import CARTESIAN, Design, DesignSpec
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.model_faults import faults_of
 from vastflow.producers.vast.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
-from vastflow.sim.abstract import hall_file
 from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.frozen.neighbors import PlugInError
-from vastflow.sim.maps import MissingMap
-from vastflow.sim.plug_in import plug_in_code
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.plug_in import plug_in_code
+from vastflow.sim.reading.abstract import hall_file
+from vastflow.sim.reading.map_file import MissingMap
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")

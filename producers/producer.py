@@ -14,11 +14,11 @@ from pydantic import BaseModel, ConfigDict
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.faults import Note
 from vastflow.sim.digest import FileContent, Value, digest
-from vastflow.sim.files import Unreadable, is_file, read_text, yaml_value
-from vastflow.sim.frozen.loading import module_of, snapshot_behind
-from vastflow.sim.frozen.snapshot import snapshot_of
-from vastflow.sim.frozen.watch import watched
-from vastflow.sim.plug_in import plug_in_code
+from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
+from vastflow.sim.plug_ins.plug_in import plug_in_code
+from vastflow.sim.plug_ins.snapshot import snapshot_of
+from vastflow.sim.plug_ins.watch import watched
+from vastflow.sim.reading.files import Unreadable, is_file, read_text, yaml_value
 from vastflow.sim.scenario import Dimension
 
 GROUP: Final = "vastflow.producers"

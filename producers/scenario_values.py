@@ -11,8 +11,8 @@ from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, check_key, parame
 from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.interpretation import CONTROLLER_DEFAULTS
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
-from vastflow.sim.obstacle import obstacle_of
-from vastflow.sim.pose import pose_of
+from vastflow.sim.reading.obstacles import obstacle_of
+from vastflow.sim.reading.poses import pose_of
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 
 LOOPS_KEY = "number_of_loops"

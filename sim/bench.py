@@ -9,23 +9,23 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.closed_loop import ClosedLoop
-from vastflow.sim.drive import drive
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.maps import FREE, OCCUPIED, OccupancyMap
-from vastflow.sim.mission import Mission
+from vastflow.sim.kernels.streams import run_entropy
+from vastflow.sim.loop.closed_loop import ClosedLoop
+from vastflow.sim.loop.drive import drive
+from vastflow.sim.loop.prepared import PreparedMap, prepare
+from vastflow.sim.maps.occupancy import FREE, OCCUPIED, OccupancyMap
+from vastflow.sim.maps.octile import descend, distance_field, passable, path_xy_m
 from vastflow.sim.nav.behaviour import REPLAN_TICKS
+from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.profile import CLOCK, STAGES
 from vastflow.sim.nav.state import RUNNING, SUBSTEPS, TICK_S
-from vastflow.sim.octile import descend, distance_field, passable, path_xy_m
 from vastflow.sim.pose import Pose
-from vastflow.sim.prepared import PreparedMap, prepare
-from vastflow.sim.robot import Robot
-from vastflow.sim.streams import run_entropy
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.robot import Robot
 
 CONTROLLERS: Final = {"mppi": MppiParameters, "dwb": DwbParameters, "rpp": RppParameters}
 MAP_SEED: Final = 20

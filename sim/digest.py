@@ -20,7 +20,7 @@ class FileContent:
     Attributes:
         path: Where this process can read it.
         digest: SHA-256 (hex) of what it holds. For a map that is the decoded grid and its metadata, see
-            `vastflow.sim.maps.map_content`.
+            `vastflow.sim.reading.map_file.map_content`.
     """
 
     path: str = field(compare=False)

@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.archive import table
 from vastflow.sim.behaviour.entities import ENTITIES
 from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
 from vastflow.sim.behaviour.navigation import NAVIGATION
@@ -22,26 +21,28 @@ from vastflow.sim.behaviour.topics import ROS
 from vastflow.sim.behaviour.tree import ScenarioTree
 from vastflow.sim.behaviour.vocabulary import WORLDLY
 from vastflow.sim.behaviour.world import in_world
-from vastflow.sim.closed_loop import ClosedLoop
 from vastflow.sim.digest import FileContent
-from vastflow.sim.drive import Ending, recording_of, recording_without_world
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.kernels.streams import run_entropy
+from vastflow.sim.loop.closed_loop import ClosedLoop
+from vastflow.sim.loop.drive import Ending, recording_of, recording_without_world
+from vastflow.sim.loop.play import Watch, play
+from vastflow.sim.loop.prepared import KEPT_MAPS, prepare
+from vastflow.sim.loop.simulation import Simulation, recorded
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.play import Watch, play
-from vastflow.sim.prepared import KEPT_MAPS, prepare
 from vastflow.sim.process.actions import PROCESSES, process_actions
 from vastflow.sim.process.folders import CONFIG, OUT
 from vastflow.sim.process.run import ProcessRecord, ProcessRun, process_run
 from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.recording import Recording
-from vastflow.sim.robot import Robot
-from vastflow.sim.runlog import RunLog
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
+from vastflow.sim.recordings.archive import table
+from vastflow.sim.recordings.recording import Recording
+from vastflow.sim.recordings.runlog import RunLog
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.script import Script, calls_of, navigates, script_of
-from vastflow.sim.simulation import Simulation, recorded
-from vastflow.sim.streams import run_entropy
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.robot import Robot
 
 BEHAVIORS: Final[Mapping[str, type]] = {
     "t_s": float,
@@ -88,7 +89,7 @@ def run(
         ScenarioError: the scenario can't work: no map, a map that changed since the scenario was made, a `pre_command` that
             failed, a program that can't be started, an expression without a value, or a robot that the scenario should have sent
             somewhere and gave no goal.
-        ValueError: a scenario file or a value that can't be used, see `vastflow.sim.script.script_of`.
+        ValueError: a scenario file or a value that can't be used, see `vastflow.sim.reading.script.script_of`.
     """
     return execute(scenario, run_index, seed, watch, watch_ticks).recording
 

@@ -28,7 +28,7 @@ class Scenario:
     """A concrete scenario c: one point of the test space, in its three dimensions.
 
     Attributes:
-        abstract: The abstract scenario a: `builtin:` and a name of `vastflow.sim.abstract.SHIPPED`, or an OpenSCENARIO file.
+        abstract: The abstract scenario a: `builtin:` and a name of `vastflow.sim.reading.abstract.SHIPPED`, or an OpenSCENARIO file.
         timeout_s: Simulated time after which a run ends as timed out.
         environment: d_E: the map (`map_file`, a `FileContent`) and lists of obstacles, whatever their key.
         task: d_T: start, goals, loops.

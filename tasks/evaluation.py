@@ -14,8 +14,8 @@ from pydantic_core import to_jsonable_python
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.producer import Producer
 from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.frozen.loading import module_of, snapshot_behind
-from vastflow.sim.frozen.snapshot import Snapshot
+from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
+from vastflow.sim.plug_ins.snapshot import Snapshot
 from vastflow.tasks.keys import EVALUATE_SOURCE, Keys
 from vastflow.tasks.source import SourceTree
 from vastflow.tasks.store import Lost

@@ -16,8 +16,8 @@ from typing import Any, Final
 
 from vastflow.oracles.oracle import Oracle, oracle_of
 from vastflow.sim.digest import FileContent, Value, digest
-from vastflow.sim.frozen.loading import snapshot_behind
 from vastflow.sim.osc.faults import OscError
+from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.process.setup import ProcessSetup, setup_of
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import Keys

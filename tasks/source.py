@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.sim.digest import digest, file_digest
-from vastflow.sim.frozen.loading import snapshot_behind
-from vastflow.sim.frozen.snapshot import Snapshot
+from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.plug_ins.snapshot import Snapshot
 from vastflow.tasks import code_digest, source_cache
 from vastflow.tasks.code_digest import tree_digest
 from vastflow.tasks.source_cache import Module, SourceCache, source_cache_file

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
 
 from vastflow.sim.digest import Value
-from vastflow.sim.plug_in import plug_in_code
+from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
 from vastflow.tasks.evaluation import FRAGMENTS, PackedProducer, write_evaluation
@@ -26,7 +26,7 @@ from vastflow.tasks.source_files import KeyedStore
 from vastflow.tasks.store import Lost, Store, StoreError
 
 if TYPE_CHECKING:
-    from vastflow.sim.recording import Recording
+    from vastflow.sim.recordings.recording import Recording
 
 Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
 
@@ -97,7 +97,7 @@ def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) ->
 def compile_kernels() -> None:
     """Drive a metre through an empty room, so that the compiled kernels are in their cache for the other workers."""
     _log_plainly()
-    from vastflow.sim.maps import map_content
+    from vastflow.sim.reading.map_file import map_content
     from vastflow.sim.run import run
 
     with tempfile.TemporaryDirectory() as folder:
@@ -123,8 +123,8 @@ def execute(
     if (stored := store.find(f"{key}/{start}-{stop}")) is not None:
         return Executed({int(run): float(s) for run, s in stored.info["runs"]}, {})
     from vastflow.sim import run
+    from vastflow.sim.recordings.runlog import run_log_row
     from vastflow.sim.run import Execution
-    from vastflow.sim.runlog import run_log_row
 
     whole: list[Execution] = []
     simulated_s: dict[int, float] = {}
@@ -198,9 +198,9 @@ def evaluate(store: Store | KeyedStore, key: str, producer: PackedProducer, inpu
 
 def _files(recordings: "Sequence[Recording]") -> dict[str, bytes]:
     """A block's recordings, the behaviours of their scenarios, and what their programs wrote, if anything."""
-    from vastflow.sim.archive import write_outputs
-    from vastflow.sim.behavior_block import write_behaviors
-    from vastflow.sim.blocks import write_recordings
+    from vastflow.sim.recordings.archive import write_outputs
+    from vastflow.sim.recordings.behavior_block import write_behaviors
+    from vastflow.sim.recordings.blocks import write_recordings
 
     behaviors = write_behaviors({recording.run.run_index: recording.behaviors for recording in recordings})
     files = {RECORDINGS: write_recordings(recordings), BEHAVIORS: behaviors}

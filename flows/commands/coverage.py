@@ -54,7 +54,7 @@ def _coverage(source: Path, map_dir: Path | None, as_v1: bool) -> "Coverage":
     from vastflow.oracles.directory.coverage import read_coverage
     from vastflow.producers.faults import CampaignError
     from vastflow.producers.instantiate import instantiate
-    from vastflow.sim.effects import looking_only
+    from vastflow.sim.plug_ins.effects import looking_only
 
     if meant_address(source):
         wrong: object = wrong_directory(source)

@@ -27,7 +27,7 @@ def print_dry_run(
     from vastflow.flows.plan.dry_run import dry_run
     from vastflow.flows.results.past import NoPast
     from vastflow.producers.faults import CampaignError
-    from vastflow.sim.effects import looking_only
+    from vastflow.sim.plug_ins.effects import looking_only
     from vastflow.tasks.store import StoreError
 
     with Interruptible("interrupted; nothing was written"):

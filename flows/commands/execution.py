@@ -51,7 +51,7 @@ def describe(
     from vastflow.flows.request.campaign_file import campaign_name
     from vastflow.producers.campaign import load_campaign
     from vastflow.producers.faults import CampaignError
-    from vastflow.sim.effects import looking_only
+    from vastflow.sim.plug_ins.effects import looking_only
     from vastflow.tasks.execution.compose import compose_file
     from vastflow.tasks.execution.manifest import yaml_text
     from vastflow.tasks.execution.pod import pod_template

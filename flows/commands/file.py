@@ -23,7 +23,7 @@ def validate(
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.flows.request.notes import terminal_lines
     from vastflow.producers.faults import CampaignError
-    from vastflow.sim.effects import looking_only
+    from vastflow.sim.plug_ins.effects import looking_only
 
     try:
         with looking_only():

@@ -39,7 +39,7 @@ def preview(
         from vastflow.flows.results.directory import directory_name
         from vastflow.producers.faults import CampaignError
         from vastflow.producers.instantiate import instantiate
-        from vastflow.sim.effects import looking_only
+        from vastflow.sim.plug_ins.effects import looking_only
 
         try:
             with looking_only():

@@ -17,7 +17,7 @@ from vastflow.flows.terminal.reading import reading
 if TYPE_CHECKING:
     from vastflow.oracles.replay.recorded import RecordedRun
     from vastflow.oracles.replay.story import Story
-    from vastflow.sim.replay import Difference, Replay
+    from vastflow.sim.replay.replay import Difference, Replay
 
 FILM_EVERY_S: Final = 0.2
 STRIP: Final = "strip.png"
@@ -74,7 +74,7 @@ def replay(
     from vastflow.flows.results.origin import versions
     from vastflow.oracles.replay.recorded import NotRecorded
     from vastflow.oracles.replay.times import TimeError
-    from vastflow.sim.replay import first_difference
+    from vastflow.sim.replay.replay import first_difference
 
     folder = out or results / "replays" / f"{configuration}-{run}"
     try:
@@ -170,9 +170,9 @@ def _executed(recorded: "RecordedRun", asked: Asked) -> "tuple[Replay, list[int]
     """
     from vastflow.oracles.replay.highlights import highlights
     from vastflow.oracles.replay.story import view_of
-    from vastflow.sim.numeric import kernel_cache_dir
-    from vastflow.sim.replay import replay as execute
-    from vastflow.sim.script import script_of
+    from vastflow.sim.kernels.numeric import kernel_cache_dir
+    from vastflow.sim.reading.script import script_of
+    from vastflow.sim.replay.replay import replay as execute
 
     if not kernel_cache_dir().exists():
         print("compiling the simulator's kernels, once for each version", file=sys.stderr)
@@ -191,8 +191,8 @@ def _executed(recorded: "RecordedRun", asked: Asked) -> "tuple[Replay, list[int]
 def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: "Difference | None") -> "Story":
     from vastflow.oracles.replay.story import Story, view_of
     from vastflow.sim.digest import FileContent
-    from vastflow.sim.maps import load_map
-    from vastflow.sim.script import script_of
+    from vastflow.sim.reading.map_file import load_map
+    from vastflow.sim.reading.script import script_of
 
     metadata = recorded.metadata
     equal = "" if difference else ", equal to the recording bit for bit"

@@ -14,7 +14,7 @@ from vastflow.oracles.figures.pair_figure import Side, pair_figure
 from vastflow.oracles.figures.picture import png
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.statistics.comparison import Change
-from vastflow.sim.maps import load_map
+from vastflow.sim.reading.map_file import load_map
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,7 +8,7 @@ from typing import Final
 
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.places.stops import PATH_LENGTH_KEY
-from vastflow.sim.script import script_of
+from vastflow.sim.reading.script import script_of
 
 MEAN_SPEED_MPS: Final = 0.3
 """Along the path, with stops and recoveries: 120 runs of some 6 m in `campaigns/quickstart` are about 40 minutes."""

@@ -16,7 +16,7 @@ from vastflow.producers.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import load_map
+from vastflow.sim.reading.map_file import load_map
 
 if TYPE_CHECKING:
     from vastflow.oracles.figures.plan_view import PlanView

@@ -13,7 +13,7 @@ from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, 
 from vastflow.producers.faults import CampaignError, Fault, Note
 from vastflow.producers.vast.document import Document, read_document
 from vastflow.producers.vast.spec import EvaluationSpec
-from vastflow.sim.frozen.loading import snapshot_behind
+from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.tasks.evaluation import producers_in
 
 

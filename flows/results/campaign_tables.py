@@ -33,8 +33,8 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Judgement, Verdict, run_judgement
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
-from vastflow.sim.behavior_block import behaviors_below, read_behaviors
-from vastflow.sim.blocks import read_rows
+from vastflow.sim.recordings.behavior_block import behaviors_below, read_behaviors
+from vastflow.sim.recordings.blocks import read_rows
 
 LOGS_FILE: Final = "logs/runs.jsonl"
 """A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""

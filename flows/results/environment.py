@@ -10,7 +10,8 @@ from PIL import Image
 
 from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import FREE, OCCUPIED, UNKNOWN, OccupancyMap, load_map
+from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.sim.reading.map_file import load_map
 
 _GREY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 """The grey values of ROS' map_saver."""

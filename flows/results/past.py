@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from vastflow.flows.request.asked import asked_of
-from vastflow.sim.files import read_json
+from vastflow.sim.reading.files import read_json
 
 PARTS = ("environment", "task", "system")
 

@@ -11,7 +11,7 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.replica import replica
-from vastflow.sim.files import read_json
+from vastflow.sim.reading.files import read_json
 from vastflow.tasks.instantiation import Instantiator
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree, installed_tree

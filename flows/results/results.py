@@ -32,7 +32,7 @@ from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.digest import FileContent, file_digest
-from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.tasks.keys import Keys
 
 LOGGER: Final = logging.getLogger("vastflow.results")

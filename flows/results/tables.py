@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from vastflow.oracles.verdict import Verdict, metrics_text
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.standstill import STOOD_STILL
+from vastflow.sim.loop.standstill import STOOD_STILL
 
 Row = Mapping[str, Any]
 Columns = Mapping[str, Sequence[Any]]

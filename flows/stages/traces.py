@@ -69,9 +69,9 @@ class Traces:
             Lost: something is no longer in the store or damaged; `execute` and `observe` compute it again.
         """
         from vastflow.oracles.trace import trace_of
-        from vastflow.sim.archive import read_outputs
-        from vastflow.sim.blocks import read_block, read_recordings
         from vastflow.sim.process.outputs import Outputs
+        from vastflow.sim.recordings.archive import read_outputs
+        from vastflow.sim.recordings.blocks import read_block, read_recordings
 
         store = self.configurations.opened.store
         found = {}

@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vastflow.sim.archive import columns_of, read_table
+from vastflow.sim.recordings.archive import columns_of, read_table
 
 BEHAVIORS_FILE: Final = "behaviors.parquet"
 CONFIGURATION: Final = "configuration"

@@ -7,12 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.sim.abstract import content_of
 from vastflow.sim.digest import FileContent, file_digest
-from vastflow.sim.files import read_json
-from vastflow.sim.maps import map_content
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.process.setup import setup_of
+from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.files import read_json
+from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.scenario import Scenario
 
 NAMED_FILES: Final = "files.json"

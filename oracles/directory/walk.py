@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.whereabouts import spawned_by
-from vastflow.sim.blocks import read_columns, read_rows
-from vastflow.sim.obstacle import Obstacle
-from vastflow.sim.recording import run_of, si
+from vastflow.sim.recordings.blocks import read_columns, read_rows
+from vastflow.sim.recordings.recording import run_of, si
+from vastflow.sim.world.obstacle import Obstacle
 
 _STEP_M: Final = 0.05
 

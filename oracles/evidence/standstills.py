@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from vastflow.oracles.directory.column import texts
 from vastflow.oracles.directory.tables import Tables
-from vastflow.sim.standstill import CAUSES
+from vastflow.sim.loop.standstill import CAUSES
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +14,7 @@ class Standstills:
     """How many runs stood still at the start. They have failed, and are in every rate.
 
     Attributes:
-        causes: Cause to runs, the most frequent first; one of `vastflow.sim.standstill.CAUSES`.
+        causes: Cause to runs, the most frequent first; one of `vastflow.sim.loop.standstill.CAUSES`.
         configurations: Configuration to runs, in the order of the table; those without any are not there.
     """
 

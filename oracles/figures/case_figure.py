@@ -13,8 +13,8 @@ from vastflow.oracles.figures.floor import DPI, draw_ends, draw_floor, draw_line
 from vastflow.oracles.figures.palette import COLOURS, INK
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.verdict import Judgement
-from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.world.obstacle import Obstacle
 
 _WIDTH_IN: Final = 5.0
 _HEIGHT_IN: Final = 3.4

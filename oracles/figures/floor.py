@@ -15,8 +15,8 @@ from PIL import Image
 
 from vastflow.oracles.figures.palette import GOAL_COLOUR, INK, LINE, OBSTACLE_COLOUR, OBSTACLE_EDGE, SOFT_INK
 from vastflow.oracles.figures.scene import known_cells, known_extent_m
-from vastflow.sim.maps import FREE, UNKNOWN, OccupancyMap
-from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.maps.occupancy import FREE, UNKNOWN, OccupancyMap
+from vastflow.sim.world.obstacle import Obstacle
 
 DPI: Final = 120
 _WALL, _UNKNOWN, _FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)

@@ -22,8 +22,8 @@ from vastflow.oracles.figures.floor import (
 from vastflow.oracles.figures.palette import COLOURS, INK
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.verdict import Judgement
-from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.world.obstacle import Obstacle
 
 _PANEL_IN: Final = 5.0
 _LEGEND_IN: Final = 0.6

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from vastflow.oracles.figures.floor import draw_ends, draw_obstacles, legend, map_figure, obstacle_handle
 from vastflow.oracles.figures.palette import INK, OBSTACLE_COLOUR, OBSTACLE_EDGE
 from vastflow.oracles.situation import Situation
-from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
+from vastflow.sim.world.obstacle import Obstacle
 
 PATH_COLOUR: Final = "#0072B2"
 _DASHES: Final = (0, (4, 3))

@@ -15,8 +15,9 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.oracle import SUCCESS
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.statistics.failure_map import FailureMap, Grid, empty_map, failure_map, grid_over
-from vastflow.sim.maps import OccupancyMap, load_map
-from vastflow.sim.obstacle import Obstacle
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.world.obstacle import Obstacle
 
 MAX_LINES: Final = 1000
 """Trajectories drawn per judgement and environment, as in the paper; more hide each other."""

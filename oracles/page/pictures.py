@@ -26,7 +26,7 @@ from vastflow.oracles.figures.map_figures import (
 from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.rate_figure import rates_figure
 from vastflow.oracles.figures.scene import Scene, distinct_obstacles, situation_at
-from vastflow.sim.maps import load_map
+from vastflow.sim.reading.map_file import load_map
 
 MAX_EMBEDDED: Final = 11_000_000
 """Bytes of pictures within the page; those beyond are in `figures/` alone, so that the page stays below 20 MB."""

@@ -11,7 +11,7 @@ from vastflow.oracles.evidence.weights import WeightedRate, weighted_counts, wei
 from vastflow.oracles.paper import published
 from vastflow.oracles.paper.results import PaperResults
 from vastflow.oracles.statistics.classes import TotalFailures, total_failures
-from vastflow.sim.standstill import CAUSES, STANDSTILL_M
+from vastflow.sim.loop.standstill import CAUSES, STANDSTILL_M
 
 CORES: Final = 2
 """For which the time of the whole campaigns is said."""

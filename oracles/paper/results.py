@@ -17,7 +17,7 @@ from vastflow.oracles.paper.published import PUBLISHED, Kind, Published
 from vastflow.oracles.paper.starts import Starts, starts_of
 from vastflow.oracles.statistics.factors import blocks_of
 from vastflow.oracles.verdict import Judgement, run_judgement
-from vastflow.sim.files import read_json
+from vastflow.sim.reading.files import read_json
 
 BASES: Final = ("update", "step", "metre", "mean", "maximum")
 """Metrics of the oracle `robustness`, each a reading of "summed localization error"."""

@@ -13,8 +13,9 @@ from scipy import ndimage
 from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.paper.published import LOCAL_PADDING_M, LOCAL_RADIUS_M
 from vastflow.oracles.verdict import Judgement
-from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
+from vastflow.sim.reading.map_file import load_map
 
 COLLISION_M: Final = inscribed_radius_m(padded_outline(LOCAL_RADIUS_M, LOCAL_PADDING_M))
 """Distance of the robot's centre from a wall up to which the wall reaches into its padded footprint (m)."""
@@ -42,7 +43,7 @@ class Starts:
         near: Those that start with a wall in their padded footprint.
         free: The others.
         moved: What all oracles together say of the runs that did not stand still, wherever they start.
-        causes: Why runs stood still, of `vastflow.sim.standstill.CAUSES`, to how many did.
+        causes: Why runs stood still, of `vastflow.sim.loop.standstill.CAUSES`, to how many did.
     """
 
     near: Begun

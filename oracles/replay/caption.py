@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Final
 
-from vastflow.sim.recording import Event, Run
-from vastflow.sim.simulation import REASONS
-from vastflow.sim.snapshot import Activity, Moment
-from vastflow.sim.standstill import told
+from vastflow.sim.loop.simulation import REASONS
+from vastflow.sim.loop.standstill import told
+from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.replay.snapshot import Activity, Moment
 
 SLOW_S: Final = 3.0
 """The progress checker's clock is worth a word only after this time."""

@@ -19,11 +19,11 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.palette import GOAL_COLOUR, INK, OBSTACLE_COLOUR
-from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.pose import Pose
-from vastflow.sim.robot import Robot
-from vastflow.sim.snapshot import Box, Patch, Snapshot
+from vastflow.sim.replay.snapshot import Box, Patch, Snapshot
+from vastflow.sim.world.robot import Robot
 
 BELIEF_COLOUR: Final = "#E69F00"
 INTENT_COLOUR: Final = "#6A3D9A"

@@ -13,7 +13,7 @@ from vastflow.oracles.figures.palette import COLOURS, GOAL_COLOUR, INK, OBSTACLE
 from vastflow.oracles.replay.close_up import BELIEF_COLOUR, INTENT_COLOUR
 from vastflow.oracles.replay.still import still_images
 from vastflow.oracles.replay.story import Story
-from vastflow.sim.snapshot import Snapshot
+from vastflow.sim.replay.snapshot import Snapshot
 
 FRAME_MS: Final = 100
 """For how long a picture is shown."""

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Final
 
 from vastflow.sim.nav.state import TICK_S
-from vastflow.sim.recording import Event, Run
+from vastflow.sim.recordings.recording import Event, Run
 
 FRAMES: Final = 12
 """Pictures of a run where nothing else is asked for, at the most."""

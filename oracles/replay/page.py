@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 from vastflow.oracles.figures.palette import COLOURS, GOAL_COLOUR, INK
 from vastflow.oracles.replay.close_up import draw_patch, ground, legend_handles
 from vastflow.oracles.replay.story import Story
-from vastflow.sim.snapshot import Snapshot
+from vastflow.sim.replay.snapshot import Snapshot
 
 DPI: Final = 110
 HEAD_IN: Final = 1.0

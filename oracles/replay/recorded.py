@@ -13,11 +13,11 @@ import pyarrow.parquet as pq
 from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.verdict import Judgement, run_judgement
-from vastflow.sim.blocks import read_recordings
-from vastflow.sim.files import read_json
-from vastflow.sim.recording import Recording
+from vastflow.sim.kernels.streams import run_entropy
+from vastflow.sim.reading.files import read_json
+from vastflow.sim.recordings.blocks import read_recordings
+from vastflow.sim.recordings.recording import Recording
 from vastflow.sim.scenario import Scenario
-from vastflow.sim.streams import run_entropy
 
 _DAMAGED: Final = "damaged campaign directory"
 

@@ -26,7 +26,7 @@ from vastflow.oracles.replay.page import (
 )
 from vastflow.oracles.replay.story import RECENT_TICKS, Story
 from vastflow.oracles.replay.timeline import draw_now, draw_timeline
-from vastflow.sim.snapshot import Snapshot
+from vastflow.sim.replay.snapshot import Snapshot
 
 _PICTURE_IN: Final = (6.6, 5.8)
 _SIDE_IN: Final = 4.4

@@ -13,10 +13,10 @@ from vastflow.oracles.replay.caption import happening
 from vastflow.oracles.replay.close_up import Way
 from vastflow.oracles.replay.highlights import tick_of
 from vastflow.oracles.verdict import Judgement
-from vastflow.sim.maps import UNKNOWN, OccupancyMap
+from vastflow.sim.maps.occupancy import UNKNOWN, OccupancyMap
 from vastflow.sim.pose import Pose
-from vastflow.sim.recording import Run
-from vastflow.sim.snapshot import Box, Moment
+from vastflow.sim.recordings.recording import Run
+from vastflow.sim.replay.snapshot import Box, Moment
 
 WHOLE_M: Final = 6.5
 """A run that fits into such a square is shown whole in every picture."""

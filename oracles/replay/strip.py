@@ -22,7 +22,7 @@ from vastflow.oracles.replay.page import (
 )
 from vastflow.oracles.replay.story import RECENT_TICKS, Story
 from vastflow.oracles.replay.timeline import draw_timeline
-from vastflow.sim.snapshot import Snapshot
+from vastflow.sim.replay.snapshot import Snapshot
 
 MOST: Final = 48
 """Pictures of a strip; with more of them it is no picture any more."""

@@ -12,7 +12,7 @@ from vastflow.oracles.figures.palette import COLOURS, INK
 from vastflow.oracles.replay.caption import SLOW_S
 from vastflow.oracles.replay.close_up import BELIEF_COLOUR
 from vastflow.sim.nav.state import TICK_S
-from vastflow.sim.snapshot import Moment
+from vastflow.sim.replay.snapshot import Moment
 
 _GREY: Final = "#6B7280"
 _BANDS: Final[Mapping[str, tuple[str, float]]] = {

@@ -25,7 +25,8 @@ from vastflow.producers.places.stops import (
 from vastflow.producers.producer import Producer
 from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M
 from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 
 MOST_MAPS: Final = 4

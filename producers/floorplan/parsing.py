@@ -8,7 +8,7 @@ from typing import Any, Final
 from lark import Lark, UnexpectedCharacters, UnexpectedToken
 
 from vastflow.producers.floorplan.faults import complain, nearest
-from vastflow.sim import files
+from vastflow.sim.reading import files
 
 MOST_BYTES: Final = 1_000_000
 

@@ -17,7 +17,8 @@ from vastflow.producers.faults import MISSING_FILE
 from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.producer import ROOM_KEY
 from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.maps import MapError, MissingMap, OccupancyMap, load_map
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.reading.map_file import MapError, MissingMap, load_map
 
 MAP_KEY: Final = "map_file"
 EIGHT_NEIGHBOURS: Final = np.ones((3, 3), dtype=np.int8)
@@ -75,7 +76,7 @@ def ground_of(map_file: FileContent, robot_diameter_m: float, room_m: float = 0.
     """
     from scipy import ndimage  # half a second with what follows, see `vastflow.producers.places.lengths`
 
-    from vastflow.sim import octile
+    from vastflow.sim.maps import octile
 
     occupancy = occupancy_of(map_file)
     radius_cells = octile.whole_cells(robot_diameter_m / 2, occupancy.resolution_m)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from vastflow.producers.faults import did_you_mean
 from vastflow.sim.digest import FileContent
-from vastflow.sim.files import is_file
-from vastflow.sim.maps import MissingMap, map_content
+from vastflow.sim.reading.files import is_file
+from vastflow.sim.reading.map_file import MissingMap, map_content
 
 
 @dataclass

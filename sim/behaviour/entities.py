@@ -9,10 +9,10 @@ from py_trees.common import Status
 
 from vastflow.sim.behaviour.action import Action
 from vastflow.sim.behaviour.world import WorldAction
-from vastflow.sim.obstacle import has_mass, obstacle_of
+from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.pose import Pose
+from vastflow.sim.reading.obstacles import has_mass, obstacle_of
 from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.simulation import Simulation
 
 ROBOT_NAMES: Final = ("turtlebot4", "robot")
 """Names by which scenarios ask for the robot itself."""

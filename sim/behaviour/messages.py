@@ -5,10 +5,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from vastflow.sim.behaviour.ros_graph import TOPICS
+from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.nav.state import TICK_S
 from vastflow.sim.pose import Pose
-from vastflow.sim.ros_graph import TOPICS
-from vastflow.sim.simulation import Simulation
 
 _PLANE: Final = ("xx", "xy", "yy")
 _COMMANDS: Final = {"/cmd_vel": "sent", "/cmd_vel_smoothed": "smooth", "/cmd_vel_nav": "command"}

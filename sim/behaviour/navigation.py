@@ -9,10 +9,11 @@ from py_trees.common import Status
 from vastflow.sim.behaviour.action import Action
 from vastflow.sim.behaviour.helpers import Immediate
 from vastflow.sim.behaviour.world import WorldAction
-from vastflow.sim.mission import Kind, Mission
-from vastflow.sim.pose import Pose, pose_of
+from vastflow.sim.loop.simulation import COLUMNS_OF, Order, Simulation, distance_m
+from vastflow.sim.nav.mission import Kind, Mission
+from vastflow.sim.pose import Pose
+from vastflow.sim.reading.poses import pose_of
 from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.simulation import COLUMNS_OF, Order, Simulation, distance_m
 
 ALWAYS_RECORDED: Final = ("/tf", "/tf_static", "/odom", "/map")
 """Topics whose content is in every recording, or beside it in the campaign directory."""
@@ -108,7 +109,7 @@ class BagRecord(Immediate):
     """`bag_record`: succeeds at once, for the recording has begun with the run, and ends with it.
 
     Logs which topics recordings do not have. What the recording keeps is known before the run
-    (`vastflow.sim.script.Script.topics`): runs of a scenario have the same columns, whether they come to this action or not.
+    (`vastflow.sim.reading.script.Script.topics`): runs of a scenario have the same columns, whether they come to this action or not.
     The true pose, the estimate and AMCL's updates are always kept: what judges a run needs them.
     """
 

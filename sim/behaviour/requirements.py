@@ -3,8 +3,15 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
+from vastflow.sim.behaviour.ros_graph import (
+    content_fault,
+    end_fault,
+    frames_fault,
+    nodes_fault,
+    publication_fault,
+    topic_fault,
+)
 from vastflow.sim.osc.definition import Call, Constant, Expression, ListOf
-from vastflow.sim.ros_graph import content_fault, end_fault, frames_fault, nodes_fault, publication_fault, topic_fault
 
 Requirement: TypeAlias = Callable[..., str]
 

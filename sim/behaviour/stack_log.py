@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+from vastflow.sim.loop.simulation import REASONS, Simulation
 from vastflow.sim.nav.state import ABORTED, EVENT_KINDS, RECOVERIES, RUNNING, SUCCEEDED
-from vastflow.sim.simulation import REASONS, Simulation
 
 Line = tuple[str, str]
 """Node and text."""

@@ -12,14 +12,14 @@ from vastflow.sim.behaviour.action import Action, Situation
 from vastflow.sim.behaviour.message_members import literal, member_of, pose_in, velocity_in, with_members
 from vastflow.sim.behaviour.messages import count, message
 from vastflow.sim.behaviour.requirements import lacking
+from vastflow.sim.behaviour.ros_graph import TOPICS, absolute
 from vastflow.sim.behaviour.stack_log import StackLog
 from vastflow.sim.behaviour.transforms import moved, pose_between
 from vastflow.sim.behaviour.world import WorldAction
-from vastflow.sim.mission import Mission
+from vastflow.sim.loop.simulation import Simulation
+from vastflow.sim.nav.mission import Mission
 from vastflow.sim.pose import Pose
-from vastflow.sim.ros_graph import TOPICS, absolute
 from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.simulation import Simulation
 
 OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     "lt": operator.lt,

@@ -2,9 +2,9 @@
 
 import math
 
+from vastflow.sim.behaviour.ros_graph import TRUE_FRAME
+from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.pose import Pose
-from vastflow.sim.ros_graph import TRUE_FRAME
-from vastflow.sim.simulation import Simulation
 
 
 def pose_between(simulation: Simulation, parent: str, robot: str) -> Pose | None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
-from vastflow.sim.simulation import Simulation
+from vastflow.sim.loop.simulation import Simulation
 
 WorldAction: TypeAlias = Callable[[Simulation, Situation], Action]
 """Makes an action of one run."""

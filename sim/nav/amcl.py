@@ -12,6 +12,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.streams import SUBSYSTEMS, streams_of
 from vastflow.sim.nav import localization
 from vastflow.sim.nav.likelihood import likelihood_cubed, usable_range_m
 from vastflow.sim.nav.parameters.amcl import AmclParameters, covariance_of
@@ -19,8 +21,6 @@ from vastflow.sim.nav.parameters.parameter import ParameterError, check
 from vastflow.sim.nav.particles import Cloud, new_cloud, points_for
 from vastflow.sim.nav.record import record_dtype, record_of
 from vastflow.sim.nav.sensor import weigh
-from vastflow.sim.numeric import njit
-from vastflow.sim.streams import SUBSYSTEMS, streams_of
 
 Pose = Sequence[float]
 """x, y (m) and yaw (rad)."""

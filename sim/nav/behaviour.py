@@ -7,6 +7,7 @@ the round of clear, spin, wait and back up, six times a goal at the most.
 import math
 from typing import Any, Final
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.controllers.control import Controller, command, reset, take_new_path
 from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.footprint import outline_hits
@@ -41,8 +42,7 @@ from vastflow.sim.nav.state import (
     Local,
     Route,
 )
-from vastflow.sim.numeric import inner
-from vastflow.sim.robot import wrapped
+from vastflow.sim.world.robot import wrapped
 
 RETRIES: Final = 6
 REPLAN_TICKS: Final = round(1.0 / TICK_S)

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from vastflow.sim.numeric import inner
+from vastflow.sim.kernels.numeric import inner
 
 
 @inner

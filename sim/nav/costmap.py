@@ -8,8 +8,8 @@ the scanner sees, neither mark nor clear.
 import math
 from typing import Any, Final
 
+from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
-from vastflow.sim.numeric import inner, njit
 
 UNSEEN: Final = 0
 SEEN_FREE: Final = 1

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.numeric import njit
+from vastflow.sim.kernels.numeric import njit
 
 FREE: Final = 0
 INSCRIBED: Final = 253

@@ -5,8 +5,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.nav.parameters.amcl import AmclParameters
-from vastflow.sim.numeric import inner, njit
 
 UNREACHED: Final = -1
 FRAME: Final = 64

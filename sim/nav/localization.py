@@ -3,12 +3,12 @@
 import math
 from typing import Any
 
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.streams import AMCL
 from vastflow.sim.nav.particles import Cloud, gate, move, spread
 from vastflow.sim.nav.resampling import covariance, heaviest_cluster, resample
 from vastflow.sim.nav.sensor import normalise, weigh
-from vastflow.sim.numeric import inner
-from vastflow.sim.robot import wrapped
-from vastflow.sim.streams import AMCL
+from vastflow.sim.world.robot import wrapped
 
 
 @inner

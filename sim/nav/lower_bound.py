@@ -9,8 +9,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.navfn import NEUTRAL, UNREACHED, propagate_within
-from vastflow.sim.numeric import inner
 
 LEAST_CELL_COST: Final = 0.99 * NEUTRAL
 """Of a cell's way in a straight line; NavFn's interpolated potential rises 0.5 % less than `NEUTRAL` along a diagonal."""

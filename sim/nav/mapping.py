@@ -3,11 +3,11 @@
 import math
 from typing import Any
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.costmap import MARKED, UNSEEN, clear_disc, merge_window, observe, roll
 from vastflow.sim.nav.inflation import FREE, LETHAL, stamp_lethal
 from vastflow.sim.nav.navfn import fill_travel_costs
 from vastflow.sim.nav.state import Grids, Local
-from vastflow.sim.numeric import inner
 
 
 @inner

@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.nav.inflation import INSCRIBED, UNKNOWN
-from vastflow.sim.numeric import inner, njit
 
 UNREACHED: Final = np.float32(1e10)
 NEUTRAL: Final = 50

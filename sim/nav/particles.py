@@ -9,11 +9,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from vastflow.sim.lidar import BEAMS
-from vastflow.sim.numeric import inner
-from vastflow.sim.robot import wrapped
-from vastflow.sim.sincos import rounded, sincos
-from vastflow.sim.ziggurat import normals
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.sincos import rounded, sincos
+from vastflow.sim.kernels.ziggurat import normals
+from vastflow.sim.world.lidar import BEAMS
+from vastflow.sim.world.robot import wrapped
 
 GUIDE: Final = 2048
 LANES: Final = 4

@@ -9,10 +9,10 @@ but for the order of NavFn's updates.
 import math
 from typing import Any, Final
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.lower_bound import Bounds, bound_below, covers
 from vastflow.sim.nav.navfn import NEUTRAL, OBSTACLE, UNREACHED, descend, propagate, propagate_astar, propagate_within
 from vastflow.sim.nav.state import NAVIGATE_THROUGH_POSES, Grids, Route
-from vastflow.sim.numeric import inner
 
 START_OUTSIDE, GOAL_OUTSIDE, NO_VALID_PATH = 203, 204, 208
 """Nav2's error codes of ComputePathToPose; those of ComputePathThroughPoses are 100 greater."""

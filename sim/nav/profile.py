@@ -4,7 +4,7 @@ from typing import Any, Final
 
 from numba import types
 
-from vastflow.sim.numeric import inner
+from vastflow.sim.kernels.numeric import inner
 
 STAGES: Final = (
     *("outside the kernels", "the clock itself", "lidar", "AMCL", "local costmap", "global costmap"),

@@ -5,9 +5,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.streams import uniform
 from vastflow.sim.nav.particles import GUIDE, Cloud
-from vastflow.sim.numeric import inner
-from vastflow.sim.streams import uniform
 
 BIN_M: Final = 0.5
 BIN_RAD: Final = math.radians(10.0)

@@ -4,10 +4,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.sincos import sincos
 from vastflow.sim.nav.likelihood import FRAME
 from vastflow.sim.nav.particles import LANES, Cloud
-from vastflow.sim.numeric import inner
-from vastflow.sim.sincos import sincos
 
 OFF_MAP: Final = 1e7
 

@@ -8,10 +8,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.lidar import BEAMS, Lidar
-from vastflow.sim.mission import Mission
+from vastflow.sim.kernels.streams import CONTROLLER, SUBSYSTEMS
+from vastflow.sim.loop.prepared import PreparedMap
 from vastflow.sim.nav.controllers.control import Controller, controller_of
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
+from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.navfn import new_potential, new_scratch
 from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
@@ -22,9 +23,8 @@ from vastflow.sim.nav.profile import STAGES
 from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
-from vastflow.sim.prepared import PreparedMap
-from vastflow.sim.robot import Robot
-from vastflow.sim.streams import CONTROLLER, SUBSYSTEMS
+from vastflow.sim.world.lidar import BEAMS, Lidar
+from vastflow.sim.world.robot import Robot
 
 TICK_S: Final = 0.05
 """The stack runs at 20 Hz: the controller's and the velocity smoother's rate."""
@@ -189,7 +189,7 @@ class Stack:
     Attributes:
         p, m: (1,) records of parameters and `MEMORY`.
         controller: Parameters and memory of the controller in use.
-        obstacles: (K, 6) as in `vastflow.sim.lidar.scan`.
+        obstacles: (K, 6) as in `vastflow.sim.world.lidar.scan`.
         rows: (R, C) int32 of `COLUMNS`.
     """
 
@@ -274,7 +274,7 @@ def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int) -> Route:
     """Room for the goals and for a path of so many legs.
 
     Args:
-        least: See `vastflow.sim.prepared.PreparedMap`.
+        least: See `vastflow.sim.loop.prepared.PreparedMap`.
     """
     leg_points = 4 * max(least.shape)
     path_points = (leg_points + 1) * legs

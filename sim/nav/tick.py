@@ -3,8 +3,8 @@
 import math
 from typing import Any, Final
 
-from vastflow.sim import lidar
-from vastflow.sim.motion import Body, due, move_freely
+from vastflow.sim.kernels.numeric import inner, njit
+from vastflow.sim.kernels.streams import LIDAR, ODOMETRY, PHASES, normal_pair, uniform
 from vastflow.sim.nav import profile
 from vastflow.sim.nav.behaviour import behave, note
 from vastflow.sim.nav.collision_monitor import approach, gather_near_points
@@ -24,9 +24,9 @@ from vastflow.sim.nav.state import (
     Local,
     Route,
 )
-from vastflow.sim.numeric import inner, njit
-from vastflow.sim.robot import arc, limited, wrapped
-from vastflow.sim.streams import LIDAR, ODOMETRY, PHASES, normal_pair, uniform
+from vastflow.sim.world import lidar
+from vastflow.sim.world.motion import Body, due, move_freely
+from vastflow.sim.world.robot import arc, limited, wrapped
 
 SCAN_TICKS: Final = 2
 DONE, PHYSICS, APPEARS = 0, 1, 2
@@ -60,7 +60,7 @@ def advance(
     """Run the stack (the fields of `Stack`) and the free motion of the robot's body, tick by tick.
 
     Args:
-        hold: What the engine has, see `vastflow.sim.motion`.
+        hold: What the engine has, see `vastflow.sim.world.motion`.
         until_tick: Ticks of the run after which to come back at the latest.
 
     Returns:

@@ -3,8 +3,8 @@
 import math
 from typing import Any, NamedTuple
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.inflation import UNKNOWN
-from vastflow.sim.numeric import inner
 
 
 class Window(NamedTuple):

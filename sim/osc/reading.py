@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim import files
 from vastflow.sim.osc.checking import checked
 from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.declaring import declared
@@ -13,6 +12,7 @@ from vastflow.sim.osc.faults import OscError, OscFault, did_you_mean, too_long
 from vastflow.sim.osc.libraries import library, library_names
 from vastflow.sim.osc.parsing import parse
 from vastflow.sim.osc.syntax import CompoundText, FileText, ImportText
+from vastflow.sim.reading import files
 
 MOST_BYTES: Final = 500_000
 

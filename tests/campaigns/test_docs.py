@@ -25,16 +25,16 @@ from vastflow.producers.obstacle import ObstacleConfig
 from vastflow.producers.producer import find_producer, known_producers
 from vastflow.producers.vast.section import Unexecuted
 from vastflow.producers.vast.spec import CampaignSpec, EvaluationSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
-from vastflow.sim.abstract import BUILTIN, SHIPPED
 from vastflow.sim.behaviour.modifier import MODIFIERS
+from vastflow.sim.behaviour.ros_graph import TOPICS
 from vastflow.sim.behaviour.stand_ins import stand_ins
 from vastflow.sim.behaviour.support import unsupported
 from vastflow.sim.behaviour.vocabulary import ACTIONS
-from vastflow.sim.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.osc.libraries import library, library_names
 from vastflow.sim.osc.reading import read_scenarios
-from vastflow.sim.recording import Outcome
-from vastflow.sim.ros_graph import TOPICS
+from vastflow.sim.reading.abstract import BUILTIN, SHIPPED
+from vastflow.sim.recordings.blocks import read_block, read_recordings, write_recordings
+from vastflow.sim.recordings.recording import Outcome
 from vastflow.sim.run import run
 
 ROOT = Path(__file__).parents[2]

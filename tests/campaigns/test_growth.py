@@ -18,16 +18,16 @@ from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import trace_of
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.archive import read_outputs, write_outputs
 from vastflow.sim.behaviour.tree import ScenarioTree
-from vastflow.sim.blocks import read_block, write_recordings
 from vastflow.sim.osc.parameters import bound
 from vastflow.sim.osc.reading import read_scenarios
 from vastflow.sim.process.actions import process_actions
 from vastflow.sim.process.folder import files_matching
 from vastflow.sim.process.run import process_run
 from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.recording import Run
+from vastflow.sim.recordings.archive import read_outputs, write_outputs
+from vastflow.sim.recordings.blocks import read_block, write_recordings
+from vastflow.sim.recordings.recording import Run
 from vastflow.sim.run import execute
 
 GROWTH = Path(__file__).parents[2] / "campaigns/growth"

@@ -10,8 +10,8 @@ from scipy import ndimage
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.maps import load_map
-from vastflow.sim.octile import passable
+from vastflow.sim.maps.octile import passable
+from vastflow.sim.reading.map_file import load_map
 
 ROOT = Path(__file__).parents[2]
 QUICKSTART = ROOT / "campaigns" / "quickstart" / "quickstart.vast"

@@ -19,11 +19,11 @@ from vastflow.oracles.observe import observe_block
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.abstract import BUILTIN, SHIPPED, content_of, definition_digest, definition_of
 from vastflow.sim.behaviour.support import unsupported
 from vastflow.sim.behaviour.vocabulary import ACTIONS
-from vastflow.sim.blocks import write_recordings
-from vastflow.sim.pose import pose_of
+from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, content_of, definition_digest, definition_of
+from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.run import run
 from vastflow.tasks.keys import Keys
 

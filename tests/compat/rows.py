@@ -25,21 +25,21 @@ from vastflow.producers.floorplan.rendering import render
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.postprocessing import steps_of
 from vastflow.producers.programs import run_files
-from vastflow.sim.abstract import AbstractError, content_of, definition_of
-from vastflow.sim.archive import write_outputs
 from vastflow.sim.behaviour.support import unsupported
 from vastflow.sim.behaviour.vocabulary import ACTIONS
-from vastflow.sim.blocks import write_recordings
-from vastflow.sim.maps import map_content
 from vastflow.sim.nav.parameters.document import DocumentError, read_document
 from vastflow.sim.nav.parameters.findings import findings
 from vastflow.sim.nav.parameters.interpretation import interpretation
 from vastflow.sim.osc.definition import Parameter
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.reading.abstract import AbstractError, content_of, definition_of
+from vastflow.sim.reading.map_file import map_content
+from vastflow.sim.reading.script import script_of
+from vastflow.sim.recordings.archive import write_outputs
+from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.run import execute
 from vastflow.sim.scenario import Scenario, scenario_of
-from vastflow.sim.script import script_of
 
 DRIVEN_M: Final = 1.0
 """A robot that was given a goal and covered less did not drive."""

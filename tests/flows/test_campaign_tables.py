@@ -15,7 +15,7 @@ from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.configuration import Configuration
-from vastflow.sim.behavior_block import write_behaviors
+from vastflow.sim.recordings.behavior_block import write_behaviors
 from vastflow.sim.scenario import Scenario
 
 NAMES = ("room-1", "room-2", "room-3")

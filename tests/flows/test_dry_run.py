@@ -15,7 +15,7 @@ from vastflow.flows.plan.dry_run import STAGES, dry_run
 from vastflow.flows.plan.dry_run_text import whys
 from vastflow.flows.results.past import NoPast, newest_past
 from vastflow.producers.faults import CampaignError
-from vastflow.sim.blocks import read_rows
+from vastflow.sim.recordings.blocks import read_rows
 from vastflow.tasks import source
 from vastflow.tasks.source import SourceTree, installed_tree
 from vastflow.tasks.store import StoreError
@@ -309,7 +309,7 @@ def kernel_edited(again):
     """The tree in which a module that only the stage `execute` reads is another."""
     folders = {name: Path(source.installed_tree()._packages[name]) for name in source.PACKAGES}
     folders["vastflow.sim"] = Path(shutil.copytree(folders["vastflow.sim"], again.folder / "sim"))
-    module = again.folder / "sim" / "lidar.py"
+    module = again.folder / "sim" / "world" / "lidar.py"
     module.write_text(module.read_text() + "\nANOTHER = 1\n")
     return SourceTree(folders)
 
@@ -319,7 +319,7 @@ def test_an_edited_kernel_is_named_by_its_module(again, monkeypatch):
     monkeypatch.setattr(dry_runs, "installed_tree", lambda: tree)
     found = again.dry()
     assert found.computed("execute") == 4
-    assert ("source changed", "source of execute changed: sim.lidar", 4) in reasons(found, "execute")
+    assert ("source changed", "source of execute changed: sim.world.lidar", 4) in reasons(found, "execute")
 
 
 class Library:

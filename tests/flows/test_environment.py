@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from vastflow.flows.results.environment import write_map
-from vastflow.sim.maps import LARGEST_CELL_M, LEAST_CELL_M, OccupancyMap, load_map
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.reading.map_file import LARGEST_CELL_M, LEAST_CELL_M, load_map
 
 METRES = st.floats(-1e3, 1e3, allow_nan=False)
 RESOLUTIONS = st.sampled_from([0.05, 0.025, 0.1, 1.0, LEAST_CELL_M, LARGEST_CELL_M, 1 / 3])

@@ -20,8 +20,8 @@ from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Verdict, write_verdicts
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.blocks import write_recordings
-from vastflow.sim.recording import Recording, Run
+from vastflow.sim.recordings.blocks import write_recordings
+from vastflow.sim.recordings.recording import Recording, Run
 from vastflow.tasks.shelf import Member, Shelf
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import open_store
@@ -163,14 +163,14 @@ def test_other_code_another_machine_and_another_oracle_are_said(place):
     metadata = json.loads((first / "metadata.json").read_text())
     metadata["numeric_class"] = "riscv64; " + metadata["numeric_class"].partition("; ")[2]
     metadata["source"]["execute"] = "0" * 64
-    metadata["code"]["modules"]["sim.lidar"] = "0" * 12
+    metadata["code"]["modules"]["sim.world.lidar"] = "0" * 12
     metadata["seed"] = 3
     metadata["oracles"][0]["parameters"]["allow_missed"] = 7
     (first / "metadata.json").write_text(json.dumps(metadata))
     machine, seed, code, oracle = explained(place, place.run(), "room-1").differences
     assert machine.startswith("computed on another numeric class: architecture riscv64, here ")
     assert seed == "execution.seed was 3, is 0"
-    assert code == "source of execute was another: sim.lidar"
+    assert code == "source of execute was another: sim.world.lidar"
     assert oracle.startswith("oracles: success.allow_missed from 7 to ")
 
 

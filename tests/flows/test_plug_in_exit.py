@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.sim.plug_in import PlugInExit, plug_in_code
+from vastflow.sim.plug_ins.plug_in import PlugInExit, plug_in_code
 from vastflow.tasks.work import Broken, answered
 
 PRODUCER = """

@@ -27,13 +27,13 @@ from vastflow.flows.results.summary import Work
 from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.behavior_block import write_behaviors
-from vastflow.sim.blocks import read_recordings, write_recordings
 from vastflow.sim.digest import FileContent
+from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.recording import Recording, Run
+from vastflow.sim.recordings.behavior_block import write_behaviors
+from vastflow.sim.recordings.blocks import read_recordings, write_recordings
+from vastflow.sim.recordings.recording import Recording, Run
 from vastflow.sim.run import run
-from vastflow.sim.streams import run_entropy
 from vastflow.tasks.keys import EXECUTE_SOURCE, Keys, numeric_class
 from vastflow.tasks.source import installed_tree
 

@@ -167,7 +167,7 @@ CODE = [
     "vastflow.flows.results/results.py",
     "vastflow.flows.request/members.py",
     "vastflow.producers/coverage.py",
-    "vastflow.sim/blocks.py",
+    "vastflow.sim/recordings/blocks.py",
 ]
 
 

@@ -11,7 +11,7 @@ from vastflow.oracles.oracle import oracle_of
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace
 from vastflow.sim.pose import Pose
-from vastflow.sim.recording import Event, Run
+from vastflow.sim.recordings.recording import Event, Run
 
 STRAIGHT = Reference(np.array([[0.0, 0.0], [10.0, 0.0]]), 10.0)
 

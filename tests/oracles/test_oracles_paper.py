@@ -11,7 +11,7 @@ from vastflow.oracles.paper.page import paper_page
 from vastflow.oracles.paper.published import ALL_RUNS, PUBLISHED
 from vastflow.oracles.paper.results import NotThePapers, Requested, paper_results, requested_of
 from vastflow.oracles.paper.starts import Begun, Starts, starts_of
-from vastflow.sim.standstill import POINTS_IN_FOOTPRINT
+from vastflow.sim.loop.standstill import POINTS_IN_FOOTPRINT
 
 RADIUS = "global_costmap.robot_radius"
 

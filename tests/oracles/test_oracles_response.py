@@ -11,9 +11,9 @@ from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import NoReference, Trace
 from vastflow.oracles.verdict import Verdict
 from vastflow.oracles.whereabouts import whereabouts_of
-from vastflow.sim.obstacle import Obstacle, Trigger
 from vastflow.sim.pose import Pose
-from vastflow.sim.recording import Event, Run
+from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.world.obstacle import Obstacle, Trigger
 
 STEP_S = 0.1
 

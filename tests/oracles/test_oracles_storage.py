@@ -7,9 +7,9 @@ import numpy as np
 
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.trace import trace_of
-from vastflow.sim.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import load_map
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.recordings.blocks import read_block, read_recordings, write_recordings
 from vastflow.sim.run import run
 from vastflow.sim.scenario import Scenario
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.whereabouts import Whereabouts, whereabouts_of
-from vastflow.sim.obstacle import Obstacle, Trigger
 from vastflow.sim.pose import Pose
-from vastflow.sim.recording import Event, Run
+from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.world.obstacle import Obstacle, Trigger
 
 NOWHERE = (math.inf, math.inf)
 

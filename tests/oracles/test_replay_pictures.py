@@ -16,10 +16,10 @@ from vastflow.oracles.replay.still import _image, still_images
 from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
 from vastflow.oracles.replay.strip import strip_figure
 from vastflow.oracles.replay.timeline import bands
-from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
-from vastflow.sim.recording import Event, Run
-from vastflow.sim.snapshot import Box, Moment, Patch, Snapshot
+from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.replay.snapshot import Box, Moment, Patch, Snapshot
 
 GOAL = Pose(3.0, 1.0)
 BOX = Box(0.0, 0.0, 4.0, 4.0)

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import map_content
+from vastflow.sim.reading.map_file import map_content
 
 GREY = {".": 254, "#": 0, "?": 205}
 

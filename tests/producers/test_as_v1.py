@@ -17,9 +17,9 @@ from vastflow.producers.obstacle import ObstacleVariation
 from vastflow.producers.path import PathVariationRandom
 from vastflow.producers.producer import evaluate
 from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger
-from vastflow.sim import octile
-from vastflow.sim.maps import load_map
-from vastflow.sim.obstacle import obstacles_of
+from vastflow.sim.maps import octile
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.reading.obstacles import obstacles_of
 
 DIAMETER_M = 0.35
 CORRIDOR = ["?" * 16, "?" + "." * 14 + "?", "?" + "." * 14 + "?", "?" * 16]

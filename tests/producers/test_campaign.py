@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import load_map
+from vastflow.sim.reading.map_file import load_map
 
 FIXED = """\
 configuration:

@@ -10,7 +10,7 @@ from scipy import ndimage
 from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.mesh import mesh_of, stl
-from vastflow.sim import octile
+from vastflow.sim.maps import octile
 
 FOLDER = Path(__file__).parents[2] / "campaigns" / "floorplans"
 NAMES = ["corridors", "hospital_lobby", "nested_rooms", "office_wing", "university"]

@@ -16,7 +16,7 @@ from vastflow.producers.floorplan.environment import environments_folder, enviro
 from vastflow.producers.floorplan.producer import FloorplanGeneration, FloorplanVariation
 from vastflow.producers.producer import evaluate, find_producer
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import load_map, map_content
+from vastflow.sim.reading.map_file import load_map, map_content
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import FRAGMENTS, content_of, files_in, packed, read_evaluation
 from vastflow.tasks.store import open_store

@@ -10,8 +10,8 @@ from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import load_map
-from vastflow.sim.octile import passable
+from vastflow.sim.maps.octile import passable
+from vastflow.sim.reading.map_file import load_map
 
 SCENARIO = """\
 import osc.gazebo

@@ -18,9 +18,9 @@ from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.outline import Line
 from vastflow.producers.places.placement import covered_cells, without
 from vastflow.producers.producer import evaluate
-from vastflow.sim import octile
-from vastflow.sim.maps import load_map
-from vastflow.sim.obstacle import obstacle_of, obstacles_of
+from vastflow.sim.maps import octile
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.reading.obstacles import obstacle_of, obstacles_of
 
 PILLARS = [
     "????????????????????????",

@@ -16,9 +16,10 @@ from vastflow.producers.obstacle import ObstacleVariation
 from vastflow.producers.path import PathVariationRandom
 from vastflow.producers.producer import evaluate
 from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger, beyond
-from vastflow.sim import octile
-from vastflow.sim.maps import load_map
-from vastflow.sim.obstacle import Trigger, obstacles_of
+from vastflow.sim.maps import octile
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.reading.obstacles import obstacles_of
+from vastflow.sim.world.obstacle import Trigger
 
 KEYS = {"spawn_trigger_point": "@spawn_trigger_point", "spawn_trigger_threshold": "@spawn_trigger_threshold"}
 BOX = {"amount": 1, "max_distance": 0.6, "args": "width:=0.4"}

@@ -12,10 +12,10 @@ from vastflow.producers.obstacle import ObstacleVariation
 from vastflow.producers.path import PathVariationRandom
 from vastflow.producers.producer import Draws
 from vastflow.producers.raster import PathVariationRasterized
-from vastflow.sim.grid_frame import GridFrame
-from vastflow.sim.maps import load_map, map_content
-from vastflow.sim.obstacle import obstacle_of
-from vastflow.sim.pose import pose_of
+from vastflow.sim.maps.grid_frame import GridFrame
+from vastflow.sim.reading.map_file import load_map, map_content
+from vastflow.sim.reading.obstacles import obstacle_of
+from vastflow.sim.reading.poses import pose_of
 
 YAW_RAD = 0.5
 FRAME = GridFrame((-1.0, -2.0), YAW_RAD)

@@ -24,12 +24,13 @@ from pathlib import Path
 
 import numpy as np
 
-from vastflow.sim.leaps import leaps_of
-from vastflow.sim.lidar import Lidar, perturb, scan
-from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.maps.octile import descend, distance_field, passable, path_xy_m
 from vastflow.sim.nav.amcl import Filter
-from vastflow.sim.octile import descend, distance_field, passable, path_xy_m
-from vastflow.sim.robot import Robot, arc, limited, wrapped
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.world.leaps import leaps_of
+from vastflow.sim.world.lidar import Lidar, perturb, scan
+from vastflow.sim.world.robot import Robot, arc, limited, wrapped
 
 MAPS = Path(__file__).parents[3] / "shared" / "maps"
 ROUTE_M = 17.0

@@ -211,10 +211,10 @@ def _campaign(file: Path) -> None:
 
 
 def _scenario(file: Path) -> None:
-    from vastflow.sim.abstract import content_of
     from vastflow.sim.behaviour.support import unsupported
     from vastflow.sim.behaviour.vocabulary import ACTIONS
     from vastflow.sim.osc.reading import files_of, read_scenarios
+    from vastflow.sim.reading.abstract import content_of
 
     for definition in read_scenarios(file):
         unsupported(definition, ACTIONS)
@@ -243,13 +243,13 @@ def _variation(file: Path) -> None:
 
 
 def _map(file: Path) -> None:
-    from vastflow.sim.maps import load_map
+    from vastflow.sim.reading.map_file import load_map
 
     _ = load_map(file).digest
 
 
 def _picture(file: Path) -> None:
-    from vastflow.sim.maps import load_map
+    from vastflow.sim.reading.map_file import load_map
 
     header = file.with_name("of_mutant.yaml")
     header.write_text(
@@ -328,11 +328,11 @@ def kinds(folder: Path) -> list[Kind]:
     from vastflow.oracles.oracle import OracleError
     from vastflow.producers.faults import CampaignError
     from vastflow.producers.floorplan.faults import FloorplanError
-    from vastflow.sim.abstract import AbstractError
-    from vastflow.sim.files import Unreadable
-    from vastflow.sim.maps import MapError
     from vastflow.sim.nav.parameters.document import DocumentError
     from vastflow.sim.osc.faults import OscError
+    from vastflow.sim.reading.abstract import AbstractError
+    from vastflow.sim.reading.files import Unreadable
+    from vastflow.sim.reading.map_file import MapError
 
     def found(pattern: str) -> list[Path]:
         """Seeds of a kind: no mutant of an earlier call."""

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vastflow.sim.abstract import content_of
 from vastflow.sim.digest import FileContent
-from vastflow.sim.maps import OccupancyMap, map_content
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.scenario import Scenario, scenario_of
 
 CELLS = {".": 0, "#": 100, "?": -1}

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from vastflow.sim.leaps import leaps_of
-from vastflow.sim.lidar import Lidar, scan
-from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.amcl import Filter, weight
 from vastflow.sim.nav.parameters.amcl import AmclParameters, covariance_of
 from vastflow.sim.nav.parameters.parameter import ParameterError
+from vastflow.sim.world.leaps import leaps_of
+from vastflow.sim.world.lidar import Lidar, scan
 
 LIDAR = Lidar()
 BEAMS = {

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.particles import gate, move, new_cloud, spread
 from vastflow.sim.nav.record import record_of
-from vastflow.sim.numeric import njit
-from vastflow.sim.streams import streams_of
 
 N = 20_000
 SIGMA = math.sqrt(0.2) * 0.25

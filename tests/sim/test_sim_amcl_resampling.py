@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.particles import new_cloud
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.resampling import covariance, heaviest_cluster, kld_limit, resample
-from vastflow.sim.numeric import njit
-from vastflow.sim.streams import streams_of
 
 PARAMETERS = record_of(AmclParameters())
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.archive import columns_of
-from vastflow.sim.behavior_block import behaviors_below, read_behaviors, write_behaviors
+from vastflow.sim.recordings.archive import columns_of
+from vastflow.sim.recordings.behavior_block import behaviors_below, read_behaviors, write_behaviors
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=9)
 TABLES = st.lists(st.tuples(st.floats(allow_nan=False), st.integers(-5, 5), TEXTS), max_size=4)

@@ -5,8 +5,9 @@ import math
 
 import pytest
 
-from vastflow.sim.maps import OccupancyMap, load_map
-from vastflow.sim.recording import si
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import run
 
 ROUND = ["clear both costmaps", "spin", "wait", "back up", "clear both costmaps", "spin"]

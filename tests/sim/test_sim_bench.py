@@ -5,7 +5,7 @@ import math
 import pytest
 
 from vastflow.sim.bench import LARGE, ROUTES, SMALL, bench, benchmark_map, benchmark_routes
-from vastflow.sim.octile import passable, shortest_path
+from vastflow.sim.maps.octile import passable, shortest_path
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from vastflow.sim.lidar import Lidar
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.collision_monitor import approach, gather_near_points
 from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
 from vastflow.sim.nav.parameters.servers import CollisionMonitor, VelocitySmoother
 from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.state import MEMORY
-from vastflow.sim.numeric import njit
+from vastflow.sim.world.lidar import Lidar
 
 OUTLINE = padded_outline(0.22, 0.01)
 

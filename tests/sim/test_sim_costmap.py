@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.costmap import (
     MARKED,
     SEEN_FREE,
@@ -21,7 +22,6 @@ from vastflow.sim.nav.costmap import (
 from vastflow.sim.nav.inflation import cost_stamp, inflate, inflation_of
 from vastflow.sim.nav.parameters.costmap import ObstacleLayer
 from vastflow.sim.nav.record import record_of
-from vastflow.sim.numeric import njit
 
 RESOLUTION_M = 0.05
 PARAMETERS = (RESOLUTION_M, 0.225498, 0.70, 3.0)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb
 from vastflow.sim.nav.controllers.dwb_critics import grow, lay, new_path_grid
 from vastflow.sim.nav.controllers.dwb_rollout import legal, step_count
@@ -19,7 +20,6 @@ from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.parameter import check
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import njit
 
 CELLS = 60
 RESOLUTION_M = 0.05

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb
 from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import njit
 
 CELLS = 60
 RESOLUTION_M = 0.05

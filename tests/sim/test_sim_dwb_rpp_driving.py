@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb, rpp
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.outline import padded_outline
@@ -13,8 +14,7 @@ from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import njit
-from vastflow.sim.robot import arc
+from vastflow.sim.world.robot import arc
 
 CELLS = 60
 RESOLUTION_M = 0.05

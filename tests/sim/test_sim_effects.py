@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from vastflow.sim.effects import EffectRefused, looking_only
-from vastflow.sim.plug_in import plug_in_code
+from vastflow.sim.plug_ins.effects import EffectRefused, looking_only
+from vastflow.sim.plug_ins.plug_in import plug_in_code
 
 EFFECTS = {
     "open('new', 'w')": r"write to a file \('new'\)",
@@ -90,7 +90,7 @@ def test_what_a_library_does_as_it_is_imported_is_no_effect_of_who_imports_it(im
     library.mkdir()
     (library / "some_library.py").write_text("open('cache', 'w').write('x')\ndef write(): open('new', 'w')\n")
     monkeypatch.syspath_prepend(library)
-    monkeypatch.setattr("vastflow.sim.effects._libraries", lambda: (str(library), "<frozen "))
+    monkeypatch.setattr("vastflow.sim.plug_ins.effects._libraries", lambda: (str(library), "<frozen "))
     with looking_only():
         module = imported("import some_library")
         assert (tmp_path / "cache").is_file()

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import njit
 
 OUTLINE = padded_outline(0.22, 0.01)
 PLACE = np.array([-1.0, 2.0, 0.05])

@@ -2,11 +2,11 @@
 
 import pytest
 
-from vastflow.sim.abstract import content_of
 from vastflow.sim.osc.parameters import ParameterMismatch
 from vastflow.sim.pose import Pose
+from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.script import calls_of, script_of
 from vastflow.sim.scenario import Scenario
-from vastflow.sim.script import calls_of, script_of
 
 ONE_GOAL = """\
 import osc.gazebo

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.grid_frame import GridFrame
+from vastflow.sim.maps.grid_frame import GridFrame
 from vastflow.sim.pose import Pose
 
 metres = st.floats(-1e3, 1e3)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
-from vastflow.sim.maps import load_map
 from vastflow.sim.nav.inflation import cost_stamp, inflate
 from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
+from vastflow.sim.reading.map_file import load_map
 
 JAZZY = (0.05, inscribed_radius_m(padded_outline(0.22, 0.01)), 0.70, 3.0)
 

@@ -5,7 +5,7 @@ import logging
 import pytest
 from numba.core import config
 
-from vastflow.sim import numeric
+from vastflow.sim.kernels import numeric
 
 
 def double(x):

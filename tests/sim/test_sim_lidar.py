@@ -10,9 +10,9 @@ from hypothesis.extra.numpy import arrays
 from shapely.affinity import affine_transform
 from shapely.geometry import LineString, Point, box
 
-from vastflow.sim.leaps import leaps_of, ranges_to_walls
-from vastflow.sim.lidar import Lidar, perturb, range_to_obstacle, scan
-from vastflow.sim.streams import streams_of
+from vastflow.sim.kernels.streams import streams_of
+from vastflow.sim.world.leaps import leaps_of, ranges_to_walls
+from vastflow.sim.world.lidar import Lidar, perturb, range_to_obstacle, scan
 
 HAIR = 1e-7
 """Cells grown and shrunk by this bracket what a beam may do at a corner that it grazes."""

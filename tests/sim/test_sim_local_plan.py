@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.state import AHEAD_POINTS, MEMORY
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import njit
 
 
 @njit

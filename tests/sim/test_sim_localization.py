@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from vastflow.sim.bench import benchmark_routes
-from vastflow.sim.drive import drive
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.maps import load_map
+from vastflow.sim.loop.drive import drive
+from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.nav.parameters.servers import Perturbation
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.prepared import prepare
-from vastflow.sim.recording import si
-from vastflow.sim.robot import Robot
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.recordings.recording import si
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.robot import Robot
 
 ROUTES = 3
 ROUTE_M = 15.0

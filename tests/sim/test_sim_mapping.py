@@ -5,21 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vastflow.sim.closed_loop import obstacle_rows
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.maps import load_map
-from vastflow.sim.mission import Mission
-from vastflow.sim.motion import FREE, new_body
+from vastflow.sim.kernels.streams import streams_of
+from vastflow.sim.loop.closed_loop import obstacle_rows
+from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.nav.costmap import MARKED, SEEN_FREE, UNSEEN
+from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.costmap import Costmap, StaticLayer, global_costmap
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.state import COLUMNS, give, new_stack, set_pose
 from vastflow.sim.nav.tick import advance
-from vastflow.sim.obstacle import obstacle_of
-from vastflow.sim.pose import Pose, pose_of
-from vastflow.sim.prepared import prepare
-from vastflow.sim.robot import Robot
-from vastflow.sim.streams import streams_of
+from vastflow.sim.pose import Pose
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.reading.obstacles import obstacle_of
+from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.motion import FREE, new_body
+from vastflow.sim.world.robot import Robot
 
 START = {"x": 2.98, "y": 2.42}
 CRATE = {"model": "box", "xacro_arguments": "length:=0.16, width:=0.8", "spawn_pose": {"x": 4.0, "y": 2.42}}

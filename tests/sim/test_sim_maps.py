@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from vastflow.sim.maps import MapError, OccupancyMap, load_map, map_content
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.reading.map_file import MapError, load_map, map_content
 
 HEADER = {
     "image": "map.pgm",

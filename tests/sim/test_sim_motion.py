@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from shapely.geometry import Point
 
-from vastflow.sim.closed_loop import obstacle_rows
-from vastflow.sim.leaps import leaps_of
-from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.motion import FREE, MARGIN_M, MOVING, TOUCHING, move_freely, new_body
-from vastflow.sim.obstacle import Obstacle, Trigger
+from vastflow.sim.loop.closed_loop import obstacle_rows
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
-from vastflow.sim.robot import Robot, arc
-from vastflow.sim.walls import WallIndex
-from vastflow.sim.world import World
+from vastflow.sim.world.leaps import leaps_of
+from vastflow.sim.world.motion import FREE, MARGIN_M, MOVING, TOUCHING, move_freely, new_body
+from vastflow.sim.world.obstacle import Obstacle, Trigger
+from vastflow.sim.world.physics import World
+from vastflow.sim.world.robot import Robot, arc
+from vastflow.sim.world.walls import WallIndex
 
 DT_S = 0.01
 ROBOT = Robot()

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import mppi
 from vastflow.sim.nav.controllers.mppi_samples import noise
 from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import njit
-from vastflow.sim.robot import arc
+from vastflow.sim.world.robot import arc
 
 PARAMETERS = MppiParameters()
 SMALL = replace(PARAMETERS, batch_size=400)

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from llvmlite import binding
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import mppi
 from vastflow.sim.nav.controllers.lanes import WIDTH
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import njit
 
 FAR, NEAR, THERE = (5.0, 0.0, 0.0), (1.2, 0.1, 1.0), (0.4, 0.0, 1.0)
 

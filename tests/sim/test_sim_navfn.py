@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from vastflow.sim.maps import OccupancyMap
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.navfn import (
     new_potential,

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from skimage.graph import MCP_Geometric
 
-from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.octile import (
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.maps.octile import (
     descend,
     distance_field,
     inflated_free,

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vastflow.sim.abstract import AbstractError, content_of, definition_of
 from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
 from vastflow.sim.behaviour.tree import ScenarioTree
 from vastflow.sim.osc.parameters import bound
 from vastflow.sim.osc.reading import read_text
+from vastflow.sim.reading.abstract import AbstractError, content_of, definition_of
 
 HEAD = "import osc.helpers\nimport osc.gazebo\nimport osc.nav2\nimport osc.ros\n"
 

@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.mission import Mission
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.streams import streams_of
+from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.navfn import UNREACHED, path, potential, travel_costs
 from vastflow.sim.nav.parameters.servers import NavFn
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.planning import GOAL_OUTSIDE, NO_VALID_PATH, plan
 from vastflow.sim.nav.state import give, new_stack, set_pose
-from vastflow.sim.numeric import njit
 from vastflow.sim.pose import Pose
-from vastflow.sim.prepared import prepare
-from vastflow.sim.robot import Robot
-from vastflow.sim.streams import streams_of
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.robot import Robot
 
 PROOF = Path(__file__).parents[1] / "proofs" / "path_cost.py"
 OFFICE = Path(__file__).parents[2] / "campaigns" / "quickstart" / "maps" / "office.yaml"

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.maps import load_map, map_content
 from vastflow.sim.process import mounts
 from vastflow.sim.process import run as run_module
 from vastflow.sim.process.environment import CommandFailed
@@ -20,6 +19,7 @@ from vastflow.sim.process.handed import handed_name
 from vastflow.sim.process.process import NotStarted
 from vastflow.sim.process.run import process_run
 from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.reading.map_file import load_map, map_content
 
 pytestmark = pytest.mark.timeout(280)
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.record import record_of
-from vastflow.sim.numeric import njit
 
 
 @dataclass(frozen=True, slots=True)

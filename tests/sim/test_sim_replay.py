@@ -7,11 +7,11 @@ import pytest
 
 from vastflow.sim.nav.inflation import LETHAL, UNKNOWN
 from vastflow.sim.nav.state import TICK_S
-from vastflow.sim.recording import Recording, Run
-from vastflow.sim.replay import Difference, first_difference, replay
+from vastflow.sim.recordings.recording import Recording, Run
+from vastflow.sim.replay.replay import Difference, first_difference, replay
+from vastflow.sim.replay.snapshot import Box
 from vastflow.sim.run import run
 from vastflow.sim.scenario import Scenario
-from vastflow.sim.snapshot import Box
 
 TIMEOUT_S = 5.0
 ROOM = Box(0.5, 0.5, 3.5, 2.0)

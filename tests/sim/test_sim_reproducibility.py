@@ -8,16 +8,17 @@ import sys
 import numpy as np
 import pytest
 
-from vastflow.sim.blocks import write_recordings
-from vastflow.sim.closed_loop import ClosedLoop
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.maps import OccupancyMap, load_map
+from vastflow.sim.kernels.streams import LIDAR, run_entropy, streams_of
+from vastflow.sim.loop.closed_loop import ClosedLoop
+from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.pose import pose_of
-from vastflow.sim.prepared import prepare
-from vastflow.sim.robot import Robot
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.run import run
-from vastflow.sim.streams import LIDAR, run_entropy, streams_of
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.robot import Robot
 
 NOISE = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}
 CRATE = {"entity_name": "crate", "model": "box", "xacro_arguments": "width:=0.6", "spawn_pose": {"x": 2.6, "y": 1.7}}
@@ -31,7 +32,7 @@ LATE = {
 
 IN_A_NEW_PROCESS = """
 import hashlib, json, sys
-from vastflow.sim.blocks import write_recordings
+from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.digest import FileContent
 from vastflow.sim.run import run
 from vastflow.sim.scenario import Scenario

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import rpp
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import inflate
@@ -16,7 +17,6 @@ from vastflow.sim.nav.parameters.parameter import check
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import njit
 
 CELLS = 60
 RESOLUTION_M = 0.05

@@ -8,22 +8,23 @@ import numpy as np
 import pytest
 from shapely.geometry import Point
 
-from vastflow.sim.closed_loop import ClosedLoop, obstacle_rows
 from vastflow.sim.digest import FileContent
-from vastflow.sim.drive import drive
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.maps import OccupancyMap, load_map
-from vastflow.sim.mission import Mission
+from vastflow.sim.loop.closed_loop import ClosedLoop, obstacle_rows
+from vastflow.sim.loop.drive import drive
+from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.parameter import ParameterError
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.state import COLUMNS, SUCCEEDED, TICK_S
-from vastflow.sim.obstacle import obstacle_of
 from vastflow.sim.pose import Pose
-from vastflow.sim.prepared import prepare
-from vastflow.sim.recording import si
-from vastflow.sim.robot import Robot
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.reading.obstacles import obstacle_of
+from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import ScenarioError, run
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.robot import Robot
 
 
 @pytest.fixture(scope="module")

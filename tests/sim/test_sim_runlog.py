@@ -6,7 +6,7 @@ import pytest
 
 from vastflow.sim.process.resources import Use
 from vastflow.sim.process.run import LogText
-from vastflow.sim.runlog import RunLog, run_log_of, run_log_row
+from vastflow.sim.recordings.runlog import RunLog, run_log_of, run_log_row
 
 LOG = RunLog(
     *(1_700_000_000.25, 2.5, 1.25, 4096, ("0.1 s: begun",)),

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from vastflow.sim.abstract import content_of, definition_of
 from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.reading.abstract import content_of, definition_of
+from vastflow.sim.reading.script import script_of
 from vastflow.sim.run import run
-from vastflow.sim.script import script_of
 
 TEXT = """
     do serial:

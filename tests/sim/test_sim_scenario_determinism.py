@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from vastflow.sim.behaviour.tree import ScenarioTree
 from vastflow.sim.nav.state import TICK_S
-from vastflow.sim.replay import replay
+from vastflow.sim.replay.replay import replay
 from vastflow.sim.run import run
 from vastflow.sim.scenario_error import ScenarioError
 
@@ -236,8 +236,8 @@ def test_another_word_in_the_file_is_another_scenario_with_the_same_noise(staged
 def test_a_run_in_another_process_is_the_same(mixed):
     code = f"""
 from pathlib import Path
-from vastflow.sim.abstract import content_of
-from vastflow.sim.maps import map_content
+from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.run import run
 from vastflow.sim.scenario import Scenario
 content = content_of(Path({mixed.abstract.path!r}))

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from vastflow.sim.blocks import read_recordings, write_recordings
 from vastflow.sim.nav.state import COLUMNS
 from vastflow.sim.osc.parameters import ParameterMismatch
-from vastflow.sim.recording import si
+from vastflow.sim.reading.script import script_of
+from vastflow.sim.recordings.blocks import read_recordings, write_recordings
+from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import BEHAVIORS, execute, run
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.script import script_of
 
 
 def statuses(recording, name):

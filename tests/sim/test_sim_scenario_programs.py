@@ -7,7 +7,7 @@ import time
 import psutil
 import pytest
 
-from vastflow.sim.play import PERIOD_S
+from vastflow.sim.loop.play import PERIOD_S
 from vastflow.sim.run import execute
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError

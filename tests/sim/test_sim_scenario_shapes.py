@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.sim.abstract import content_of, hall_file
 from vastflow.sim.behaviour.support import unsupported
 from vastflow.sim.behaviour.vocabulary import ACTIONS
-from vastflow.sim.maps import map_content
 from vastflow.sim.osc.reading import read_scenarios
+from vastflow.sim.reading.abstract import content_of, hall_file
+from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.run import execute
 from vastflow.sim.scenario import scenario_of
 

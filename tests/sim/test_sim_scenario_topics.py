@@ -9,7 +9,7 @@ import pytest
 from vastflow.sim.behaviour.support import unsupported
 from vastflow.sim.behaviour.vocabulary import ACTIONS
 from vastflow.sim.osc.reading import read_text
-from vastflow.sim.recording import si
+from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import run
 from vastflow.sim.scenario_error import ScenarioError
 

@@ -8,20 +8,20 @@ import pytest
 from vastflow.oracles.observe import observer_of
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.whereabouts import whereabouts_of
-from vastflow.sim.closed_loop import ClosedLoop
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.maps import load_map
-from vastflow.sim.mission import Mission
+from vastflow.sim.loop.closed_loop import ClosedLoop
+from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.state import SUCCEEDED
-from vastflow.sim.obstacle import Obstacle
 from vastflow.sim.pose import Pose
-from vastflow.sim.prepared import prepare
-from vastflow.sim.recording import Entity, si
-from vastflow.sim.robot import Robot
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.recordings.recording import Entity, si
 from vastflow.sim.run import run
 from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.robot import Robot
 
 BOX = "spawn_entity('{name}', pose_3d(position_3d({x}m, {y}m)), 'box', '{arguments}')"
 PLUG = {

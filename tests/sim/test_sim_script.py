@@ -2,11 +2,11 @@
 
 import pytest
 
-from vastflow.sim.abstract import AbstractError, content_of, definition_of
 from vastflow.sim.osc.parameters import ParameterMismatch
 from vastflow.sim.pose import Pose
+from vastflow.sim.reading.abstract import AbstractError, content_of, definition_of
+from vastflow.sim.reading.script import script_of
 from vastflow.sim.scenario import Scenario
-from vastflow.sim.script import script_of
 
 HERE, THERE = {"x": 1.0, "y": 2.0}, {"x": 3.0, "y": 4.0, "yaw": 1.0}
 BOX = {"entity_name": "box", "model": "box", "spawn_pose": {"x": 2.0, "y": 2.0}}

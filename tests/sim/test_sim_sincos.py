@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.numeric import njit
-from vastflow.sim.sincos import rounded, sincos
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.sincos import rounded, sincos
 
 
 @njit

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from vastflow.sim.recording import Event
+from vastflow.sim.loop.standstill import CAUSES, STOOD_STILL, standstill
+from vastflow.sim.recordings.recording import Event
 from vastflow.sim.run import run
-from vastflow.sim.standstill import CAUSES, STOOD_STILL, standstill
 
 AGAINST_THE_WALL = {"x": 1.0, "y": 0.4}
 """0.2 m from the wall; the padded footprint reaches 0.23 m."""

@@ -7,8 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vastflow.sim import numeric
-from vastflow.sim.streams import AMCL, LIDAR, SUBSYSTEMS, integer_below, normal_pair, run_entropy, streams_of, uniform
+from vastflow.sim.kernels import numeric
+from vastflow.sim.kernels.streams import (
+    AMCL,
+    LIDAR,
+    SUBSYSTEMS,
+    integer_below,
+    normal_pair,
+    run_entropy,
+    streams_of,
+    uniform,
+)
 
 DIGEST = "00ff" * 16
 
@@ -67,9 +76,9 @@ def test_whole_numbers_below_a_bound_are_all_drawn_and_no_other():
 @pytest.fixture
 def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the simulator's source that the cache folder is computed from."""
-    source = Path(numeric.__file__).parent
+    source = Path(numeric.__file__).parents[1]
     shutil.copytree(source, tmp_path / "sim", ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(numeric, "__file__", str(tmp_path / "sim" / "numeric.py"))
+    monkeypatch.setattr(numeric, "__file__", str(tmp_path / "sim" / "kernels" / "numeric.py"))
     return tmp_path / "sim"
 
 
@@ -79,14 +88,14 @@ def test_equal_source_has_one_folder_of_compiled_kernels_wherever_it_lies(copied
     assert numeric.kernel_cache_dir() == there
 
 
-@pytest.mark.parametrize("module", ["lidar.py", "nav/navfn.py"])
+@pytest.mark.parametrize("module", ["world/lidar.py", "nav/navfn.py"])
 def test_an_edited_module_has_another_folder_of_compiled_kernels(copied, module):
     before = numeric.kernel_cache_dir()
     (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
     assert numeric.kernel_cache_dir() != before
 
 
-@pytest.mark.parametrize("module", ["robot.py", "nav/parameters/mppi.py"])
+@pytest.mark.parametrize("module", ["world/robot.py", "nav/parameters/mppi.py"])
 def test_what_kernels_take_constants_and_types_from_counts_as_well(copied, module):
     before = numeric.kernel_cache_dir()
     (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
@@ -102,7 +111,7 @@ def test_an_edit_that_no_compiled_code_can_follow_from_compiles_nothing_again(co
 
 def test_a_new_module_with_kernels_has_another_folder_of_compiled_kernels(copied):
     before = numeric.kernel_cache_dir()
-    (copied / "nav" / "new.py").write_text("from vastflow.sim.numeric import inner\n")
+    (copied / "nav" / "new.py").write_text("from vastflow.sim.kernels.numeric import inner\n")
     assert numeric.kernel_cache_dir() != before
 
 

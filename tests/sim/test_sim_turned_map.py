@@ -10,20 +10,20 @@ from PIL import Image
 
 from vastflow.oracles.observe import observer_of
 from vastflow.sim.behaviour.messages import message
-from vastflow.sim.closed_loop import ClosedLoop
-from vastflow.sim.grid_frame import GridFrame
-from vastflow.sim.lidar import Lidar
-from vastflow.sim.maps import load_map, map_content
-from vastflow.sim.mission import Mission
+from vastflow.sim.loop.closed_loop import ClosedLoop
+from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.loop.simulation import Simulation
+from vastflow.sim.maps.grid_frame import GridFrame
+from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.pose import Pose
-from vastflow.sim.prepared import prepare
-from vastflow.sim.recording import si
-from vastflow.sim.replay import replay
-from vastflow.sim.robot import Robot
+from vastflow.sim.reading.map_file import load_map, map_content
+from vastflow.sim.recordings.recording import si
+from vastflow.sim.replay.replay import replay
+from vastflow.sim.replay.snapshot import Box
 from vastflow.sim.run import run
-from vastflow.sim.simulation import Simulation
-from vastflow.sim.snapshot import Box
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.robot import Robot
 
 ORIGIN = (-2.0, 1.5)
 """Of the two rooms in these tests, whose poses below are measured from it."""

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point
 
-from vastflow.sim.maps import OccupancyMap
-from vastflow.sim.motion import FREE, MOVING, TOUCHING
-from vastflow.sim.obstacle import Obstacle, Trigger
+from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
-from vastflow.sim.robot import Robot, arc
-from vastflow.sim.walls import WallIndex
-from vastflow.sim.world import GRAVITY_MPS2, TRACTION, World
+from vastflow.sim.world.motion import FREE, MOVING, TOUCHING
+from vastflow.sim.world.obstacle import Obstacle, Trigger
+from vastflow.sim.world.physics import GRAVITY_MPS2, TRACTION, World
+from vastflow.sim.world.robot import Robot, arc
+from vastflow.sim.world.walls import WallIndex
 
 DT_S = 0.01
 TICK_S = 0.05

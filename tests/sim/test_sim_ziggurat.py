@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from vastflow.sim.numeric import njit
-from vastflow.sim.streams import streams_of
-from vastflow.sim.ziggurat import EDGES, TAIL, normals
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.streams import streams_of
+from vastflow.sim.kernels.ziggurat import EDGES, TAIL, normals
 
 N = 1_000_000
 

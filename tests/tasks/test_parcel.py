@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from vastflow.oracles.oracle import oracles_of
-from vastflow.sim.abstract import content_of, definition_of
 from vastflow.sim.digest import FileContent, file_digest
-from vastflow.sim.maps import load_map, map_content
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.process.folder import copy_in, files_matching
 from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.reading.abstract import content_of, definition_of
+from vastflow.sim.reading.map_file import load_map, map_content
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.local_store import open_local_store

@@ -8,10 +8,10 @@ from vastflow.oracles.oracle import oracles_of
 from vastflow.oracles.verdict import read_verdicts
 from vastflow.producers.parameter import ParameterVariationList
 from vastflow.sim import run as simulator
-from vastflow.sim.blocks import read_recordings
-from vastflow.sim.recording import Recording, Run
+from vastflow.sim.recordings.blocks import read_recordings
+from vastflow.sim.recordings.recording import Recording, Run
+from vastflow.sim.recordings.runlog import RunLog
 from vastflow.sim.run import Execution
-from vastflow.sim.runlog import RunLog
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
 from vastflow.tasks import work

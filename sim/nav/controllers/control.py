@@ -6,13 +6,13 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.numeric import OPTIONS
 from vastflow.sim.nav.controllers import dwb, mppi, rpp
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import OPTIONS
 
 
 class Mppi(NamedTuple):

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.controllers.dwb_critics import (
     DISTANCE,
     PathGrid,
@@ -29,7 +30,6 @@ from vastflow.sim.nav.controllers.dwb_rollout import legal, possible, roll_out, 
 from vastflow.sim.nav.inflation import INSCRIBED
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import inner
 
 
 class DwbMemory(NamedTuple):

@@ -7,9 +7,9 @@ positions are linear in sums of their cosines and sines: the end of a trajectory
 import math
 from typing import Any, Final
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.inflation import INSCRIBED
-from vastflow.sim.numeric import inner
-from vastflow.sim.robot import wrapped
+from vastflow.sim.world.robot import wrapped
 
 SAME_VELOCITY: Final = 1e-5
 """Tolerance of Nav2's velocity iterators (m/s, rad/s)."""

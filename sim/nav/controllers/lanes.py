@@ -15,7 +15,7 @@ from numba.core import cgutils, config
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-import vastflow.sim.numeric  # noqa: F401  sets the processor
+import vastflow.sim.kernels.numeric  # noqa: F401  sets the processor
 
 WIDTH: Final = 8 if "avx" in config.CPU_FEATURES else 4
 """Numbers in a register of the processor that kernels are compiled for."""

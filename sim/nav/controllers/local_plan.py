@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import inner
-from vastflow.sim.robot import wrapped
+from vastflow.sim.world.robot import wrapped
 
 
 @inner

@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.controllers.lanes import WIDTH, data_of, either, load, lower, splat, store
 from vastflow.sim.nav.controllers.mppi_critics import (
     BINS,
@@ -28,8 +29,7 @@ from vastflow.sim.nav.controllers.mppi_critics import (
 from vastflow.sim.nav.controllers.mppi_samples import ROW, STEP, Limits, Prices, Space, draw, follow, next_noise, noise
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.window import Window
-from vastflow.sim.numeric import inner
-from vastflow.sim.robot import wrapped
+from vastflow.sim.world.robot import wrapped
 
 PERIOD_S: Final = 0.05
 """The controller server's period: with the same model_dt the sequence is shifted from one command to the next."""

@@ -7,6 +7,7 @@ how far along the plan any sample gets. Positions are in cells of the cost frame
 import math
 from typing import Any, Final, NamedTuple
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.controllers.lanes import (
     WIDTH,
     any_below,
@@ -26,7 +27,6 @@ from vastflow.sim.nav.controllers.lanes import (
 from vastflow.sim.nav.controllers.mppi_samples import ROW, STEP, Space, rows_of
 from vastflow.sim.nav.inflation import INSCRIBED
 from vastflow.sim.nav.window import Window, cost_at
-from vastflow.sim.numeric import inner
 
 SIDE: Final = 256
 """Cells along a side of the cost frame at most: a cell's number has 16 bits."""

@@ -11,9 +11,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.streams import integer_below
 from vastflow.sim.nav.controllers.lanes import either, higher, load, lower, size, splat, store
-from vastflow.sim.numeric import inner
-from vastflow.sim.streams import integer_below
 
 ROW: Final = 8
 """Samples in a group. Lanes are as many or half of them: what is computed is the same."""

@@ -5,11 +5,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import FREE, INSCRIBED, UNKNOWN
 from vastflow.sim.nav.window import Window, cost_at
-from vastflow.sim.numeric import inner
-from vastflow.sim.robot import wrapped
+from vastflow.sim.world.robot import wrapped
 
 PERIOD_S: Final = 0.05
 """The controller server's period: how much a turn in place may speed up from one command to the next."""

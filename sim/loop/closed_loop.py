@@ -1,0 +1,250 @@
+"""One run in progress: the navigation stack and the world in turn, 20 times a simulated second."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.streams import streams_of
+from vastflow.sim.loop.prepared import PreparedMap
+from vastflow.sim.maps.grid_frame import GridFrame
+from vastflow.sim.nav.mission import Mission
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.state import ROW_TICKS, SUBSTEPS, TICK_S, give, new_stack, set_pose
+from vastflow.sim.nav.tick import APPEARS, PHYSICS, advance, conclude, halt, start
+from vastflow.sim.pose import Pose
+from vastflow.sim.recordings.recording import Event
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.motion import FREE, MOVING, NOT_THERE, Body, new_body
+from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.physics import World
+from vastflow.sim.world.robot import Robot
+
+
+class ClosedLoop:
+    """A robot in its world, from the start of a run on; it stands until it knows where it is and has a mission.
+
+    Kernels run tick after tick by themselves while the robot moves freely; only where bodies may touch, and where an obstacle
+    appears, do they come back for the engine. A run without either never builds one.
+
+    What is given to it is in the map's frame. Inside, everything is in the frame of the map's grid, which `frame` turns: a map
+    whose origin is turned is driven in as the same map that is not.
+
+    Args:
+        start_pose: Where the robot stands at first.
+        obstacles: What stands there from the start, or appears when the robot comes near.
+        entropy: (seed, situation, run index), see `vastflow.sim.kernels.streams.run_entropy`.
+        timeout_s: Simulated time at which the run ends whatever happens.
+
+    Attributes:
+        stack: What the stack has at the end of the last tick.
+        body: The robot and the obstacles as they stand.
+        last_tick: Ticks there is time for.
+        obstacles: All that there ever were, in the order of `body.obstacles`, in the grid's frame as `stack` and `body` are.
+    """
+
+    def __init__(
+        self,
+        prepared: PreparedMap,
+        parameters: NavParameters,
+        lidar: Lidar,
+        robot: Robot,
+        start_pose: Pose,
+        obstacles: Sequence[Obstacle],
+        entropy: Sequence[int],
+        timeout_s: float,
+    ) -> None:
+        self.frame = frame = prepared.occupancy.frame
+        self.obstacles = every = [obstacle.in_grid(frame) for obstacle in obstacles]
+        start_pose, rows = frame.pose_to_grid(start_pose), obstacle_rows(every)
+        self.body = new_body(start_pose, robot.radius_m, rows, trigger_rows(every))
+        self.stack = new_stack(prepared, parameters, lidar, robot, start_pose, rows, streams_of(entropy), timeout_s)
+        self.last_tick = round(timeout_s / TICK_S)
+        # Without `self` in it: a circle would keep a run's grids, some 20 MB, until the collector comes by.
+        self._make_world: Callable[[], World] = lambda: World(robot, prepared.walls, every)
+        self._world: World | None = None
+        start(self.stack.p, self.stack.m)
+
+    @property
+    def tick(self) -> int:
+        """Ticks that are done."""
+        return int(self.stack.m[0]["tick"])
+
+    @property
+    def now_s(self) -> float:
+        """Simulated time that is over."""
+        return self.tick * TICK_S
+
+    @property
+    def status(self) -> int:
+        """RUNNING, SUCCEEDED, ABORTED or RESTING: what became of the mission."""
+        return int(self.stack.m[0]["status"])
+
+    @property
+    def error_code(self) -> int:
+        """Nav2's code of a mission that was given up, else 0."""
+        return int(self.stack.m[0]["error_code"])
+
+    @property
+    def placed(self) -> bool:
+        """Whether AMCL was ever given an initial pose."""
+        return bool(self.stack.m[0]["initialised"])
+
+    @property
+    def recoveries(self) -> int:
+        """Of all missions so far."""
+        return int(self.stack.m[0]["recoveries"])
+
+    @property
+    def missed(self) -> int:
+        """Stops that all missions so far left out because they could not be reached."""
+        return int(self.stack.m[0]["missed"])
+
+    @property
+    def localized(self) -> bool:
+        """Whether AMCL has given a pose since the last `localize`."""
+        return bool(self.stack.m[0]["initialised"]) and not self.stack.m[0]["first_scan"]
+
+    @property
+    def true_pose(self) -> Pose:
+        """Where the robot is, in the map's frame."""
+        return self.frame.pose_to_map(Pose(*self.body.pose.tolist()))
+
+    @property
+    def estimate(self) -> Pose:
+        """Where the robot takes itself to be, in the map's frame."""
+        m = self.stack.m[0]
+        return self.frame.pose_to_map(Pose(float(m["x"]), float(m["y"]), float(m["yaw"])))
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """What happened in the world so far, in order and in the map's frame."""
+        return [_in_map(event, self.frame) for event in self._world.events] if self._world else ()
+
+    def localize(self, pose: Pose) -> None:
+        """Give AMCL an initial pose; from the next tick on the stack is awake."""
+        set_pose(self.stack, self.frame.pose_to_grid(pose))
+
+    def navigate(self, mission: Mission) -> None:
+        """Give the robot a mission, in place of any it had."""
+        self.cancel()
+        goals = tuple(self.frame.pose_to_grid(goal) for goal in mission.goals)
+        self.stack = give(self.stack, replace(mission, goals=goals))
+
+    def command(self, speed_mps: float, yaw_rate_radps: float) -> None:
+        """Give the velocity smoother a command, as the controller does while there is a mission."""
+        m = self.stack.m[0]
+        m["command_v"], m["command_w"], m["command_tick"] = speed_mps, yaw_rate_radps, m["tick"]
+
+    def cancel(self) -> None:
+        """Take the robot's mission away."""
+        halt(self.stack.m, self.stack.controller)
+
+    def standing(self, name: str) -> int | None:
+        """Number of the obstacle of this name that stands in the world now."""
+        there = [
+            index
+            for index, obstacle in enumerate(self.obstacles)
+            if obstacle.name == name and math.isfinite(self.body.obstacles[index, 0])
+        ]
+        return there[0] if there else None
+
+    def spawn(self, obstacle: Obstacle, pushable: bool) -> None:
+        """Put an obstacle into the world now, at its pose; one that can be pushed has its mass and friction."""
+        self._world = world = self._world or self._make_world()
+        obstacle = obstacle.in_grid(self.frame)
+        self.obstacles.append(obstacle)
+        world.add(len(self.obstacles) - 1, self.now_s, pushable)
+        rows = np.concatenate([self.body.obstacles, obstacle_rows([obstacle])])
+        triggers = np.concatenate([self.body.triggers, trigger_rows([obstacle])])
+        self.body = Body(self.body.pose, self.body.radius_m, rows, triggers)
+        self.stack = replace(self.stack, obstacles=rows)
+
+    def delete(self, index: int) -> None:
+        """Take an obstacle that stands in the world out of it."""
+        self._world = world = self._world or self._make_world()
+        world.remove(index, self.now_s)
+        self.body.obstacles[index, :2] = NOT_THERE
+
+    def advance(self, until_tick: int | None = None) -> None:
+        """Go on until so many ticks of the run are done, by default all there is time for, or the mission has ended."""
+        until = self.last_tick if until_tick is None else min(until_tick, self.last_tick)
+        stack, status = self.stack, self.status
+        while self.status == status:
+            hold = self._world.hold if self._world else FREE
+            why = advance(
+                stack.p,
+                stack.m,
+                stack.grids,
+                stack.local,
+                stack.cloud,
+                stack.route,
+                stack.controller,
+                stack.rows,
+                self.body,
+                hold,
+                until,
+            )
+            if why == PHYSICS:
+                self._drive()
+            elif why >= APPEARS:
+                self._appear(why - APPEARS)
+            else:
+                return
+
+    def conclude(self) -> None:
+        """Write the recording's last row: where the robot is now."""
+        conclude(self.stack.p, self.stack.m, self.body, self.stack.rows)
+
+    def _drive(self) -> None:
+        """The engine's part of the tick whose commands the stack has just given."""
+        self._world = world = self._world or self._make_world()
+        t_s = self.tick * TICK_S
+        world.drive(self.body.pose, self.stack.m[0]["velocities"].tolist(), TICK_S / SUBSTEPS, t_s - TICK_S)
+        for index in world.appeared:
+            self._place(index, *world.pose_of(index))
+        if self.tick % ROW_TICKS == 0 or world.hold != MOVING:
+            world.note_moves(t_s)
+
+    def _appear(self, index: int) -> None:
+        self._world = world = self._world or self._make_world()
+        world.appear(index, self.tick * TICK_S)
+        self.body.triggers[index, 2] = -1.0
+        self._place(index, *world.pose_of(index))
+
+    def _place(self, index: int, x_m: float, y_m: float, yaw_rad: float) -> None:
+        self.body.obstacles[index, :4] = x_m, y_m, math.cos(yaw_rad), math.sin(yaw_rad)
+
+
+def _in_map(event: Event, frame: GridFrame) -> Event:
+    if frame.yaw_rad == 0.0:
+        return event
+    x_m, y_m = frame.to_map(event.x_m, event.y_m)
+    if event.kind == "contact":
+        return replace(event, x_m=x_m, y_m=y_m)
+    # Of an obstacle: rounded as the world rounds it, and its value is its yaw.
+    return replace(event, x_m=round(x_m, 4), y_m=round(y_m, 4), value=round(event.value + frame.yaw_rad, 4))
+
+
+def obstacle_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
+    """Obstacles as the rows (K, 6) that `vastflow.sim.world.lidar.scan` reads; those that are still to appear are nowhere."""
+    rows = [
+        (
+            o.pose.x_m if o.trigger is None else NOT_THERE,
+            o.pose.y_m if o.trigger is None else NOT_THERE,
+            math.cos(o.pose.yaw_rad),
+            math.sin(o.pose.yaw_rad),
+            o.length_m / 2,
+            0.0 if o.shape == "cylinder" else o.width_m / 2,
+        )
+        for o in obstacles
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
+def trigger_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
+    """(K, 3) as `vastflow.sim.world.motion.Body` has them."""
+    rows = [(0.0, 0.0, -1.0) if (t := o.trigger) is None else (t.x_m, t.y_m, t.distance_m) for o in obstacles]
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)

@@ -1,0 +1,151 @@
+"""A mission driven for itself, and the recording of what a closed loop did."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.loop.closed_loop import ClosedLoop
+from vastflow.sim.loop.prepared import PreparedMap
+from vastflow.sim.loop.simulation import told
+from vastflow.sim.loop.standstill import STANDSTILL_M, standstill
+from vastflow.sim.loop.standstill import told as standstill_told
+from vastflow.sim.maps.grid_frame import GridFrame
+from vastflow.sim.nav.mission import Mission
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.state import COLUMNS, EVENT_KINDS, EVENT_RECOVERY, RECOVERIES, RUNNING, SUCCEEDED, Stack
+from vastflow.sim.pose import Pose
+from vastflow.sim.process.tables import Columns
+from vastflow.sim.recordings.recording import Entity, Event, Outcome, Recording, Run
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.robot import Robot
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a run ended; see `vastflow.sim.recordings.recording.Run`."""
+
+    outcome: Outcome
+    reason: str = ""
+    error_code: int = 0
+
+
+def drive(
+    prepared: PreparedMap,
+    parameters: NavParameters,
+    lidar: Lidar,
+    robot: Robot,
+    start: Pose,
+    mission: Mission,
+    obstacles: tuple[Obstacle, ...],
+    entropy: Sequence[int],
+    timeout_s: float,
+    watch: Callable[[Stack, int], None] | None = None,
+    watch_ticks: Sequence[int] = (),
+) -> Recording:
+    """Drive one mission from its first tick to its end, with no scenario about it: the measure of benchmarks and proofs.
+
+    Args:
+        entropy: (seed, situation, run index), see `vastflow.sim.kernels.streams.run_entropy`.
+        watch, watch_ticks: See `vastflow.sim.run.run`.
+    """
+    loop = ClosedLoop(prepared, parameters, lidar, robot, start, obstacles, entropy, timeout_s)
+    loop.localize(start)
+    loop.navigate(mission)
+    if watch is not None:
+        for tick in watch_ticks:
+            if loop.status != RUNNING:
+                break
+            loop.advance(tick + 1)
+            if loop.tick > tick:
+                watch(loop.stack, tick)
+    if loop.status == RUNNING:
+        loop.advance()
+    return recording_of(loop, entropy, _ending(loop), sent_s=0.0)
+
+
+def recording_of(
+    loop: ClosedLoop,
+    entropy: Sequence[int],
+    ending: Ending,
+    behaviors: Columns | None = None,
+    spawned: Sequence[Obstacle] = (),
+    sent_s: float | None = None,
+) -> Recording:
+    """What a loop recorded until now, which is the run's end.
+
+    Args:
+        behaviors: See `Recording`.
+        spawned: What a scenario put into the world.
+        sent_s: Simulated time of the robot's first mission; None where it was given none.
+    """
+    loop.conclude()
+    stack = loop.stack
+    m = stack.m[0]
+    columns = {name: stack.rows[: int(m["rows"]), k].copy() for k, name in enumerate(COLUMNS)}
+    events = [*(_event(row, loop.frame) for row in m["event_rows"][: int(m["events"])]), *loop.events]
+    reasons = [ending.reason] if ending.reason else []
+    if sent_s is not None and float(m["distance"]) < STANDSTILL_M and ending.outcome != "succeeded":
+        events.append(standstill(columns, events, sent_s))
+        reasons.append(standstill_told(events[-1]))
+    if contacts := [event for event in loop.events if event.kind == "contact"]:
+        reasons.append(_told(contacts))
+    return Recording(
+        Run(
+            run_index=entropy[-1],
+            seed=_seed(entropy),
+            outcome=ending.outcome,
+            error_code=ending.error_code,
+            reason="; ".join(reasons),
+            simulated_s=round(loop.now_s, 3),
+            distance_m=round(float(m["distance"]), 3),
+            recoveries=int(m["recoveries"]),
+            missed_goals=int(m["missed"]),
+            events=tuple(sorted(events, key=lambda event: event.t_s)),
+            entities=tuple(Entity(o.name, o.shape, o.length_m, o.width_m) for o in spawned),
+        ),
+        columns,
+        behaviors or {},
+    )
+
+
+def recording_without_world(ended_s: float, entropy: Sequence[int], ending: Ending, behaviors: Columns) -> Recording:
+    """The recording of a scenario in which no robot moves."""
+    run = Run(
+        run_index=entropy[-1],
+        seed=_seed(entropy),
+        outcome=ending.outcome,
+        error_code=0,
+        reason=ending.reason,
+        simulated_s=round(ended_s, 3),
+        distance_m=0.0,
+        recoveries=0,
+        missed_goals=0,
+    )
+    return Recording(run, {}, behaviors)
+
+
+def _seed(entropy: Sequence[int]) -> str:
+    return ":".join(f"{part:x}" for part in entropy)
+
+
+def _ending(loop: ClosedLoop) -> Ending:
+    if loop.status == RUNNING:
+        return Ending("timed_out", "the mission did not end within its time")
+    if loop.status == SUCCEEDED:
+        return Ending("succeeded")
+    return Ending("aborted", told(loop), loop.error_code)
+
+
+def _told(contacts: Sequence[Event]) -> str:
+    first = f"with {contacts[0].what} at {contacts[0].t_s:.1f} s"
+    return f"a contact {first}" if len(contacts) == 1 else f"{len(contacts)} contacts, the first {first}"
+
+
+def _event(row: NDArray[np.float64], frame: GridFrame) -> Event:
+    t_s, kind, x_m, y_m, what, value = row.tolist()
+    x_m, y_m = frame.to_map(x_m, y_m)
+    detail = RECOVERIES[int(what)] if int(kind) == EVENT_RECOVERY else str(int(what))
+    return Event(round(t_s, 3), EVENT_KINDS[int(kind)], round(x_m, 3), round(y_m, 3), detail, value)

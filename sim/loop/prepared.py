@@ -1,0 +1,125 @@
+"""What is computed once per map and robot, and shared by all runs on it.
+
+Three parts are kept for the maps used last, each by what it depends on: a campaign that varies the robot's radius shares
+walls and likelihood field, one that varies AMCL's parameters the costs.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.inflation import FREE, LETHAL, UNKNOWN, cost_stamp, inflation_of, with_unknown
+from vastflow.sim.nav.likelihood import likelihood_cubed, usable_range_m
+from vastflow.sim.nav.navfn import travel_costs
+from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
+from vastflow.sim.nav.parameters.costmap import Costmap
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.world.leaps import Leaps, leaps_of
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.walls import WallIndex
+
+KEPT_MAPS: Final = 6
+"""About 45 bytes a cell: 130 MB for a building of 85 m × 85 m."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMap:
+    """Read-only tables of one map; a run copies what it writes to.
+
+    Attributes:
+        leap: What the lidar casts against.
+        cubed: AMCL's likelihood field.
+        static: (H, W) uint8 of 0, 254, 255: the static layer.
+        static_costs: (H, W) uint8 inflation of its lethal cells; `costs` is that with its unknown cells.
+        stamp, local_stamp: Inflation round one cell of the global and of the local costmap.
+        travel: (H, W) uint8: NavFn's costs of the inflated static layer; `least` those with unknown cells taken for free.
+    """
+
+    occupancy: OccupancyMap
+    walls: WallIndex
+    leap: Leaps
+    cubed: NDArray[np.float32]
+    static: NDArray[np.uint8]
+    static_costs: NDArray[np.uint8]
+    stamp: NDArray[np.uint8]
+    costs: NDArray[np.uint8]
+    travel: NDArray[np.uint8]
+    least: NDArray[np.uint8]
+    local_stamp: NDArray[np.uint8]
+
+
+def prepare(occupancy: OccupancyMap, lidar: Lidar, parameters: NavParameters) -> PreparedMap:
+    """Tables of a map for a robot with these parameters; the same map, by identity, is not computed twice."""
+    q = parameters.amcl
+    walls, leap = _geometry(occupancy)
+    cubed = _likelihood(
+        occupancy,
+        usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1],
+        q.z_hit,
+        q.z_rand,
+        q.sigma_hit,
+        q.laser_likelihood_max_dist,
+    )
+    costs = _costs(occupancy, parameters.global_costmap, parameters.planner.allow_unknown)
+    local_stamp = _stamp(parameters.local_costmap, parameters.local_costmap.resolution)
+    return PreparedMap(occupancy, walls, leap, cubed, *costs, local_stamp)
+
+
+@functools.lru_cache(maxsize=KEPT_MAPS)
+def _geometry(occupancy: OccupancyMap) -> tuple[WallIndex, Leaps]:
+    return WallIndex(occupancy), leaps_of(occupancy.occupied)
+
+
+@functools.lru_cache(maxsize=KEPT_MAPS)
+def _likelihood(
+    occupancy: OccupancyMap, range_max_m: float, z_hit: float, z_rand: float, sigma_hit_m: float, max_dist_m: float
+) -> NDArray[np.float32]:
+    return likelihood_cubed(
+        occupancy.occupied,
+        occupancy.resolution_m,
+        range_max_m=range_max_m,
+        z_hit=z_hit,
+        z_rand=z_rand,
+        sigma_hit_m=sigma_hit_m,
+        likelihood_max_dist_m=max_dist_m,
+    )
+
+
+class _Costs(NamedTuple):
+    static: NDArray[np.uint8]
+    static_costs: NDArray[np.uint8]
+    stamp: NDArray[np.uint8]
+    costs: NDArray[np.uint8]
+    travel: NDArray[np.uint8]
+    least: NDArray[np.uint8]
+
+
+@functools.lru_cache(maxsize=KEPT_MAPS)
+def _costs(occupancy: OccupancyMap, costmap: Costmap, allow_unknown: bool) -> _Costs:
+    static = _static_layer(occupancy, costmap)
+    stamp = _stamp(costmap, occupancy.resolution_m)
+    static_costs = inflation_of(static, stamp)
+    costs = with_unknown(static, static_costs)
+    travel = travel_costs(costs, allow_unknown)
+    least = travel_costs(static_costs) if (static == UNKNOWN).any() else travel
+    return _Costs(static, static_costs, stamp, costs, travel, least)
+
+
+def _static_layer(occupancy: OccupancyMap, costmap: Costmap) -> NDArray[np.uint8]:
+    """The trinary static layer: what is neither occupied nor unknown is free."""
+    if not costmap.static_layer.enabled:
+        return np.full(occupancy.shape, FREE, dtype=np.uint8)
+    unknown = UNKNOWN if costmap.track_unknown_space else FREE
+    return np.where(occupancy.occupied, LETHAL, np.where(occupancy.cells < 0, unknown, FREE)).astype(np.uint8)
+
+
+def _stamp(costmap: Costmap, resolution_m: float) -> NDArray[np.uint8]:
+    layer = costmap.inflation_layer
+    if not layer.enabled:
+        return np.array([[LETHAL]], dtype=np.uint8)
+    outline = padded_outline(costmap.robot_radius, costmap.footprint_padding)
+    return cost_stamp(resolution_m, inscribed_radius_m(outline), layer.inflation_radius, layer.cost_scaling_factor)

@@ -1,0 +1,60 @@
+"""Standstills: robots that were sent somewhere and never moved, and what held them."""
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.recordings.recording import Event
+
+STANDSTILL_M: Final = 0.1
+"""A robot that was sent and drove less has stood still (m)."""
+
+STOOD_STILL: Final = "stood_still"
+"""Kind of the event of a run whose robot did; `what` is one of `CAUSES`."""
+
+POINTS_IN_FOOTPRINT: Final = "points in footprint"
+COLLISION_MONITOR: Final = "collision monitor"
+NO_COMMAND: Final = "no command"
+OTHER: Final = "other"
+
+CAUSES: Final[Mapping[str, str]] = {
+    POINTS_IN_FOOTPRINT: "the collision monitor stopped every command: scan points inside the footprint",
+    COLLISION_MONITOR: "the collision monitor stopped most commands",
+    NO_COMMAND: "neither controller nor recovery gave a command",
+    OTHER: "for another cause",
+}
+"""In words."""
+
+_MOST: Final = 0.5
+
+
+def standstill(columns: Mapping[str, NDArray[np.int32]], events: Iterable[Event], sent_s: float) -> Event:
+    """The event of a run whose robot stood still, at the time at which it was sent (s).
+
+    The monitor stops a robot without a command only where the scan has points inside its footprint, so a stop until then tells that
+    cause.
+
+    Args:
+        columns: All of a recording's.
+        events: Of the run.
+    """
+    commanded, sent = (
+        (columns[f"{which}_speed_mmps"] != 0) | (columns[f"{which}_yaw_rate_mradps"] != 0)
+        for which in ("command", "sent")
+    )
+    stopped = commanded & ~sent
+    at_rest = any(event.kind == "stopped_by_monitor" and event.t_s <= sent_s for event in events)
+    if not commanded.any():
+        cause = NO_COMMAND
+    elif at_rest and stopped.sum() == commanded.sum():
+        cause = POINTS_IN_FOOTPRINT
+    else:
+        cause = COLLISION_MONITOR if stopped.sum() > _MOST * commanded.sum() else OTHER
+    return Event(round(sent_s, 3), STOOD_STILL, columns["x_mm"][0] / 1e3, columns["y_mm"][0] / 1e3, cause)
+
+
+def told(standstill: Event) -> str:
+    """In words."""
+    return f"the robot stood still at the start: {CAUSES[standstill.what]}"

@@ -1,0 +1,163 @@
+"""Loading: a plug-in's module from its snapshot, with its imports of neighbors bound to the same snapshot.
+
+Each snapshot is a package of a name of its own, so that two plug-ins may have helpers of one name, and an edited helper is never
+taken for the one before.
+"""
+
+import builtins
+import importlib
+import importlib.machinery
+import importlib.util
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+from vastflow.sim.digest import digest
+from vastflow.sim.plug_ins.plug_in import plug_in_code
+from vastflow.sim.plug_ins.snapshot import Snapshot
+from vastflow.sim.plug_ins.watch import watched
+
+_PACKAGE: Final = "vastflow_plug_in_"
+_DIGITS: Final = 16
+_NOTEBOOK: Final = ".ipynb"
+
+
+def module_name(snapshot: Snapshot) -> str:
+    """Name of the module that a plug-in's file is."""
+    return f"{package_name(snapshot)}.{_dotted(snapshot.entry)}"
+
+
+def package_name(snapshot: Snapshot) -> str:
+    """Name of the package that a snapshot is: of its content and where that lay, for a class tells both."""
+    own = digest(snapshot.digest, str(snapshot.origin), str(snapshot.campaign), str(snapshot.folder))
+    return f"{_PACKAGE}{own[:_DIGITS]}"
+
+
+def module_of(snapshot: Snapshot) -> ModuleType:
+    """The module of a plug-in's file, executed once in a process; raises whatever its code raises.
+
+    Raises:
+        PlugInError: the snapshot is damaged, or the code read a file that is not declared.
+    """
+    name = module_name(snapshot)
+    if name not in sys.modules:
+        open_package(snapshot)
+        with plug_in_code(), watched(snapshot):
+            importlib.import_module(name)
+    return sys.modules[name]
+
+
+def open_package(snapshot: Snapshot) -> ModuleType:
+    """The package of a snapshot, its copies checked; nothing of the plug-in is executed yet."""
+    name = package_name(snapshot)
+    if name not in sys.modules:
+        snapshot.check()
+        if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+            sys.meta_path.insert(0, _Finder())
+        spec = importlib.machinery.ModuleSpec(name, SnapshotLoader(name, snapshot.folder, snapshot), is_package=True)
+        package = importlib.util.module_from_spec(spec)
+        sys.modules[name] = package
+    return sys.modules[name]
+
+
+def empty_module(snapshot: Snapshot) -> ModuleType:
+    """A module under the name of a plug-in's file that is no Python, such as a notebook; made once in a process."""
+    name = module_name(snapshot)
+    if name not in sys.modules:
+        open_package(snapshot)
+        spec = importlib.machinery.ModuleSpec(name, SnapshotLoader(name, snapshot.file, snapshot))
+        module = importlib.util.module_from_spec(spec)
+        module.__file__ = str(snapshot.file)
+        module.__dict__["__builtins__"] = frozen_builtins(snapshot)
+        sys.modules[name] = module
+    return sys.modules[name]
+
+
+def snapshot_behind(kind: type) -> Snapshot | None:
+    """The snapshot that a class is from; None for one of an installed package."""
+    loader = getattr(getattr(sys.modules.get(kind.__module__), "__spec__", None), "loader", None)
+    return loader.snapshot if isinstance(loader, SnapshotLoader) else None
+
+
+def frozen_builtins(snapshot: Snapshot) -> dict[str, Any]:
+    """Python's built-in names, with an import that takes a snapshot's neighbors from the snapshot."""
+    home = ".".join([package_name(snapshot), *filter(None, [_dotted(f"{snapshot.home}/__init__.py")])])
+    inside = f"{snapshot.home}/" if snapshot.home else ""
+    beside = {place.removeprefix(inside).partition("/")[0] for place in snapshot.modules if place.startswith(inside)}
+    beside = {name.removesuffix(".py") for name in beside}
+
+    def frozen_import(
+        name: str,
+        globals: Mapping[str, object] | None = None,
+        locals: Mapping[str, object] | None = None,
+        fromlist: Sequence[str] | None = (),
+        level: int = 0,
+    ) -> ModuleType:
+        top = name.partition(".")[0]
+        if level or top not in beside:
+            return builtins.__import__(name, globals, locals, fromlist or (), level)
+        if fromlist:
+            return builtins.__import__(f"{home}.{name}", globals, locals, fromlist, 0)
+        importlib.import_module(f"{home}.{name}")
+        return sys.modules[f"{home}.{top}"]
+
+    return {**builtins.__dict__, "__import__": frozen_import}
+
+
+class SnapshotLoader(importlib.machinery.SourceFileLoader):
+    """Executes a copy; what it compiled is kept nowhere."""
+
+    def __init__(self, fullname: str, path: Path, snapshot: Snapshot) -> None:
+        super().__init__(fullname, str(path))
+        self.snapshot = snapshot
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType | None:
+        """Python's own."""
+        return None
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Execute the copy; a folder without `__init__.py` has nothing to execute."""
+        if Path(self.path).is_file():
+            module.__dict__["__builtins__"] = frozen_builtins(self.snapshot)
+            super().exec_module(module)
+
+    def set_data(self, path: str, data: Any, *, _mode: int = 0o666) -> None:
+        """Write no bytecode beside the copies."""
+
+
+class _Finder:
+    """Finds modules of snapshots whose packages are open."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        top, *parts = name.split(".")
+        if not parts or not top.startswith(_PACKAGE) or top not in sys.modules:
+            return None
+        spec = sys.modules[top].__spec__
+        loader = spec.loader if spec else None
+        if not isinstance(loader, SnapshotLoader):
+            return None
+        snapshot, own = loader.snapshot, ".".join(parts)
+        places = {_dotted(place): place for place in snapshot.modules}
+        if own in places:
+            snapshot.read(places[own])
+            file = snapshot.folder / places[own]
+            is_package = [str(file.parent)] if file.name == "__init__.py" else None
+            return importlib.util.spec_from_file_location(
+                name, file, loader=SnapshotLoader(name, file, snapshot), submodule_search_locations=is_package
+            )
+        if any(each.startswith(f"{own}.") for each in places):
+            folder = SnapshotLoader(name, snapshot.folder, snapshot)
+            return importlib.machinery.ModuleSpec(name, folder, is_package=True)
+        return None
+
+
+def _dotted(place: str) -> str:
+    """A place as the name of a module; a point in the name of a folder or file is none between modules."""
+    *folders, last = place.split("/")
+    stem, _, _ = last.rpartition(".")
+    parts = [part for part in folders if part] if last == "__init__.py" else [*folders, stem]
+    return ".".join(part.replace(".", "_") for part in parts)

@@ -1,0 +1,252 @@
+"""Neighbors: which files beside a plug-in its results follow from, found by reading it, without running it."""
+
+import ast
+import importlib.util
+import io
+import os
+import sys
+import tokenize
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from vastflow.sim.reading.files import Unreadable, read_bytes
+
+FILES: Final = "files"
+"""Name under which a class, or a notebook at its top, declares the data files it reads."""
+
+MOST_BYTES: Final = 100_000_000
+"""Of one plug-in, with all that it uses."""
+
+_NEVER_BESIDE: Final = sys.stdlib_module_names | {"vastflow"}
+_IMPORTING: Final = ("importlib.import_module", "import_module", "__import__")
+_PATTERN: Final = frozenset("*?[")
+_ENVIRONMENT: Final = frozenset({"os.environ", "os.getenv", "os.environb", "os.getenvb"})
+_PROGRAMS: Final = frozenset({"os.system", "os.popen"})
+_PROGRAMS_OF: Final = "subprocess"
+
+
+class PlugInError(ValueError):
+    """A plug-in that can't be taken: `what` was found, and what would be `right`."""
+
+    def __init__(self, what: str, right: str) -> None:
+        super().__init__(f"{what}; {right}")
+        self.what = what
+        self.right = right
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PlugInError, (self.what, self.right)
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """Something that a result may follow from and nobody can follow.
+
+    Attributes:
+        line: From 1.
+        name: What is called, such as `os.getenv`.
+        what: What comes from there.
+    """
+
+    file: Path
+    line: int
+    name: str
+    what: str
+
+
+@dataclass(slots=True)
+class Neighbors:
+    """What a plug-in's file uses.
+
+    Attributes:
+        modules: Python files by absolute path, with what is in them; the plug-in's own is the first.
+        data: Declared data files by absolute path, with what is in them.
+        outside: Top-level names of modules that it imports from elsewhere, neither Python's own nor vastflow's.
+        hidden: What can't be followed.
+    """
+
+    modules: dict[Path, bytes] = field(default_factory=dict)
+    data: dict[Path, bytes] = field(default_factory=dict)
+    outside: set[str] = field(default_factory=set)
+    hidden: list[Hidden] = field(default_factory=list)
+
+
+def neighbors_of(file: Path, code: str | None = None) -> Neighbors:
+    """Follow the imports of a plug-in's file to modules and packages beside it, and read the data files that are declared.
+
+    Args:
+        file: Absolute path.
+        code: The Python in it, of a file that is no Python, such as a notebook: there `files` stands at its top.
+
+    Raises:
+        PlugInError: a file can't be read or parsed, or a declaration is wrong.
+    """
+    found = Neighbors()
+    waiting = [file]
+    while waiting:
+        module = waiting.pop()
+        if module in found.modules:
+            continue
+        found.modules[module] = _content(module)
+        tree = _tree(module, code.encode() if code is not None and module == file else found.modules[module])
+        nodes = list(ast.walk(tree))
+        for name in dict.fromkeys(_imports(nodes, module, file.parent)):
+            top = name.partition(".")[0]
+            if is_beside(top, file.parent):
+                waiting += _executed(name, file.parent)
+            elif top not in _NEVER_BESIDE:
+                found.outside.add(top)
+        for names in _declared(tree, is_notebook=code is not None and module == file):
+            for path in _files(names, module):
+                found.data.setdefault(path, b"")
+        found.hidden += _hidden(nodes, module)
+    for path in found.data:
+        found.data[path] = _content(path)
+    return found
+
+
+def _tree(file: Path, content: bytes) -> ast.Module:
+    try:
+        encoding, _ = tokenize.detect_encoding(io.BytesIO(content).readline)  # by a coding cookie, if there is one
+        return ast.parse(content.decode(encoding))
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", None)
+        where = f"{str(file)!r}" + (f", line {line}" if line else "")
+        words = getattr(error, "msg", None) or str(error)
+        raise PlugInError(f"{where} can't be imported: {type(error).__name__}: {words}", "a Python module") from None
+
+
+def _content(file: Path) -> bytes:
+    try:
+        return read_bytes(file, "a file of a plug-in", MOST_BYTES)
+    except Unreadable as error:
+        raise PlugInError(f"{str(file)!r}: {error.what}", error.right) from None
+
+
+def _imports(nodes: list[ast.AST], module: Path, root: Path) -> Iterator[str]:
+    """Names of every import as seen from `root`, also inside functions and in calls with a literal."""
+    inside = module.parent.relative_to(root).parts if module.is_relative_to(root) else ()
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = [*inside[: len(inside) - node.level + 1]] if node.level else []
+            base += [node.module] if node.module else []
+            if base:
+                yield ".".join(base)
+            yield from (".".join([*base, alias.name]) for alias in node.names if alias.name != "*" or base)
+        elif isinstance(node, ast.Call) and node.args and ast.unparse(node.func) in _IMPORTING:
+            first = node.args[0]
+            if isinstance(first, ast.Constant) and isinstance(first.value, str):
+                yield first.value
+
+
+def is_beside(top: str, root: Path) -> bool:
+    """Whether an import of this top-level name means a module or package in the folder `root`.
+
+    A folder without `__init__.py` comes after whatever is installed under its name, as for Python. Names of Python's own modules
+    mean these.
+    """
+    if top in _NEVER_BESIDE:
+        return False
+    if (root / f"{top}.py").is_file() or (root / top / "__init__.py").is_file():
+        return True
+    return any((root / top).rglob("*.py")) and importlib.util.find_spec(top) is None
+
+
+def _executed(name: str, root: Path) -> Iterator[Path]:
+    """Files below `root` that an import of `name` executes."""
+    parts = name.split(".")
+    place = root
+    for k, part in enumerate(parts):
+        if part == "*":
+            yield from sorted(place.glob("*.py"))
+        elif (place / part).is_dir() and ((place / part / "__init__.py").is_file() or k < len(parts) - 1):
+            place = place / part
+            if (place / "__init__.py").is_file():
+                yield place / "__init__.py"
+        elif (place / f"{part}.py").is_file():
+            yield place / f"{part}.py"
+            return
+        else:
+            return
+
+
+def _declared(tree: ast.Module, is_notebook: bool) -> Iterator[list[str]]:
+    """What classes that extend another declare as `files`, and the top of a notebook; what a parameter model has is a parameter."""
+    bodies = [
+        node.body
+        for node in tree.body
+        if isinstance(node, ast.ClassDef)
+        and node.bases
+        and not ast.unparse(node.bases[0]).endswith(("Parameters", "Model"))
+    ]
+    for body in [tree.body] if is_notebook else bodies:
+        for statement in body:
+            if isinstance(statement, ast.Assign) and len(statement.targets) == 1:
+                target, value = statement.targets[0], statement.value
+            elif isinstance(statement, ast.AnnAssign) and statement.value is not None:
+                target, value = statement.target, statement.value
+            else:
+                continue
+            if isinstance(target, ast.Name) and target.id == FILES:
+                yield _names(value, statement.lineno)
+
+
+def _names(value: ast.expr, line: int) -> list[str]:
+    try:
+        names = ast.literal_eval(value)
+    except (ValueError, TypeError, RecursionError, MemoryError):
+        names = None
+    if isinstance(names, list | tuple) and all(isinstance(name, str) and name for name in names):
+        return list(names)
+    found = ast.unparse(value)[:80]
+    raise PlugInError(
+        f"line {line}: found {FILES} = {found}", f'names of files, written out: {FILES} = ["limits.json"]'
+    )
+
+
+def _files(names: list[str], module: Path) -> Iterator[Path]:
+    """Declared files: each by its name, all below a folder, or what matches a pattern."""
+    for name in names:
+        if Path(name).is_absolute():
+            raise PlugInError(f"{module.name}: found {name!r} in {FILES}", "a path relative to the plug-in's folder")
+        place = module.parent / name
+        if not _PATTERN.isdisjoint(name):
+            yield from sorted(_normal(each) for each in module.parent.glob(name) if each.is_file())
+        elif place.is_dir():
+            yield from sorted(_normal(each) for each in place.rglob("*") if each.is_file())
+        elif place.exists():
+            yield _normal(place)
+        else:
+            raise PlugInError(f"{module.name}: no file {name!r} of its {FILES}", f"a file beside {str(module)!r}")
+
+
+def _normal(path: Path) -> Path:
+    return Path(os.path.abspath(path))
+
+
+def _hidden(nodes: list[ast.AST], module: Path) -> Iterator[Hidden]:
+    """Reads of the environment, and programs that are started."""
+    names: Mapping[str, str] = _aliases(nodes)
+    for node in nodes:
+        if not isinstance(node, ast.Attribute | ast.Name):
+            continue
+        first, _, rest = ast.unparse(node).partition(".")
+        name = names.get(first, first) + (f".{rest}" if rest else "")
+        if name in _ENVIRONMENT:
+            yield Hidden(module, node.lineno, name, "what it reads of the environment")
+        elif name in _PROGRAMS or (name.startswith(f"{_PROGRAMS_OF}.") and name.count(".") == 1):
+            yield Hidden(module, node.lineno, name, "what another program reads")
+
+
+def _aliases(nodes: list[ast.AST]) -> Mapping[str, str]:
+    """Name in the module to what it stands for, of what is imported."""
+    found: dict[str, str] = {}
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            found.update({alias.asname: alias.name for alias in node.names if alias.asname})
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.update({alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names})
+    return found

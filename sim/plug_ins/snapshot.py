@@ -1,0 +1,196 @@
+"""Snapshots: copies of a plug-in and of what it uses, which nobody edits."""
+
+import hashlib
+import os
+import shutil
+import tempfile
+import time
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import platformdirs
+
+from vastflow.sim.digest import digest
+from vastflow.sim.plug_ins.neighbors import MOST_BYTES, Hidden, PlugInError, neighbors_of
+
+_UNUSED_S: Final = 30 * 24 * 3600.0
+"""A snapshot that nobody has opened for so long goes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A plug-in's file and what it uses of its neighbors, as they were at one moment. It may be sent to another process.
+
+    Attributes:
+        entry: Place of the plug-in's file.
+        modules: Places of all Python files, to the SHA-256 of their content; so has `data`, of declared data files. Places are
+            relative to the folder that all lie below.
+        outside: Top-level names of the modules that it imports from elsewhere.
+        folder: Where the copies are.
+        origin: The folder that was copied from.
+        campaign: The campaign's folder.
+        hidden: What results may follow from and nobody can follow.
+    """
+
+    entry: str
+    modules: Mapping[str, str]
+    data: Mapping[str, str]
+    outside: tuple[str, ...]
+    folder: Path = field(compare=False)
+    origin: Path = field(compare=False)
+    campaign: Path = field(compare=False)
+    hidden: tuple[Hidden, ...] = field(compare=False, default=())
+
+    @property
+    def files(self) -> dict[str, str]:
+        """All of them."""
+        return {**self.modules, **self.data}
+
+    @property
+    def digest(self) -> str:
+        """Of what was copied, to the byte."""
+        return _digest(self.entry, self.modules, self.data)
+
+    @property
+    def file(self) -> Path:
+        """The copy of the plug-in's file."""
+        return self.folder / self.entry
+
+    @property
+    def contents(self) -> dict[Path, Path]:
+        """Where each file lay, to its copy."""
+        return {self.origin / place: self.folder / place for place in self.files}
+
+    @property
+    def home(self) -> str:
+        """Place of the folder from which its imports are looked up."""
+        return self.entry.rpartition("/")[0]
+
+    def local_name(self, place: str) -> str:
+        """A place relative to the plug-in's own folder, as its code names it."""
+        return os.path.relpath(place, self.home or ".").replace(os.sep, "/")
+
+    def read(self, place: str) -> bytes:
+        """A copy's content.
+
+        Raises:
+            PlugInError: it is not what was copied.
+        """
+        try:
+            content = (self.folder / place).read_bytes()
+        except OSError:
+            content = b""
+        if hashlib.sha256(content).hexdigest() != self.files[place]:
+            raise PlugInError(f"{str(self.folder / place)!r} is no longer what was copied", "run the campaign again")
+        return content
+
+    def check(self) -> None:
+        """Compare every copy with what was copied.
+
+        Raises:
+            PlugInError: one of them is another.
+        """
+        for place in self.files:
+            self.read(place)
+
+
+def snapshot_of(file: Path, campaign: Path, code: str | None = None) -> Snapshot:
+    """Copy a plug-in and what it uses, as they are now.
+
+    Args:
+        campaign: The campaign's folder.
+        code: See `vastflow.sim.plug_ins.neighbors.neighbors_of`.
+
+    Raises:
+        PlugInError: see there; or all of it is too large, or can't be kept anywhere.
+    """
+    file, campaign = Path(os.path.abspath(file)), Path(os.path.abspath(campaign))
+    found = neighbors_of(file, code)
+    contents = {**found.modules, **found.data}
+    if (size := sum(map(len, contents.values()))) > MOST_BYTES:
+        largest = max(contents, key=lambda path: len(contents[path]))
+        raise PlugInError(
+            f"{file.name} and what it uses have {size / 1e6:.0f} MB, most of it {largest.name}",
+            f"at most {MOST_BYTES / 1e6:.0f} MB, which are copied into each campaign directory",
+        )
+    origin = Path(os.path.commonpath([path.parent for path in contents]))
+    places = {path: path.relative_to(origin).as_posix() for path in contents}
+    modules = {places[path]: hashlib.sha256(content).hexdigest() for path, content in found.modules.items()}
+    data = {
+        places[path]: hashlib.sha256(content).hexdigest()
+        for path, content in sorted(found.data.items())
+        if path not in found.modules
+    }
+    entry = places[file]
+    name = _digest(entry, modules, data)
+    folder = _kept(name, {places[path]: content for path, content in contents.items()})
+    return Snapshot(entry, modules, data, tuple(sorted(found.outside)), folder, origin, campaign, tuple(found.hidden))
+
+
+def _digest(entry: str, modules: Mapping[str, str], data: Mapping[str, str]) -> str:
+    return digest("plug-in", entry, dict(modules), dict(data))
+
+
+def _kept(name: str, contents: Mapping[str, bytes]) -> Path:
+    """The folder with these copies, made where there is none or another."""
+    refused: OSError | None = None
+    for root in _roots():
+        folder = root / name[:32]
+        try:
+            if not _is_whole(folder, contents):
+                _write(root, folder, contents)
+                _sweep(root)
+            os.utime(folder)
+        except OSError as error:
+            refused = error
+            continue
+        return folder
+    words = refused.strerror if refused else "no folder"
+    raise PlugInError(
+        f"copies of a plug-in can't be written below {str(root)!r} ({words})", "a folder that can be written"
+    )
+
+
+def _roots() -> Iterator[Path]:
+    yield Path(platformdirs.user_cache_dir("vastflow")) / "plug-ins"
+    yield Path(tempfile.gettempdir()) / f"vastflow-{os.getuid() if hasattr(os, 'getuid') else 'plug-ins'}" / "plug-ins"
+
+
+def _is_whole(folder: Path, contents: Mapping[str, bytes]) -> bool:
+    try:
+        there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+        own = {place for place in there if "__pycache__" not in place}
+        return own == contents.keys() and all((folder / place).read_bytes() == contents[place] for place in contents)
+    except OSError:
+        return False
+
+
+def _write(root: Path, folder: Path, contents: Mapping[str, bytes]) -> None:
+    prepared = root / f".{uuid.uuid4().hex}"
+    try:
+        for place, content in contents.items():
+            file = prepared / place
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
+        for _ in range(3):
+            with suppress(OSError):  # another process was first, or something damaged lies there
+                prepared.rename(folder)
+                return
+            if _is_whole(folder, contents):
+                return
+            with suppress(OSError):
+                folder.rename(root / f".{uuid.uuid4().hex}")
+        prepared.rename(folder)
+    finally:
+        shutil.rmtree(prepared, ignore_errors=True)
+
+
+def _sweep(root: Path) -> None:
+    for old in root.iterdir():
+        with suppress(OSError):
+            if time.time() - old.stat().st_mtime > _UNUSED_S:
+                shutil.rmtree(old, ignore_errors=True)

@@ -1,0 +1,1 @@
+"""Recordings: what happened in runs, and the files it is kept in."""

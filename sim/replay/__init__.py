@@ -1,0 +1,1 @@
+"""Replays: a recorded run executed once more, and looked at."""

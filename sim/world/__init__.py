@@ -1,0 +1,1 @@
+"""The world of one run: walls, obstacles, the robot's body, and its lidar."""

@@ -1,0 +1,162 @@
+"""The laser scanner: exact ranges to the map's walls and to obstacles, then the perturbations of a study.
+
+Walls are met by leaps over free cells (`vastflow.sim.world.leaps`), obstacles by the few beams that can meet them.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.numeric import inner, njit
+from vastflow.sim.kernels.streams import integer_below, normal_pair
+from vastflow.sim.world.leaps import Leaps, ranges_to_walls
+
+BEAMS: Final = 360
+
+
+@dataclass(frozen=True, slots=True)
+class Lidar:
+    """The scanner of the minimal TurtleBot 4 model (Nav2's simulation, RPLIDAR).
+
+    Attributes:
+        mount_xyt: Pose on the robot (m, m, rad).
+        range_min_m, range_max_m: Readings lie in [min, max); beyond there is no return (inf).
+    """
+
+    beams: int = BEAMS
+    angle_min_rad: float = 0.0
+    angle_increment_rad: float = 6.28 / 359
+    range_min_m: float = 0.164
+    range_max_m: float = 20.0
+    rate_hz: float = 10.0
+    mount_xyt: tuple[float, float, float] = (-0.04, 0.0, math.pi / 2)
+
+    def directions(self) -> NDArray[np.float64]:
+        """(beams, 2) unit vectors of the beams in the robot's frame."""
+        bearings_rad = self.mount_xyt[2] + self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams)
+        return np.column_stack([np.cos(bearings_rad), np.sin(bearings_rad)])
+
+
+@njit
+def scan(
+    leaps: Leaps,
+    resolution_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    obstacles: Any,
+    sensor_xyt: Any,
+    directions: Any,
+    range_min_m: float,
+    range_max_m: float,
+    out_m: Any,
+) -> None:
+    """One noiseless scan into `out_m` (B,); `inf` where a beam meets nothing.
+
+    Args:
+        leaps: Of the map's walls.
+        obstacles: (K, 6) float64 rows x, y, cos yaw, sin yaw, half length, half width in metres; a half width
+            of 0 makes a cylinder of radius half length. An x of `inf` stands for an obstacle that is not there.
+        sensor_xyt: (3,) sensor position in the map and the robot's yaw.
+        directions: (B, 2) beams in the robot's frame, evenly spaced counter-clockwise over one turn at the most.
+    """
+    c, s = math.cos(sensor_xyt[2]), math.sin(sensor_xyt[2])
+    x_m, y_m = sensor_xyt[0], sensor_xyt[1]
+    x_cells, y_cells = (x_m - origin_x_m) / resolution_m, (y_m - origin_y_m) / resolution_m
+    turned = np.empty_like(directions)
+    for b in range(directions.shape[0]):
+        turned[b, 0] = c * directions[b, 0] - s * directions[b, 1]
+        turned[b, 1] = s * directions[b, 0] + c * directions[b, 1]
+    ranges_to_walls(leaps, x_cells, y_cells, turned, range_min_m / resolution_m, range_max_m / resolution_m, out_m)
+    for b in range(directions.shape[0]):
+        out_m[b] *= resolution_m
+    for k in range(obstacles.shape[0]):
+        _see_obstacle(obstacles[k], x_m, y_m, turned, range_min_m, range_max_m, out_m)
+
+
+@inner
+def _see_obstacle(
+    obstacle: Any, x_m: float, y_m: float, directions: Any, range_min_m: float, range_max_m: float, out_m: Any
+) -> None:
+    """Shorten the beams that meet an obstacle; only those towards the circle round it are looked at."""
+    beams = directions.shape[0]
+    ox, oy = obstacle[0] - x_m, obstacle[1] - y_m
+    away = math.sqrt(ox * ox + oy * oy)
+    reach = math.sqrt(obstacle[4] * obstacle[4] + obstacle[5] * obstacle[5])
+    if not away - reach < range_max_m:
+        return
+    bearing, half, spacing = 0.0, 2.0 * math.pi, 2.0 * math.pi / beams
+    if beams > 1 and away > reach:
+        fx, fy = directions[0, 0], directions[0, 1]
+        sx, sy = directions[1, 0], directions[1, 1]
+        bearing = math.atan2(fx * oy - fy * ox, fx * ox + fy * oy)
+        spacing = math.atan2(fx * sy - fy * sx, fx * sx + fy * sy)
+        half = math.asin(reach / away) + spacing
+    # Beams lie from 0 to a turn behind the first one, bearings within half a turn of it.
+    for turn in range(2):
+        first = max(0, math.floor((bearing + turn * 2.0 * math.pi - half) / spacing))
+        last = min(beams - 1, math.ceil((bearing + turn * 2.0 * math.pi + half) / spacing))
+        for b in range(first, last + 1):
+            hit = range_to_obstacle(obstacle, x_m, y_m, directions[b, 0], directions[b, 1], range_min_m)
+            if hit < range_max_m:
+                out_m[b] = min(out_m[b], hit)
+
+
+@njit
+def range_to_obstacle(obstacle: Any, x_m: float, y_m: float, dx: float, dy: float, start_m: float) -> float:
+    """Distance along a beam to a box or cylinder (row as in `scan`), `inf` when it is missed or nearer than `start_m`."""
+    ox, oy = obstacle[0] - x_m, obstacle[1] - y_m
+    along, across = ox * dx + oy * dy, ox * dy - oy * dx
+    reach = math.sqrt(obstacle[4] * obstacle[4] + obstacle[5] * obstacle[5])
+    if abs(across) > reach or along < -reach:
+        return np.inf
+    if obstacle[5] == 0.0:
+        half = math.sqrt(max(obstacle[4] * obstacle[4] - across * across, 0.0))
+        near, far = along - half, along + half
+    else:
+        c, s = obstacle[2], obstacle[3]
+        px, py = -(ox * c + oy * s), -(oy * c - ox * s)
+        ux, uy = dx * c + dy * s, dy * c - dx * s
+        near, far = -np.inf, np.inf
+        for axis in range(2):
+            p, u, half = (px, ux, obstacle[4]) if axis == 0 else (py, uy, obstacle[5])
+            if u == 0.0:
+                if abs(p) > half:
+                    return np.inf
+            else:
+                a, b = (-half - p) / u, (half - p) / u
+                near, far = max(near, min(a, b)), min(far, max(a, b))
+        if near > far:
+            return np.inf
+    if far < start_m:
+        return np.inf
+    return float(max(near, start_m))
+
+
+@njit
+def perturb(ranges_m: Any, stream: Any, dropout: float, noise_m: float, order: Any) -> None:
+    """Dropout, then noise, in place, as the paper's relay between simulator and Nav2 does.
+
+    Exactly `int(B * dropout)` distinct beams, chosen anew each scan, become `inf`; then every beam gets
+    independent Gaussian noise of standard deviation `noise_m`, not clipped to the sensor's limits.
+
+    Args:
+        order: (B,) int64 scratch.
+    """
+    beams = ranges_m.shape[0]
+    dropped = int(beams * dropout)
+    if dropped > 0:
+        for b in range(beams):
+            order[b] = b
+        for k in range(dropped):
+            other = k + integer_below(stream, beams - k)
+            order[k], order[other] = order[other], order[k]
+            ranges_m[order[k]] = np.inf
+    if noise_m > 0.0:
+        for b in range(0, beams, 2):
+            first, second = normal_pair(stream)
+            ranges_m[b] += noise_m * first
+            if b + 1 < beams:
+                ranges_m[b + 1] += noise_m * second

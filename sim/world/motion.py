@@ -1,0 +1,126 @@
+"""Where the robot's body is, and its motion while nothing solid is in the way: then no physics engine is needed.
+
+A free body moves on exact arcs. It is free for certain when no wall and no obstacle comes within a millimetre of it at the end
+of any physics step, which is when the engine would find a contact; otherwise the engine makes the step.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.numeric import inner, njit
+from vastflow.sim.pose import Pose
+from vastflow.sim.world.leaps import WALL, Leaps, free_square
+from vastflow.sim.world.robot import arc
+
+MARGIN_M: Final = 0.001
+FREE, TOUCHING, MOVING = 0, 1, 2
+"""What the engine has: nothing; a robot that touches something, and nothing moves unless the robot does; things in motion."""
+
+NOT_THERE: Final = math.inf
+"""Position of an obstacle that has not appeared yet."""
+
+
+class Body(NamedTuple):
+    """The robot's body, and what stands or may appear in the world beside the walls.
+
+    Attributes:
+        pose: (3,) float64 true x, y, yaw; kernels and the engine move it in turn.
+        radius_m: Of its disc.
+        obstacles: (K, 6) float64 as `vastflow.sim.world.lidar.scan` reads them, `NOT_THERE` until they appear.
+        triggers: (K, 3) float64 x, y of each obstacle's trigger point, and the distance from it within which the robot
+            makes the obstacle appear; the distance is negative for one that stands there already.
+    """
+
+    pose: Any
+    radius_m: float
+    obstacles: Any
+    triggers: Any
+
+
+def new_body(start: Pose, radius_m: float, obstacles: NDArray[np.float64], triggers: NDArray[np.float64]) -> Body:
+    """The body at the start of a run."""
+    return Body(np.array([start.x_m, start.y_m, start.yaw_rad]), radius_m, obstacles, triggers)
+
+
+@inner
+def due(body: Body) -> int:
+    """The first obstacle that the robot's position makes appear, -1 when there is none."""
+    for k in range(body.triggers.shape[0]):
+        dx, dy = body.triggers[k, 0] - body.pose[0], body.triggers[k, 1] - body.pose[1]
+        reach = body.triggers[k, 2]
+        if reach >= 0.0 and dx * dx + dy * dy <= reach * reach:
+            return k
+    return -1
+
+
+@njit
+def move_freely(
+    leaps: Leaps,
+    resolution_m: float,
+    origin_x_m: float,
+    origin_y_m: float,
+    body: Body,
+    velocities: Any,
+    dt_s: float,
+    hold: int,
+) -> bool:
+    """Move the body by one (speed, yaw rate) per step of `dt_s`, unless something could be in the way of any step.
+
+    Args:
+        hold: FREE, TOUCHING or MOVING. A robot that touches something moves freely only where it stands still.
+
+    Returns:
+        Whether it moved; it stays where it is when the engine has to make these steps.
+    """
+    if hold != FREE:
+        return hold == TOUCHING and not np.any(velocities)
+    x, y, yaw = body.pose[0], body.pose[1], body.pose[2]
+    column, row = (x - origin_x_m) / resolution_m, (y - origin_y_m) / resolution_m
+    reach_m = body.radius_m + MARGIN_M
+    way_m = 0.0
+    for k in range(velocities.shape[0]):
+        way_m += abs(velocities[k, 0]) * dt_s
+    near_walls = free_square(leaps, column, row) * resolution_m < reach_m + way_m
+    for k in range(velocities.shape[0]):
+        x, y, yaw = arc(x, y, yaw, velocities[k, 0], velocities[k, 1], dt_s)
+        if near_walls:
+            column, row = (x - origin_x_m) / resolution_m, (y - origin_y_m) / resolution_m
+            if _meets_wall(leaps, column, row, reach_m / resolution_m):
+                return False
+        for o in range(body.obstacles.shape[0]):
+            if _meets(body.obstacles[o], x, y, reach_m):
+                return False
+    body.pose[0], body.pose[1], body.pose[2] = x, y, yaw
+    return True
+
+
+@inner
+def _meets_wall(leaps: Leaps, x: float, y: float, radius: float) -> bool:
+    """Whether a disc at a point of the map, all in cells, touches an occupied cell."""
+    rows, columns = leaps.rows - 2, leaps.columns - 2
+    # Octant 0 has the cells as they lie, rows first.
+    for r in range(max(math.floor(y - radius), 0), min(math.floor(y + radius) + 1, rows)):
+        dy = max(max(r - y, y - r - 1.0), 0.0)
+        for c in range(max(math.floor(x - radius), 0), min(math.floor(x + radius) + 1, columns)):
+            dx = max(max(c - x, x - c - 1.0), 0.0)
+            if dx * dx + dy * dy <= radius * radius and leaps.cells[(r + 1) * leaps.columns + c + 1] == WALL:
+                return True
+    return False
+
+
+@inner
+def _meets(obstacle: Any, x_m: float, y_m: float, radius_m: float) -> bool:
+    """Whether a disc touches a box or a cylinder."""
+    dx, dy = x_m - obstacle[0], y_m - obstacle[1]
+    away = obstacle[4] + obstacle[5] + radius_m
+    if not (abs(dx) <= away and abs(dy) <= away):
+        return False
+    if obstacle[5] == 0.0:
+        return bool(dx * dx + dy * dy <= away * away)
+    c, s = obstacle[2], obstacle[3]
+    px = max(abs(dx * c + dy * s) - obstacle[4], 0.0)
+    py = max(abs(dy * c - dx * s) - obstacle[5], 0.0)
+    return bool(px * px + py * py <= radius_m * radius_m)

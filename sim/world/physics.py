@@ -1,0 +1,241 @@
+"""The physical world of one run where bodies touch: walls, obstacles and the robot's body in pymunk.
+
+A robot that nothing solid is near needs no engine (`vastflow.sim.world.motion`); the world then stands still and is asked again
+when a contact is possible, and until what touched or moved has come to rest.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import pymunk
+from numpy.typing import NDArray
+
+from vastflow.sim.recordings.recording import Event
+from vastflow.sim.world.motion import FREE, MOVING, TOUCHING
+from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.walls import WallIndex
+
+ROBOT, WALL, OBSTACLE = 1, 2, 3
+
+GRAVITY_MPS2: Final = 9.81
+TRACTION: Final = 0.8
+"""Friction of the robot's tyres: what a contact took from the body's speed, the wheels give back no faster than this allows."""
+
+AT_REST_MPS: Final = 1e-3
+AT_REST_RADPS: Final = 1e-3
+AT_REST_M: Final = 1e-6
+"""A box that is slower has come to rest, and a robot that a tick has moved by less."""
+
+NOTED: Final = 5e-4
+"""Motion (m, rad) since an obstacle's last event that is worth another."""
+
+
+class World:
+    """Bodies and contacts. A fresh one for every run, so that a run in a batch is a run alone.
+
+    Walls join the space tile by tile as a body comes near them; where they are is all that decides which.
+
+    Args:
+        obstacles: Those that stand from the start, those that appear (`appear`), and behind them those that are added; the
+            numbers of obstacles below are places in this sequence.
+
+    Attributes:
+        events: `contact` of the robot with a wall or an obstacle (value: closing speed, m/s), `spawned`, `obstacle_moved` and
+            `deleted` at an obstacle's centre (value: its yaw, rad), in the order they happened.
+    """
+
+    def __init__(self, robot: Robot, walls: WallIndex, obstacles: Sequence[Obstacle]) -> None:
+        self._space = pymunk.Space()
+        self._space.collision_slop = 0.0005
+        # A step moves the body by its commanded velocity before contacts are solved, so an overlap has to be undone
+        # within one step: at the default rate a robot that drives on stands 8 cm deep in the wall.
+        self._space.collision_bias = 0.0
+        self._walls = walls
+        self._present: set[int] = set()
+        self._tiles: set[tuple[int, int]] = set()
+        self._time_s = 0.0
+        self._names: dict[pymunk.Shape, str] = {}
+        self._obstacles = obstacles
+        self._fixed: dict[int, pymunk.Body] = {}
+        self._appeared: dict[int, pymunk.Body] = {}
+        self._moving: set[int] = set()
+        self._noted: dict[int, tuple[float, float, float]] = {}
+        self._touching = 0
+        self._displaced = False
+        self.events: list[Event] = []
+        self._robot = pymunk.Body(robot.mass_kg, float("inf"))
+        body = pymunk.Circle(self._robot, robot.radius_m)
+        body.collision_type = ROBOT
+        self._space.add(self._robot, body)
+        for index, obstacle in enumerate(obstacles):
+            if obstacle.trigger is None:
+                self._fix(index)
+        for partner in (WALL, OBSTACLE):
+            self._space.on_collision(ROBOT, partner, begin=self._touch, separate=self._part)
+
+    @property
+    def hold(self) -> int:
+        """What the engine has of the robot and the obstacles after the last tick, see `vastflow.sim.world.motion`."""
+        if self._moving or (self._touching and self._displaced):
+            return MOVING
+        return TOUCHING if self._touching else FREE
+
+    def drive(self, pose: NDArray[Any], velocities: Sequence[Sequence[float]], dt_s: float, t_s: float) -> None:
+        """Move the robot from `pose` (3,), in place, by one (speed, yaw rate) per physics step from the time `t_s` on.
+
+        The velocity of a step points along the chord of the arc, so that free motion is the exact arc. Walls and
+        obstacles block what they block and the robot pushes what its tyres can.
+        """
+        robot, space = self._robot, self._space
+        self._time_s = t_s
+        robot.position = float(pose[0]), float(pose[1])
+        robot.angle = float(pose[2])
+        self._approach(robot.position)
+        for v_mps, w_radps in velocities:
+            half_turn = 0.5 * w_radps * dt_s
+            chord_mps = v_mps * (math.sin(half_turn) / half_turn if abs(half_turn) > 1e-6 else 1.0)
+            middle = robot.angle + half_turn
+            wanted = pymunk.Vec2d(chord_mps * math.cos(middle), chord_mps * math.sin(middle))
+            robot.velocity = self._with_traction(wanted, dt_s) if self._touching else wanted
+            robot.angular_velocity = w_radps
+            glides = [(body, *_glide(body, dt_s)) for body in self._appeared.values()]
+            space.step(dt_s)
+            for body, position, angle in glides:
+                # The engine undoes an overlap against no friction, which would let the robot shift any box by and by:
+                # of a box that friction holds the robot is put back, and not the box.
+                if _at_rest(body):
+                    body.position, body.angle = position, angle
+            self._time_s += dt_s
+        x_m, y_m = robot.position
+        self._displaced = math.hypot(x_m - pose[0], y_m - pose[1]) > AT_REST_M
+        pose[0], pose[1], pose[2] = x_m, y_m, robot.angle
+        for index, body in self._appeared.items():
+            self._settle(index, body)
+
+    def appear(self, index: int, t_s: float) -> None:
+        """Let obstacle `index` appear at its pose, whatever is there: a robot in its place is pushed out of it."""
+        obstacle = self._obstacles[index]
+        body = pymunk.Body(obstacle.mass_kg, _inertia(obstacle))
+        body.position, body.angle = (obstacle.pose.x_m, obstacle.pose.y_m), obstacle.pose.yaw_rad
+        grip_n = obstacle.friction * obstacle.mass_kg * GRAVITY_MPS2
+        slide = pymunk.PivotJoint(self._space.static_body, body, (0.0, 0.0), (0.0, 0.0))
+        slide.max_force = grip_n
+        turn = pymunk.GearJoint(self._space.static_body, body, 0.0, 1.0)
+        turn.max_force = grip_n * obstacle.mean_radius_m
+        for joint in (slide, turn):
+            joint.max_bias = 0.0  # friction: it takes speed away, and pulls to no place
+        self._space.add(body, self._shape(obstacle, body), slide, turn)
+        self._appeared[index] = body
+        self._displaced = True  # what stands still may stand in it
+        self._approach(body.position)
+        self._note("spawned", index, t_s)
+
+    def add(self, index: int, t_s: float, pushable: bool) -> None:
+        """Let obstacle `index`, which is new among the obstacles, stand at its pose: fixed, or one that can be pushed."""
+        if pushable:
+            self.appear(index, t_s)
+            return
+        self._fix(index)
+        self._displaced = True
+        self._note("spawned", index, t_s)
+
+    def remove(self, index: int, t_s: float) -> None:
+        """Take obstacle `index` out of the world."""
+        self._note("deleted", index, t_s)
+        body = self._appeared.pop(index, None) or self._fixed.pop(index)
+        self._moving.discard(index)
+        for shape in body.shapes:
+            self._names.pop(shape, None)
+        self._space.remove(*body.constraints, *body.shapes, body)
+
+    def pose_of(self, index: int) -> tuple[float, float, float]:
+        """x, y and yaw of an obstacle that stands in the world."""
+        body = self._appeared.get(index) or self._fixed[index]
+        return body.position.x, body.position.y, body.angle
+
+    @property
+    def appeared(self) -> tuple[int, ...]:
+        """Obstacles that have appeared, in order."""
+        return tuple(self._appeared)
+
+    def note_moves(self, t_s: float) -> None:
+        """An event for each obstacle that stands elsewhere than at its last event."""
+        for index in self._appeared:
+            if math.dist(self._noted[index], self.pose_of(index)) > NOTED:
+                self._note("obstacle_moved", index, t_s)
+
+    def _with_traction(self, wanted: pymunk.Vec2d, dt_s: float) -> pymunk.Vec2d:
+        change = wanted - self._robot.velocity
+        most = TRACTION * GRAVITY_MPS2 * dt_s
+        return wanted if change.length <= most else self._robot.velocity + change * (most / change.length)
+
+    def _settle(self, index: int, body: pymunk.Body) -> None:
+        if _at_rest(body):
+            body.velocity, body.angular_velocity = (0.0, 0.0), 0.0
+            self._moving.discard(index)
+        else:
+            self._moving.add(index)
+            self._approach(body.position)
+
+    def _approach(self, place: pymunk.Vec2d) -> None:
+        tile = self._walls.tile_of(*place)
+        if tile in self._tiles:
+            return
+        self._tiles.add(tile)
+        for index in self._walls.around(tile):
+            if index not in self._present:
+                self._present.add(index)
+                x0, y0, x1, y1 = self._walls.rectangles[index].tolist()
+                wall = pymunk.Poly(self._space.static_body, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+                wall.collision_type = WALL
+                self._space.add(wall)
+
+    def _fix(self, index: int) -> None:
+        obstacle = self._obstacles[index]
+        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+        body.position, body.angle = (obstacle.pose.x_m, obstacle.pose.y_m), obstacle.pose.yaw_rad
+        self._space.add(body, self._shape(obstacle, body))
+        self._fixed[index] = body
+
+    def _shape(self, obstacle: Obstacle, body: pymunk.Body) -> pymunk.Shape:
+        shape: pymunk.Shape
+        if obstacle.shape == "cylinder":
+            shape = pymunk.Circle(body, obstacle.length_m / 2)
+        else:
+            shape = pymunk.Poly.create_box(body, (obstacle.length_m, obstacle.width_m))
+        shape.collision_type = OBSTACLE
+        self._names[shape] = obstacle.name
+        return shape
+
+    def _note(self, kind: str, index: int, t_s: float) -> None:
+        self._noted[index] = self.pose_of(index)
+        x_m, y_m, yaw_rad = (round(part, 4) for part in self._noted[index])
+        self.events.append(Event(round(t_s, 3), kind, x_m, y_m, self._obstacles[index].name, yaw_rad))
+
+    def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
+        self._touching += 1
+        x_m, y_m = self._robot.position
+        body, partner = arbiter.bodies
+        closing_mps = abs((body.velocity - partner.velocity).dot(arbiter.normal))
+        name = self._names.get(arbiter.shapes[1], "wall")
+        self.events.append(Event(round(self._time_s, 3), "contact", x_m, y_m, name, closing_mps))
+
+    def _part(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
+        self._touching -= 1
+
+
+def _at_rest(body: pymunk.Body) -> bool:
+    return body.velocity.length <= AT_REST_MPS and abs(body.angular_velocity) <= AT_REST_RADPS
+
+
+def _glide(body: pymunk.Body, dt_s: float) -> tuple[pymunk.Vec2d, float]:
+    """Where the body is after `dt_s` at the speed it has."""
+    return body.position + body.velocity * dt_s, body.angle + body.angular_velocity * dt_s
+
+
+def _inertia(obstacle: Obstacle) -> float:
+    if obstacle.shape == "cylinder":
+        return float(pymunk.moment_for_circle(obstacle.mass_kg, 0.0, obstacle.length_m / 2))
+    return float(pymunk.moment_for_box(obstacle.mass_kg, (obstacle.length_m, obstacle.width_m)))
