@@ -135,9 +135,10 @@ def test_a_scenario_of_the_pages_is_valid_and_everything_in_it_can_be_done(folde
 
 
 def test_the_tables_of_actions_have_every_action_of_the_libraries_where_it_belongs():
-    page = section("write-a-scenario", "Actions")
-    implemented, rest = page.split("Standing in:")
-    standing_in, refused = rest.split("Refused,")
+    implemented = section("write-a-scenario", "On the robot and its world") + section(
+        "write-a-scenario", "Without a robot"
+    )
+    standing_in, refused = section("write-a-scenario", "Replaced"), section("write-a-scenario", "Refused")
     declared = {name for each in library_names() for name in library(each).actions}
     stand_in = stand_ins({}).keys() - {"bag_record"}
     assert sorted(first_column(implemented)) == sorted(ACTIONS - stand_in)
@@ -268,7 +269,7 @@ def test_the_columns_of_a_trace_are_all_described(folder):
     ((row, columns),) = read_block(observe_block(configuration.scenario, recorded))
     trace = trace_of(read_recordings(recorded)[0], row, columns)
     there = {re.sub(r"/.*", "/<size class>", name) for name in (*trace.columns, "appearing_clearance_m")}
-    assert sorted(first_column(section("write-an-oracle", "What it is given"))) == sorted(there)
+    assert sorted(first_column(section("write-an-oracle", "What it gets"))) == sorted(there)
 
 
 def test_the_options_of_run_are_all_described():
