@@ -89,7 +89,7 @@ def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
             "global_costmap": parameters.global_costmap.update_frequency,
             "planner": 1 / (TICK_S * REPLAN_TICKS),
         },
-        "parameters": asdict(parameters),
+        "parameters": parameters.model_dump(),
     }
 
 

@@ -3,7 +3,6 @@
 Both run the kernels of the closed loop, see `vastflow.sim.nav.particles` and `vastflow.sim.nav.localization`.
 """
 
-import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -11,13 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import ValidationError
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import SUBSYSTEMS, streams_of
 from vastflow.sim.nav import localization
 from vastflow.sim.nav.likelihood import likelihood_cubed, usable_range_m
 from vastflow.sim.nav.parameters.amcl import AmclParameters, covariance_of
-from vastflow.sim.nav.parameters.parameter import ParameterError, check
+from vastflow.sim.nav.parameters.parameter import ParameterError, complaints
 from vastflow.sim.nav.particles import Cloud, new_cloud, points_for
 from vastflow.sim.nav.record import record_dtype, record_of
 from vastflow.sim.nav.sensor import weigh
@@ -223,15 +223,14 @@ def _record(q: AmclParameters, resolution_m: float, origin_xy_m: Sequence[float]
 
 
 def _parameters_of(given: dict[str, Any]) -> AmclParameters:
-    known = {field.name for field in dataclasses.fields(AmclParameters)}
-    unknown = sorted(set(given) - known)
-    if unknown:
+    known = AmclParameters.model_fields.keys()
+    if unknown := sorted(given.keys() - known):
         raise ParameterError(f"AMCL has no modelled parameter {unknown[0]!r}; one of {', '.join(sorted(known))}")
-    q = AmclParameters(**given)
-    check(q)
-    if q.min_particles > q.max_particles:
-        raise ParameterError(f"min_particles {q.min_particles} must be <= max_particles {q.max_particles}")
-    return q
+    try:
+        return AmclParameters(**given)
+    except ValidationError as error:
+        name, right = next(complaints(AmclParameters, error))
+        raise ParameterError(f"{right}, got {given[name]!r}" if name else right) from None
 
 
 def _table(

@@ -1,24 +1,26 @@
 """Values as numpy records: kernels get one pointer to them, which keeps their signatures small and quick to compile."""
 
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 
 def record_dtype(value: Any) -> np.dtype[np.void]:
-    """The record type of a dataclass: numbers float64, whole numbers and flags int64, tuples arrays, groups records."""
-    return np.dtype([(field.name, _type_of(getattr(value, field.name))) for field in fields(value)], align=True)
+    """The record type of a dataclass or a pydantic model: numbers float64, whole numbers and flags int64, tuples arrays, groups records."""
+    return np.dtype([(name, _type_of(item)) for name, item in _items(value).items()], align=True)
 
 
 def record_of(value: Any) -> NDArray[np.void]:
-    """A (1,) record array with the values of a dataclass, groups of it as records inside the record."""
+    """A (1,) record array with the values of a dataclass or a pydantic model, groups of it as records inside the record."""
     return np.array([record_row(value)], dtype=record_dtype(value))
 
 
 def _type_of(value: Any) -> Any:
-    if is_dataclass(value):
+    if _is_group(value):
         return record_dtype(value)
     if isinstance(value, tuple):
         return np.float64, (len(value),)
@@ -26,8 +28,15 @@ def _type_of(value: Any) -> Any:
 
 
 def record_row(value: Any) -> Any:
-    """The values of a dataclass as nested tuples, as numpy takes them for a record."""
-    return tuple(
-        record_row(item) if is_dataclass(item) else item
-        for item in (getattr(value, field.name) for field in fields(value))
-    )
+    """The values of a dataclass or a pydantic model as nested tuples, as numpy takes them for a record."""
+    return tuple(record_row(item) if _is_group(item) else item for item in _items(value).values())
+
+
+def _is_group(value: Any) -> bool:
+    return isinstance(value, BaseModel) or is_dataclass(value)
+
+
+def _items(value: Any) -> Mapping[str, Any]:
+    if isinstance(value, BaseModel):
+        return dict(value)
+    return {field.name: getattr(value, field.name) for field in fields(value)}

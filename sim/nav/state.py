@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -298,7 +298,7 @@ def _local(parameters: NavParameters, stamp: NDArray[np.uint8]) -> Local:
 
 def _parameter_record(parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap) -> NDArray[np.void]:
     """Every group of the parameters but the controller's under its name, what `_EXTRA` names, and `initial_covariance`."""
-    groups = {f.name: getattr(parameters, f.name) for f in fields(parameters) if f.name != "controller"}
+    groups = {name: group for name, group in parameters if name != "controller"}
     outline = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
     frame = prepared.occupancy.frame
     extra: dict[str, float] = {

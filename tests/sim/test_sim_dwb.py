@@ -2,7 +2,6 @@
 
 import math
 from collections import defaultdict
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +16,6 @@ from vastflow.sim.nav.controllers.dwb_rollout import legal, step_count
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.parameter import check
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
 
@@ -27,7 +25,7 @@ OUTLINE = padded_outline(0.22, 0.01)
 CORNER = (10.0 / 3.0, -20.0 / 7.0)
 CENTRE = (CORNER[0] + 1.512, CORNER[1] + 1.493)
 HUMBLE = DwbParameters()
-FAST = replace(HUMBLE, max_vel_x=0.5, max_speed_xy=0.5, min_vel_x=-0.1)
+FAST = HUMBLE.with_values(max_vel_x=0.5, max_speed_xy=0.5, min_vel_x=-0.1)
 
 
 @njit
@@ -300,14 +298,14 @@ def test_samples_reach_both_ends_and_hold_zero(current):
 
 
 def test_samples_are_what_the_accelerations_reach_within_the_roll_outs_time():
-    slow = replace(HUMBLE, acc_lim_x=0.02, decel_lim_x=-0.05)
+    slow = HUMBLE.with_values(acc_lim_x=0.02, decel_lim_x=-0.05)
     memory = dwb.new_memory(slow, CELLS, CELLS)
     scored(record_of(slow), memory, window(), (*CENTRE, 0.0), (0.15, 0.0), straight(), 50, (9.0, 0.0, 0.0))
     assert memory.speeds[[0, 19]] == pytest.approx([0.15 - 0.05 * 1.7, 0.15 + 0.02 * 1.7])
 
 
 def test_a_robot_that_cannot_turn_has_one_yaw_rate():
-    stiff = replace(HUMBLE, max_vel_theta=0.0)
+    stiff = HUMBLE.with_values(max_vel_theta=0.0)
     table = scored(
         record_of(stiff),
         dwb.new_memory(stiff, CELLS, CELLS),
@@ -322,7 +320,7 @@ def test_a_robot_that_cannot_turn_has_one_yaw_rate():
 
 
 def test_samples_slower_than_both_least_speeds_are_left_out():
-    lively = replace(HUMBLE, min_speed_xy=0.1, min_speed_theta=0.5)
+    lively = HUMBLE.with_values(min_speed_xy=0.1, min_speed_theta=0.5)
     memory = dwb.new_memory(lively, CELLS, CELLS)
     table = scored(record_of(lively), memory, window(), (*CENTRE, 0.0), (0.1, 0.0), straight(), 50, (9.0, 0.0, 0.0))
     slow = (memory.speeds[: len(table), None] ** 2 < 0.01 - 1e-5) & (np.abs(memory.turns) < 0.5 - 1e-5)
@@ -401,7 +399,7 @@ def test_no_sample_is_legal_where_the_robot_stands_in_inscribed_cost():
 
 
 def test_without_base_obstacle_a_wall_is_driven_through():
-    blind = replace(HUMBLE, BaseObstacle=replace(HUMBLE.BaseObstacle, enabled=False))
+    blind = HUMBLE.with_values(BaseObstacle=HUMBLE.BaseObstacle.with_values(enabled=False))
     wall = walls((0, CELLS, 34, 36))
     valid, v, _ = chosen(blind, wall, (*CENTRE, 0.0), (0.26, 0.0), straight(), (9.0, CENTRE[1], 0.0))
     assert (valid, v) == (True, pytest.approx(0.26))
@@ -427,4 +425,4 @@ def test_at_the_goal_a_slow_robot_turns_to_the_goals_heading():
 
 
 def test_the_default_parameters_are_in_their_ranges():
-    check(HUMBLE)
+    assert DwbParameters.model_validate(dict(HUMBLE)) == HUMBLE

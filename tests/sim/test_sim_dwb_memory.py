@@ -1,7 +1,6 @@
 """What DWB remembers from one command to the next: turns that it reversed, and a goal that it reached."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,7 +69,7 @@ def turning_about(memory, parameters, moved_m=0.0, turned_rad=0.0):
     return commands
 
 
-IN_PLACE = replace(HUMBLE, max_vel_x=0.0)
+IN_PLACE = HUMBLE.with_values(max_vel_x=0.0)
 
 
 def test_a_turn_that_was_reversed_is_not_reversed_again_on_the_spot():
@@ -94,7 +93,7 @@ def test_a_smaller_move_does_not_lift_the_restriction(moved_m, turned_rad):
 
 
 def test_without_oscillation_a_turn_may_be_reversed_at_once():
-    free = replace(IN_PLACE, Oscillation=replace(HUMBLE.Oscillation, enabled=False))
+    free = IN_PLACE.with_values(Oscillation=HUMBLE.Oscillation.with_values(enabled=False))
     *_, third, fourth = turning_about(dwb.new_memory(free, CELLS, CELLS), free)
     assert third > 0.0
     assert fourth > 0.0

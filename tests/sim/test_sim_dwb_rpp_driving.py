@@ -1,7 +1,6 @@
 """DWB and Regulated Pure Pursuit in a closed loop with a robot that does what it is told."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ CELLS = 60
 RESOLUTION_M = 0.05
 OUTLINE = padded_outline(0.22, 0.01)
 INSCRIBED_M = 0.22549849971227903
-DWB = replace(DwbParameters(), max_vel_x=0.5, max_speed_xy=0.5)
+DWB = DwbParameters().with_values(max_vel_x=0.5, max_speed_xy=0.5)
 
 
 @njit

@@ -1,7 +1,5 @@
 """One tick of the stack at rest: what the window and the global map make of the scan, each in its own frame."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -111,7 +109,7 @@ def test_a_window_has_the_size_and_the_cells_of_its_parameters(after_a_tick):
 
 
 def test_a_map_that_the_global_costmap_does_not_use_leaves_it_free(two_rooms):
-    unused = NavParameters(global_costmap=replace(global_costmap(), static_layer=StaticLayer(enabled=False)))
+    unused = NavParameters(global_costmap=global_costmap().with_values(static_layer=StaticLayer(enabled=False)))
     assert not prepare(load_map(two_rooms.path), Lidar(), unused).costs.any()
 
 

@@ -1,7 +1,6 @@
 """MPPI against a plain reading of it in NumPy, and what it makes a robot do."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from vastflow.sim.nav.window import Window
 from vastflow.sim.world.robot import arc
 
 PARAMETERS = MppiParameters()
-SMALL = replace(PARAMETERS, batch_size=400)
+SMALL = PARAMETERS.with_values(batch_size=400)
 OUTLINE = padded_outline(0.22, 0.01)
 
 
@@ -203,8 +202,8 @@ def test_the_costs_of_the_samples_are_those_of_the_plain_reading():
 )
 def test_a_critic_that_is_left_out_adds_nothing(critic):
     costs, pose, twist, plan, goal = SITUATIONS["beside a blob"]
-    without = replace(SMALL, **{critic: replace(getattr(SMALL, critic), enabled=False)})
-    weightless = replace(SMALL, **{critic: replace(getattr(SMALL, critic), cost_weight=0.0)})
+    without = SMALL.with_values(**{critic: getattr(SMALL, critic).with_values(enabled=False)})
+    weightless = SMALL.with_values(**{critic: getattr(SMALL, critic).with_values(cost_weight=0.0)})
     found = []
     for parameters in (without, weightless):
         memory = memory_of(parameters)

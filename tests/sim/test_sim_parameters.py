@@ -1,7 +1,5 @@
 """The stack's parameters as a scenario's system dimension chooses them."""
 
-import dataclasses
-
 import pytest
 
 from vastflow.sim.digest import FileContent, canonical
@@ -149,13 +147,13 @@ def test_sensing_goes_by_the_launch_arguments_or_the_relays_own_names():
         for prefix in ("", "laserscan_")
     ]
     assert found[0] == found[1]
-    assert found[0].perturbation == Perturbation(0.1, 0.2)
+    assert found[0].perturbation == Perturbation(
+        laserscan_gaussian_noise_std_deviation=0.1, laserscan_random_drop_percentage=0.2
+    )
 
 
 def test_every_perturbation_has_a_key():
-    assert {name for names in PERTURBATION_KEYS.values() for name in names} == {
-        field.name for field in dataclasses.fields(Perturbation)
-    }
+    assert {name for names in PERTURBATION_KEYS.values() for name in names} == Perturbation.model_fields.keys()
 
 
 def test_the_initial_covariance_is_a_list_of_three():
@@ -170,7 +168,7 @@ def test_the_initial_covariance_is_a_list_of_three():
 
 @pytest.mark.parametrize(("name", "default"), [("dwb", DwbParameters()), ("rpp", RppParameters())])
 def test_a_controller_by_name_has_its_own_default_parameters(name, default):
-    assert parameters_of({"controller": name}) == dataclasses.replace(NavParameters(), controller=default)
+    assert parameters_of({"controller": name}) == NavParameters().with_values(controller=default)
 
 
 def test_the_default_controller_by_name_changes_nothing():

@@ -1,6 +1,5 @@
 """What Nav2 parameter files set the stack to."""
 
-import dataclasses
 from pathlib import Path
 
 import pytest
@@ -11,9 +10,9 @@ from vastflow.sim.nav.parameters.costmap import Costmap, InflationLayer, Obstacl
 from vastflow.sim.nav.parameters.document import DocumentError, dotted, parse, read_document
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, OF_THE_MAP, interpretation
+from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, OF_THE_MAP, critics_of, interpretation
 from vastflow.sim.nav.parameters.mppi import MppiParameters
-from vastflow.sim.nav.parameters.parameter import RANGE
+from vastflow.sim.nav.parameters.parameter import ParameterGroup, range_of
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.servers import CollisionMonitor, NavFn, VelocitySmoother
 from vastflow.sim.nav.parameters.stack import NavParameters
@@ -108,8 +107,8 @@ def test_a_controller_server_that_names_no_controller_has_jazzys():
 
 
 def test_without_a_list_of_critics_mppi_has_none():
-    critics = [getattr(parameters(MINIMAL).controller, f.name) for f in dataclasses.fields(MppiParameters)]
-    assert [critic.enabled for critic in critics if dataclasses.is_dataclass(critic)].count(True) == 0
+    critics = critics_of(parameters(MINIMAL).controller).values()
+    assert [critic.enabled for critic in critics] == [False] * 8
 
 
 def test_without_a_collision_monitor_there_is_none_and_without_a_smoother_no_limit():
@@ -205,7 +204,7 @@ def test_critics_in_the_list_are_enabled_by_whatever_spelling():
         "plugin: dwb_core/DWBLocalPlanner, critics: [PathDist, 'dwb_critics::GoalDistCritic', Mine], Mine.class: PathAlign, PathDist.scale: 3.0, Mine.scale: 4.0"
     )
     found = parameters(text).controller
-    enabled = {f.name for f in dataclasses.fields(found) if getattr(getattr(found, f.name), "enabled", False)}
+    enabled = {name for name, critic in critics_of(found).items() if critic.enabled}
     assert enabled == {"PathDist", "GoalDist", "PathAlign"}
     assert (found.PathDist.scale, found.PathAlign.scale, found.GoalDist.scale) == (3.0, 4.0, 1.0)
 
@@ -342,19 +341,18 @@ amcl:
 def varied(draw, default):
     """Parameters like `default` with other values; those of a group that is not enabled stay."""
     values = {}
-    for field in dataclasses.fields(default):
-        value = getattr(default, field.name)
-        if dataclasses.is_dataclass(value):
-            values[field.name] = draw(varied(value))
-        elif RANGE in field.metadata and draw(st.booleans()):
-            values[field.name] = draw(values_of(value, *field.metadata[RANGE]))
+    for name, value in default:
+        if isinstance(value, ParameterGroup):
+            values[name] = draw(varied(value))
+        elif name != "short_clearing_cells" and draw(st.booleans()):
+            values[name] = draw(values_of(value, *range_of(type(default).model_fields[name])))
     if values.get("enabled") is False:
-        values = {"enabled": False}
+        return type(default)(enabled=False)
     if "max_particles" in values or "min_particles" in values:
         values |= {"min_particles": 1}
     if isinstance(default, Costmap) and default.track_unknown_space:  # the global one
         values = {name: value for name, value in values.items() if name not in OF_THE_MAP}
-    return dataclasses.replace(default, **values)
+    return default.with_values(**values)
 
 
 def values_of(value, low, high):
@@ -372,8 +370,8 @@ def values_of(value, low, high):
 @given(st.data(), st.sampled_from([MppiParameters(), DwbParameters(), RppParameters()]))
 def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
     default = NavParameters(controller=controller)
-    parts = {f.name: data.draw(varied(getattr(default, f.name))) for f in dataclasses.fields(default)}
-    wanted = dataclasses.replace(default, **parts | {"perturbation": default.perturbation})
+    parts = {name: data.draw(varied(group)) for name, group in default}
+    wanted = default.with_values(**parts | {"perturbation": default.perturbation})
     assert interpretation(document_of(wanted)).parameters == wanted
 
 

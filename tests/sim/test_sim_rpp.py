@@ -1,7 +1,6 @@
 """Regulated Pure Pursuit against a plain reading of Nav2's formulas, and its rules one by one."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from vastflow.sim.nav.controllers import rpp
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.parameter import check
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
@@ -145,8 +143,8 @@ def plain_collision(p, costs, pose, v, w, carrot_m):
 
 VARIANTS = [
     DEFAULT,
-    replace(DEFAULT, use_velocity_scaled_lookahead_dist=True, use_fixed_curvature_lookahead=True),
-    replace(DEFAULT, desired_linear_vel=0.3, lookahead_dist=0.35, rotate_to_heading_min_angle=1.4),
+    DEFAULT.with_values(use_velocity_scaled_lookahead_dist=True, use_fixed_curvature_lookahead=True),
+    DEFAULT.with_values(desired_linear_vel=0.3, lookahead_dist=0.35, rotate_to_heading_min_angle=1.4),
 ]
 
 
@@ -219,20 +217,20 @@ def test_a_turn_in_place_ends_slowly_enough_to_stop():
 
 
 def test_without_rotation_it_drives_a_bow_towards_a_plan_behind():
-    valid, v, w = command(straight(2.0), parameters=replace(DEFAULT, use_rotate_to_heading=False))
+    valid, v, w = command(straight(2.0), parameters=DEFAULT.with_values(use_rotate_to_heading=False))
     assert (valid, v) == (True, pytest.approx(0.25))
     assert w == pytest.approx(0.25 * 2.0 * math.sin(2.0) / 0.6)
 
 
 def test_when_reversing_is_allowed_it_backs_towards_a_plan_behind():
-    valid, v, w = command(straight(math.pi), parameters=replace(DEFAULT, allow_reversing=True))
+    valid, v, w = command(straight(math.pi), parameters=DEFAULT.with_values(allow_reversing=True))
     assert (valid, v, w) == (True, pytest.approx(-0.5), pytest.approx(0.0, abs=1e-9))
 
 
 def test_when_reversing_is_allowed_the_carrot_is_no_farther_than_the_cusp():
     there = straight(0.3, length_m=0.4)
     plan = np.concatenate([there, straight(2.5, start=there[-1])[1:]])
-    _, v, w = command(plan, parameters=replace(DEFAULT, allow_reversing=True))
+    _, v, w = command(plan, parameters=DEFAULT.with_values(allow_reversing=True))
     assert w / v == pytest.approx(2.0 * math.sin(0.3) / 0.375, rel=1e-3)
 
 
@@ -245,7 +243,7 @@ def test_that_the_goal_was_reached_holds_until_a_reset():
 
 
 def test_a_controller_without_state_forgets_at_once_that_it_was_at_the_goal():
-    memory, stateless = rpp.new_memory(0.25), replace(DEFAULT, stateful=False)
+    memory, stateless = rpp.new_memory(0.25), DEFAULT.with_values(stateful=False)
     assert command(straight(length_m=0.1), memory=memory, parameters=stateless)[1] == 0.0
     assert command(straight(), memory=memory, parameters=stateless)[1] == pytest.approx(0.5)
 
@@ -256,7 +254,7 @@ def test_a_wall_across_the_way_ahead_leaves_no_valid_command():
 
 def test_a_wall_beyond_one_second_of_driving_is_not_minded_yet():
     # The last step within a second is at 0.45 m, where the outline reaches 2.192 m, and the wall begins at 2.2 m.
-    brisk = replace(DEFAULT, cost_scaling_dist=0.1)
+    brisk = DEFAULT.with_values(cost_scaling_dist=0.1)
     assert command(straight(), walls((0, CELLS, 44, 46)), parameters=brisk) == (True, pytest.approx(0.5), 0.0)
     assert not command(straight(), walls((0, CELLS, 43, 46)), parameters=brisk)[0]
 
@@ -281,9 +279,9 @@ def test_in_collision_where_it_stands_it_does_not_even_turn():
 
 
 def test_without_collision_detection_a_wall_is_driven_into():
-    blind = replace(DEFAULT, use_collision_detection=False)
+    blind = DEFAULT.with_values(use_collision_detection=False)
     assert command(straight(), walls((0, CELLS, 42, 44)), parameters=blind)[0]
 
 
 def test_the_default_parameters_are_in_their_ranges():
-    check(DEFAULT)
+    assert RppParameters.model_validate(dict(DEFAULT)) == DEFAULT

@@ -1,14 +1,14 @@
 """Parameters of AMCL, Nav2's localization."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
-from vastflow.sim.nav.parameters.parameter import ParameterError, parameter
+from pydantic import model_validator
+
+from vastflow.sim.nav.parameters.parameter import ParameterError, ParameterGroup, parameter
 
 
-@dataclass(frozen=True, slots=True)
-class AmclParameters:
+class AmclParameters(ParameterGroup):
     """Node `amcl`: lengths in metres, angles in radians.
 
     A `laser_max_range` of 0 or less stands for the scanner's own limit, as a `laser_min_range` below 0 does.
@@ -32,6 +32,12 @@ class AmclParameters:
     laser_likelihood_max_dist: float = parameter(2.0, 0.0, 100.0)
     update_min_d: float = parameter(0.25, 0.0, 1000.0)
     update_min_a: float = parameter(0.2, 0.0, 1000.0)
+
+    @model_validator(mode="after")
+    def _numbers_agree(self) -> Self:
+        if self.min_particles > self.max_particles:
+            raise ValueError(f"amcl.min_particles {self.min_particles} must be <= max_particles {self.max_particles}")
+        return self
 
 
 def covariance_of(value: Any, where: str) -> tuple[float, float, float, float]:

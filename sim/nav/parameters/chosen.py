@@ -2,8 +2,10 @@
 
 import functools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import Field, dataclass, field, replace
-from typing import Any, Final
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from pydantic import BaseModel
 
 from vastflow.sim.digest import FileContent, Value, canonical
 from vastflow.sim.nav.parameters.document import (
@@ -19,10 +21,10 @@ from vastflow.sim.nav.parameters.interpretation import (
     Interpretation,
     interpretation,
 )
-from vastflow.sim.nav.parameters.parameter import ParameterError
+from vastflow.sim.nav.parameters.parameter import complaint
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, loaded
 from vastflow.sim.nav.parameters.plugins import CONTROLLERS, class_name
-from vastflow.sim.nav.parameters.reader import demand, shown, value_of
+from vastflow.sim.nav.parameters.reader import shown
 from vastflow.sim.nav.parameters.rewriting import converted, rewritten, targets
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.parameters.written import controller_block, document_of
@@ -111,11 +113,9 @@ def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
     if fields is None:
         parameters_of({**system, key: value})
         return True
-    for parameter in fields:
-        try:
-            value_of(parameter, converted(value))
-        except ParameterError as error:
-            raise DocumentError([ParameterFault(key, f"found {shown(value)}", demand(error))]) from None
+    for model, name in fields:
+        if right := complaint(model, name, converted(value)):
+            raise DocumentError([ParameterFault(key, f"found {shown(value)}", right)])
     return bool(fields)
 
 
@@ -174,7 +174,7 @@ def _chosen(system: _System) -> Chosen:
 
 
 @functools.lru_cache(maxsize=256)
-def _fields(system: _System, key: str) -> tuple[Field[Any], ...] | None:
+def _fields(system: _System, key: str) -> tuple[tuple[type[BaseModel], str], ...] | None:
     """The parameters that a key would rewrite; None where it stands for more than values of parameters."""
     chosen = _chosen(system).interpretation
     paths = _targets(chosen.document, key)

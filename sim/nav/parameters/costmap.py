@@ -1,12 +1,9 @@
 """Parameters of the two costmaps and their layers."""
 
-from dataclasses import dataclass
-
-from vastflow.sim.nav.parameters.parameter import group, parameter
+from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 
 
-@dataclass(frozen=True, slots=True)
-class InflationLayer:
+class InflationLayer(ParameterGroup):
     """Inflation: radius in metres, scaling per metre."""
 
     enabled: bool = parameter(True)
@@ -14,15 +11,13 @@ class InflationLayer:
     cost_scaling_factor: float = parameter(3.0, 0.0, 1000.0, code=10.0)
 
 
-@dataclass(frozen=True, slots=True)
-class StaticLayer:
+class StaticLayer(ParameterGroup):
     """The map as it was given."""
 
     enabled: bool = parameter(True)
 
 
-@dataclass(frozen=True, slots=True)
-class ObstacleLayer:
+class ObstacleLayer(ParameterGroup):
     """What the scan marks and clears, in metres.
 
     Attributes:
@@ -39,8 +34,7 @@ class ObstacleLayer:
     short_clearing_cells: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Costmap:
+class Costmap(ParameterGroup):
     """One costmap: rates in Hz, lengths in metres.
 
     `width`, `height`, `resolution` and `publish_frequency` count in the rolling window; the global costmap takes its size
@@ -55,9 +49,9 @@ class Costmap:
     robot_radius: float = parameter(0.22, 0.01, 10.0, code=0.1)
     footprint_padding: float = parameter(0.01, 0.0, 10.0)
     track_unknown_space: bool = parameter(False)
-    static_layer: StaticLayer = group(StaticLayer)
-    obstacle_layer: ObstacleLayer = group(ObstacleLayer)
-    inflation_layer: InflationLayer = group(InflationLayer)
+    static_layer: StaticLayer = StaticLayer()
+    obstacle_layer: ObstacleLayer = ObstacleLayer()
+    inflation_layer: InflationLayer = InflationLayer()
 
 
 def local_costmap() -> Costmap:

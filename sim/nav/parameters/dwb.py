@@ -1,12 +1,9 @@
 """Parameters of the DWB controller: defaults of Humble's nav2_bringup file, which the TurtleBot 4's shares."""
 
-from dataclasses import dataclass
-
-from vastflow.sim.nav.parameters.parameter import group, parameter
+from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 
 
-@dataclass(frozen=True, slots=True)
-class RotateToGoalCritic:
+class RotateToGoalCritic(ParameterGroup):
     """Heading at the goal. `enabled` says whether the critic is in the list `critics`, here and in the groups below."""
 
     enabled: bool = parameter(True)
@@ -14,8 +11,7 @@ class RotateToGoalCritic:
     slowing_factor: float = parameter(5.0, 0.0, 1e6)
 
 
-@dataclass(frozen=True, slots=True)
-class OscillationCritic:
+class OscillationCritic(ParameterGroup):
     """No change of direction until the robot has moved (m) or turned (rad); a negative reset value never lifts it."""
 
     enabled: bool = parameter(True)
@@ -25,16 +21,14 @@ class OscillationCritic:
     x_only_threshold: float = parameter(0.05, -1.0, 10.0)
 
 
-@dataclass(frozen=True, slots=True)
-class BaseObstacleCritic:
+class BaseObstacleCritic(ParameterGroup):
     """Cost of the last pose; no pose may be in collision."""
 
     enabled: bool = parameter(True)
     scale: float = parameter(0.02, 0.0, 1e6, code=1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class GoalAlignCritic:
+class GoalAlignCritic(ParameterGroup):
     """Distance of a point ahead of the robot (m) to one ahead of the local goal."""
 
     enabled: bool = parameter(True)
@@ -42,8 +36,7 @@ class GoalAlignCritic:
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
 
-@dataclass(frozen=True, slots=True)
-class PathAlignCritic:
+class PathAlignCritic(ParameterGroup):
     """Distance of a point ahead of the robot (m) to the local plan."""
 
     enabled: bool = parameter(True)
@@ -51,24 +44,21 @@ class PathAlignCritic:
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
 
-@dataclass(frozen=True, slots=True)
-class PathDistCritic:
+class PathDistCritic(ParameterGroup):
     """Distance to the local plan."""
 
     enabled: bool = parameter(True)
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class GoalDistCritic:
+class GoalDistCritic(ParameterGroup):
     """Distance to the end of the local plan."""
 
     enabled: bool = parameter(True)
     scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class DwbParameters:
+class DwbParameters(ParameterGroup):
     """dwb_core with StandardTrajectoryGenerator on a differential drive: metres, seconds, radians.
 
     Nav2's code defaults of the kinematic limits are 0: a file that leaves one of them out has a robot that does not
@@ -93,10 +83,10 @@ class DwbParameters:
     xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
     trans_stopped_velocity: float = parameter(0.25, 0.0, 10.0)
     forward_prune_distance: float = parameter(2.0, 0.0, 100.0)
-    RotateToGoal: RotateToGoalCritic = group(RotateToGoalCritic)
-    Oscillation: OscillationCritic = group(OscillationCritic)
-    BaseObstacle: BaseObstacleCritic = group(BaseObstacleCritic)
-    GoalAlign: GoalAlignCritic = group(GoalAlignCritic)
-    PathAlign: PathAlignCritic = group(PathAlignCritic)
-    PathDist: PathDistCritic = group(PathDistCritic)
-    GoalDist: GoalDistCritic = group(GoalDistCritic)
+    RotateToGoal: RotateToGoalCritic = RotateToGoalCritic()
+    Oscillation: OscillationCritic = OscillationCritic()
+    BaseObstacle: BaseObstacleCritic = BaseObstacleCritic()
+    GoalAlign: GoalAlignCritic = GoalAlignCritic()
+    PathAlign: PathAlignCritic = PathAlignCritic()
+    PathDist: PathDistCritic = PathDistCritic()
+    GoalDist: GoalDistCritic = GoalDistCritic()

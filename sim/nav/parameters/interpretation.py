@@ -1,16 +1,15 @@
 """Interpretation: what a Nav2 parameter document sets the stack to."""
 
-import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
 from vastflow.sim.nav.parameters.amcl import AmclParameters
-from vastflow.sim.nav.parameters.costmap import Costmap, global_costmap, local_costmap
-from vastflow.sim.nav.parameters.document import Document, DocumentError, Location, ParameterFault
+from vastflow.sim.nav.parameters.costmap import Costmap, InflationLayer, ObstacleLayer, StaticLayer, global_costmap
+from vastflow.sim.nav.parameters.document import Document, DocumentError, Location
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.mppi import MppiParameters
-from vastflow.sim.nav.parameters.parameter import ParameterError
+from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
     FOREIGN_CRITICS,
@@ -52,7 +51,10 @@ NO_SMOOTHER: Final = VelocitySmoother(
 OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
 """Parameters of the global costmap that have no effect: it is as large and as fine as the map."""
 
-CONTROLLER_DEFAULTS: Final[Mapping[str, Callable[[], ControllerParameters]]] = {
+OF_THE_SCAN: Final = ("marking", "clearing", "obstacle_max_range", "obstacle_min_range", "raytrace_max_range")
+"""Parameters of an obstacle layer that its source has."""
+
+CONTROLLER_DEFAULTS: Final[Mapping[str, type[ControllerParameters]]] = {
     "MPPI": MppiParameters,
     "DWB": DwbParameters,
     "RPP": RppParameters,
@@ -88,7 +90,7 @@ def interpretation(document: Document) -> Interpretation:
         DocumentError: every fault of the document.
     """
     reader = Reader(document)
-    parts: dict[str, Any] = {"perturbation": reader.group(Perturbation(), ())}
+    parts: dict[str, Any] = {"perturbation": reader.group(Perturbation, ())}
     absent = []
     for name, read in _NODES.items():
         node = document.node(*name)
@@ -104,36 +106,23 @@ def interpretation(document: Document) -> Interpretation:
         absent.append("controller")
     replaced = tuple(name for name in absent if name not in _DISPENSABLE)
     left_away = tuple(name for name in absent if name in _DISPENSABLE)
-    try:
-        return Interpretation(document, NavParameters(**parts), reader, replaced, left_away)
-    except ParameterError as error:
-        raise DocumentError([_contradiction(reader, str(error))], document.file) from None
-
-
-def _contradiction(reader: Reader, message: str) -> ParameterFault:
-    """What `NavParameters` says of values that are right one by one, at the first of them that it names."""
-    first = message.split()[0].rpartition(".")[2]
-    path = next((path for path in reader.asked if path[-1] == first), ())
-    what = f"found parameters that contradict each other: {message}"
-    return ParameterFault(
-        ".".join(path) or first, what, "values that agree", reader.document.place(path), together=True
-    )
+    return Interpretation(document, NavParameters(**parts), reader, replaced, left_away)
 
 
 def _amcl(reader: Reader, node: Location) -> Parts:
-    return {"amcl": reader.group(AmclParameters(), node)}
+    return {"amcl": reader.group(AmclParameters, node)}
 
 
 def _local_costmap(reader: Reader, node: Location) -> Parts:
-    return {"local_costmap": _costmap(reader, node, local_costmap())}
+    return {"local_costmap": _costmap(reader, node)}
 
 
 def _global_costmap(reader: Reader, node: Location) -> Parts:
     default = global_costmap()
-    return {"global_costmap": _costmap(reader, node, default, **{name: getattr(default, name) for name in OF_THE_MAP})}
+    return {"global_costmap": _costmap(reader, node, **{name: getattr(default, name) for name in OF_THE_MAP})}
 
 
-def _costmap(reader: Reader, node: Location, default: Costmap, **given: Any) -> Costmap:
+def _costmap(reader: Reader, node: Location, **given: Any) -> Costmap:
     places: dict[str, Location] = {}
     kinds: dict[str, str] = {}
     for layer in reader.plugins(node, LAYERS):
@@ -142,19 +131,22 @@ def _costmap(reader: Reader, node: Location, default: Costmap, **given: Any) -> 
             reader.unmodelled[(*node, layer.name)] = f"a second layer beside {places[field][-1]} is not modelled"
         else:
             places[field], kinds[field] = (*node, layer.name), layer.kind
-    for field in ("static_layer", "obstacle_layer", "inflation_layer"):
-        layer_default = getattr(default, field)
+    layers: Mapping[str, type[Any]] = {
+        "static_layer": StaticLayer,
+        "obstacle_layer": ObstacleLayer,
+        "inflation_layer": InflationLayer,
+    }
+    for field, model in layers.items():
         if field not in places:
-            given[field] = replace(layer_default, enabled=False)
+            given[field] = model(enabled=False)
         elif field == "obstacle_layer":
-            short = 2 if kinds[field] == "VoxelLayer" else 0
-            given[field] = _obstacle_layer(reader, places[field], replace(layer_default, short_clearing_cells=short))
+            given[field] = _obstacle_layer(reader, places[field], 2 if kinds[field] == "VoxelLayer" else 0)
         else:
-            given[field] = reader.group(layer_default, places[field])
-    return reader.group(default, node, given=given)
+            given[field] = reader.group(model, places[field])
+    return reader.group(Costmap, node, given=given)
 
 
-def _obstacle_layer(reader: Reader, place: Location, default: Any) -> Any:
+def _obstacle_layer(reader: Reader, place: Location, short_clearing_cells: int) -> ObstacleLayer:
     """The layer with its laser scan; without one it neither marks nor clears."""
     scan = None
     for name in reader.names((*place, "observation_sources"), ()):
@@ -166,35 +158,31 @@ def _obstacle_layer(reader: Reader, place: Location, default: Any) -> Any:
             reader.kinds[source] = "scan"
         else:
             reader.unmodelled[source] = "only one source, a LaserScan, is modelled"
+    given: dict[str, Any] = {"short_clearing_cells": short_clearing_cells}
     if scan is None:
-        return reader.group(default, place, given={"marking": False, "clearing": False, **_ranges(default)})
-    of_the_scan = ("marking", "clearing", *_ranges(default))
-    return reader.group(default, place, {name: (*scan, name) for name in of_the_scan})
-
-
-def _ranges(layer: Any) -> dict[str, float]:
-    return {field.name: getattr(layer, field.name) for field in dataclasses.fields(layer) if "_range" in field.name}
+        unused = ObstacleLayer(marking=False, clearing=False)
+        given |= {name: getattr(unused, name) for name in OF_THE_SCAN}
+        return reader.group(ObstacleLayer, place, given=given)
+    return reader.group(ObstacleLayer, place, {name: (*scan, name) for name in OF_THE_SCAN}, given)
 
 
 def _controller_server(reader: Reader, node: Location) -> Parts:
-    parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer(), node)}
+    parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer, node)}
     if progress := reader.plugin(node, PROGRESS_CHECKERS):
-        parts["progress_checker"] = reader.group(ProgressChecker(), (*node, progress.name))
+        parts["progress_checker"] = reader.group(ProgressChecker, (*node, progress.name))
     if goal := reader.plugin(node, GOAL_CHECKERS):
-        parts["goal_checker"] = reader.group(GoalChecker(), (*node, goal.name))
+        parts["goal_checker"] = reader.group(GoalChecker, (*node, goal.name))
     # Nav2's code would load DWB here and find no critics for it: such a file is one for other parameters.
     named = [(*node, *CONTROLLERS.lists), (*node, CONTROLLERS.used, "plugin")]
     if any(path in reader.document.values for path in named) and (controller := reader.plugin(node, CONTROLLERS)):
-        default = CONTROLLER_DEFAULTS[controller.kind]()
-        place = (*node, controller.name)
-        parts["controller"] = reader.group(default, place, given=_critics(reader, place, controller.kind, default))
+        model, place = CONTROLLER_DEFAULTS[controller.kind], (*node, controller.name)
+        parts["controller"] = reader.group(model, place, given=_critics(reader, place, controller.kind, model()))
     return parts
 
 
 def critics_of(controller: ControllerParameters) -> Mapping[str, Any]:
     """The groups of a controller's critics by name, those that are not enabled too; none of RPP's."""
-    groups = {field.name: getattr(controller, field.name) for field in dataclasses.fields(controller)}
-    return {name: group for name, group in groups.items() if dataclasses.is_dataclass(group)}
+    return {name: value for name, value in controller if isinstance(value, ParameterGroup)}
 
 
 def _critics(reader: Reader, place: Location, algorithm: str, default: ControllerParameters) -> Parts:
@@ -221,22 +209,22 @@ def _critics(reader: Reader, place: Location, algorithm: str, default: Controlle
     parts = {}
     for kind, critic in critics.items():
         if kind not in loaded:
-            parts[kind] = replace(critic, enabled=False)
+            parts[kind] = critic.with_values(enabled=False)
             reader.unused[(*place, kind)] = "not in the list of critics"
             continue
         reader.kinds[loaded[kind]] = f"{algorithm} critic"
         enabled = algorithm != "MPPI" or reader.flag((*loaded[kind], "enabled"), True)
-        parts[kind] = reader.group(critic, loaded[kind], given={"enabled": enabled})
+        parts[kind] = reader.group(type(critic), loaded[kind], given={"enabled": enabled})
     return parts
 
 
 def _planner_server(reader: Reader, node: Location) -> Parts:
     planner = reader.plugin(node, PLANNERS)
-    return {"planner": reader.group(NavFn(), (*node, planner.name))} if planner else {}
+    return {"planner": reader.group(NavFn, (*node, planner.name))} if planner else {}
 
 
 def _behavior_server(reader: Reader, node: Location) -> Parts:
-    return {"behavior_server": reader.group(BehaviorServer(), node)}
+    return {"behavior_server": reader.group(BehaviorServer, node)}
 
 
 def _waypoint_follower(reader: Reader, node: Location) -> Parts:
@@ -244,15 +232,15 @@ def _waypoint_follower(reader: Reader, node: Location) -> Parts:
     pause = (*executor, "waypoint_pause_duration")
     if class_name(str(reader.document.values.get((*executor, "plugin"), WAIT_AT_WAYPOINT))) != WAIT_AT_WAYPOINT:
         reader.unmodelled[executor] = f"of the tasks at waypoints only {WAIT_AT_WAYPOINT} is modelled"
-        return {"waypoint_follower": reader.group(WaypointFollower(), node, given={pause[-1]: 0})}
+        return {"waypoint_follower": reader.group(WaypointFollower, node, given={pause[-1]: 0})}
     reader.text((*executor, "plugin"), WAIT_AT_WAYPOINT)
     waits = reader.flag((*executor, "enabled"), True)
-    found = reader.group(WaypointFollower(), node, {pause[-1]: pause})
-    return {"waypoint_follower": found if waits else replace(found, waypoint_pause_duration=0)}
+    found = reader.group(WaypointFollower, node, {pause[-1]: pause})
+    return {"waypoint_follower": found if waits else found.with_values(waypoint_pause_duration=0)}
 
 
 def _velocity_smoother(reader: Reader, node: Location) -> Parts:
-    return {"velocity_smoother": reader.group(VelocitySmoother(), node)}
+    return {"velocity_smoother": reader.group(VelocitySmoother, node)}
 
 
 def _collision_monitor(reader: Reader, node: Location) -> Parts:
@@ -277,11 +265,11 @@ def _collision_monitor(reader: Reader, node: Location) -> Parts:
         else:
             reader.unmodelled[place] = "only one source, a scan, is modelled"
     if polygon is None or scan is None:
-        return {"collision_monitor": replace(CollisionMonitor(), enabled=False)}
+        return {"collision_monitor": CollisionMonitor(enabled=False)}
     enabled = [reader.flag((*place, "enabled"), True) for place in (polygon, scan)]
     own = (*scan, "source_timeout")
     timeout = own if own in values else (*node, "source_timeout")
-    found = reader.group(CollisionMonitor(), polygon, {"source_timeout": timeout}, {"enabled": all(enabled)})
+    found = reader.group(CollisionMonitor, polygon, {"source_timeout": timeout}, {"enabled": all(enabled)})
     return {"collision_monitor": found}
 
 

@@ -1,20 +1,16 @@
 """Parameters of the MPPI controller (nav2_mppi_controller, Jazzy, DiffDrive)."""
 
-from dataclasses import dataclass
-
-from vastflow.sim.nav.parameters.parameter import group, parameter
+from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 
 
-@dataclass(frozen=True, slots=True)
-class ConstraintCritic:
+class ConstraintParameters(ParameterGroup):
     """Speed beyond the limits. `enabled` also says whether the critic is in the list `critics`, as in all groups below."""
 
     enabled: bool = parameter(True)
     cost_weight: float = parameter(4.0, 0.0, 1e6)
 
 
-@dataclass(frozen=True, slots=True)
-class CostCritic:
+class CostParameters(ParameterGroup):
     """The local costmap under every `trajectory_point_step`-th point; distances in metres."""
 
     enabled: bool = parameter(True)
@@ -26,8 +22,7 @@ class CostCritic:
     trajectory_point_step: int = parameter(2, 1, 1000)
 
 
-@dataclass(frozen=True, slots=True)
-class GoalCritic:
+class GoalParameters(ParameterGroup):
     """Distance of all points to the goal, within a distance of it (m)."""
 
     enabled: bool = parameter(True)
@@ -35,8 +30,7 @@ class GoalCritic:
     threshold_to_consider: float = parameter(1.4, 0.0, 1e3)
 
 
-@dataclass(frozen=True, slots=True)
-class GoalAngleCritic:
+class GoalAngleParameters(ParameterGroup):
     """Heading of all points against the goal's, within a distance of it (m)."""
 
     enabled: bool = parameter(True)
@@ -44,8 +38,7 @@ class GoalAngleCritic:
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
 
 
-@dataclass(frozen=True, slots=True)
-class PathAlignCritic:
+class PathAlignParameters(ParameterGroup):
     """Distance of every `trajectory_point_step`-th point to the plan's point as far along; offsets count its points."""
 
     enabled: bool = parameter(True)
@@ -56,8 +49,7 @@ class PathAlignCritic:
     offset_from_furthest: int = parameter(20, 0, 1000)
 
 
-@dataclass(frozen=True, slots=True)
-class PathFollowCritic:
+class PathFollowParameters(ParameterGroup):
     """Distance of the last point to a point of the plan just beyond what any trajectory reaches."""
 
     enabled: bool = parameter(True)
@@ -66,8 +58,7 @@ class PathFollowCritic:
     threshold_to_consider: float = parameter(1.4, 0.0, 1e3)
 
 
-@dataclass(frozen=True, slots=True)
-class PathAngleCritic:
+class PathAngleParameters(ParameterGroup):
     """Last heading against the bearing of such a point, when the robot faces elsewhere (rad).
 
     `mode` 0 wants the front towards the point, 1 front or back; 2, by the plan's orientations, is not modelled.
@@ -81,8 +72,7 @@ class PathAngleCritic:
     mode: int = parameter(0, 0, 1)
 
 
-@dataclass(frozen=True, slots=True)
-class PreferForwardCritic:
+class PreferForwardParameters(ParameterGroup):
     """Driving backwards, farther than a distance from the goal (m)."""
 
     enabled: bool = parameter(True)
@@ -90,8 +80,7 @@ class PreferForwardCritic:
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
 
 
-@dataclass(frozen=True, slots=True)
-class MppiParameters:
+class MppiParameters(ParameterGroup):
     """The optimiser's parameters: metres, seconds, radians. `vy_max` serves ConstraintCritic alone, as in Jazzy."""
 
     time_steps: int = parameter(56, 2, 1000)
@@ -110,11 +99,11 @@ class MppiParameters:
     wz_std: float = parameter(0.4, 1e-3, 10.0)
     prune_distance: float = parameter(1.7, 0.0, 100.0, code=1.5)
     retry_attempt_limit: int = parameter(1, 0, 10)
-    ConstraintCritic: ConstraintCritic = group(ConstraintCritic)
-    CostCritic: CostCritic = group(CostCritic)
-    GoalCritic: GoalCritic = group(GoalCritic)
-    GoalAngleCritic: GoalAngleCritic = group(GoalAngleCritic)
-    PathAlignCritic: PathAlignCritic = group(PathAlignCritic)
-    PathFollowCritic: PathFollowCritic = group(PathFollowCritic)
-    PathAngleCritic: PathAngleCritic = group(PathAngleCritic)
-    PreferForwardCritic: PreferForwardCritic = group(PreferForwardCritic)
+    ConstraintCritic: ConstraintParameters = ConstraintParameters()
+    CostCritic: CostParameters = CostParameters()
+    GoalCritic: GoalParameters = GoalParameters()
+    GoalAngleCritic: GoalAngleParameters = GoalAngleParameters()
+    PathAlignCritic: PathAlignParameters = PathAlignParameters()
+    PathFollowCritic: PathFollowParameters = PathFollowParameters()
+    PathAngleCritic: PathAngleParameters = PathAngleParameters()
+    PreferForwardCritic: PreferForwardParameters = PreferForwardParameters()

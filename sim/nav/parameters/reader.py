@@ -1,17 +1,17 @@
 """Reading parameters out of a document, with account of what was asked for, what was used and what was wrong."""
 
-import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from vastflow.sim.digest import Value
 from vastflow.sim.nav.parameters.document import Document, Location, ParameterFault, dotted
-from vastflow.sim.nav.parameters.parameter import CODE_DEFAULT, RANGE, ParameterError, check_value
+from vastflow.sim.nav.parameters.parameter import code_default, complaints
 from vastflow.sim.nav.parameters.plugins import Plugins, class_name
 
-T = TypeVar("T")
+Group = TypeVar("Group", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class Reader:
 
     Attributes:
         asked: Paths of all parameters that are looked at, present or not, with the value that is taken.
-        fields: Paths of those that are fields of a dataclass, with the field.
+        fields: Paths of those that are fields of a group, with the group's model and the field's name.
         kinds: Path of a group to what it is, for what of it is not asked for.
         unmodelled: Path of a group that is not read because it is not modelled, to why.
         unused: Path of a group that is not read because Nav2 would not read it either, to why.
@@ -37,7 +37,7 @@ class Reader:
     def __init__(self, document: Document) -> None:
         self.document = document
         self.asked: dict[Location, Value] = {}
-        self.fields: dict[Location, dataclasses.Field[Any]] = {}
+        self.fields: dict[Location, tuple[type[BaseModel], str]] = {}
         self.kinds: dict[Location, str] = {}
         self.unmodelled: dict[Location, str] = {}
         self.unused: dict[Location, str] = {}
@@ -49,44 +49,46 @@ class Reader:
 
     def group(
         self,
-        default: T,
+        model: type[Group],
         prefix: Location,
         elsewhere: Mapping[str, Location] | None = None,
         given: Mapping[str, Any] | None = None,
-    ) -> T:
+    ) -> Group:
         """The parameters below `prefix`; those the document leaves out are as in Nav2's code.
 
+        What is wrong becomes faults, and then the values mean nothing.
+
         Args:
-            default: A dataclass of parameters (see `parameter`).
             elsewhere: Parameter to the path it has where that is not below `prefix`.
             given: Values that are not to be read.
         """
         values: dict[str, Any] = dict(given or {})
-        for field in dataclasses.fields(default):  # type: ignore[arg-type]
-            if field.name in values:
-                continue
-            path = (elsewhere or {}).get(field.name, (*prefix, field.name))
-            if dataclasses.is_dataclass(value := getattr(default, field.name)):
-                values[field.name] = self.group(value, path)
-            elif RANGE in field.metadata:
-                values[field.name] = self._parameter(field, path)
-        return dataclasses.replace(default, **values)  # type: ignore[type-var]
+        paths: dict[str, Location] = {}
+        for name, field in model.model_fields.items():
+            if name not in values:
+                path = paths[name] = (elsewhere or {}).get(name, (*prefix, name))
+                values[name] = self.document.values.get(path, code_default(field))
+                self.fields[path] = model, name
+        try:
+            group = model.model_validate(values)
+        except ValidationError as error:
+            self._faults_of(model, error, paths)
+            return model.model_construct(**values)
+        self.asked |= {path: getattr(group, name) for name, path in paths.items()}
+        return group
 
-    def _parameter(self, field: dataclasses.Field[Any], path: Location) -> Value:
-        value: Value = field.metadata[CODE_DEFAULT]
-        if path in self.document.values:
-            given = self.document.values[path]
-            try:
-                value = value_of(field, given)
-            except ParameterError as error:
-                self.fault(path, f"found {shown(given)}", demand(error))
-                value = cast(Value, field.default)
-        self.asked[path] = value
-        self.fields[path] = field
-        return value
+    def _faults_of(self, model: type[BaseModel], error: ValidationError, paths: Mapping[str, Location]) -> None:
+        for name, right in complaints(model, error):
+            if name:
+                self.fault(paths[name], f"found {shown(self.document.values.get(paths[name]))}", right)
+                continue
+            path = next((path for name, path in paths.items() if name in right), ())
+            what = f"found parameters that contradict each other: {right}"
+            place = self.document.place(path)
+            self.faults.append(ParameterFault(dotted(path), what, "values that agree", place, together=True))
 
     def flag(self, path: Location, default: bool) -> bool:
-        """A flag that is no field of a dataclass."""
+        """A flag that is no field of a group."""
         return bool(self._plain(path, default, bool, "true or false"))
 
     def text(self, path: Location, default: str) -> str:
@@ -153,22 +155,6 @@ class Reader:
         return None
 
 
-def value_of(field: dataclasses.Field[Any], given: Value) -> Value:
-    """A parameter's value with the type it has here, checked.
-
-    Raises:
-        ParameterError: of another type or out of range.
-    """
-    value = _converted(field.name, given, field.default)
-    check_value(field.name, value, field.default, *field.metadata[RANGE])
-    return value
-
-
-def demand(error: ParameterError) -> str:
-    """What `value_of` would have had, without what it got."""
-    return str(error).partition(", got ")[0]
-
-
 def shown(value: Value) -> str:
     """`value` as the author of a document would know it."""
     if value is None:
@@ -177,21 +163,3 @@ def shown(value: Value) -> str:
         return "true" if value else "false"
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:59]}…"
-
-
-def _converted(name: str, value: Value, default: Any) -> Value:
-    """`value` with the type of `default` where nothing is lost by it."""
-    if isinstance(default, tuple) and isinstance(value, Sequence) and not isinstance(value, str):
-        kinds = default if len(default) == len(value) else (0.0,) * len(value)
-        return tuple(_converted(name, item, kind) for item, kind in zip(value, kinds, strict=True))
-    if isinstance(default, bool) or isinstance(value, bool) or not isinstance(value, int | float):
-        return value
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise ParameterError(f"{name} must be a number, got {value!r}")
-    if isinstance(default, float):
-        return number
-    return int(value) if number == int(value) else value

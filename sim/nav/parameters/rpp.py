@@ -1,12 +1,9 @@
 """Parameters of Regulated Pure Pursuit. Nav2's default file does not load it: all defaults are those of its code."""
 
-from dataclasses import dataclass
-
-from vastflow.sim.nav.parameters.parameter import parameter
+from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 
 
-@dataclass(frozen=True, slots=True)
-class RppParameters:
+class RppParameters(ParameterGroup):
     """nav2_regulated_pure_pursuit_controller of Jazzy: metres, seconds, radians."""
 
     desired_linear_vel: float = parameter(0.5, 0.01, 10.0)

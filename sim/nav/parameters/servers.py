@@ -1,12 +1,18 @@
 """Parameters of Nav2's servers round planner and controller: checkers, behaviours, smoother, collision monitor."""
 
-from dataclasses import dataclass
+from typing import Annotated, TypeAlias
 
-from vastflow.sim.nav.parameters.parameter import parameter
+from pydantic import Field
+
+from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
+
+Forward: TypeAlias = Annotated[float, Field(ge=0.0, le=100.0)]
+Backward: TypeAlias = Annotated[float, Field(ge=-100.0, le=0.0)]
+Acceleration: TypeAlias = Annotated[float, Field(ge=0.0, le=1000.0)]
+Deceleration: TypeAlias = Annotated[float, Field(ge=-1000.0, le=0.0)]
 
 
-@dataclass(frozen=True, slots=True)
-class NavFn:
+class NavFn(ParameterGroup):
     """NavfnPlanner; tolerance in metres."""
 
     tolerance: float = parameter(0.5, 0.0, 100.0)
@@ -14,8 +20,7 @@ class NavFn:
     use_astar: bool = parameter(False)
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerServer:
+class ControllerServer(ParameterGroup):
     """controller_server: seconds, and velocities below which odometry is read as standing."""
 
     failure_tolerance: float = parameter(0.3, 0.0, 1e6, code=0.0)
@@ -23,16 +28,14 @@ class ControllerServer:
     min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
 
 
-@dataclass(frozen=True, slots=True)
-class ProgressChecker:
+class ProgressChecker(ParameterGroup):
     """SimpleProgressChecker: metres and seconds."""
 
     required_movement_radius: float = parameter(0.5, 0.0, 100.0)
     movement_time_allowance: float = parameter(10.0, 0.1, 1e6)
 
 
-@dataclass(frozen=True, slots=True)
-class GoalChecker:
+class GoalChecker(ParameterGroup):
     """SimpleGoalChecker: metres and radians."""
 
     xy_goal_tolerance: float = parameter(0.25, 0.001, 100.0)
@@ -40,8 +43,7 @@ class GoalChecker:
     stateful: bool = parameter(True)
 
 
-@dataclass(frozen=True, slots=True)
-class BehaviorServer:
+class BehaviorServer(ParameterGroup):
     """behavior_server: seconds, rad/s, rad/s²."""
 
     simulate_ahead_time: float = parameter(2.0, 0.0, 100.0)
@@ -50,27 +52,24 @@ class BehaviorServer:
     rotational_acc_lim: float = parameter(3.2, 0.01, 100.0)
 
 
-@dataclass(frozen=True, slots=True)
-class WaypointFollower:
+class WaypointFollower(ParameterGroup):
     """waypoint_follower with its WaitAtWaypoint task; the pause is in milliseconds."""
 
     stop_on_failure: bool = parameter(False, code=True)
     waypoint_pause_duration: int = parameter(200, 0, 10_000_000, code=0)
 
 
-@dataclass(frozen=True, slots=True)
-class VelocitySmoother:
+class VelocitySmoother(ParameterGroup):
     """velocity_smoother, open loop at 20 Hz: x, y, yaw in m/s and rad/s, and per second; the timeout in seconds."""
 
-    max_velocity: tuple[float, float, float] = parameter((0.5, 0.0, 2.0), 0.0, 100.0, code=(0.5, 0.0, 2.5))
-    min_velocity: tuple[float, float, float] = parameter((-0.5, 0.0, -2.0), -100.0, 0.0, code=(-0.5, 0.0, -2.5))
-    max_accel: tuple[float, float, float] = parameter((2.5, 0.0, 3.2), 0.0, 1000.0)
-    max_decel: tuple[float, float, float] = parameter((-2.5, 0.0, -3.2), -1000.0, 0.0)
+    max_velocity: tuple[Forward, Forward, Forward] = parameter((0.5, 0.0, 2.0), code=(0.5, 0.0, 2.5))
+    min_velocity: tuple[Backward, Backward, Backward] = parameter((-0.5, 0.0, -2.0), code=(-0.5, 0.0, -2.5))
+    max_accel: tuple[Acceleration, Acceleration, Acceleration] = parameter((2.5, 0.0, 3.2))
+    max_decel: tuple[Deceleration, Deceleration, Deceleration] = parameter((-2.5, 0.0, -3.2))
     velocity_timeout: float = parameter(1.0, 0.0, 1e6)
 
 
-@dataclass(frozen=True, slots=True)
-class CollisionMonitor:
+class CollisionMonitor(ParameterGroup):
     """collision_monitor with one polygon of type approach round the published footprint; seconds.
 
     Humble's stack has none: there the file names no such node, and `enabled` is false.
@@ -83,8 +82,7 @@ class CollisionMonitor:
     source_timeout: float = parameter(1.0, 0.0, 1e6, code=2.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Perturbation:
+class Perturbation(ParameterGroup):
     """What lies between the simulated sensors and Nav2: the relay of the paper's study, and odometry noise.
 
     Attributes:

@@ -1,6 +1,5 @@
 """The stack's parameters as a Nav2 document: what `interpretation` reads, the other way round."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,6 +7,7 @@ from vastflow.sim.digest import Value
 from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.document import PARAMETERS, Document, Location
 from vastflow.sim.nav.parameters.interpretation import CONTROLLER_DEFAULTS, OF_THE_MAP, critics_of
+from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
     GOAL_CHECKERS,
@@ -132,9 +132,10 @@ def _below(prefix: Location, parameters: Any) -> Values:
 
 
 def _plain(parameters: Any) -> Mapping[str, Value]:
-    """The parameters of a dataclass without the groups in it, and without fields that are no parameters of Nav2's."""
+    """The parameters of a group without the groups in it, and without what is no parameter of Nav2's."""
+    values: Mapping[str, Value] = dict(parameters)
     return {
-        field.name: getattr(parameters, field.name)
-        for field in dataclasses.fields(parameters)
-        if field.metadata and not dataclasses.is_dataclass(getattr(parameters, field.name))
+        name: value
+        for name, value in values.items()
+        if not isinstance(value, ParameterGroup) and name != "short_clearing_cells"
     }
