@@ -28,11 +28,11 @@ from vastflow.producers.faults import CampaignError
 from vastflow.producers.postprocessing import steps_of
 from vastflow.tasks import chatter, ending
 from vastflow.tasks.garbage import few_collections
+from vastflow.tasks.index import Index
 from vastflow.tasks.instantiation import Instantiator
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.progress import Observer, Reporter, Tally
 from vastflow.tasks.server import end_services
-from vastflow.tasks.shelf import Shelf
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost, StoreError, open_store, store_address
 
@@ -119,13 +119,12 @@ def run_campaign(
             session = Session(
                 title=f"{name} {created:%Y-%m-%d %H:%M:%S}",
                 instantiator=Instantiator(campaign, kept, keys, tree),
-                shelf=Shelf(kept, keys),
+                index=Index(kept, keys),
                 oracles=oracles,
                 runs=asked.runs,
                 only=selection,
                 workers=workers or cores(),
                 tally=tally,
-                prefect_results=kept.local / "prefect",
                 log=log,
                 stopping=stopping,
                 spread=_spread(pool, campaign, name, oracles, keys, workers, tally) if pool is not None else None,

@@ -13,17 +13,16 @@ from vastflow.flows.results.found import RunFault, StoredResult
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
+from vastflow.tasks.engine import Engine, MemberFault, block_size, judgements
+from vastflow.tasks.index import Index, Member, Stored, missing
 from vastflow.tasks.instantiation import Evaluator, Instantiated, Instantiator
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import PrefectUnavailable
-from vastflow.tasks.shelf import Member, Shelf, Shelved, missing
 from vastflow.tasks.store import Lost
-from vastflow.tasks.workshop import MemberFault, Workshop, block_size, judgements
 
 if TYPE_CHECKING:
     from vastflow.flows.pool.spread import Spread
     from vastflow.flows.request.stopping import Stopping
-    from vastflow.tasks.stages import Bench
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +41,6 @@ class Session:
         runs: Of each configuration, at most.
         only: What of the campaign is run.
         workers: Worker processes.
-        prefect_results: Folder for the results of Prefect's tasks.
         log: File for all that would be said on the terminal otherwise.
         stopping: Says how many runs a configuration wants; None for all of them.
 
@@ -54,13 +52,12 @@ class Session:
         self,
         title: str,
         instantiator: Instantiator,
-        shelf: Shelf,
+        index: Index,
         oracles: Sequence[Oracle[Any]],
         runs: int,
         only: Selection,
         workers: int,
         tally: Tally,
-        prefect_results: Path,
         log: Path,
         spread: "Spread | None" = None,
         stopping: "Stopping | None" = None,
@@ -69,17 +66,16 @@ class Session:
         self._stopping = stopping
         self._title = title
         self._instantiator = instantiator
-        self._shelf = shelf
+        self._index = index
         self._oracles = pickle.dumps(tuple(oracles))
         self._only = only
         self._workers = workers
         self._tally = tally
-        self._prefect_results = prefect_results
         self._log = log
         self._spread = spread
         self._instantiated: Instantiated | None = None
         self._members: dict[str, Member] = {}
-        self._shelved: dict[str, list[Shelved]] = {}
+        self._stored: dict[str, list[Stored]] = {}
         self._incomplete: set[str] = set()
         self._missing_runs = 0
         self._faults: tuple[MemberFault, ...] = ()
@@ -111,7 +107,7 @@ class Session:
         """
         scanned: Instantiated | None = None
         for _ in range(WAVES):
-            self._shelf.store.survey()
+            self._index.store.survey()
             if self._instantiated is None and (stored := self._instantiator.stored()) is not None:
                 self._instantiate(stored)
             broken = {fault.member for fault in self._faults}
@@ -130,7 +126,7 @@ class Session:
             self._compute()
         if self._instantiated is None:
             raise Lost("what the producers made is lost again and again")
-        self._shelf.store.survey()
+        self._index.store.survey()
         self._scanned(self._members)
         return self._instantiated.instantiation
 
@@ -142,7 +138,7 @@ class Session:
     def contents(self) -> Iterator[list[str]]:
         """Keys and contents of the verdicts that `complete` found, of each member in order: all its results follow into them."""
         for member in self._members:
-            found = [each.verdicts for each in self._shelved[member] if each.verdicts]
+            found = [each.verdicts for each in self._stored[member] if each.verdicts]
             yield [text for verdicts in found for text in (verdicts.key, verdicts.content)]
 
     def found(self, configuration: Configuration) -> StoredResult:
@@ -152,17 +148,17 @@ class Session:
             Lost: something is missing that should not be.
         """
         member = self._members[configuration.name]
-        shelved = self._shelved[member.name]
+        stored = self._stored[member.name]
         faults = [
             RunFault(member.name, fault.run_index, fault.stage, fault.error)
             for fault in self._faults
             if fault.member == member.name
         ]
-        if not faults and not _judged(shelved).issuperset(range(member.runs)):
+        if not faults and not _judged(stored).issuperset(range(member.runs)):
             if self._flow_fault is None:
                 raise Lost(f"results of {member.name}")
             faults = [RunFault(member.name, None, self._flow_fault.stage, self._flow_fault.error)]
-        return StoredResult(self._shelf.store, shelved, member.runs, faults)
+        return StoredResult(self._index.store, stored, member.runs, faults)
 
     def _instantiate(self, instantiated: Instantiated) -> None:
         self._instantiated = narrowed(instantiated, self._only, self._instantiator.campaign.document.file)
@@ -185,37 +181,37 @@ class Session:
         self._incomplete = set()
         self._missing_runs = 0
         for each in members:
-            member, shelved = self._wanting(each)
-            absent = missing([found.block for found in shelved], member.runs)
+            member, stored = self._wanting(each)
+            absent = missing([found.block for found in stored], member.runs)
             self._missing_runs += len(absent)
-            if absent or not all(found.verdicts for found in shelved):
+            if absent or not all(found.verdicts for found in stored):
                 self._incomplete.add(member.name)
             if self._stopping is not None:
                 goes_on = member.name in self._incomplete and member.name not in broken
                 most = self._runs if goes_on else member.runs
                 self._tally.want(member.name, member.runs, most)
-            for found in shelved:
+            for found in stored:
                 self._tally.reuse(member.name, range(found.block.start, found.block.stop))
                 if found.verdicts:
                     self._tally.judge(member.name, judgements(found.verdicts))
-            self._members[member.name], self._shelved[member.name] = member, shelved
+            self._members[member.name], self._stored[member.name] = member, stored
         return self._incomplete
 
-    def _wanting(self, member: Member) -> tuple[Member, list[Shelved]]:
+    def _wanting(self, member: Member) -> tuple[Member, list[Stored]]:
         """A member with the runs that are wanted of it by now, and what the store has of these."""
         if self._stopping is None:
-            return member, self._shelf.shelved(member)
-        return self._stopping.shelved(self._shelf, member)
+            return member, self._index.stored(member)
+        return self._stopping.stored(self._index, member)
 
-    def _more(self, workshop: Workshop) -> list[Member]:
+    def _more(self, engine: Engine) -> list[Member]:
         """Members that want more runs now that those of a wave are judged; one that lacks something of the wave does not go on."""
         if self._stopping is None:
             return []
         before = {name: self._members[name].runs for name in self._incomplete}
-        self._faults = workshop.faults
+        self._faults = engine.faults
         self._looked_at(before)
         broken = {fault.member for fault in self._faults}
-        workshop.block_runs = block_size(self._missing_runs, self._workers)
+        engine.block_runs = block_size(self._missing_runs, self._workers)
         going_on = [name for name in before if name in self._incomplete and self._members[name].runs > before[name]]
         return [self._members[name] for name in going_on if name not in broken]
 
@@ -225,12 +221,10 @@ class Session:
         self._flow_fault = None
         if self._spread is not None:
             self._spread.check(self._log)
-        computation = Computation(
-            self._shelf, self._oracles, self._workers, self._tally, self._prefect_results, self._log
-        )
+        computation = Computation(self._index, self._oracles, self._workers, self._tally, self._log)
         error = computation.run(self._flow, self._begin_early)
         self.flow_run_id = computation.flow_run_id
-        self._faults = computation.workshop.faults
+        self._faults = computation.engine.faults
         if error is None:
             return
         from vastflow.flows.computing.task_runs import TaskFailed
@@ -244,24 +238,24 @@ class Session:
         else:
             raise error
 
-    def _begin_early(self, workshop: Workshop) -> None:
+    def _begin_early(self, engine: Engine) -> None:
         """Let the workers begin while Prefect starts: with what is missing, or at least with compiling kernels."""
         if self._spread is not None:
             return
         if self._instantiated is None:
-            workshop.warm_up()
+            engine.warm_up()
         elif self._missing_runs:
             members = [member for member in self._members.values() if member.name in self._incomplete]
-            begin_executing(workshop, members, self._missing_runs, self._workers)
+            begin_executing(engine, members, self._missing_runs, self._workers)
 
-    def _flow(self, bench: "Bench") -> Any:
+    def _flow(self, engine: Engine) -> Any:
         from vastflow.flows.computing.campaign import Job, campaign
 
         job = Job(
-            bench,
-            plan=lambda evaluator: self._plan(bench.workshop, evaluator),
+            engine,
+            plan=lambda evaluator: self._plan(engine, evaluator),
             incomplete=lambda: self._incomplete,
-            more=lambda: self._more(bench.workshop),
+            more=lambda: self._more(engine),
             running=lambda: self._tally.begin("running"),
             progress=None if inside_flow_run() else self._tally.progress,
         )
@@ -271,15 +265,15 @@ class Session:
             return pool_campaign(self._title, PoolJob(job, self._spread, self._tally), return_state=True)
         return campaign(self._title, job, return_state=True)
 
-    def _plan(self, workshop: Workshop, evaluator: Evaluator) -> list[Member]:
+    def _plan(self, engine: Engine, evaluator: Evaluator) -> list[Member]:
         if self._instantiated is None:
             self._tally.begin("instantiating")
             self._instantiate(self._instantiator.instantiated(evaluator))
             self._scanned(self._members)
-            workshop.block_runs = block_size(self._missing_runs, self._workers)
+            engine.block_runs = block_size(self._missing_runs, self._workers)
         return list(self._members.values())
 
 
-def _judged(shelved: Sequence[Shelved]) -> set[int]:
+def _judged(stored: Sequence[Stored]) -> set[int]:
     """Indices of the runs on which there are verdicts."""
-    return {run for each in shelved if each.verdicts for run in judgements(each.verdicts)}
+    return {run for each in stored if each.verdicts for run in judgements(each.verdicts)}

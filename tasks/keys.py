@@ -95,12 +95,6 @@ class Keys:
         return f"{stage}/{hashed[:2]}/{hashed}"
 
 
-def merkle(stage: str, members: Sequence[Value]) -> str:
-    """Key of a shard's Prefect result: a digest of what it promises of each member."""
-    hashed = digest("shard", LAYOUT, stage, members)
-    return f"{stage}/{hashed[:2]}/{hashed}"
-
-
 def numeric_class(
     machine: str | None = None,
     library: str | None = None,

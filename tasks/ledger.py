@@ -6,6 +6,7 @@ chooses a flow run's identity, so until its first line is executed it is in the 
 """
 
 import contextlib
+import contextvars
 import json
 import logging
 import os
@@ -36,6 +37,8 @@ CALLED_OFF_S: Final = 30.0
 
 LATE: Final = "It was called off as it ended by itself, or its worker is gone. What was finished is in the store."
 """Of a flow run that nobody will end any more: Prefect would show it as `Cancelling` for ever."""
+
+_API: Final = contextvars.ContextVar[str]("vastflow_ledger_api")
 
 _AT_A_TIME: Final = 50
 _BATCHES: Final = 20
@@ -88,16 +91,24 @@ def announced(api: str) -> Iterator[None]:
 
     mark = f"{MARK}{uuid.uuid4().hex}"
     enter(mark, api)
-    with tags(mark):
-        yield
+    token = _API.set(api)
+    try:
+        with tags(mark):
+            yield
+    finally:
+        _API.reset(token)
 
 
 @contextlib.contextmanager
 def begun(flow_run_id: str, api: str) -> Iterator[None]:
-    """Enter a flow run that has begun, by its identity; its task runs do not get the tag by which it was announced."""
+    """Enter a flow run that has begun, by its identity; its task runs do not get the tag by which it was announced.
+
+    Args:
+        api: Of one that was not announced.
+    """
     from prefect.context import TagsContext
 
-    enter(flow_run_id, api)
+    enter(flow_run_id, _API.get(api))
     tags = TagsContext.get().current_tags
     marks = {tag for tag in tags if tag.startswith(MARK)}
     for mark in marks:

@@ -20,9 +20,9 @@ from vastflow.sim.osc.faults import OscError
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.process.setup import ProcessSetup, setup_of
 from vastflow.sim.scenario import Scenario
+from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.parcel_files import needed_files
-from vastflow.tasks.shelf import Member
 from vastflow.tasks.store import Store
 
 STAGE: Final = "parcel"

@@ -7,26 +7,26 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from typing import Any, Final
 
+from vastflow.tasks.engine import Engine, MemberFault, block_size
+from vastflow.tasks.index import Member, missing
 from vastflow.tasks.parcel import STAGE
 from vastflow.tasks.pool import Pool
-from vastflow.tasks.shelf import Member, missing
 from vastflow.tasks.store import Lost, Store
-from vastflow.tasks.workshop import MemberFault, Workshop, block_size
 
 _THREADS: Final = 64
 _REPORT: Final = "report.json"
 
 
-def missing_runs(workshop: Workshop, members: Sequence[Member]) -> int:
+def missing_runs(engine: Engine, members: Sequence[Member]) -> int:
     """How many of the wanted runs are not recorded."""
-    return sum(len(missing(workshop.shelf.blocks(member), member.runs)) for member in members)
+    return sum(len(missing(engine.index.blocks(member), member.runs)) for member in members)
 
 
-def compute(workshop: Workshop, pool: Pool, members: Sequence[Member], workers: int) -> tuple[MemberFault, ...]:
+def compute(engine: Engine, pool: Pool, members: Sequence[Member], workers: int) -> tuple[MemberFault, ...]:
     """Execute, observe and judge what is missing, member by member and without a barrier between the stages.
 
     Args:
-        pool: The workshop's own; it is closed afterwards, whatever happens.
+        pool: The engine's own; it is closed afterwards, whatever happens.
 
     Returns:
         What broke; each fault is one member's.
@@ -37,19 +37,19 @@ def compute(workshop: Workshop, pool: Pool, members: Sequence[Member], workers: 
     with ExitStack() as stack:
         threads = stack.enter_context(ThreadPoolExecutor(min(_THREADS, len(members))))
         stack.callback(pool.close)  # before the threads are waited for: they wait for it
-        if absent := missing_runs(workshop, members):
-            workshop.block_runs = block_size(absent, workers)
+        if absent := missing_runs(engine, members):
+            engine.block_runs = block_size(absent, workers)
             if any(member.drives for member in members):
-                workshop.warm_up()
-        for done in [threads.submit(_through, workshop, member) for member in members]:
+                engine.warm_up()
+        for done in [threads.submit(_through, engine, member) for member in members]:
             done.result()
-    return workshop.faults
+    return engine.faults
 
 
-def _through(workshop: Workshop, member: Member) -> None:
-    recorded, _ = workshop.execute([member])
-    observed, _ = workshop.observe([member], recorded)
-    workshop.judge([member], observed)
+def _through(engine: Engine, member: Member) -> None:
+    recorded = engine.execute([member])
+    observed = engine.observe([member], recorded.made)
+    engine.judge([member], observed.made)
 
 
 def write_report(store: Store, flow_run: str, faults: Sequence[MemberFault]) -> None:

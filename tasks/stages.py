@@ -1,23 +1,24 @@
-"""Prefect's side of the stages: one task run a shard and stage, with a Merkle key over its members.
+"""Prefect's side of the stages: one task run a shard and stage.
 
-A task's result is only what it promises: keys and content digests of artifacts. Before Prefect may answer `Cached`,
-the key function looks whether the store still keeps the promise, and lets Prefect forget the result if not.
+The store alone says what is computed already, so Prefect's own caching is off. A task whose shard was complete in the store ends
+as `Cached`, which is what Prefect's pages show of it.
 """
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from prefect import Task, task
-from prefect.context import TaskRunContext
-from prefect.transactions import get_transaction
+from prefect import task
+from prefect.cache_policies import NO_CACHE
+from prefect.client.schemas.objects import State
+from prefect.states import Completed
 
-from vastflow.sim.digest import Value
+from vastflow.tasks.engine import Engine, Outcome, Rows
 from vastflow.tasks.evaluation import PackedProducer
+from vastflow.tasks.index import Member
 from vastflow.tasks.instantiation import Evaluation
-from vastflow.tasks.keys import merkle
-from vastflow.tasks.shelf import Member
-from vastflow.tasks.workshop import Rows, Workshop
+
+CACHED: Final = "Cached"
+"""Name of the state of a task run that had nothing to compute."""
 
 
 class Shard:
@@ -51,124 +52,33 @@ class ProducerShard:
         return self.name
 
 
-class Bench:
-    """The workshop and where Prefect keeps results, handed to every task.
-
-    Attributes:
-        api: What the ledger of flow runs calls Prefect's API in use.
-    """
-
-    __slots__ = ("api", "results", "workshop")
-
-    def __init__(self, workshop: Workshop, results: Path, api: str = "") -> None:
-        self.workshop = workshop
-        self.results = results
-        self.api = api
-
-
-def stored_in(bench: Bench, stage: "Task[Any, Any]") -> "Task[Any, Any]":
-    """`stage` with its results in the folder of `bench`."""
-    return stage.with_options(result_storage=bench.results)
-
-
-def _evaluate_key(_: TaskRunContext, parameters: dict[str, Any]) -> str:
-    bench, shard = parameters["bench"], parameters["shard"]
-    keys = [each.key for each in shard.evaluations]
-    return _checked(bench, merkle("evaluate", keys), keys)
-
-
-def _execute_key(_: TaskRunContext, parameters: dict[str, Any]) -> str:
-    bench, members = parameters["bench"], parameters["shard"].members
-    shelf = bench.workshop.shelf
-    promised: list[Value] = [[shelf.keys.recordings(member.scenario.digest), member.runs] for member in members]
-    key = merkle("execute", promised)
-    if not all(shelf.recorded(member) for member in members):
-        _forget(bench, key)
-    return key
-
-
-def _observe_key(_: TaskRunContext, parameters: dict[str, Any]) -> str:
-    bench = parameters["bench"]
-    keys = bench.workshop.trace_keys(parameters["shard"].members, parameters["recorded"])
-    return _checked(bench, merkle("observe", keys), keys)
-
-
-def _judge_key(_: TaskRunContext, parameters: dict[str, Any]) -> str:
-    bench = parameters["bench"]
-    keys = bench.workshop.verdict_keys(parameters["shard"].members, parameters["observed"])
-    return _checked(bench, merkle("judge", keys), keys)
-
-
-def _checked(bench: Bench, key: str, promised: Sequence[str]) -> str:
-    if any(bench.workshop.shelf.store.find(each) is None for each in promised):
-        _forget(bench, key)
-    return key
-
-
-def _forget(bench: Bench, key: str) -> None:
-    (bench.results / key).unlink(missing_ok=True)
-
-
-def _whole(result: tuple[Rows, bool]) -> Rows:
-    """The rows; those of a shard in which something is missing are not for Prefect to remember."""
-    rows, complete = result
-    if not complete:
-        _keep_nothing()
-    return rows
-
-
-def _keep_nothing() -> None:
-    transaction = get_transaction()
-    if transaction is not None:
-        transaction.write_on_commit = False
-
-
-@task(
-    name="instantiate",
-    task_run_name="instantiate {shard}",
-    cache_key_fn=_evaluate_key,
-    persist_result=True,
-    result_serializer="json",
-)
-def evaluate(shard: ProducerShard, bench: Bench) -> dict[str, str]:
+@task(name="instantiate", task_run_name="instantiate {shard}", cache_policy=NO_CACHE, persist_result=False)
+def evaluate(shard: ProducerShard, engine: Engine) -> State[Any]:
     """Evaluate a producer; gives the errors by key."""
-    errors = bench.workshop.evaluate(shard.packed, shard.evaluations)
-    if errors:
-        _keep_nothing()
-    return errors
+    return _ended(engine.evaluate(shard.packed, shard.evaluations))
 
 
-@task(
-    name="execute",
-    task_run_name="execute {shard}",
-    cache_key_fn=_execute_key,
-    persist_result=True,
-    result_serializer="json",
-)
-def execute(shard: Shard, bench: Bench) -> Rows:
-    """Execute a shard's missing runs."""
-    return _whole(bench.workshop.execute(shard.members))
+@task(name="execute", task_run_name="execute {shard}", cache_policy=NO_CACHE, persist_result=False)
+def execute(shard: Shard, engine: Engine) -> State[Any]:
+    """Execute a shard's missing runs; gives the recorded `Rows`."""
+    return _ended(engine.execute(shard.members))
 
 
-@task(
-    name="observe",
-    task_run_name="observe {shard}",
-    cache_key_fn=_observe_key,
-    persist_result=True,
-    result_serializer="json",
-)
-def observe(shard: Shard, recorded: Rows, bench: Bench) -> Rows:
-    """Observe a shard's recordings."""
-    return _whole(bench.workshop.observe(shard.members, recorded))
+@task(name="observe", task_run_name="observe {shard}", cache_policy=NO_CACHE, persist_result=False)
+def observe(shard: Shard, recorded: Rows, engine: Engine) -> State[Any]:
+    """Observe a shard's recordings; gives the observed `Rows`."""
+    return _ended(engine.observe(shard.members, recorded))
 
 
-@task(
-    name="judge",
-    task_run_name="judge {shard}",
-    cache_key_fn=_judge_key,
-    persist_result=True,
-    result_serializer="json",
-)
-def judge(shard: Shard, observed: Rows, bench: Bench) -> Rows:
-    """Judge a shard's traces."""
-    return _whole(bench.workshop.judge(shard.members, observed))
+@task(name="judge", task_run_name="judge {shard}", cache_policy=NO_CACHE, persist_result=False)
+def judge(shard: Shard, observed: Rows, engine: Engine) -> State[Any]:
+    """Judge a shard's traces; gives the judged `Rows`."""
+    return _ended(engine.judge(shard.members, observed))
+
+
+def _ended(outcome: Outcome[Any]) -> State[Any]:
+    """The state in which a task run ends."""
+    there = f"{outcome.there} of {outcome.wanted} in the store"
+    if outcome.there == outcome.wanted > 0:
+        return Completed(name=CACHED, message=there, data=outcome.made)
+    return Completed(message=f"{there} before", data=outcome.made)

@@ -9,11 +9,12 @@ from prefect.futures import PrefectFuture, wait
 from vastflow.flows.computing.task_log import quiet_task_runs
 from vastflow.flows.computing.task_runs import catch_up, entered, evaluator, log_known, runs_shown, settle, shards_shown
 from vastflow.tasks import stages
+from vastflow.tasks.engine import Engine
+from vastflow.tasks.index import Member
 from vastflow.tasks.instantiation import Evaluator
 from vastflow.tasks.progress import Progress
 from vastflow.tasks.shards import chunks
-from vastflow.tasks.shelf import Member
-from vastflow.tasks.stages import Bench, Shard
+from vastflow.tasks.stages import Shard
 
 Plan = Callable[[Evaluator], Sequence[Member]]
 """Gives the members of the campaign, instantiating it with the evaluator it is given if that has to be done."""
@@ -22,11 +23,11 @@ Plan = Callable[[Evaluator], Sequence[Member]]
 class Job:
     """What a campaign's flow is about. A plain object: neither Prefect nor its API looks into it."""
 
-    __slots__ = ("bench", "incomplete", "more", "plan", "progress", "running")
+    __slots__ = ("engine", "incomplete", "more", "plan", "progress", "running")
 
     def __init__(
         self,
-        bench: Bench,
+        engine: Engine,
         plan: Plan,
         incomplete: Callable[[], Container[str]],
         more: Callable[[], Sequence[Member]],
@@ -38,7 +39,7 @@ class Job:
         `more` gives, when all that was submitted has ended, the members that want more runs by what was judged: the next wave.
         `progress` is for the flow run's page; None where the page of a flow run round this one has it.
         """
-        self.bench = bench
+        self.engine = engine
         self.plan = plan
         self.incomplete = incomplete
         self.more = more
@@ -62,7 +63,7 @@ def campaign(title: str, job: Job) -> None:
     Args:
         title: The flow run's name.
     """
-    with entered(job.bench.api), quiet_task_runs():
+    with entered(), quiet_task_runs():
         _campaign(title, job)
 
 
@@ -71,13 +72,13 @@ def _campaign(title: str, job: Job) -> None:
     ended: dict[str, list[PrefectFuture[Any]]] = {"execute": [], "observe": [], "judge": []}
     recorded = 0
     try:
-        wave = job.plan(evaluator(job.bench, futures))
+        wave = job.plan(evaluator(job.engine, futures))
         job.running()
         name = title.rsplit(" ", 2)[0]
         show = shards_shown(name, "judged") if job.progress is None else runs_shown(name, job.progress)
         incomplete = job.incomplete()
         while wave:
-            begun = _through(job.bench, missing_shards(wave, incomplete))
+            begun = _through(job.engine, missing_shards(wave, incomplete))
             for stage, of_stage in begun.items():
                 ended[stage] += of_stage
                 futures += of_stage
@@ -96,10 +97,10 @@ def _campaign(title: str, job: Job) -> None:
     settle(futures)
 
 
-def _through(bench: Bench, shards: Sequence[Shard]) -> "dict[str, list[PrefectFuture[Any]]]":
+def _through(engine: Engine, shards: Sequence[Shard]) -> "dict[str, list[PrefectFuture[Any]]]":
     """Stage to the task runs in which shards go through it."""
-    same = unmapped(bench)
-    recorded = stages.stored_in(bench, stages.execute).map(shards, bench=same)
-    observed = stages.stored_in(bench, stages.observe).map(shards, recorded, bench=same)
-    judged = stages.stored_in(bench, stages.judge).map(shards, observed, bench=same)
+    same = unmapped(engine)
+    recorded = stages.execute.map(shards, engine=same)
+    observed = stages.observe.map(shards, recorded, engine=same)
+    judged = stages.judge.map(shards, observed, engine=same)
     return {"execute": recorded, "observe": observed, "judge": judged}

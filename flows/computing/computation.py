@@ -8,9 +8,11 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from vastflow.tasks import chatter, ending, ledger
+from vastflow.tasks.engine import Engine, block_size
+from vastflow.tasks.index import Index, Member
 from vastflow.tasks.pool import Pool, PoolClosed
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import (
@@ -22,13 +24,8 @@ from vastflow.tasks.server import (
     end_services,
     prefect_home,
 )
-from vastflow.tasks.shelf import Member, Shelf
 from vastflow.tasks.store import StoreError
 from vastflow.tasks.surroundings import check_surroundings
-from vastflow.tasks.workshop import Workshop, block_size
-
-if TYPE_CHECKING:
-    from vastflow.tasks.stages import Bench
 
 LOGGER: Final = logging.getLogger("vastflow.computation")
 
@@ -52,32 +49,28 @@ class Computation:
     Args:
         oracles: The pickled oracles.
         workers: Worker processes.
-        prefect_results: Folder for the results of Prefect's tasks.
         log: File for all that would be said on the terminal otherwise.
 
     Raises:
         SurroundingsError: this machine lacks something that a computation needs.
 
     Attributes:
-        workshop: What the flow's stages work with.
+        engine: What the flow's stages work with.
         flow_run_id: Of the flow run that has ended, where an API is configured that outlives it and no other flow run is round it.
     """
 
-    def __init__(
-        self, shelf: Shelf, oracles: bytes, workers: int, tally: Tally, prefect_results: Path, log: Path
-    ) -> None:
+    def __init__(self, index: Index, oracles: bytes, workers: int, tally: Tally, log: Path) -> None:
         check_surroundings()
         # Where one is configured it costs no processor time beside it; a profile of Prefect's says so only later.
         self._server = None if os.environ.get(CONFIGURED) else ApiServer(log)
         self._pool = Pool(workers, log)
-        self._prefect_results = prefect_results
         self._log = log
         self._tally = tally
         self.flow_run_id: str | None = None
-        self.workshop = Workshop(shelf, self._pool, tally, oracles)
+        self.engine = Engine(index, self._pool, tally, oracles)
 
     def run(
-        self, flow: "Callable[[Bench], Any]", begin: Callable[[Workshop], None] = lambda workshop: None
+        self, flow: Callable[[Engine], Any], begin: Callable[[Engine], None] = lambda engine: None
     ) -> BaseException | None:
         """Run a flow to its end.
 
@@ -95,13 +88,13 @@ class Computation:
         """
         flow_run = _Thread(lambda: self._run(flow))
         try:
-            begin(self.workshop)
+            begin(self.engine)
             flow_run.start()
             try:
                 return flow_run.outcome()
             finally:
-                if self.workshop.store_error is not None:  # what else broke follows from it
-                    raise self.workshop.store_error
+                if self.engine.store_error is not None:  # what else broke follows from it
+                    raise self.engine.store_error
         except KeyboardInterrupt:
             bound = ending.bound(self._kill_server) if ending.owns_process() else None
             chatter.hush()
@@ -121,11 +114,10 @@ class Computation:
         if self._server is not None:
             self._server.stop(0)
 
-    def _run(self, flow: "Callable[[Bench], Any]") -> BaseException | None:
+    def _run(self, flow: Callable[[Engine], Any]) -> BaseException | None:
         with ExitStack() as stack:
             stack.enter_context(chatter.prefect_log(self._log))
             from vastflow.tasks.patience import bounded
-            from vastflow.tasks.stages import Bench
 
             configured = configured_url()
             if configured:
@@ -142,7 +134,7 @@ class Computation:
                 ended = False
                 try:
                     with ledger.announced(api):
-                        state = flow(Bench(self.workshop, self._prefect_results, api))
+                        state = flow(self.engine)
                     ended = True
                     break
                 except Exception as error:  # what a flow raises is in its state: this is of Prefect itself
@@ -219,16 +211,16 @@ class _Thread:
             self._done.set()
 
 
-def begin_executing(workshop: Workshop, members: Sequence[Member], missing_runs: int, workers: int) -> None:
+def begin_executing(engine: Engine, members: Sequence[Member], missing_runs: int, workers: int) -> None:
     """Compile kernels where a robot drives, and hand the missing runs of members to the pool, while Prefect starts."""
     if any(member.drives for member in members):
-        workshop.warm_up()
-    workshop.block_runs = block_size(missing_runs, workers)
+        engine.warm_up()
+    engine.block_runs = block_size(missing_runs, workers)
 
     def start_all() -> None:
         with suppress(PoolClosed, StoreError):  # the flow meets the same
             for member in members:
-                workshop.start_executing(member)
+                engine.start_executing(member)
 
     threading.Thread(target=start_all, daemon=True).start()
 

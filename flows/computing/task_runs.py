@@ -11,12 +11,13 @@ from prefect.runtime import flow_run
 
 from vastflow.flows.computing.artifacts import INTERVAL_S, Page, ProgressBar, key_of, tag, tolerated
 from vastflow.tasks import ledger, stages
+from vastflow.tasks.engine import Engine
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.instantiation import Evaluator, Request
 from vastflow.tasks.progress import Progress
 from vastflow.tasks.server import configured_url, drain
 from vastflow.tasks.shards import chunks
-from vastflow.tasks.stages import Bench, ProducerShard
+from vastflow.tasks.stages import CACHED, ProducerShard
 
 MOST_UNRECORDED: Final = 1000
 """Task runs that may have ended without Prefect's server having recorded it; of thousands at a time it loses some silently."""
@@ -26,9 +27,9 @@ Show: TypeAlias = Callable[["Sequence[PrefectFuture[Any]]"], None]
 """Shows how far shards are until all are through; takes of each the last task run. Called for one wave after another."""
 
 
-def entered(api: str) -> AbstractContextManager[None]:
-    """Enter the flow run in the ledger, for its process may be killed; `api` as `Bench` has it."""
-    return ledger.begun(str(flow_run.id), api)
+def entered() -> AbstractContextManager[None]:
+    """Enter the flow run in the ledger, for its process may be killed."""
+    return ledger.begun(str(flow_run.id), configured_url() or "")
 
 
 @contextmanager
@@ -37,7 +38,7 @@ def held() -> Iterator[None]:
     api = configured_url() or ""
     ledger.end_orphans(api)
     try:
-        with entered(api):
+        with entered():
             yield
     finally:
         ledger.leave(str(flow_run.id))
@@ -47,7 +48,7 @@ class TaskFailed(RuntimeError):
     """A task failed as a whole: a fault of ours in Prefect's shell, not in a member."""
 
 
-def evaluator(bench: Bench, futures: "list[PrefectFuture[Any]]") -> Evaluator:
+def evaluator(engine: Engine, futures: "list[PrefectFuture[Any]]") -> Evaluator:
     """An evaluator that maps a task over shards of each producer's distinct inputs.
 
     Args:
@@ -56,7 +57,7 @@ def evaluator(bench: Bench, futures: "list[PrefectFuture[Any]]") -> Evaluator:
 
     def evaluate(requests: Sequence[Request]) -> Mapping[str, str]:
         shards = [shard for request in requests for shard in _producer_shards(request)]
-        mapped = stages.stored_in(bench, stages.evaluate).map(shards, bench=unmapped(bench))
+        mapped = stages.evaluate.map(shards, engine=unmapped(engine))
         futures.extend(mapped)
         return {key: error for future in mapped for key, error in future.result().items()}
 
@@ -118,7 +119,7 @@ def _ends_within(future: "PrefectFuture[Any]", timeout_s: float) -> bool:
 
 def log_known(stage: str, ended: "Sequence[PrefectFuture[Any]]") -> None:
     """Say in the flow run's log how many of a stage's shards Prefect knew already."""
-    known = sum(future.state.name == "Cached" for future in ended)
+    known = sum(future.state.name == CACHED for future in ended)
     get_run_logger().info("%s: %d shards, %d of them known already", stage, len(ended), known)
 
 

@@ -19,9 +19,9 @@ from vastflow.flows.results.origin_code import code_row
 from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
+from vastflow.tasks.index import Index, Member, Stored, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator, ProducerFault
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.shelf import Member, Shelf, Shelved, missing
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost
 
@@ -60,7 +60,7 @@ class DryRun:
         sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
         reused: Stage and family to what is in the store: runs, at `instantiate` evaluations.
         due: What is not.
-        shelved: Configuration to what is in the store of it.
+        stored: Configuration to what is in the store of it.
         faults: Producers that raised, as they would in a run.
     """
 
@@ -70,7 +70,7 @@ class DryRun:
     configurations: Sequence[Configuration] = field(repr=False)
     reused: Mapping[tuple[Stage, str], int]
     due: Sequence[Due] = field(repr=False)
-    shelved: Mapping[str, Sequence[Shelved]] = field(repr=False)
+    stored: Mapping[str, Sequence[Stored]] = field(repr=False)
     faults: Sequence[ProducerFault]
     keys: Keys = field(repr=False)
     sampled_from: int | None = None
@@ -133,15 +133,15 @@ def dry_run(
     instantiation = chosen.instantiation
     wanted = campaign.runs_asked(runs, sample)
     members = members_of(instantiation, wanted)
-    shelf = Shelf(overlay, keys)
+    index = Index(overlay, keys)
     stopping = stopping_of(campaign.sequential) if runs is None else None
     if stopping is not None:
-        members = [_ending(stopping, shelf, member) for member in members]
-    shelved = {member.name: shelf.shelved(member) for member in members}
+        members = [_ending(stopping, index, member) for member in members]
+    stored = {member.name: index.stored(member) for member in members}
     reasons = RunReasons(past, origins, found.instantiation.configurations)
     reused, due = _evaluations(evaluator.evaluated.values())
     for member in members:
-        _count(member, shelved[member.name], reasons, reused, due)
+        _count(member, stored[member.name], reasons, reused, due)
     return DryRun(
         name,
         wanted,
@@ -149,7 +149,7 @@ def dry_run(
         instantiation.configurations,
         reused,
         due,
-        shelved,
+        stored,
         chosen.faults,
         keys,
         instantiation.sampled_from,
@@ -157,10 +157,10 @@ def dry_run(
     )
 
 
-def _ending(stopping: Stopping, shelf: Shelf, member: Member) -> Member:
+def _ending(stopping: Stopping, index: Index, member: Member) -> Member:
     """A member with the runs at which its class is decided, or with the most as long as it is not."""
-    wanted, shelved = stopping.shelved(shelf, member)
-    whole = all(each.verdicts for each in shelved) and not missing([each.block for each in shelved], wanted.runs)
+    wanted, stored = stopping.stored(index, member)
+    whole = all(each.verdicts for each in stored) and not missing([each.block for each in stored], wanted.runs)
     return wanted if whole else member
 
 
@@ -186,11 +186,11 @@ def _evaluations(evaluated: Iterable[Evaluated]) -> tuple[Reused, list[Due]]:
     return reused, due
 
 
-def _count(member: Member, shelved: Sequence[Shelved], reasons: RunReasons, reused: Reused, due: list[Due]) -> None:
+def _count(member: Member, stored: Sequence[Stored], reasons: RunReasons, reused: Reused, due: list[Due]) -> None:
     """Sort a member's runs into what is there and what is to be computed, stage by stage."""
-    absent = missing([each.block for each in shelved], member.runs)
+    absent = missing([each.block for each in stored], member.runs)
     states: dict[Stage, set[int]] = {"execute": set(), "observe": set(), "judge": set()}
-    for each in shelved:
+    for each in stored:
         span = range(each.block.start, min(each.block.stop, member.runs))
         states["execute"].update(span)
         states["observe"].update(span if each.trace else ())

@@ -18,7 +18,7 @@ from vastflow.flows.results.replica import NotReplicable, replica
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.producers.faults import CampaignError, did_you_mean
 from vastflow.sim.scenario import Scenario
-from vastflow.tasks.shelf import Member, Shelf, Shelved
+from vastflow.tasks.index import Index, Member, Stored
 
 FILE: Final = "campaign file"
 """Who wrote what no producer did."""
@@ -87,7 +87,7 @@ def explanation(directory: Path, name: str, *, store: str | None = None, since: 
         past=past,
         row=row,
         dimensions=_dimensions(row),
-        then=None if keys is None else kept(Shelf(untouched(store), keys), Member(name, "", 1, scenario, past.runs)),
+        then=None if keys is None else kept(Index(untouched(store), keys), Member(name, "", 1, scenario, past.runs)),
         today=today,
         obstacle=obstacle,
         earlier=earlier,
@@ -95,20 +95,20 @@ def explanation(directory: Path, name: str, *, store: str | None = None, since: 
     )
 
 
-def kept(shelf: Shelf, member: Member) -> dict[str, dict[str, str]]:
+def kept(index: Index, member: Member) -> dict[str, dict[str, str]]:
     """Stage to the key of each artifact of a member that is in the store and its runs, as `0–4`."""
-    blocks = shelf.shelved(member)
-    return {"execute": {shelf.keys.recordings(member.scenario.digest): _runs(blocks)}, **_later(blocks)}
+    blocks = index.stored(member)
+    return {"execute": {index.keys.recordings(member.scenario.digest): _runs(blocks)}, **_later(blocks)}
 
 
-def _later(blocks: Sequence[Shelved]) -> dict[str, dict[str, str]]:
+def _later(blocks: Sequence[Stored]) -> dict[str, dict[str, str]]:
     return {
         "observe": {each.trace.key: _runs([each]) for each in blocks if each.trace},
         "judge": {each.verdicts.key: _runs([each]) for each in blocks if each.verdicts},
     }
 
 
-def _runs(blocks: Sequence[Shelved]) -> str:
+def _runs(blocks: Sequence[Stored]) -> str:
     """`0–4, 7` for run indices of blocks in order."""
     spans: list[tuple[int, int]] = []
     for each in blocks:

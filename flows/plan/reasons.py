@@ -13,8 +13,8 @@ from vastflow.flows.results.past import PARTS, Past, changes, contents, values_o
 from vastflow.flows.results.tables import Row, configuration_row, json_text
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import shown
+from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.shelf import Member
 from vastflow.tasks.source import SourceTree
 
 Kind: TypeAlias = Literal[

@@ -18,9 +18,9 @@ from vastflow.flows.pool.service import PoolService
 from vastflow.flows.pool.spread import Spread
 from vastflow.flows.pool.work_pool import WorkPoolError
 from vastflow.tasks.execution.job import PoolType
+from vastflow.tasks.index import Member
 from vastflow.tasks.parcel import Packer, ParcelError
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.shelf import Member
 
 
 class PoolJob:
@@ -46,9 +46,9 @@ def pool_campaign(title: str, job: PoolJob) -> None:
     """
     spread = job.spread
     futures: list[PrefectFuture[Any]] = []
-    with entered(job.job.bench.api), quiet_task_runs(), get_client(sync_client=True) as client:
-        workshop = job.job.bench.workshop
-        store = workshop.shelf.store
+    with entered(), quiet_task_runs(), get_client(sync_client=True) as client:
+        engine = job.job.engine
+        store = engine.index.store
         service = PoolService(
             client,
             spread.pool,
@@ -58,17 +58,17 @@ def pool_campaign(title: str, job: PoolJob) -> None:
             spread.job_variables,
             spread.workers_in,
             spread.say,
-            lambda: workshop.closed,
+            lambda: engine.closed,
         )
         try:
-            wave = job.job.plan(evaluator(job.job.bench, futures))
+            wave = job.job.plan(evaluator(job.job.engine, futures))
         finally:
             wait(futures)
         job.job.running()
         packer = Packer(store, spread.name, spread.keys, spread.oracles, spread.campaign.path.parent)
         # In a queue of a cluster a flow run may be pending for days.
         taken_s = TAKEN_S if service.kind is PoolType.process else None
-        driver = Driver(service, packer.packed, workshop, job.tally, spread.pool, spread.say, taken_s=taken_s)
+        driver = Driver(service, packer.packed, engine, job.tally, spread.pool, spread.say, taken_s=taken_s)
         try:
             show = _Shown(spread, wave)
             while wave:

@@ -13,15 +13,15 @@ from typing import Final, Protocol
 
 from vastflow.flows.pool.service import Seen
 from vastflow.flows.pool.work_pool import WorkersFailed, WorkPool, shard_count
+from vastflow.tasks.engine import Engine, MemberFault, judgements
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
+from vastflow.tasks.index import Member, missing
 from vastflow.tasks.pool import PoolClosed
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.shard_run import read_report
 from vastflow.tasks.shards import chunks
-from vastflow.tasks.shelf import Member, missing
 from vastflow.tasks.stages import Shard
 from vastflow.tasks.store import StoreError
-from vastflow.tasks.workshop import MemberFault, Workshop, judgements
 
 TRIES: Final = 3
 """A shard that fails is given to a worker as often before it is cut."""
@@ -97,7 +97,7 @@ class Driver:
         self,
         service: Service,
         packed: Callable[[Sequence[Member]], str],
-        workshop: Workshop,
+        engine: Engine,
         tally: Tally,
         pool: WorkPool,
         say: Callable[[str], None],
@@ -109,8 +109,8 @@ class Driver:
     ) -> None:
         self._service = service
         self._packed = packed
-        self._workshop = workshop
-        self._shelf = workshop.shelf
+        self._engine = engine
+        self._index = engine.index
         self._tally = tally
         self._pool = pool
         self._say = say
@@ -128,7 +128,7 @@ class Driver:
         self._in_vain = 0
 
     def run(self, members: Sequence[Member], show: Callable[[int, int], None] = lambda done, total: None) -> None:
-        """Return when every member is complete in the store or has a fault in the workshop.
+        """Return when every member is complete in the store or has a fault in the engine.
 
         Called again for members that want more runs than before, it goes on counting.
 
@@ -142,7 +142,7 @@ class Driver:
             PoolClosed: the campaign was ended.
         """
         for member in members:
-            blocks = self._shelf.blocks(member)
+            blocks = self._index.blocks(member)
             absent = frozenset(missing(blocks, member.runs))
             known, before = self._known.get(member.name, frozenset()), self._wanted.get(member.name, 0)
             self._known[member.name] = known | frozenset(range(before, member.runs)) - absent
@@ -156,7 +156,7 @@ class Driver:
                 self._service.cancel(self._open)
 
     def _parts(self, members: Sequence[Member]) -> list[Part]:
-        runs = sum(len(missing(self._shelf.blocks(member), member.runs)) for member in members)
+        runs = sum(len(missing(self._index.blocks(member), member.runs)) for member in members)
         count = shard_count(self._pool, len(members), max(runs, len(members)))
         parts = chunks([member.scenario.digest for member in members], count) if members else []
         return [Part(tuple(members[i] for i in part)) for part in parts]
@@ -187,7 +187,7 @@ class Driver:
     def _pause(self) -> None:
         until_s = time.monotonic() + self._poll_s
         while time.monotonic() < until_s:
-            if self._workshop.closed:
+            if self._engine.closed:
                 raise PoolClosed
             time.sleep(min(_STEP_S, self._poll_s))
 
@@ -219,14 +219,14 @@ class Driver:
                 landed.append((flow_run, run, found))
                 del self._open[flow_run]
         if landed:
-            self._shelf.store.survey()
+            self._index.store.survey()
         for flow_run, run, found in landed:
             self._take(flow_run, run, found)
 
     def _take(self, flow_run: str, run: _Run, found: Seen) -> None:
         if found.state == "Completed":
-            faults = read_report(self._shelf.store, flow_run)
-            self._workshop.add_faults(faults)
+            faults = read_report(self._index.store, flow_run)
+            self._engine.add_faults(faults)
             self._broken.update(fault.member for fault in faults)
         incomplete = [member for member in self._incomplete(run.part.members) if member.name not in self._broken]
         if len(incomplete) < len(run.part.members):
@@ -263,10 +263,10 @@ class Driver:
         self._shards += 1
 
     def _give_up(self, members: Sequence[Member], why: str) -> None:
-        self._workshop.add_faults([MemberFault(member.name, None, "execute", why) for member in members])
+        self._engine.add_faults([MemberFault(member.name, None, "execute", why) for member in members])
         for member in members:
             self._broken.add(member.name)
-            judged = {run for each in self._shelf.shelved(member) if each.verdicts for run in judgements(each.verdicts)}
+            judged = {run for each in self._index.stored(member) if each.verdicts for run in judgements(each.verdicts)}
             self._tally.judge(member.name, dict.fromkeys(set(range(member.runs)) - judged, "not judged"))
 
     def _look(self) -> None:
@@ -274,7 +274,7 @@ class Driver:
         began_s = time.monotonic()
         if began_s < self._look_at_s or not self._open:
             return
-        self._shelf.store.survey()
+        self._index.store.survey()
         for run in self._open.values():
             self._incomplete(run.part.members)
         took_s = time.monotonic() - began_s
@@ -284,14 +284,14 @@ class Driver:
         """Members of which something is missing in the store; what is there is counted."""
         incomplete = []
         for member in members:
-            shelved = self._shelf.shelved(member)
+            stored = self._index.stored(member)
             known = self._known[member.name]
-            for each in shelved:
+            for each in stored:
                 simulated_s = {int(run): float(s) for run, s in each.recordings.info["runs"] if run not in known}
                 self._tally.execute(member.name, simulated_s)
                 if each.verdicts is not None:
                     self._tally.judge(member.name, judgements(each.verdicts))
-            absent = missing([each.block for each in shelved], member.runs)
-            if absent or not all(each.verdicts for each in shelved):
+            absent = missing([each.block for each in stored], member.runs)
+            if absent or not all(each.verdicts for each in stored):
                 incomplete.append(member)
         return incomplete

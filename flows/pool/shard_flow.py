@@ -24,15 +24,15 @@ from vastflow.flows.computing.task_runs import held
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.oracles.oracle import OracleError
 from vastflow.tasks import chatter
+from vastflow.tasks.engine import Engine, MemberFault
 from vastflow.tasks.execution.deployment import BAR, OTHER_CODE, SHARD_FLOW, STORE_AWAY
+from vastflow.tasks.index import Index
 from vastflow.tasks.parcel import Parcel, ParcelError, differences, unpacked
 from vastflow.tasks.pool import Pool
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.shard_run import compute, missing_runs, write_report
-from vastflow.tasks.shelf import Shelf
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import WRITING_S, Lost, Store, StoreError, open_store, store_address
-from vastflow.tasks.workshop import MemberFault, Workshop
 
 Text: TypeAlias = Annotated[str, Field(min_length=1)]
 Positive: TypeAlias = Annotated[int, Field(ge=1)]
@@ -74,12 +74,12 @@ def _computed(kept: Store, parcel: Parcel, workers: int) -> State[Any]:
     with chatter.own_log(log):
         # No survey: of a store with 10,000s of artifacts these are few, and a fresh container has copies of no manifest.
         tally, pool = Tally(), Pool(workers, log)
-        workshop = Workshop(Shelf(kept, own), pool, tally, pickle.dumps(parcel.oracles))
+        engine = Engine(Index(kept, own), pool, tally, pickle.dumps(parcel.oracles))
         tally.expect({member.name: member.runs for member in parcel.members})
-        wanted, absent = sum(member.runs for member in parcel.members), missing_runs(workshop, parcel.members)
+        wanted, absent = sum(member.runs for member in parcel.members), missing_runs(engine, parcel.members)
         _say("%d configurations, %d of %d runs to execute", len(parcel.members), absent, wanted)
         with _beating(parcel.campaign, tally):
-            faults = compute(workshop, pool, parcel.members, workers)
+            faults = compute(engine, pool, parcel.members, workers)
     write_report(kept, str(flow_run.id), faults)
     done = tally.progress()
     verdicts = f"{done.passed} passed, {done.failed} failed, {done.not_judged} not judged"

@@ -6,8 +6,8 @@ from typing import TypeAlias
 from vastflow.flows.request.selection import Selection, sampled
 from vastflow.producers.faults import CampaignError, Fault, did_you_mean
 from vastflow.producers.instantiate import Instantiation
+from vastflow.tasks.index import Member
 from vastflow.tasks.instantiation import Instantiated, UnknownName, selected
-from vastflow.tasks.shelf import Member
 
 Runs: TypeAlias = int | Mapping[str, int]
 """Runs of each configuration that is no duplicate: indices 0 to this number - 1. The same of all, or by name."""

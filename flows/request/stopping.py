@@ -8,8 +8,8 @@ from typing import Any, Final
 from vastflow.oracles.statistics.classes import Bounds
 from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.vast.repetition import Sequential
-from vastflow.tasks.shelf import Member, Shelf, Shelved
-from vastflow.tasks.workshop import judgements
+from vastflow.tasks.engine import judgements
+from vastflow.tasks.index import Index, Member, Stored
 
 MOST_WAVES: Final = 16
 """Between two looks there are as many runs as let these many suffice, and one where they do: up to 21 runs from a minimum of 5.
@@ -78,9 +78,9 @@ class Stopping:
             if runs >= self.most or self._decided[judged][passed]:
                 return runs
 
-    def shelved(self, shelf: Shelf, member: Member) -> tuple[Member, list[Shelved]]:
+    def stored(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
         """A member with the runs that are wanted of it by what the store has, and what the store has of these."""
-        there = shelf.shelved(replace(member, runs=self.most))
+        there = index.stored(replace(member, runs=self.most))
         known = {run: said for each in there if each.verdicts for run, said in judgements(each.verdicts).items()}
         wanted = replace(member, runs=self.wanted(known))
         return wanted, [each for each in there if each.block.start < wanted.runs]

@@ -8,7 +8,7 @@ from typing import Final, Protocol
 from vastflow.oracles.trace import levelled
 from vastflow.oracles.verdict import Verdict, read_verdicts
 from vastflow.sim.recordings.blocks import read_block, read_rows, write_block
-from vastflow.tasks.shelf import Shelved
+from vastflow.tasks.index import Stored
 from vastflow.tasks.store import Store
 from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
 
@@ -91,47 +91,47 @@ class StoredResult:
     Reading raises `vastflow.tasks.store.Lost` where something is damaged.
 
     Args:
-        shelved: Its blocks.
+        stored: Its blocks.
         runs: Runs that are wanted.
     """
 
-    def __init__(self, store: Store, shelved: Sequence[Shelved], runs: int, faults: Sequence[RunFault]) -> None:
+    def __init__(self, store: Store, stored: Sequence[Stored], runs: int, faults: Sequence[RunFault]) -> None:
         self.faults = faults
-        self.exact = len(shelved) == 1 and shelved[0].block.stop <= runs
+        self.exact = len(stored) == 1 and stored[0].block.stop <= runs
         self._store = store
-        self._shelved = shelved
+        self._stored = stored
 
     @cached_property
     def recordings(self) -> Sequence[bytes]:
         """See `Found`."""
-        return [self._store.load(each.recordings, RECORDINGS) for each in self._shelved]
+        return [self._store.load(each.recordings, RECORDINGS) for each in self._stored]
 
     @property
     def traces(self) -> Sequence[bytes]:
         """See `Found`."""
-        return [self._store.load(each.trace, TRACES) for each in self._shelved if each.trace]
+        return [self._store.load(each.trace, TRACES) for each in self._stored if each.trace]
 
     @property
     def verdicts(self) -> Sequence[Verdict]:
         """See `Found`."""
-        contents = (self._store.load(each.verdicts, VERDICTS) for each in self._shelved if each.verdicts)
+        contents = (self._store.load(each.verdicts, VERDICTS) for each in self._stored if each.verdicts)
         return [verdict for content in contents for verdict in read_verdicts(content)]
 
     @property
     def behaviors(self) -> Sequence[bytes]:
         """See `Found`."""
-        return [self._store.load(each.recordings, BEHAVIORS) for each in self._shelved]
+        return [self._store.load(each.recordings, BEHAVIORS) for each in self._stored]
 
     @property
     def outputs(self) -> Sequence[bytes]:
         """See `Found`."""
-        having = (each.recordings for each in self._shelved if OUTPUTS in each.recordings.files)
+        having = (each.recordings for each in self._stored if OUTPUTS in each.recordings.files)
         return [self._store.load(recordings, OUTPUTS) for recordings in having]
 
     @property
     def logs(self) -> Sequence[bytes]:
         """See `Found`."""
-        found = (self._store.beside(each.recordings.key, RUN_LOG) for each in self._shelved)
+        found = (self._store.beside(each.recordings.key, RUN_LOG) for each in self._stored)
         return [log for log in found if log]
 
 

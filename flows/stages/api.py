@@ -17,12 +17,12 @@ from vastflow.flows.stages.traces import ObservedBlock, Traces
 from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.faults import CampaignError, Fault
+from vastflow.tasks.engine import Engine, judgements
+from vastflow.tasks.index import Block, Index, Member, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator
 from vastflow.tasks.progress import Observer, Tally
-from vastflow.tasks.shelf import Block, Member, Shelf, missing
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost
-from vastflow.tasks.workshop import Workshop, judgements
 
 OracleChoice: TypeAlias = str | Mapping[str, Mapping[str, Any]]
 """An oracle as a campaign file asks for it: its name, or `{name: parameters}`."""
@@ -56,7 +56,7 @@ def instantiate(
         tree = installed_tree()
         keys = campaign_keys(tree, opened.campaign.seed, opened.oracles)
         instantiator = Instantiator(opened.campaign, opened.store, keys, tree)
-        return Configurations(opened, *call.instantiated(instantiator, Shelf(opened.store, keys)))
+        return Configurations(opened, *call.instantiated(instantiator, Index(opened.store, keys)))
 
 
 def execute(
@@ -92,20 +92,20 @@ def execute(
     members = members_of(chosen.instantiation, wanted)
     with stage_call(opened, "execute", opened.oracles, workers, observer) as call:
         keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
-        shelf = Shelf(opened.store, keys)
+        index = Index(opened.store, keys)
         call.tally.expect({member.name: member.runs for member in members})
 
         def whole(member: Member) -> bool:
-            blocks = shelf.blocks(member)
+            blocks = index.blocks(member)
             _reuse(call.tally, member, blocks)
             return not missing(blocks, member.runs)
 
-        def begin(workshop: Workshop, absent: Sequence[Member]) -> None:
-            to_do = sum(len(missing(shelf.blocks(member), member.runs)) for member in absent)
-            begin_executing(workshop, absent, to_do, call.workers)
+        def begin(engine: Engine, absent: Sequence[Member]) -> None:
+            to_do = sum(len(missing(index.blocks(member), member.runs)) for member in absent)
+            begin_executing(engine, absent, to_do, call.workers)
 
-        faults = call.completed(shelf, members, whole, begin=begin)
-        blocks = {member.name: tuple(shelf.blocks(member)) for member in members}
+        faults = call.completed(index, members, whole, begin=begin)
+        blocks = {member.name: tuple(index.blocks(member)) for member in members}
     return Recordings(chosen, wanted, keys, blocks, (*configurations.faults, *faults))
 
 
@@ -125,7 +125,7 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
     with stage_call(opened, "observe", opened.oracles, workers, observer) as call:
         fresh = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
         keys = replace(recordings.keys, observe_source=fresh.observe_source, sources=fresh.sources)
-        shelf = Shelf(opened.store, keys)
+        index = Index(opened.store, keys)
         call.tally.expect({member.name: member.runs for member in members})
 
         def whole(member: Member) -> bool:
@@ -133,7 +133,7 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
             absent = [
                 block
                 for block in recordings.blocks[member.name]
-                if not shelf.store.find(shelf.trace_key(member, block))
+                if not index.store.find(index.trace_key(member, block))
             ]
             _check(opened, [block.key for block in absent], f"recordings of {member.name}", "execute")
             return not absent
@@ -141,8 +141,8 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
         def upstream(member: Member) -> list[list[Any]]:
             return [[block.start, block.stop, block.content] for block in recordings.blocks[member.name]]
 
-        faults = call.completed(shelf, members, whole, upstream)
-        blocks = {member.name: _observed(shelf, member, recordings) for member in members}
+        faults = call.completed(index, members, whole, upstream)
+        blocks = {member.name: _observed(index, member, recordings) for member in members}
     return Traces(recordings, keys, blocks, (*recordings.faults, *faults))
 
 
@@ -172,14 +172,14 @@ def judge(
     with stage_call(opened, "judge", asked, workers, observer) as call:
         fresh = campaign_keys(installed_tree(), opened.campaign.seed, asked)
         keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles, sources=fresh.sources)
-        shelf = Shelf(opened.store, keys)
+        index = Index(opened.store, keys)
         call.tally.expect({member.name: member.runs for member in members})
 
         def whole(member: Member) -> bool:
             _reuse(call.tally, member, [each.block for each in traces.blocks[member.name]])
             absent = []
             for each in traces.blocks[member.name]:
-                found = shelf.store.find(shelf.verdicts_key(member, each.block, each.content))
+                found = index.store.find(index.verdicts_key(member, each.block, each.content))
                 if found is None:
                     absent += [each.block.key, each.key]
                 else:
@@ -193,8 +193,8 @@ def judge(
                 for each in traces.blocks[member.name]
             ]
 
-        faults = call.completed(shelf, members, whole, upstream)
-        blocks = {member.name: _judged(shelf, member, traces) for member in members}
+        faults = call.completed(index, members, whole, upstream)
+        blocks = {member.name: _judged(index, member, traces) for member in members}
     return Verdicts(traces, tuple(oracle.name for oracle in asked), keys, blocks, (*traces.faults, *faults))
 
 
@@ -209,14 +209,14 @@ def _check(opened: OpenCampaign, keys: Sequence[str], what: str, stages: str) ->
         raise Lost(f"{what} are not in the store {opened.store.place!r} any more; {stages} again")
 
 
-def _observed(shelf: Shelf, member: Member, recordings: Recordings) -> tuple[ObservedBlock, ...]:
-    found = [(block, shelf.store.find(shelf.trace_key(member, block))) for block in recordings.blocks[member.name]]
+def _observed(index: Index, member: Member, recordings: Recordings) -> tuple[ObservedBlock, ...]:
+    found = [(block, index.store.find(index.trace_key(member, block))) for block in recordings.blocks[member.name]]
     return tuple(ObservedBlock(block, trace.key, trace.content) for block, trace in found if trace is not None)
 
 
-def _judged(shelf: Shelf, member: Member, traces: Traces) -> tuple[str, ...]:
-    keys = [shelf.verdicts_key(member, each.block, each.content) for each in traces.blocks[member.name]]
-    return tuple(key for key in keys if shelf.store.find(key) is not None)
+def _judged(index: Index, member: Member, traces: Traces) -> tuple[str, ...]:
+    keys = [index.verdicts_key(member, each.block, each.content) for each in traces.blocks[member.name]]
+    return tuple(key for key in keys if index.store.find(key) is not None)
 
 
 def _asked(opened: OpenCampaign, oracles: Sequence[OracleChoice]) -> tuple[Oracle[Any], ...]:

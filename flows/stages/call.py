@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vastflow.flows.computing.computation import WAVES, Computation, cores
 from vastflow.flows.request.opened import OpenCampaign
@@ -15,16 +15,13 @@ from vastflow.flows.results.found import RunFault
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.instantiate import Instantiation
 from vastflow.tasks import chatter, ending
+from vastflow.tasks.engine import Engine, Rows
+from vastflow.tasks.index import Index, Member
 from vastflow.tasks.instantiation import Evaluator, Instantiated, Instantiator
 from vastflow.tasks.progress import Observer, Reporter, Tally
 from vastflow.tasks.server import PrefectUnavailable
 from vastflow.tasks.shards import chunks
-from vastflow.tasks.shelf import Member, Shelf
 from vastflow.tasks.store import Lost, StoreError
-from vastflow.tasks.workshop import Rows, Workshop
-
-if TYPE_CHECKING:
-    from vastflow.tasks.stages import Bench
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +43,7 @@ class StageCall:
     title: str
     log: Path
 
-    def instantiated(self, instantiator: Instantiator, shelf: Shelf) -> tuple[Instantiation, tuple[RunFault, ...]]:
+    def instantiated(self, instantiator: Instantiator, index: Index) -> tuple[Instantiation, tuple[RunFault, ...]]:
         """The campaign's instantiation, and faults of producers.
 
         Raises:
@@ -68,12 +65,12 @@ class StageCall:
                 self.tally.begin("instantiating")
                 found.append(instantiator.instantiated(evaluator))
 
-            def flow(bench: "Bench") -> Any:
+            def flow(engine: Engine) -> Any:
                 from vastflow.flows.stages import flows as stage_flows
 
-                return stage_flows.instantiate(self.title, self.opened.name, bench, plan, return_state=True)
+                return stage_flows.instantiate(self.title, self.opened.name, engine, plan, return_state=True)
 
-            error = self._computation(shelf).run(flow)
+            error = self._computation(index).run(flow)
             if error is None:
                 break
             found.clear()
@@ -90,11 +87,11 @@ class StageCall:
 
     def completed(
         self,
-        shelf: Shelf,
+        index: Index,
         members: Sequence[Member],
         whole: Callable[[Member], bool],
         upstream: Callable[[Member], list[list[Any]]] | None = None,
-        begin: Callable[[Workshop, Sequence[Member]], None] = lambda workshop, members: None,
+        begin: Callable[[Engine, Sequence[Member]], None] = lambda engine, members: None,
     ) -> tuple[RunFault, ...]:
         """Compute what is missing; gives the faults that are left.
 
@@ -119,13 +116,13 @@ class StageCall:
             if unavailable is not None:  # tasks end without Prefect's API, but these did not
                 raise unavailable
             self.tally.begin("starting Prefect")
-            computation = self._computation(shelf)
+            computation = self._computation(index)
             error = computation.run(
-                lambda bench, absent=absent: self._flow(bench, members, absent, upstream),
-                lambda workshop, absent=absent: begin(workshop, absent),
+                lambda engine, absent=absent: self._flow(engine, members, absent, upstream),
+                lambda engine, absent=absent: begin(engine, absent),
             )
             faults = tuple(
-                RunFault(each.member, each.run_index, each.stage, each.error) for each in computation.workshop.faults
+                RunFault(each.member, each.run_index, each.stage, each.error) for each in computation.engine.faults
             )
             if isinstance(error, PrefectUnavailable):
                 unavailable = error
@@ -141,7 +138,7 @@ class StageCall:
 
     def _flow(
         self,
-        bench: "Bench",
+        engine: Engine,
         members: Sequence[Member],
         absent: Sequence[Member],
         upstream: Callable[[Member], list[list[Any]]] | None,
@@ -155,11 +152,10 @@ class StageCall:
         rows: list[Rows] = [[upstream(m) for m in shard.members] for shard in shards] if upstream else []
         self.tally.begin("running")
         flow = getattr(stage_flows, self.stage)
-        return flow(self.title, stage_flows.StageJob(self.opened.name, bench, shards, rows), return_state=True)
+        return flow(self.title, stage_flows.StageJob(self.opened.name, engine, shards, rows), return_state=True)
 
-    def _computation(self, shelf: Shelf) -> Computation:
-        results = self.opened.store.local / "prefect"
-        return Computation(shelf, pickle.dumps(tuple(self.oracles)), self.workers, self.tally, results, self.log)
+    def _computation(self, index: Index) -> Computation:
+        return Computation(index, pickle.dumps(tuple(self.oracles)), self.workers, self.tally, self.log)
 
 
 @contextmanager

@@ -11,9 +11,9 @@ from vastflow.flows.computing.artifacts import tag, tolerated
 from vastflow.flows.computing.task_log import quiet_task_runs
 from vastflow.flows.computing.task_runs import entered, evaluator, log_known, settle, shards_shown
 from vastflow.tasks import stages
+from vastflow.tasks.engine import Engine, Rows
 from vastflow.tasks.instantiation import Evaluator
-from vastflow.tasks.stages import Bench, Shard
-from vastflow.tasks.workshop import Rows
+from vastflow.tasks.stages import Shard
 
 
 class StageJob:
@@ -24,17 +24,17 @@ class StageJob:
         upstream: Of each shard what the stage before it gave; empty for the first.
     """
 
-    __slots__ = ("bench", "name", "shards", "upstream")
+    __slots__ = ("engine", "name", "shards", "upstream")
 
-    def __init__(self, name: str, bench: Bench, shards: Sequence[Shard], upstream: Sequence[Rows] = ()) -> None:
+    def __init__(self, name: str, engine: Engine, shards: Sequence[Shard], upstream: Sequence[Rows] = ()) -> None:
         self.name = name
-        self.bench = bench
+        self.engine = engine
         self.shards = shards
         self.upstream = upstream
 
 
 @flow(name="instantiate", flow_run_name="{title}", validate_parameters=False, persist_result=False)
-def instantiate(title: str, name: str, bench: Bench, plan: Callable[[Evaluator], None]) -> None:
+def instantiate(title: str, name: str, engine: Engine, plan: Callable[[Evaluator], None]) -> None:
     """Instantiate a campaign.
 
     Args:
@@ -42,12 +42,12 @@ def instantiate(title: str, name: str, bench: Bench, plan: Callable[[Evaluator],
         name: The campaign's.
         plan: Instantiates with the evaluator that it is given.
     """
-    with entered(bench.api), quiet_task_runs():
+    with entered(), quiet_task_runs():
         futures: list[PrefectFuture[Any]] = []
         with tolerated():
             tag(str(flow_run.id), name)
         try:
-            plan(evaluator(bench, futures))
+            plan(evaluator(engine, futures))
         finally:
             wait(futures)
         log_known("instantiate", futures)
@@ -73,8 +73,8 @@ def judge(title: str, job: StageJob) -> None:
 
 
 def _through(done: str, job: StageJob, stage: "Task[Any, Any]", *upstream: Sequence[Rows]) -> None:
-    with entered(job.bench.api), quiet_task_runs():
-        futures = stages.stored_in(job.bench, stage).map(job.shards, *upstream, bench=unmapped(job.bench))
+    with entered(), quiet_task_runs():
+        futures = stage.map(job.shards, *upstream, engine=unmapped(job.engine))
         try:
             get_run_logger().info(
                 "%d configurations in %d shards", sum(len(shard.members) for shard in job.shards), len(job.shards)

@@ -10,8 +10,8 @@ from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.tables import RUNS, column_table, run_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text, number
 from vastflow.sim.recordings.blocks import read_rows
+from vastflow.tasks.index import Block
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.shelf import Block
 from vastflow.tasks.store import Lost, Store
 from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS
 

@@ -9,8 +9,8 @@ import pyarrow as pa
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.stages.configurations import Configurations, faults_text, number
 from vastflow.flows.stages.recordings import Recordings, outputs_of
+from vastflow.tasks.index import Block
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.shelf import Block
 from vastflow.tasks.work import RECORDINGS, TRACES
 
 if TYPE_CHECKING:

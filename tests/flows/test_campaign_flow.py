@@ -189,6 +189,15 @@ def test_every_task_run_is_recorded_in_a_final_state_under_a_readable_name(place
     assert sorted(found) == sorted((name, "Completed") for name in expected)
 
 
+def test_a_task_run_whose_shard_was_in_the_store_is_shown_as_cached(place, again):
+    again(("tiny.vast", "values: [0.0, 0.01]", "values: [0.0, 0.02]"))
+    last = "(select id from flow_run order by start_time desc limit 1)"
+    found = rows(place, f"select name, state_name from task_run where flow_run_id = {last}")
+    expected = {(f"{stage} {k} of room", "Completed") for stage in ("execute", "observe", "judge") for k in (2, 4)}
+    expected |= {("instantiate room by Task", "Cached"), ("instantiate room by ParameterVariationList", "Completed")}
+    assert set(found) == expected
+
+
 def test_the_flow_run_has_the_campaigns_name_and_size_and_is_completed(place, first):
     name, state = rows(place, "select name, state_name from flow_run order by start_time limit 1")[0]
     assert (name, state) == ("tiny, 4 configurations × 2 runs", "Completed")
@@ -275,17 +284,16 @@ def test_a_lost_trace_is_observed_again_and_nothing_else(artifacts, again, count
     assert counted() == {"runs": 0, "evaluate": 0, "observe": 0, "judge": 0}
 
 
-def test_an_oracle_that_raises_breaks_no_campaign_and_its_verdicts_are_not_kept(place, again):
+def test_an_oracle_that_raises_breaks_no_campaign_and_its_verdicts_are_not_kept(again, counted):
     broken = "distance_m = trace.run.distance_m if trace.run.run_index else 1 / 0"
-    results = place / "store" / "prefect" / "judge"
-    before = list(results.rglob("*"))
     found = again(("own_oracle.py", "distance_m = trace.run.distance_m", broken))
-    assert list(results.rglob("*")) == before
     assert found.summary.not_judged > 0
     assert {(fault.stage, fault.error) for fault in found.faults} == {("judge", "ZeroDivisionError: division by zero")}
     assert found.summary.executed == 0
+    judged = counted()["judge"]
     repaired = again(("own_oracle.py", "else 1 / 0", "else 1.0"))
     assert (repaired.summary.not_judged, repaired.faults) == (0, ())
+    assert counted()["judge"] == judged + CONFIGURATIONS
 
 
 SCRIPT = """

@@ -22,7 +22,7 @@ from vastflow.oracles.verdict import Verdict, write_verdicts
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.recordings.recording import Recording, Run
-from vastflow.tasks.shelf import Member, Shelf
+from vastflow.tasks.index import Index, Member
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import open_store
 
@@ -54,9 +54,9 @@ class Place:
         campaign, oracles = read_campaign(self.path)
         inputs, keys = inputs_of(campaign, oracles), campaign_keys(self._tree, campaign.seed, oracles)
         found = instantiate(campaign)
-        shelf = Shelf(open_store(self.store), keys)
+        index = Index(open_store(self.store), keys)
         for configuration in found.configurations:
-            stored(shelf, Member(configuration.name, configuration.family, 1, configuration.scenario, runs))
+            stored(index, Member(configuration.name, configuration.family, 1, configuration.scenario, runs))
         self._created += timedelta(hours=1)
         return write_results(
             self.results,
@@ -81,14 +81,14 @@ def block(runs):
     return write_recordings([Recording(Run(k, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0), {}) for k in range(runs)])
 
 
-def stored(shelf, member):
-    home = shelf.keys.recordings(member.scenario.digest)
-    recorded = shelf.store.put(f"{home}/0-{member.runs}", {"recordings.parquet": block(member.runs)})
-    (found,) = shelf.blocks(member)
-    trace = shelf.store.put(shelf.trace_key(member, found), {"traces.parquet": b"trace"})
+def stored(index, member):
+    home = index.keys.recordings(member.scenario.digest)
+    recorded = index.store.put(f"{home}/0-{member.runs}", {"recordings.parquet": block(member.runs)})
+    (found,) = index.blocks(member)
+    trace = index.store.put(index.trace_key(member, found), {"traces.parquet": b"trace"})
     verdicts = write_verdicts([Verdict("success", k, "pass") for k in range(member.runs)])
-    key = shelf.keys.verdicts(member.scenario.digest, recorded.content, trace.content)
-    shelf.store.put(key, {"verdicts.json": verdicts}, {"runs": [[k, "pass"] for k in range(member.runs)]})
+    key = index.keys.verdicts(member.scenario.digest, recorded.content, trace.content)
+    index.store.put(key, {"verdicts.json": verdicts}, {"runs": [[k, "pass"] for k in range(member.runs)]})
 
 
 @pytest.fixture

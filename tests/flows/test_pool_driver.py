@@ -13,16 +13,16 @@ from vastflow.flows.pool.driver import Driver
 from vastflow.flows.pool.service import Seen
 from vastflow.flows.pool.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
 from vastflow.sim.scenario import Scenario
+from vastflow.tasks.engine import Engine, MemberFault
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
+from vastflow.tasks.index import Index, Member
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.pool import Pool, PoolClosed
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.shard_run import write_report
-from vastflow.tasks.shelf import Member, Shelf
 from vastflow.tasks.store import StoreError
 from vastflow.tasks.work import RECORDINGS, TRACES, VERDICTS
-from vastflow.tasks.workshop import MemberFault, Workshop
 
 KEYS = Keys("numeric", "a", "b", "c", 0, [])
 RUNS = 2
@@ -35,14 +35,14 @@ def member(k):
 
 def compute(store, each, start=0, stop=RUNS):
     """What a worker leaves in the store of a member."""
-    shelf = Shelf(store, KEYS)
+    index = Index(store, KEYS)
     home = KEYS.recordings(each.scenario.digest)
     info = {"runs": [[run, 2.0] for run in range(start, stop)]}
     recorded = store.put(f"{home}/{start}-{stop}", {RECORDINGS: f"{each.name} {start}-{stop}".encode()}, info)
-    block = shelf.block(each, start, stop, recorded.content)
-    trace = store.put(shelf.trace_key(each, block), {TRACES: b"trace"})
+    block = index.block(each, start, stop, recorded.content)
+    trace = store.put(index.trace_key(each, block), {TRACES: b"trace"})
     said = {"runs": [[run, "pass"] for run in range(start, stop)]}
-    store.put(shelf.verdicts_key(each, block, trace.content), {VERDICTS: b"[]"}, said)
+    store.put(index.verdicts_key(each, block, trace.content), {VERDICTS: b"[]"}, said)
 
 
 class Workers:
@@ -107,10 +107,10 @@ def drive(tmp_path):
         pools.append(Pool(1))
         tally = Tally()
         tally.expect({each.name: RUNS for each in members})
-        workshop = Workshop(Shelf(store, KEYS), pools[-1], tally, b"")
+        engine = Engine(Index(store, KEYS), pools[-1], tally, b"")
         workers, said = Workers(store, act, online), []
         driver = Driver(
-            workers, workers.packed, workshop, tally, pool, said.append, **{"poll_s": 0.0, "silent_s": 9.0, **times}
+            workers, workers.packed, engine, tally, pool, said.append, **{"poll_s": 0.0, "silent_s": 9.0, **times}
         )
         workers.pool, workers.said = pools[-1], said
         error = None
@@ -118,7 +118,7 @@ def drive(tmp_path):
             driver.run(members)
         except Exception as raised:  # noqa: BLE001
             error = raised
-        return tally.progress(), workshop.faults, workers, error
+        return tally.progress(), engine.faults, workers, error
 
     yield run
     for pool in pools:
@@ -147,9 +147,9 @@ def test_members_that_want_more_runs_go_to_the_workers_again_for_these_alone(tmp
     store = open_local_store(tmp_path / "store")
     tally, pool = Tally(), Pool(1)
     tally.expect({each.name: RUNS for each in members})
-    workshop = Workshop(Shelf(store, KEYS), pool, tally, b"")
+    engine = Engine(Index(store, KEYS), pool, tally, b"")
     workers, shown = Workers(store, done), []
-    driver = Driver(workers, workers.packed, workshop, tally, WorkPool("lab", shards=1), print, poll_s=0.0)
+    driver = Driver(workers, workers.packed, engine, tally, WorkPool("lab", shards=1), print, poll_s=0.0)
     compute(store, members[0], 2, 4)  # of an earlier campaign: the first two runs of it are missing
     try:
         for each in members:

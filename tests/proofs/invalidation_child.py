@@ -16,14 +16,14 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.members import members_of
 from vastflow.tasks import source
+from vastflow.tasks.engine import Engine
 from vastflow.tasks.evaluation import packed
+from vastflow.tasks.index import Index
 from vastflow.tasks.instantiation import Instantiator
 from vastflow.tasks.pool import Pool
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.shard_run import compute
-from vastflow.tasks.shelf import Shelf
 from vastflow.tasks.store import open_store
-from vastflow.tasks.workshop import Workshop
 
 
 def main() -> None:
@@ -44,19 +44,19 @@ def main() -> None:
     store, tree = open_store(asked.store), source.installed_tree()
     keys = campaign_keys(tree, campaign.seed, oracles)
     pool = Pool(1, asked.store / "workers.log")
-    workshop = Workshop(Shelf(store, keys), pool, Tally(), pickle.dumps(oracles))
+    engine = Engine(Index(store, keys), pool, Tally(), pickle.dumps(oracles))
     errors = {}
 
     def evaluator(requests):
         for request in requests:
-            errors.update(workshop.evaluate(packed(request.producer), request.evaluations))
+            errors.update(engine.evaluate(packed(request.producer), request.evaluations).made)
         return errors
 
     if asked.wait:
         print("keyed", flush=True)
         sys.stdin.readline()
     found = Instantiator(campaign, store, keys, tree).instantiated(evaluator)
-    faults = compute(workshop, pool, members_of(found.instantiation, campaign.runs), 1)
+    faults = compute(engine, pool, members_of(found.instantiation, campaign.runs), 1)
     print(json.dumps([*errors.values(), *(fault.error for fault in faults)]))
 
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from vastflow.tasks.keys import Keys, merkle, numeric_class
+from vastflow.tasks.keys import Keys, numeric_class
 
 KEYS = Keys(
     numeric="x86_64; glibc 2.36; avx2 fma; ",
@@ -28,10 +28,6 @@ def test_the_keys_are_pinned():
     assert (
         KEYS.evaluation("p" * 64, "ParameterVariationList", {"name": "x"}, SCENARIO)
         == "evaluate/d4/d4d8a3cbb65bb3e8ffe5b55aac5186f22699844ecfb725ed05e7bd0aa7c95d65"
-    )
-    assert (
-        merkle("execute", [["a", 0, 5]])
-        == "execute/75/752e77c5162478bb75cc1a449443667ba40b67cd72ccddea3ab02412cb37091e"
     )
 
 

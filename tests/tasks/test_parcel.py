@@ -19,10 +19,10 @@ from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.reading.abstract import content_of, definition_of
 from vastflow.sim.reading.map_file import load_map, map_content
 from vastflow.sim.scenario import Scenario
+from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.parcel import Packer, ParcelError, differences, promise_of, unpacked
-from vastflow.tasks.shelf import Member
 from vastflow.tasks.store import Lost
 
 KEYS = Keys("x86; glibc", "a", "b", "c", 7, [["success", {}]])

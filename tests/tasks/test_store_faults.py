@@ -13,14 +13,14 @@ import pytest
 from vastflow.oracles.oracle import oracles_of
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks import work
+from vastflow.tasks.engine import Engine, judgements
+from vastflow.tasks.index import Index, Member, missing
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.object_store import ObjectStore, open_object_store
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.shelf import Member, Shelf, missing
 from vastflow.tasks.store import Lost
 from vastflow.tasks.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
-from vastflow.tasks.workshop import Workshop, judgements
 
 FAULTS = int(os.environ.get("VASTFLOW_FAULTS", "40"))
 MEMBERS = [
@@ -63,27 +63,27 @@ class Pool:
 def campaign(store):
     """What a session does of a campaign: complete and read, again if something is lost. Gives all files, and the jobs."""
     pool = Pool()
-    shelf = Shelf(store, Keys("numeric", "e", "o", "j", 0, []))
+    index = Index(store, Keys("numeric", "e", "o", "j", 0, []))
     for _ in range(4):
         store.survey()
-        shop = Workshop(shelf, pool, Tally(), pickle.dumps(oracles_of([])))
+        shop = Engine(index, pool, Tally(), pickle.dumps(oracles_of([])))
         recorded, _ = shop.execute(MEMBERS)
         observed, _ = shop.observe(MEMBERS, recorded)
         shop.judge(MEMBERS, observed)
         assert shop.faults == ()
         try:
-            return {member.name: files_of(shelf, member) for member in MEMBERS}, pool.done
+            return {member.name: files_of(index, member) for member in MEMBERS}, pool.done
         except Lost:
             continue
     raise AssertionError("lost again and again")
 
 
-def files_of(shelf, member):
-    shelved = shelf.shelved(member)
-    if missing([each.block for each in shelved], member.runs):
+def files_of(index, member):
+    stored = index.stored(member)
+    if missing([each.block for each in stored], member.runs):
         raise Lost(member.name)
-    load, found = shelf.store.load, []
-    for each in shelved:
+    load, found = index.store.load, []
+    for each in stored:
         if each.trace is None or each.verdicts is None:
             raise Lost(member.name)
         found += [load(each.recordings, RECORDINGS), load(each.recordings, BEHAVIORS)]

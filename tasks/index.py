@@ -1,4 +1,4 @@
-"""The shelf: which of a campaign's artifacts are in the store, and what is missing."""
+"""The index: which of a campaign's artifacts are in the store, and what is missing."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True)
-class Shelved:
+class Stored:
     """All that is in the store of a block."""
 
     block: Block
@@ -56,19 +56,19 @@ class Shelved:
 
 
 @dataclass(frozen=True, slots=True)
-class Shelf:
+class Index:
     """Where a campaign's artifacts are. Nothing is remembered: each question looks into the store."""
 
     store: Store
     keys: Keys
 
-    def shelved(self, member: Member) -> list[Shelved]:
+    def stored(self, member: Member) -> list[Stored]:
         """Everything there is of a member's wanted runs."""
         found = []
         for artifact, block in self._recorded(member):
             trace = self.store.find(self.trace_key(member, block))
             verdicts = self.store.find(self.verdicts_key(member, block, trace.content)) if trace else None
-            found.append(Shelved(block, artifact, trace, verdicts))
+            found.append(Stored(block, artifact, trace, verdicts))
         return found
 
     def blocks(self, member: Member) -> list[Block]:

@@ -1,4 +1,4 @@
-"""The workshop: a shard's stage as jobs of the pool, members found in the store left out.
+"""The engine: of any stage and members, what the store has is found, what is missing is computed, what broke is told.
 
 Prefect is not needed here: `vastflow.tasks.stages` puts its tasks round these methods.
 """
@@ -7,14 +7,14 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Generic, TypeAlias, TypeVar
 
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import PackedProducer
+from vastflow.tasks.index import Block, Index, Member, missing, stretches
 from vastflow.tasks.instantiation import Evaluation
 from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.shelf import Block, Member, Shelf, missing, stretches
 from vastflow.tasks.source_files import KeyedStore
 from vastflow.tasks.store import Artifact, StoreError
 from vastflow.tasks.work import Broken, Executed, Stage
@@ -23,7 +23,23 @@ MOST_RUNS_A_BLOCK: Final = 20
 _BLOCKS_A_WORKER: Final = 4
 
 Rows: TypeAlias = list[list[list[Any]]]
-"""Of each member, of each block: start, stop and content digests. Plain JSON, for it is a Prefect result."""
+"""Of each member, of each block: start, stop and content digests."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome(Generic[T]):
+    """What a stage came to on some members.
+
+    Attributes:
+        made: What it gives; what broke is missing in it.
+        there: How many of its `wanted` artifacts were in the store before.
+    """
+
+    made: T
+    there: int
+    wanted: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,22 +71,25 @@ class _Job:
     future: "Future[Any]"
 
 
-class Workshop:
-    """What the stages of one campaign work with, and the faults they met.
+class Engine:
+    """Brings one campaign's artifacts into the store, stage by stage, by a pool of worker processes.
+
+    A stage that is asked twice computes once: what is there is found. What broke is kept as a fault of its member.
 
     Args:
         oracles: The pickled oracles.
 
     Attributes:
+        index: What of the campaign the store has.
         block_runs: Most runs of a new block, see `block_size`.
         store_error: Why the store can't be used any more; everything has ended then.
     """
 
-    def __init__(self, shelf: Shelf, pool: Pool, tally: Tally, oracles: bytes) -> None:
-        self.shelf = shelf
+    def __init__(self, index: Index, pool: Pool, tally: Tally, oracles: bytes) -> None:
+        self.index = index
         self.block_runs = MOST_RUNS_A_BLOCK
         self.store_error: StoreError | None = None
-        self._store = KeyedStore(shelf.store, shelf.keys.sources)
+        self._store = KeyedStore(index.store, index.keys.sources)
         self._pool = pool
         self._tally = tally
         self._oracles = oracles
@@ -95,13 +114,9 @@ class Workshop:
         with self._lock:
             self._faults += faults
 
-    def evaluate(self, producer: PackedProducer, evaluations: Sequence[Evaluation]) -> dict[str, str]:
-        """Evaluate a producer where that is missing.
-
-        Returns:
-            Key of each evaluation at which it raised to the error.
-        """
-        store = self.shelf.store
+    def evaluate(self, producer: PackedProducer, evaluations: Sequence[Evaluation]) -> Outcome[dict[str, str]]:
+        """Evaluate a producer where that is missing; gives key to error of each evaluation at which it raised."""
+        store = self.index.store
         jobs = {
             each.key: self._submit(Priority.EVALUATE, work.evaluate, self._store, each.key, producer, each.inputs)
             for each in evaluations
@@ -110,7 +125,8 @@ class Workshop:
         answers = {key: self._answer(job) for key, job in jobs.items()}
         for key in jobs:
             store.changed(key)
-        return {key: answer.error for key, answer in answers.items() if isinstance(answer, Broken)}
+        errors = {key: answer.error for key, answer in answers.items() if isinstance(answer, Broken)}
+        return Outcome(errors, len(evaluations) - len(jobs), len(evaluations))
 
     def warm_up(self) -> None:
         """Have one worker compile the kernels before any executes: two at the same time would both compile."""
@@ -123,14 +139,14 @@ class Workshop:
         with self._lock:
             key = member.name, member.runs
             if key not in self._executing:
-                wanted = missing(self.shelf.blocks(member), member.runs)
+                wanted = missing(self.index.blocks(member), member.runs)
                 self._executing[key] = [
                     self._start(member, start, stop) for start, stop in stretches(wanted, self.block_runs)
                 ]
             return self._executing[key]
 
     def _start(self, member: Member, start: int, stop: int) -> "_Job":
-        keys = self.shelf.keys
+        keys = self.index.keys
         home = keys.recordings(member.scenario.digest)
         future = self._submit(
             Priority.EXECUTE, work.execute, self._store, home, member.scenario, start, stop, keys.seed
@@ -142,13 +158,11 @@ class Workshop:
         if done.exception() is None and isinstance(answer := done.result(), Executed):
             self._tally.execute(member.name, answer.simulated_s)
 
-    def execute(self, members: Sequence[Member]) -> tuple[Rows, bool]:
-        """Execute what is missing.
-
-        Returns:
-            Start, stop and content of each member's blocks; whether nothing is missing any more.
-        """
-        for member, jobs in [(member, list(self.start_executing(member))) for member in members]:
+    def execute(self, members: Sequence[Member]) -> Outcome[Rows]:
+        """Execute what is missing; gives start, stop and content of each member's blocks."""
+        started = [(member, list(self.start_executing(member))) for member in members]
+        there = sum(not jobs for _, jobs in started)
+        for member, jobs in started:
             for job in jobs:
                 answer = self._answer(job.future)
                 if isinstance(answer, Died) and job.stop - job.start > 1:
@@ -160,15 +174,16 @@ class Workshop:
                     for run_index, error in answer.broken.items():
                         self._fault(member, [run_index], "execute", error)
             if jobs:
-                self.shelf.store.changed(self.shelf.keys.recordings(member.scenario.digest))
-        found = [self.shelf.blocks(member) for member in members]
+                self.index.store.changed(self.index.keys.recordings(member.scenario.digest))
+        found = [self.index.blocks(member) for member in members]
         rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
-        return rows, not any(missing(blocks, member.runs) for blocks, member in zip(found, members, strict=True))
+        return Outcome(rows, there, len(members))
 
-    def observe(self, members: Sequence[Member], recorded: Rows) -> tuple[Rows, bool]:
+    def observe(self, members: Sequence[Member], recorded: Rows) -> Outcome[Rows]:
         """Observe recorded blocks; rows gain the trace's content."""
-        blocks, keys = self._blocks(members, recorded), self.trace_keys(members, recorded)
-        found = self._complete(
+        blocks = self._blocks(members, recorded)
+        keys = [self.index.trace_key(member, block) for member, block in blocks]
+        found, there = self._complete(
             "observe",
             blocks,
             keys,
@@ -180,12 +195,16 @@ class Workshop:
         for (member, block), trace in zip(blocks, found, strict=True):
             if trace is not None:
                 rows[member.name].append([block.start, block.stop, block.content, trace.content])
-        return list(rows.values()), all(found)
+        return Outcome(list(rows.values()), there, len(blocks))
 
-    def judge(self, members: Sequence[Member], observed: Rows) -> tuple[Rows, bool]:
+    def judge(self, members: Sequence[Member], observed: Rows) -> Outcome[Rows]:
         """Judge observed blocks; gives start, stop and the verdicts' content."""
-        blocks, keys = self._blocks(members, observed), self.verdict_keys(members, observed)
-        found = self._complete(
+        blocks = self._blocks(members, observed)
+        traces = [str(row[3]) for of_member in observed for row in of_member]
+        keys = [
+            self.index.verdicts_key(member, block, trace) for (member, block), trace in zip(blocks, traces, strict=True)
+        ]
+        found, there = self._complete(
             "judge",
             blocks,
             keys,
@@ -194,7 +213,7 @@ class Workshop:
                 work.judge,
                 self._store,
                 block.key,
-                self.shelf.trace_key(member, block),
+                self.index.trace_key(member, block),
                 key,
                 member.scenario,
                 self._oracles,
@@ -205,19 +224,7 @@ class Workshop:
             if verdicts is not None:
                 self._tally.judge(member.name, judgements(verdicts))
                 rows[member.name].append([block.start, block.stop, verdicts.content])
-        return list(rows.values()), all(found)
-
-    def trace_keys(self, members: Sequence[Member], recorded: Rows) -> list[str]:
-        """Key of the trace of each recorded block."""
-        return [self.shelf.trace_key(member, block) for member, block in self._blocks(members, recorded)]
-
-    def verdict_keys(self, members: Sequence[Member], observed: Rows) -> list[str]:
-        """Key of the verdicts on each observed block."""
-        traces = [str(row[3]) for of_member in observed for row in of_member]
-        return [
-            self.shelf.verdicts_key(member, block, trace)
-            for (member, block), trace in zip(self._blocks(members, observed), traces, strict=True)
-        ]
+        return Outcome(list(rows.values()), there, len(blocks))
 
     def _complete(
         self,
@@ -225,9 +232,9 @@ class Workshop:
         blocks: Sequence[tuple[Member, Block]],
         keys: Sequence[str],
         submit: Callable[[Member, Block, str], "Future[Any]"],
-    ) -> list[Artifact | None]:
-        """Compute what is missing of `keys`, one for each block; give what there is then."""
-        store = self.shelf.store
+    ) -> tuple[list[Artifact | None], int]:
+        """Compute what is missing of `keys`, one for each block; give what there is then, and how many there were before."""
+        store = self.index.store
         jobs = [
             submit(member, block, key) if store.find(key) is None else None
             for (member, block), key in zip(blocks, keys, strict=True)
@@ -238,11 +245,11 @@ class Workshop:
         for key, job in zip(keys, jobs, strict=True):
             if job is not None:
                 store.changed(key)
-        return [store.find(key) for key in keys]
+        return [store.find(key) for key in keys], jobs.count(None)
 
     def _blocks(self, members: Sequence[Member], rows: Rows) -> list[tuple[Member, Block]]:
         return [
-            (member, self.shelf.block(member, int(row[0]), int(row[1]), str(row[2])))
+            (member, self.index.block(member, int(row[0]), int(row[1]), str(row[2])))
             for member, of_member in zip(members, rows, strict=True)
             for row in of_member
         ]
