@@ -190,7 +190,7 @@ def test_every_task_run_is_recorded_in_a_final_state_under_a_readable_name(place
 
 
 def test_a_task_run_whose_shard_was_in_the_store_is_shown_as_cached(place, again):
-    again(("tiny.vast", "values: [0.0, 0.01]", "values: [0.0, 0.02]"))
+    again(("tiny.vast", "values: [0.0, 0.01]", "values: [0.0, 0.03]"))
     last = "(select id from flow_run order by start_time desc limit 1)"
     found = rows(place, f"select name, state_name from task_run where flow_run_id = {last}")
     expected = {(f"{stage} {k} of room", "Completed") for stage in ("execute", "observe", "judge") for k in (2, 4)}
