@@ -12,7 +12,7 @@ from vastflow.flows.commands.run import BAD_INPUT
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vastflow.sim.osc.definition import EnumValue, Parameter, ScenarioDefinition
+    from vastflow.sim.osc.definition import EnumValue, Field, ScenarioDefinition
     from vastflow.sim.osc.faults import OscFault
 
 scenario = typer.Typer(
@@ -75,7 +75,7 @@ def _lacking(definitions: "Sequence[ScenarioDefinition]") -> "list[OscFault]":
     ]
 
 
-def _described(definition: "ScenarioDefinition", parameter: "Parameter") -> dict[str, Any]:
+def _described(definition: "ScenarioDefinition", parameter: "Field") -> dict[str, Any]:
     from vastflow.sim.osc.parameters import default_of
 
     return {

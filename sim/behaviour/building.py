@@ -48,7 +48,7 @@ def build(
 
 def _declare(definition: ScenarioDefinition, state: RunState) -> None:
     """Give actors and variables their values, each after those that it needs; none needs itself."""
-    waiting: dict[str, Expression | None] = {variable.name: variable.initial for variable in definition.variables}
+    waiting: dict[str, Expression | None] = {variable.name: variable.default for variable in definition.variables}
     waiting |= {actor.name: Struct(actor.types[0], actor.members, actor.place) for actor in definition.actors}
 
     def settle(name: str) -> None:

@@ -103,7 +103,7 @@ class BehaviourChecker:
         """`child` with the modifiers that stand beside it, the first outermost."""
         calls = []
         for text in modifiers:
-            if text.modifiers.items:
+            if text.modifiers:
                 self.expressions.fault(text.call.place, "found a modifier of a modifier", "one after the other")
             calls.append(text.call)
         return self._applied(child, calls)
@@ -122,7 +122,7 @@ class BehaviourChecker:
         return self._modified(self.wrapped(composition, modifiers), text.modifiers)
 
     def _refuse_keep(self, text: WithText) -> None:
-        for item in text.items:
+        for item in text:
             if isinstance(item, KeepText):
                 self.expressions.fault(item.place, "found 'keep' where nothing has members", "'keep' below an action")
 
@@ -130,7 +130,7 @@ class BehaviourChecker:
         """`child` with what its `with:` block says: modifiers, the first outermost, and `until` outside of them."""
         calls: list[CallText] = []
         untils: list[UntilText] = []
-        for item in text.items:
+        for item in text:
             match item:
                 case CallText():
                     calls.append(item)
@@ -185,7 +185,7 @@ class BehaviourChecker:
         action = self._action(words[0]) if len(words) == 1 else self._action_of(words)
         if action is None:
             return None
-        keeps = [item for item in text.modifiers.items if isinstance(item, KeepText)]
+        keeps = [item for item in text.modifiers if isinstance(item, KeepText)]
         arguments = self._arguments(text.call, action, str(text.call.path), keeps)
         if arguments is None:
             return None

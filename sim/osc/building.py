@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from lark import Token, Transformer
 
-from vastflow.sim.osc.definition import Place
+from vastflow.sim.osc.definition import Constant, Place
 from vastflow.sim.osc.syntax import (
     ActText,
     ArgumentText,
@@ -25,7 +25,6 @@ from vastflow.sim.osc.syntax import (
     ImportText,
     KeepText,
     ListText,
-    LiteralText,
     MethodText,
     OperationText,
     PathText,
@@ -39,8 +38,6 @@ from vastflow.sim.osc.syntax import (
     WithText,
     Word,
 )
-
-NOTHING: Final = WithText(())
 
 ESCAPED: Final = re.compile(r"\\([\\'\"])")
 """Anything else behind a backslash is for the program or the pattern that the string is for."""
@@ -101,11 +98,11 @@ class Builder(Transformer[Token, FileText]):
 
     def field(self, children: list[Any]) -> FieldText:
         names, type_, default, *with_ = children
-        return FieldText(names, type_, default, with_[0] if with_ else NOTHING, False)
+        return FieldText(names, type_, default, _block(with_), False)
 
     def variable(self, children: list[Any]) -> FieldText:
         names, type_, default, *with_ = children
-        return FieldText(names, type_, default, with_[0] if with_ else NOTHING, True)
+        return FieldText(names, type_, default, _block(with_), True)
 
     def names(self, children: list[Any]) -> tuple[Word, ...]:
         return tuple(map(self._word, children))
@@ -147,7 +144,7 @@ class Builder(Transformer[Token, FileText]):
         if arguments is not None:
             return RefusedText(f"{kind} with arguments", f"'{kind}:' alone", place)
         with_ = members.pop()
-        return CompositionText(label, str(kind), tuple(members), with_ or NOTHING, place)  # type: ignore[arg-type]
+        return CompositionText(label, str(kind), tuple(members), with_ or (), place)  # type: ignore[arg-type]
 
     def composition_arguments(self, children: list[Any]) -> tuple[ArgumentText, ...]:
         return children[0] or ()
@@ -156,17 +153,17 @@ class Builder(Transformer[Token, FileText]):
         label, path, arguments, *with_ = children
         if str(path) in REFUSED_CALLS:
             return RefusedText(str(path), REFUSED_CALLS[str(path)], path.place)
-        return ActText(label, CallText(path, arguments or (), path.place), with_[0] if with_ else NOTHING)
+        return ActText(label, CallText(path, arguments or (), path.place), _block(with_))
 
     def wait(self, children: list[Any]) -> WaitText:
         label, keyword, awaited, *with_ = children
-        return WaitText(label, awaited, with_[0] if with_ else NOTHING, self._place(keyword))
+        return WaitText(label, awaited, _block(with_), self._place(keyword))
 
     def emit(self, children: list[Any]) -> EmitText | RefusedText:
         label, keyword, event, arguments, *with_ = children
         if arguments is not None:
             return RefusedText("emit with arguments", "the event alone", self._place(event))
-        return EmitText(label, self._word(event), with_[0] if with_ else NOTHING, self._place(keyword))
+        return EmitText(label, self._word(event), _block(with_), self._place(keyword))
 
     def label(self, children: list[Any]) -> Word:
         return self._word(children[0])
@@ -190,7 +187,7 @@ class Builder(Transformer[Token, FileText]):
         return RefusedText(repr(str(children[0])), "nothing in its place", self._place(children[0]))
 
     def with_(self, children: list[Any]) -> WithText:
-        return WithText(tuple(children))
+        return tuple(children)
 
     def modification(self, children: list[Any]) -> CallText | RefusedText:
         path, arguments = children
@@ -221,22 +218,22 @@ class Builder(Transformer[Token, FileText]):
         place = self._place(operator)
         if operator == "-" and isinstance(operand, PhysicalText):
             return PhysicalText(-operand.number, operand.unit, place)
-        if operator == "-" and isinstance(operand, LiteralText) and type(operand.value) in (int, float):
-            return LiteralText(-operand.value, place)  # type: ignore[operator]
+        if operator == "-" and isinstance(operand, Constant) and type(operand.value) in (int, float):
+            return Constant(-operand.value, place)  # type: ignore[operator]
         return OperationText(str(operator), (operand,), place)
 
-    def number(self, children: list[Any]) -> LiteralText:
-        return LiteralText(_number(children[0]), self._place(children[0]))
+    def number(self, children: list[Any]) -> Constant:
+        return Constant(_number(children[0]), self._place(children[0]))
 
     def physical(self, children: list[Any]) -> PhysicalText:
         number, unit = children
         return PhysicalText(_number(number), self._word(unit), self._place(number))
 
-    def string(self, children: list[Any]) -> LiteralText:
-        return LiteralText(_text(children[0]), self._place(children[0]))
+    def string(self, children: list[Any]) -> Constant:
+        return Constant(_text(children[0]), self._place(children[0]))
 
-    def truth(self, children: list[Any]) -> LiteralText:
-        return LiteralText(children[0] == "true", self._place(children[0]))
+    def truth(self, children: list[Any]) -> Constant:
+        return Constant(children[0] == "true", self._place(children[0]))
 
     def enumerator(self, children: list[Any]) -> EnumText:
         return EnumText(self._word(children[0]), self._word(children[1]), self._place(children[0]))
@@ -287,3 +284,8 @@ def _number(token: Token) -> int | float:
 def _text(token: Token) -> str:
     marks = 3 if token[:3] in ('"""', "'''") else 1
     return ESCAPED.sub(r"\1", str(token)[marks:-marks])
+
+
+def _block(with_: list[WithText]) -> WithText:
+    """The `with:` block, where there is one."""
+    return with_[0] if with_ else ()

@@ -1,58 +1,58 @@
 """From a scenario's syntax to its definition."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from vastflow.sim.osc.behaviours import ENDING, BehaviourChecker
-from vastflow.sim.osc.declarations import Declarations, Member
+from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.definition import (
     Actor,
     Behaviour,
-    Expression,
-    Parameter,
+    Field,
     ScenarioDefinition,
     Type,
-    Variable,
     names_in,
 )
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
-from vastflow.sim.osc.faults import OscFault, did_you_mean
+from vastflow.sim.osc.faults import OscFault, TypeHint, did_you_mean
 from vastflow.sim.osc.members import MemberChecker
 from vastflow.sim.osc.syntax import (
     ActText,
     CompoundText,
     DoText,
     EventText,
-    ExpressionText,
     FieldText,
     KeepText,
     MemberText,
     MethodText,
-    OperationText,
-    PhysicalText,
     RefusedText,
     Word,
 )
 
 
-def checked(text: CompoundText, declared: Declarations, faults: list[OscFault]) -> ScenarioDefinition | None:
-    """The definition of a scenario; None where something in it is at fault, which goes to `faults`."""
+def checked(
+    text: CompoundText, declared: Declarations, faults: list[OscFault], right_type: TypeHint
+) -> ScenarioDefinition | None:
+    """The definition of a scenario; None where something in it is at fault, which goes to `faults`.
+
+    Args:
+        right_type: What to write in place of an unknown type.
+    """
     before = len(faults)
-    scenario = _Scenario(declared, faults)
-    definition = scenario.definition(text)
+    definition = _Scenario(declared, ExpressionChecker(declared, faults, right_type)).definition(text)
     return definition if len(faults) == before else None
 
 
 class _Scenario:
     """Checks one scenario, with all that it inherits."""
 
-    def __init__(self, declared: Declarations, faults: list[OscFault]) -> None:
+    def __init__(self, declared: Declarations, expressions: ExpressionChecker) -> None:
         self._declared = declared
-        self._expressions = ExpressionChecker(declared, faults)
+        self._expressions = expressions
         self._members = MemberChecker(declared, self._expressions)
-        self._fields: dict[str, Member] = dict(declared.globals)
+        self._fields: dict[str, Field] = dict(declared.globals)
         self._own: set[str] = set()
         self._types: dict[str, Type] = {}
-        self._units: dict[str, str] = {}
         self._instances: dict[str, FieldText] = {}
         self._events: list[str] = []
         self._faulty: set[str] = set()
@@ -110,7 +110,7 @@ class _Scenario:
             case EventText():
                 self._event(member.name)
             case KeepText():
-                self._keep(member)
+                self._fields = self._members.keep(member, self._fields, self._visible())
             case MethodText():
                 pass  # may be declared; a call of it is refused
             case RefusedText():
@@ -133,19 +133,6 @@ class _Scenario:
                     self._expressions.fault(member.place, f"found {what}", "'name: actor' for each instance")
                 self._instances[member.name] = text
             self._fields[member.name] = member
-            if text.default is not None:
-                self._units[member.name] = _unit(text.default)
-
-    def _keep(self, text: KeepText) -> None:
-        before = self._fields
-        self._fields = self._members.keep(text, before, self._visible())
-        for name, member in self._fields.items():
-            if (
-                member is not before[name]
-                and member.type.kind == "physical"
-                and isinstance(text.condition, OperationText)
-            ):
-                self._units[name] = _unit(text.condition.operands[-1])
 
     def _event(self, name: Word) -> None:
         if name.text in self._fields or name.text in self._events or name.text in ENDING:
@@ -160,7 +147,7 @@ class _Scenario:
             changing += [f"{name}.{each.name}" for each in self._declared.variables_of(type_)]
         return Visible(types, frozenset(changing), frozenset(self._faulty))
 
-    def _is_variable(self, name: str, member: Member) -> bool:
+    def _is_variable(self, name: str, member: Field) -> bool:
         return member.is_variable or member is self._declared.globals.get(name)
 
     def _refuse_circles(self) -> None:
@@ -194,10 +181,10 @@ class _Scenario:
     def _actor(self, name: str, text: FieldText, visible: Visible) -> Actor | None:
         type_ = self._fields[name].type
         declared = self._declared.actors[type_.name]
-        members: Mapping[str, Member] = declared.members
+        members: Mapping[str, Field] = declared.members
         if text.default is not None:
             self._expressions.fault(self._fields[name].place, "found a value for an actor", "'keep' below it")
-        for item in text.keeps.items:
+        for item in text.keeps:
             if isinstance(item, KeepText):
                 members = self._members.keep(item, members, visible)
             else:
@@ -224,10 +211,9 @@ class _Scenario:
         for member in self._fields.values():
             if self._is_variable(member.name, member):
                 initial = member.default or self._declared.default_of(member.type, member.place)
-                variables.append(Variable(member.name, member.type, initial, member.place))
+                variables.append(replace(member, default=initial))
             elif member.type.kind != "actor":
-                unit = self._units.get(member.name, "")
-                parameters.append(Parameter(member.name, member.type, member.default, unit, member.place))
+                parameters.append(member)
         return ScenarioDefinition(
             name=str(text.name),
             parameters=tuple(parameters),
@@ -236,19 +222,8 @@ class _Scenario:
             events=tuple(self._events),
             root=root,
             place=text.name.place,
-            structs=_structs(self._declared),
+            structs={name: struct.members for name, struct in self._declared.structs.items()},
             units=self._declared.units,
             enums=self._declared.enums,
             bases=bases,
         )
-
-
-def _unit(text: ExpressionText | None) -> str:
-    return text.unit.text if isinstance(text, PhysicalText) else ""
-
-
-def _structs(declared: Declarations) -> Mapping[str, Mapping[str, tuple[Type, Expression | None]]]:
-    return {
-        name: {member.name: (member.type, member.default) for member in struct.members.values()}
-        for name, struct in declared.structs.items()
-    }

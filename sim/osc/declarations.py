@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
-from vastflow.sim.osc.definition import Expression, Place, Struct, Type, substituted
+from vastflow.sim.osc.definition import Expression, Field, Place, Struct, Type, substituted
 from vastflow.sim.osc.syntax import CompoundText
 
 BASIC: Final = ("int", "uint", "float", "bool", "string")
@@ -17,17 +17,6 @@ VARIABLE: Final = Type("variable", "basic")
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
-    """A field of a struct or actor, a parameter of an action, modifier, function or scenario, or a `var`."""
-
-    name: str
-    type: Type
-    default: Expression | None
-    is_variable: bool
-    place: Place
-
-
-@dataclass(frozen=True, slots=True)
 class Function:
     """An external function.
 
@@ -37,7 +26,7 @@ class Function:
     """
 
     name: str
-    parameters: Mapping[str, Member]
+    parameters: Mapping[str, Field]
     returns: Type | None
     of_library: bool
 
@@ -55,7 +44,7 @@ class Compound:
     kind: Literal["struct", "actor", "action", "modifier"]
     name: str
     bases: tuple[str, ...]
-    members: Mapping[str, Member]
+    members: Mapping[str, Field]
     functions: Mapping[str, Function]
     origin: str
     place: Place
@@ -79,7 +68,7 @@ class Declarations:
     actors: dict[str, Compound] = field(default_factory=dict)
     actions: dict[str, tuple[Compound, ...]] = field(default_factory=dict)
     modifiers: dict[str, Compound] = field(default_factory=dict)
-    globals: dict[str, Member] = field(default_factory=dict)
+    globals: dict[str, Field] = field(default_factory=dict)
     scenarios: dict[str, CompoundText] = field(default_factory=dict)
 
     def include(self, other: "Declarations") -> tuple[str, ...]:
@@ -133,13 +122,13 @@ class Declarations:
         kinds = {"struct": self.structs, "actor": self.actors}.get(found.kind, {})
         return found.name in kinds and wanted.name in kinds[found.name].bases
 
-    def members_of(self, type_: Type) -> Mapping[str, Member]:
+    def members_of(self, type_: Type) -> Mapping[str, Field]:
         """Members of a struct or an actor; none of anything else."""
         if type_.is_list or type_.kind not in ("struct", "actor"):
             return {}
         return (self.structs if type_.kind == "struct" else self.actors)[type_.name].members
 
-    def variables_of(self, type_: Type) -> tuple[Member, ...]:
+    def variables_of(self, type_: Type) -> tuple[Field, ...]:
         """The `var`s of an actor; none of anything else."""
         if type_.kind != "actor":
             return ()
@@ -153,11 +142,11 @@ class Declarations:
         return None if missing else Struct(type_.name, members, place)
 
     def filled(
-        self, given: Mapping[str, Expression], declared: Mapping[str, Member], place: Place
-    ) -> tuple[dict[str, Expression], list[Member]]:
+        self, given: Mapping[str, Expression], declared: Mapping[str, Field], place: Place
+    ) -> tuple[dict[str, Expression], list[Field]]:
         """`given` and the defaults of all other members, which may name members above; and the members without a value."""
         values: dict[str, Expression] = {}
-        missing: list[Member] = []
+        missing: list[Field] = []
         for name, member in declared.items():
             value = given.get(name)
             if value is None and member.default is not None:

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from vastflow.sim.osc.declarations import Compound, Declarations, Function, Member
-from vastflow.sim.osc.definition import Place, Type
+from vastflow.sim.osc.declarations import Compound, Declarations, Function
+from vastflow.sim.osc.definition import Field, Place, Type
 from vastflow.sim.osc.expressions import NO_NAMES, ExpressionChecker, Visible
-from vastflow.sim.osc.faults import OscFault, did_you_mean
+from vastflow.sim.osc.faults import OscFault, TypeHint, did_you_mean
 from vastflow.sim.osc.members import MemberChecker
 from vastflow.sim.osc.syntax import (
     ActText,
@@ -31,29 +31,37 @@ NEITHER: Final = ("factor", "offset")
 
 
 def declared(
-    text: FileText, imported: Declarations, origin: str, of_library: bool, faults: list[OscFault]
+    text: FileText,
+    imported: Declarations,
+    origin: str,
+    faults: list[OscFault],
+    right_type: TypeHint = did_you_mean,
+    *,
+    of_library: bool = False,
 ) -> Declarations:
     """`imported` and what `text` declares; what is wrong with it goes to `faults`.
 
     Args:
         origin: Name of the library, or the file.
+        right_type: What to write in place of an unknown type.
     """
-    return _Declarer(imported, origin, of_library, faults).declarations(text)
+    known = Declarations()
+    known.include(imported)
+    expressions = ExpressionChecker(known, faults, right_type, of_library=of_library)
+    return _Declarer(known, origin, expressions).declarations(text)
 
 
 class _Declarer:
     """Declares what a file holds; a type may stand below its use, so it is declared when it is first met."""
 
-    def __init__(self, imported: Declarations, origin: str, of_library: bool, faults: list[OscFault]) -> None:
-        self._declared = Declarations()
-        self._declared.include(imported)
+    def __init__(self, known: Declarations, origin: str, expressions: ExpressionChecker) -> None:
+        self._declared = known
         self._origin = origin
-        self._of_library = of_library
-        self._expressions = ExpressionChecker(self._declared, faults, of_library)
-        self._members = MemberChecker(self._declared, self._expressions, ensure=self._ensure, of_library=of_library)
+        self._expressions = expressions
+        self._members = MemberChecker(known, expressions, ensure=self._ensure)
         self._pending: dict[str, CompoundText] = {}
         self._places: dict[tuple[str, str], Place] = {}
-        self._globals: dict[str, Type] = {name: member.type for name, member in imported.globals.items()}
+        self._globals: dict[str, Type] = {name: member.type for name, member in known.globals.items()}
 
     def declarations(self, text: FileText) -> Declarations:
         for declaration in text.declarations:
@@ -183,7 +191,7 @@ class _Declarer:
 
     def _compound(self, text: CompoundText, base: Compound | None) -> Compound:
         assert text.kind != "scenario"
-        members: dict[str, Member] = dict(base.members) if base else {}
+        members: dict[str, Field] = dict(base.members) if base else {}
         functions: dict[str, Function] = dict(base.functions) if base else {}
         own: set[str] = set()
         for part in text.members:
@@ -219,7 +227,7 @@ class _Declarer:
             member.name: member for field in text.parameters for member in self._members.fields(field, NO_NAMES)
         }
         returns = None if text.returns is None else self._members.type_of(text.returns)
-        return Function(f"{owner.name}.{text.name.text}", parameters, returns, self._of_library)
+        return Function(f"{owner.name}.{text.name.text}", parameters, returns, self._expressions.of_library)
 
     def _global(self, text: FieldText) -> None:
         if all(self._is_new("global", name, self._declared.globals) for name in text.names):

@@ -237,29 +237,21 @@ Behaviour: TypeAlias = Composition | Call | Wait | Emit | Modified | Until
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
-    """A parameter of a scenario.
+class Field:
+    """A parameter or a `var` of a scenario, a struct, an actor, an action, a modifier or a function; or a global.
 
     Attributes:
-        default: None where a value has to be given from outside.
+        default: None where a value has to be given; a `var` begins with it.
         unit: Of a physical default as it is written (`36.0kmph`: `kmph`), else empty.
+        is_variable: Whether it is a `var`, a value that may change during a run.
     """
 
     name: str
     type: Type
     default: Expression | None
-    unit: str
     place: Place
-
-
-@dataclass(frozen=True, slots=True)
-class Variable:
-    """A `var`: a value that may change during a run; a global one counts as the scenario's too."""
-
-    name: str
-    type: Type
-    initial: Expression | None
-    place: Place
+    unit: str = ""
+    is_variable: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,22 +276,24 @@ class ScenarioDefinition:
     """A scenario, checked.
 
     Attributes:
+        parameters: In the order in which they are declared, as all fields.
+        variables: Globals are among them.
         events: Declared names.
         root: The `do` behaviour with the modifiers of the scenario's body wrapped round it.
-        structs: Struct name to its members' types and default expressions, for values that come from outside.
+        structs: Struct name to its members by name, for values that come from outside.
         units: Unit name to (physical type, factor, offset): value × factor + offset is SI.
         enums: Enum name to member name to number.
         bases: Scenarios that it inherits from, by name.
     """
 
     name: str
-    parameters: tuple[Parameter, ...]
-    variables: tuple[Variable, ...]
+    parameters: tuple[Field, ...]
+    variables: tuple[Field, ...]
     actors: tuple[Actor, ...]
     events: tuple[str, ...]
     root: Behaviour
     place: Place
-    structs: Mapping[str, Mapping[str, tuple[Type, Expression | None]]] = field(repr=False)
+    structs: Mapping[str, Mapping[str, Field]] = field(repr=False)
     units: Mapping[str, tuple[str, float, float]] = field(repr=False)
     enums: Mapping[str, Mapping[str, int]] = field(repr=False)
     bases: tuple[str, ...] = ()

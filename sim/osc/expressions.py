@@ -5,12 +5,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeAlias, cast
 
-from vastflow.sim.osc.declarations import ANY, VARIABLE, Declarations, Function, Member
+from vastflow.sim.osc.declarations import ANY, VARIABLE, Declarations, Function
 from vastflow.sim.osc.definition import (
     Constant,
     EnumValue,
     Expression,
     External,
+    Field,
     ListOf,
     Name,
     Operation,
@@ -19,8 +20,7 @@ from vastflow.sim.osc.definition import (
     Type,
 )
 from vastflow.sim.osc.evaluation import text_of
-from vastflow.sim.osc.faults import OscFault, did_you_mean
-from vastflow.sim.osc.hints import right_type
+from vastflow.sim.osc.faults import OscFault, TypeHint, did_you_mean
 from vastflow.sim.osc.operators import BOOL, FLOAT, INT, OPERANDS, STRING, is_number, result_of
 from vastflow.sim.osc.syntax import (
     ArgumentText,
@@ -28,7 +28,6 @@ from vastflow.sim.osc.syntax import (
     EnumText,
     ExpressionText,
     ListText,
-    LiteralText,
     OperationText,
     PathText,
     PhysicalText,
@@ -55,14 +54,30 @@ class Visible:
 
 NO_NAMES: Final = Visible({})
 
+LITERALS: Final[Mapping[type, Type]] = {bool: BOOL, int: INT, float: FLOAT, str: STRING}
+_NO_NUMBERS: Final = (bool, str, EnumValue)
+
 
 class ExpressionChecker:
-    """Checks expressions against declarations; what is wrong goes to `faults`, and the value is None then."""
+    """Checks expressions against declarations; what is wrong goes to `faults`, and the value is None then.
 
-    def __init__(self, declarations: Declarations, faults: list[OscFault], of_library: bool = False) -> None:
+    Attributes:
+        of_library: Whether what only libraries may use is known.
+        right_type: What to write in place of an unknown type.
+    """
+
+    def __init__(
+        self,
+        declarations: Declarations,
+        faults: list[OscFault],
+        right_type: TypeHint = did_you_mean,
+        *,
+        of_library: bool = False,
+    ) -> None:
         self._declared = declarations
         self._faults = faults
-        self._of_library = of_library
+        self.of_library: Final = of_library
+        self.right_type: Final = right_type
 
     def fault(self, place: Place, what: str, right: str) -> None:
         """Take down a fault."""
@@ -98,7 +113,7 @@ class ExpressionChecker:
     def value(self, text: ExpressionText, names: Visible) -> Typed | None:
         """What an expression is, and its type."""
         match text:
-            case LiteralText():
+            case Constant():
                 return self._literal(text)
             case PhysicalText():
                 return self._physical(text)
@@ -117,7 +132,7 @@ class ExpressionChecker:
                 return None
 
     def arguments(
-        self, texts: Iterable[ArgumentText], parameters: Mapping[str, Member], names: Visible, whose: str
+        self, texts: Iterable[ArgumentText], parameters: Mapping[str, Field], names: Visible, whose: str
     ) -> dict[str, Expression] | None:
         """The given arguments of a call by the names of its parameters, in their order; `whose` names what is called."""
         order = list(parameters)
@@ -147,7 +162,7 @@ class ExpressionChecker:
         return {name: cast(Expression, given[name]) for name in order if name in given}
 
     def complete(
-        self, given: Mapping[str, Expression], parameters: Mapping[str, Member], place: Place, whose: str
+        self, given: Mapping[str, Expression], parameters: Mapping[str, Field], place: Place, whose: str
     ) -> dict[str, Expression] | None:
         """`given` and the defaults of all other parameters, those that the members of structs have among them."""
         values, missing = self._declared.filled(given, parameters, place)
@@ -160,17 +175,17 @@ class ExpressionChecker:
     def _argument(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression | None:
         """As `assigned`, with what calls take beyond it: numbers for a number with a unit, in SI units, and for a text."""
         before = len(self._faults)
-        typed = self.value(text, names) if isinstance(text, LiteralText | PathText | OperationText) else None
+        typed = self.value(text, names) if isinstance(text, Constant | PathText | OperationText) else None
         takes_numbers = wanted == FLOAT or (wanted.kind == "physical" and not wanted.is_list)
         if typed is not None and takes_numbers and is_number(typed[1]):
             return typed[0]
-        if typed is not None and wanted == STRING and isinstance(text, LiteralText):
+        if typed is not None and wanted == STRING and isinstance(text, Constant):
             return Constant(text_of(text.value), text.place)
         del self._faults[before:]
         return self.assigned(text, wanted, names, whose)
 
     def _refuse_empty(self, text: ListText) -> None:
-        if not text.items and not self._of_library:
+        if not text.items and not self.of_library:
             self.fault(text.place, "found an empty list, which the language does not have", "one item or more")
 
     def _fits(self, value: Expression, found: Type, wanted: Type) -> bool:
@@ -192,15 +207,11 @@ class ExpressionChecker:
         self.fault(text.place, f"{what} for {whose}, the name of a variable", right)
         return None
 
-    def _literal(self, text: LiteralText) -> Typed | None:
-        if isinstance(text.value, bool):
-            return Constant(text.value, text.place), BOOL
-        if isinstance(text.value, str):
-            return Constant(text.value, text.place), STRING
-        if not math.isfinite(text.value):
+    def _literal(self, text: Constant) -> Typed | None:
+        if isinstance(text.value, int | float) and not math.isfinite(text.value):
             self.fault(text.place, "found a number that is too large", "at most 1.7e308")
             return None
-        return Constant(text.value, text.place), INT if isinstance(text.value, int) else FLOAT
+        return text, LITERALS[type(text.value)]
 
     def _physical(self, text: PhysicalText) -> Typed | None:
         unit = self._declared.units.get(text.unit.text)
@@ -268,7 +279,7 @@ class ExpressionChecker:
             elif name.text == "elapsed":
                 self.fault(name.place, "found elapsed inside of an expression", "'wait elapsed(…)' alone")
             else:
-                near = right_type(name.text, self._declared.structs)
+                near = self.right_type(name.text, self._declared.structs)
                 self.fault(name.place, f"unknown struct {name.text!r}", near)
             return None
         whose = f"{name.text}(…)"
@@ -321,7 +332,7 @@ class ExpressionChecker:
 
     def _such_as(self, wanted: Type, text: ExpressionText) -> str:
         """What would be right in place of `text`."""
-        number = text.value if isinstance(text, LiteralText) and type(text.value) in (int, float) else None
+        number = text.value if isinstance(text, Constant) and not isinstance(text.value, _NO_NUMBERS) else None
         if wanted.is_list:
             return f"[…], a {wanted}"
         if wanted.kind == "physical":
@@ -350,9 +361,9 @@ def _has_text(type_: Type) -> bool:
 
 def _shown(text: ExpressionText, type_: Type) -> str:
     match text:
-        case LiteralText(value=bool(value)):
+        case Constant(value=bool(value)):
             return f"{str(value).lower()}, a bool,"
-        case LiteralText(value=value):
+        case Constant(value=value):
             return f"{value!r:.40}, {_a(type_)},"
         case PhysicalText():
             return f"{text.number}{text.unit.text}, {_a(type_)},"

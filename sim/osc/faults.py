@@ -1,13 +1,16 @@
 """What is wrong with a scenario file, each fault with its place and what would be right."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Final
+from typing import Final, TypeAlias
 
 from vastflow.sim.osc.definition import Place
 
 MOST_LISTED: Final = 20
+
+TypeHint: TypeAlias = Callable[[str, Collection[str]], str]
+"""What to write in place of an unknown type, from its name and all that are known."""
 
 
 @dataclass(frozen=True, slots=True)

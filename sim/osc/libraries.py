@@ -1,12 +1,13 @@
 """The libraries that vastflow brings, `import osc.name`; each is read once in a process."""
 
+from collections.abc import Collection
 from functools import cache
 from importlib.resources import files
 from typing import Final
 
 from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.declaring import declared
-from vastflow.sim.osc.faults import OscError, OscFault
+from vastflow.sim.osc.faults import OscError, OscFault, did_you_mean, nearest
 from vastflow.sim.osc.parsing import parse
 
 PREFIX: Final = "osc."
@@ -28,7 +29,7 @@ def library(name: str) -> Declarations:
     for part in text.imports:
         imported.include(library(part.target))
     faults: list[OscFault] = []
-    declarations = declared(text, imported, name, True, faults)
+    declarations = declared(text, imported, name, faults, of_library=True)
     if faults:
         raise OscError(faults)
     return declarations
@@ -47,3 +48,14 @@ def home_of(type_name: str) -> str | None:
     """The library that declares a type, and not only imports it."""
     having = [name for name in library_names() if type_name in library(name).type_names()]
     return min(having, key=lambda name: len(library(name).type_names()) + len(library(name).actions), default=None)
+
+
+def right_type(name: str, known: Collection[str]) -> str:
+    """The library to import for a type, the nearest name among those that are known or in any library, or all known."""
+    if home := home_of(name):
+        return f"'import {home}', which declares it"
+    if nearest(name, known) is None:
+        elsewhere = {type_name for library_name in library_names() for type_name in library(library_name).type_names()}
+        if near := nearest(name, elsewhere):
+            return f"did you mean {near!r} of {home_of(near)}?"
+    return did_you_mean(name, known)

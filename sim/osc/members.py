@@ -4,11 +4,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final
 
-from vastflow.sim.osc.declarations import ANY, VARIABLE, Declarations, Member
-from vastflow.sim.osc.definition import Expression, Name, Struct, Type, below_of
+from vastflow.sim.osc.declarations import ANY, VARIABLE, Declarations
+from vastflow.sim.osc.definition import Expression, Field, Name, Struct, Type, below_of
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
 from vastflow.sim.osc.faults import did_you_mean
-from vastflow.sim.osc.hints import right_type
 from vastflow.sim.osc.syntax import (
     CallText,
     ExpressionText,
@@ -17,6 +16,7 @@ from vastflow.sim.osc.syntax import (
     MemberText,
     OperationText,
     PathText,
+    PhysicalText,
     RefusedText,
     TypeText,
     UntilText,
@@ -25,6 +25,11 @@ from vastflow.sim.osc.syntax import (
 
 RESERVED: Final = frozenset({"kg", "m", "s", "A", "K", "mol", "cd", "rad"})
 """Base units, which the language keeps for itself."""
+
+
+def unit_of(text: ExpressionText | None) -> str:
+    """The unit in which a value is written; empty for one without."""
+    return text.unit.text if isinstance(text, PhysicalText) else ""
 
 
 def nothing_more(name: str) -> None:
@@ -36,7 +41,6 @@ class MemberChecker:
 
     Args:
         ensure: Called with the name of a type before it is looked up, so that it may be declared further down.
-        of_library: Whether the types that only libraries may use are known.
     """
 
     def __init__(
@@ -45,23 +49,20 @@ class MemberChecker:
         expressions: ExpressionChecker,
         *,
         ensure: Callable[[str], None] = nothing_more,
-        of_library: bool = False,
     ) -> None:
         self._declared = declared
         self._expressions = expressions
         self._ensure = ensure
-        self._of_library = of_library
 
     def type_of(self, text: TypeText) -> Type | None:
         """The type that is named; None and a fault where there is none."""
         name = text.name.text
         self._ensure(name)
-        if self._of_library and name in (ANY.name, VARIABLE.name):
+        if self._expressions.of_library and name in (ANY.name, VARIABLE.name):
             return Type(name, "basic", text.is_list)
         type_ = self._declared.type_named(name, text.is_list)
         if type_ is None:
-            known = self._declared.type_names()
-            right = did_you_mean(name, known) if self._of_library else right_type(name, known)
+            right = self._expressions.right_type(name, self._declared.type_names())
             self._expressions.fault(text.name.place, f"unknown type {name!r}", right)
         return type_
 
@@ -72,7 +73,7 @@ class MemberChecker:
             return False
         return True
 
-    def fields(self, text: FieldText, names: Visible) -> list[Member]:
+    def fields(self, text: FieldText, names: Visible) -> list[Field]:
         """The members that a field declares, with what `keep` below it gives them; those with a fault are left out."""
         type_ = self.type_of(text.type)
         words = [name for name in text.names if self.allowed(name)]
@@ -85,26 +86,27 @@ class MemberChecker:
             if default is None:
                 return []
         if type_.kind != "actor":  # an instance's members are checked with the instance
-            for item in text.keeps.items:
+            for item in text.keeps:
                 if not isinstance(item, KeepText):
                     self.refuse_modifier(item)
                 elif (target := self._target(item)) is not None:
                     default = self._with_value(default, type_, *target, names)
-        return [Member(name.text, type_, default, text.is_variable, name.place) for name in words]
+        unit = unit_of(text.default)
+        return [Field(name.text, type_, default, name.place, unit, text.is_variable) for name in words]
 
     def types(self, text: MemberText) -> Iterator[tuple[str, Type]]:
         """The names that a member declares as fields, with their types."""
         if isinstance(text, FieldText) and (type_ := self.type_of(text.type)) is not None:
             yield from ((name.text, type_) for name in text.names)
 
-    def overriding(self, member: Member, inherited: Member) -> Member:
+    def overriding(self, member: Field, inherited: Field) -> Field:
         """A member that is declared again below what it is inherited from: with the new default, else the old one."""
         if not self._declared.is_a(member.type, inherited.type):
             what = f"{member.name!r} is declared already, as {inherited.type}"
             self._expressions.fault(member.place, what, f"{inherited.type}, or another name")
-        return replace(member, default=member.default or inherited.default)
+        return member if member.default else replace(member, default=inherited.default, unit=inherited.unit)
 
-    def keep(self, text: KeepText, members: Mapping[str, Member], names: Visible) -> dict[str, Member]:
+    def keep(self, text: KeepText, members: Mapping[str, Field], names: Visible) -> dict[str, Field]:
         """`members` with the value that a `keep` about their owner gives one of them."""
         kept = dict(members)
         target = self._target(text)
@@ -119,7 +121,8 @@ class MemberChecker:
             kept[first.text] = replace(member, default=default)
         else:
             given = self._expressions.assigned(value, member.type, names, repr(first.text))
-            kept[first.text] = replace(member, default=given or member.default)
+            if given is not None:
+                kept[first.text] = replace(member, default=given, unit=unit_of(value))
         return kept
 
     def refuse_modifier(self, item: CallText | UntilText | RefusedText) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequenc
 from numbers import Integral, Real
 from typing import Any, Final, cast
 
-from vastflow.sim.osc.definition import EnumValue, Expression, Parameter, ScenarioDefinition, Struct, Type
+from vastflow.sim.osc.definition import EnumValue, Expression, Field, ScenarioDefinition, Struct, Type
 from vastflow.sim.osc.evaluation import EvaluationError, evaluate, text_of
 from vastflow.sim.osc.faults import did_you_mean
 
@@ -78,7 +78,7 @@ class _Values(Mapping[str, Any]):
         self._functions = functions
         self._parameters = {parameter.name: parameter for parameter in scenario.parameters}
         self._others: dict[str, Expression] = {
-            variable.name: variable.initial for variable in scenario.variables if variable.initial is not None
+            variable.name: variable.default for variable in scenario.variables if variable.default is not None
         }
         self._others |= {actor.name: Struct(actor.types[0], actor.members, actor.place) for actor in scenario.actors}
         self._made: dict[str, Any] = {}
@@ -97,7 +97,7 @@ class _Values(Mapping[str, Any]):
                 self._made[name] = evaluate(self._others[name], self, self._functions)
         return self._made[name]
 
-    def _value(self, parameter: Parameter) -> Any:
+    def _value(self, parameter: Field) -> Any:
         default = None
         if parameter.name not in self._overrides or parameter.type.kind == "struct":
             default = self._default(parameter)
@@ -108,7 +108,7 @@ class _Values(Mapping[str, Any]):
         given = self._overrides[parameter.name]
         return self._fitted(parameter.name, parameter.type, given, default, parameter.unit)
 
-    def _default(self, parameter: Parameter) -> Any:
+    def _default(self, parameter: Field) -> Any:
         if parameter.default is None:
             return None
         try:
@@ -146,17 +146,17 @@ class _Values(Mapping[str, Any]):
             if name not in members:
                 raise self._mismatch(where, did_you_mean(str(name), members), f"member {name!r}")
         whole: dict[str, Any] = {}
-        for name, (member, usual) in members.items():
+        for name, member in members.items():
             below = f"{where}.{name}"
             value = default[name] if isinstance(default, Mapping) and name in default else None
-            if value is None and usual is not None:
-                value = evaluate(usual, ChainMap(whole, cast(MutableMapping[str, Any], self)), self._functions)
+            if value is None and member.default is not None:
+                value = evaluate(member.default, ChainMap(whole, cast(MutableMapping[str, Any], self)), self._functions)
             if name in given:
-                whole[name] = self._fitted(below, member, given[name], value, "")
-            elif value is None and member.kind == "struct" and not member.is_list:
-                whole[name] = self._struct(below, member, {}, None)
+                whole[name] = self._fitted(below, member.type, given[name], value, "")
+            elif value is None and member.type.kind == "struct" and not member.type.is_list:
+                whole[name] = self._struct(below, member.type, {}, None)
             elif value is None:
-                raise self._mismatch(below, f"a value, {_right(member)}", "nothing")
+                raise self._mismatch(below, f"a value, {_right(member.type)}", "nothing")
             else:
                 whole[name] = value
         return whole

@@ -9,7 +9,7 @@ from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.declaring import declared
 from vastflow.sim.osc.definition import Place, ScenarioDefinition
 from vastflow.sim.osc.faults import OscError, OscFault, did_you_mean, too_long
-from vastflow.sim.osc.libraries import library, library_names
+from vastflow.sim.osc.libraries import library, library_names, right_type
 from vastflow.sim.osc.parsing import parse
 from vastflow.sim.osc.syntax import CompoundText, FileText, ImportText
 from vastflow.sim.reading import files
@@ -80,7 +80,7 @@ def _read(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
     scenarios = [part for part in parsed.declarations if isinstance(part, CompoundText) and part.kind == "scenario"]
     if not scenarios:
         faults.append(OscFault(Place(file, 1, 1), "found no scenario", "'scenario name:' and what it does"))
-    definitions = [checked(scenario, declarations, faults) for scenario in scenarios]
+    definitions = [checked(scenario, declarations, faults, right_type) for scenario in scenarios]
     if faults:
         raise OscError(faults)
     return tuple(definition for definition in definitions if definition is not None)
@@ -95,7 +95,7 @@ def _declarations(
         clashing = imported.include(_imported(part, folder, read, faults))
         for name in clashing:
             faults.append(OscFault(part.place, f"{name!r} is declared by an import above too", "one of the imports"))
-    return declared(text, imported, file, False, faults)
+    return declared(text, imported, file, faults, right_type)
 
 
 def _imported(part: ImportText, folder: Path, read: dict[Path, Declarations], faults: list[OscFault]) -> Declarations:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from vastflow.sim.osc.definition import Place
+from vastflow.sim.osc.definition import Constant, Place
 
 
 @dataclass(frozen=True, slots=True)
@@ -11,14 +11,6 @@ class Word:
     """A name where it stands."""
 
     text: str
-    place: Place
-
-
-@dataclass(frozen=True, slots=True)
-class LiteralText:
-    """A number, a string or a truth value."""
-
-    value: int | float | bool | str
     place: Place
 
 
@@ -100,7 +92,7 @@ class RefusedText:
 
 
 ExpressionText: TypeAlias = (
-    LiteralText | PhysicalText | EnumText | PathText | CallText | ListText | OperationText | RefusedText
+    Constant | PhysicalText | EnumText | PathText | CallText | ListText | OperationText | RefusedText
 )
 
 
@@ -137,11 +129,8 @@ class UntilText:
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class WithText:
-    """A `with:` block."""
-
-    items: tuple[CallText | KeepText | UntilText | RefusedText, ...]
+WithText: TypeAlias = tuple[CallText | KeepText | UntilText | RefusedText, ...]
+"""What stands in a `with:` block."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from vastflow.sim.osc.definition import (
     Behaviour,
     Call,
     Composition,
+    Field,
     Modified,
-    Parameter,
     Place,
     ScenarioDefinition,
     Until,
@@ -124,7 +124,7 @@ def overrides_of(definition: ScenarioDefinition, given: Mapping[str, Value]) -> 
     return found
 
 
-def is_optional_list(parameter: Parameter) -> bool:
+def is_optional_list(parameter: Field) -> bool:
     """Whether a parameter without a value stands for nothing: a list of objects to spawn that has no default."""
     return parameter.type.is_list and parameter.type.name == "spawn_entity" and parameter.default is None
 

@@ -30,7 +30,7 @@ from vastflow.sim.behaviour.vocabulary import ACTIONS
 from vastflow.sim.nav.parameters.document import DocumentError, read_document
 from vastflow.sim.nav.parameters.findings import findings
 from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.osc.definition import Parameter
+from vastflow.sim.osc.definition import Field
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.reading.abstract import AbstractError, content_of, definition_of
@@ -306,7 +306,7 @@ def _room(folder: Path) -> Path:
     return folder / "room.yaml"
 
 
-def _made_up(parameter: Parameter) -> Any:
+def _made_up(parameter: Field) -> Any:
     """A value of a parameter's type."""
     kind = parameter.type
     if kind.name == "pose_3d":

@@ -17,6 +17,7 @@ from vastflow.sim.osc.definition import (
     Elapsed,
     Emit,
     External,
+    Field,
     Happened,
     Holds,
     Modified,
@@ -26,7 +27,6 @@ from vastflow.sim.osc.definition import (
     ScenarioDefinition,
     Type,
     Until,
-    Variable,
     Wait,
 )
 
@@ -156,7 +156,7 @@ trees = st.recursive(leaves, nodes, max_leaves=12)
 
 def tree_of(root, mission_end_s):
     variables = tuple(
-        Variable(name, Type("float", "basic"), constant(value), PLACE)
+        Field(name, Type("float", "basic"), constant(value), PLACE)
         for name, value in (("count", 0), ("mission_end_s", mission_end_s))
     )
     definition = ScenarioDefinition("random", (), variables, (), ("red", "green"), root, PLACE, {}, {}, {})

@@ -17,6 +17,7 @@ from vastflow.sim.osc.definition import (
     Elapsed,
     Emit,
     External,
+    Field,
     Happened,
     Holds,
     Modified,
@@ -26,7 +27,6 @@ from vastflow.sim.osc.definition import (
     ScenarioDefinition,
     Type,
     Until,
-    Variable,
     Wait,
 )
 from vastflow.sim.scenario_error import ScenarioError
@@ -181,7 +181,7 @@ def ended(under_way):
 
 
 def counter(initial=0):
-    return (Variable("count", Type("int", "basic"), Constant(initial, PLACE), PLACE),)
+    return (Field("count", Type("int", "basic"), Constant(initial, PLACE), PLACE),)
 
 
 def do(seconds=0.0, fails=False, **more):
@@ -401,7 +401,7 @@ def test_a_scenario_that_divides_by_zero_can_not_work_and_says_where(tree):
 def test_a_scenario_with_a_declaration_that_has_no_value_can_not_work(tree):
     initial = operation("/", 1.0, 0.0)
     with pytest.raises(ScenarioError, match=r"visit\.osc:8:5: .*zero"):
-        tree(log(), variables=(Variable("share", Type("float", "basic"), initial, PLACE),))
+        tree(log(), variables=(Field("share", Type("float", "basic"), initial, PLACE),))
 
 
 def test_an_action_of_an_actor_sees_the_actors_members_and_its_name(tree):

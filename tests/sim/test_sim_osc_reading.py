@@ -403,8 +403,8 @@ def test_a_list_of_structs_keeps_its_order():
 
 def test_structs_units_and_enums_in_scope_are_part_of_the_definition():
     definition = scenario("do log('x')", "gazebo")
-    type_, default = definition.structs["spawn_entity"]["xacro_arguments"]
-    assert (type_, default.value) == (Type("string", "basic"), "")
+    member = definition.structs["spawn_entity"]["xacro_arguments"]
+    assert (member.type, member.default.value) == (Type("string", "basic"), "")
     assert definition.units["kmph"] == ("speed", 0.277777778, 0.0)
     assert definition.enums["signal"]["sigterm"] == 15
 
