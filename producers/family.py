@@ -105,7 +105,7 @@ class FamilyReader:
         self._system = system or {}
         self._max_configurations = max_configurations
         self._search = maps or MapSearch(base)
-        self._context = {"base": base, "maps": self._search, "as_v1": as_v1}
+        self._context = {"base": base, "maps": self._search, "as_v1": as_v1, "plans": {}}
         self._remarked: set[str] = set()
         self._maps: dict[str, FileContent] = {}
         self._overridden, self._overrides = self._fixed(OVERRIDES)

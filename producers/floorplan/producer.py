@@ -46,15 +46,14 @@ AtLeastOne = BeforeValidator(_some)
 
 
 def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, ValidationInfo], F]:
-    """A validator that reads a path, relative to the validation context's `base`, and checks what is there."""
+    """A validator that reads a path, relative to the validation context's `base`, and checks what is there.
 
-    def validate(value: Any, info: ValidationInfo) -> F:
-        if isinstance(value, kind):
-            return value
-        if not isinstance(value, str):
-            raise PydanticCustomError("floorplan", "found {found}; the path of a file", {"found": repr(value)})
+    Files that were read are kept in the context's `plans`.
+    """
+
+    def checked(file: Path) -> F:
         try:
-            found = read(Path((info.context or {}).get("base", "."), value))
+            found = read(file)
             if isinstance(found, PlanFile):
                 found.building()
             else:
@@ -62,6 +61,18 @@ def _read(read: Callable[[Path], F], kind: type[F]) -> Callable[[Any, Validation
         except FloorplanError as error:
             code = MISSING_FILE if all(fault.missing for fault in error.faults) else "floorplan"
             raise PydanticCustomError(code, "{error}", {"error": error.brief}) from None
+        return found
+
+    def validate(value: Any, info: ValidationInfo) -> F:
+        if isinstance(value, kind):
+            return value
+        if not isinstance(value, str):
+            raise PydanticCustomError("floorplan", "found {found}; the path of a file", {"found": repr(value)})
+        context = info.context or {}
+        known = context.get("plans", {})  # a file may be named a hundred times, and reading it builds its plan
+        if (kind, value) not in known:
+            known[kind, value] = checked(Path(context.get("base", "."), value))
+        found: F = known[kind, value]
         return found.called(value)  # where the campaign lies is no part of what it says
 
     return validate
@@ -161,7 +172,7 @@ class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
     @property
     def notes(self) -> tuple[Note, ...]:
         """Of its plans."""
-        return tuple(note for plan in self.parameters.floorplans for note in plan.building().notes)
+        return tuple(note for plan in dict.fromkeys(self.parameters.floorplans) for note in plan.building().notes)
 
     @property
     def most_choices(self) -> int:
@@ -209,7 +220,8 @@ class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
     @property
     def notes(self) -> tuple[Note, ...]:
         """Of the plans that its files vary, as these are written."""
-        return tuple(note for file in self.parameters.variation_files for note in file.plan.building().notes)
+        plans = dict.fromkeys(file.plan for file in self.parameters.variation_files)
+        return tuple(note for plan in plans for note in plan.building().notes)
 
     @property
     def most_choices(self) -> int:

@@ -25,6 +25,8 @@ def _cells(occupancy: OccupancyMap, area: Polygon, half: float) -> NDArray[np.in
     (left, bottom), (right, top) = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
     first = np.maximum(occupancy.cell_of(left, bottom), 0)
     last = np.minimum(occupancy.cell_of(right, top), np.array(occupancy.shape) - 1)
+    if np.any(last < first):  # it lies beside the map, however far
+        return np.empty((0, 2), dtype=np.int64)
     rows, columns = np.mgrid[first[0] : last[0] + 1, first[1] : last[1] + 1]
     cells = np.column_stack((rows.ravel(), columns.ravel()))
     centres = (cells[:, ::-1] + 0.5) * occupancy.resolution_m + occupancy.origin_xy_m

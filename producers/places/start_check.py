@@ -80,6 +80,8 @@ class StartCheck:
     ) -> str | None:
         occupancy = occupancy_of(map_file)
         for key, pose in stops.items():
+            if not occupancy.contains(*occupancy.cell_of(pose.x_m, pose.y_m)):
+                return f"{key} ({pose.x_m:g}, {pose.y_m:g}) lies outside of the map"
             for outline in self._outlines_of(system):
                 area = _placed(outline, pose)
                 cells = touched_cells(occupancy, area)

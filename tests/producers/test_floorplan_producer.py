@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
-from vastflow.producers.floorplan import environment
+from vastflow.producers.floorplan import environment, files
 from vastflow.producers.floorplan.environment import environments_folder, environments_in
 from vastflow.producers.floorplan.producer import FloorplanGeneration, FloorplanVariation
 from vastflow.producers.producer import evaluate, find_producer
@@ -160,6 +160,20 @@ execution: {runs: 1}
 """)
     (warning,) = [note for note in load_campaign(base / "c.vast").notes if note.file == plan.name]
     assert warning.what.endswith("and is cut to that")
+
+
+def test_a_plan_that_a_campaign_names_a_hundred_times_is_built_once(base, monkeypatch):
+    built = []
+    build = files.build
+    monkeypatch.setattr(files, "build", lambda *given: built.append(given) or build(*given))
+    names = ["test_floorplan_example.variation"] * 100
+    poses = "[start_pose: {x: 0, y: 2}, goal_pose: {x: 2, y: 2}]"
+    family = (
+        f"  - name: a\n    parameters: {poses}\n    variations: [FloorplanVariation: {{variation_files: {names}}}]\n"
+    )
+    (base / "c.vast").write_text(f"version: 1\nconfiguration:\n{family}execution: {{runs: 1}}\n")
+    load_campaign(base / "c.vast")
+    assert len(built) <= 3  # as it is checked, and for its notes
 
 
 def test_a_plan_that_is_too_large_for_the_resolution_is_a_rejection(base):

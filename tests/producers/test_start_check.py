@@ -323,3 +323,9 @@ def test_the_outline_is_a_polygon_of_the_map(room):
             max(y for _, y in free) + 0.025,
         )
     )
+
+
+@pytest.mark.parametrize("start", [(9.3, 2.0), (-1.4, 2.0), (1e9, 100.0)])
+def test_a_start_outside_of_the_map_is_a_rejection_however_far_it_is(made, start):
+    (rejected,) = made(poses(start)).rejections
+    assert rejected.reason == f"start_pose ({start[0]:g}, {start[1]:g}) lies outside of the map"
