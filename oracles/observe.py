@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from vastflow.oracles.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.reference import reference_path
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.trace import NOWHERE_MM, MaybeReference, NoReference, Reference, levelled, reference_row
-from vastflow.oracles.whereabouts import Whereabouts, whereabouts_of
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.parameters.chosen import parameters_of
@@ -73,8 +73,8 @@ class Observer:
         """
         if not recording.columns:
             return NoReference("the scenario has no robot"), {}
-        obstacles = whereabouts_of(self.situation, recording.run)
-        reference = self.references(tuple(whereabouts.obstacle for whereabouts in obstacles if whereabouts.was_there))
+        obstacles = obstacle_tracks_of(self.situation, recording.run)
+        reference = self.references(tuple(track.obstacle for track in obstacles if track.was_there))
         x_m, y_m = si(recording.columns["x_mm"]), si(recording.columns["y_mm"])
         estimated_x_m, estimated_y_m = si(recording.columns["estimated_x_mm"]), si(recording.columns["estimated_y_mm"])
         derived = {"localization_error_mm": _mm(np.hypot(estimated_x_m - x_m, estimated_y_m - y_m))}
@@ -131,15 +131,15 @@ def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
 
 
 def _apart(
-    obstacles: Sequence[Whereabouts], t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]
+    obstacles: Sequence[ObstacleTrack], t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]
 ) -> dict[str, NDArray[np.int32]]:
     """Clearances and separations of the robot's centre (N, 2), least over the obstacles of each kind and size class."""
     apart_m: dict[str, list[NDArray[np.float64]]] = {}
-    for whereabouts in obstacles:
-        kind = "static" if whereabouts.was_there and whereabouts.appears_s is None else "appearing"
-        apart_m.setdefault(f"{kind}_clearance_mm", []).append(whereabouts.clearance_m(t_ms, xy_m))
-        centres_m = np.hypot(*(xy_m - whereabouts.at(t_ms)).T)
-        apart_m.setdefault(f"separation_mm/{whereabouts.obstacle.size_class}", []).append(centres_m)
+    for track in obstacles:
+        kind = "static" if track.was_there and track.appears_s is None else "appearing"
+        apart_m.setdefault(f"{kind}_clearance_mm", []).append(track.clearance_m(t_ms, xy_m))
+        centres_m = np.hypot(*(xy_m - track.at(t_ms)).T)
+        apart_m.setdefault(f"separation_mm/{track.obstacle.size_class}", []).append(centres_m)
     return {name: _mm(np.min(apart_m[name], axis=0)) for name in sorted(apart_m, key=lambda name: ("/" in name, name))}
 
 

@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.oracles.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
-from vastflow.oracles.whereabouts import Whereabouts, whereabouts_of
 
 _RESOLUTION_M: Final = 1e-3
 """Of a recording: a robot that stops before an obstacle is nearest to it until it leaves."""
@@ -52,16 +52,16 @@ def responses(trace: Trace, situation: Situation, braking: Braking) -> Iterator[
 
     Speeds are those of the recording, true and at 0.1 s, which is the resolution of the time.
     """
-    for whereabouts in whereabouts_of(situation, trace.run):
-        if whereabouts.appears_s is not None and len(trace):
-            response = _response(trace, whereabouts, whereabouts.appears_s, braking)
+    for track in obstacle_tracks_of(situation, trace.run):
+        if track.appears_s is not None and len(trace):
+            response = _response(trace, track, track.appears_s, braking)
             if response is not None:
                 yield response
 
 
-def _response(trace: Trace, whereabouts: Whereabouts, appears_s: float, braking: Braking) -> Response | None:
+def _response(trace: Trace, track: ObstacleTrack, appears_s: float, braking: Braking) -> Response | None:
     t_s = trace["t_s"]
-    apart_m = np.hypot(*(trace.xy_m - whereabouts.at(np.rint(t_s * 1000.0).astype(np.int32))).T)
+    apart_m = np.hypot(*(trace.xy_m - track.at(np.rint(t_s * 1000.0).astype(np.int32))).T)
     first = int(np.searchsorted(t_s, appears_s - 1e-9))
     if first >= len(t_s) or not np.isfinite(apart_m[first]):
         return None
@@ -71,7 +71,7 @@ def _response(trace: Trace, whereabouts: Whereabouts, appears_s: float, braking:
     end = first + int(np.flatnonzero(apart_m <= apart_m.min() + _RESOLUTION_M)[-1]) + 1
     begins = _begins(t_s[first:end], np.abs(trace["speed_mps"][first:end]), braking)
     time_s = round(float(t_s[first + begins] - t_s[first]), 3) if begins is not None else None
-    return Response(whereabouts.obstacle.name, appears_s, time_s)
+    return Response(track.obstacle.name, appears_s, time_s)
 
 
 def _begins(t_s: NDArray[np.float64], speed_mps: NDArray[np.float64], braking: Braking) -> int | None:

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.oracle import Oracle, Parameters
 from vastflow.oracles.response import Braking, responses
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Verdict
-from vastflow.oracles.whereabouts import whereabouts_of
 from vastflow.sim.world.obstacle import Obstacle
 
 
@@ -78,14 +78,14 @@ class Safety(Oracle[SafetyParameters]):
     }
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
-        whereabouts = whereabouts_of(situation, trace.run)
-        names = {each.obstacle.name for each in whereabouts}
+        tracks = obstacle_tracks_of(situation, trace.run)
+        names = {each.obstacle.name for each in tracks}
         touched = [event.what for event in trace.events("contact")]
         obstacles_touched = [what for what in touched if what in names]
         metrics: dict[str, float | None] = {"contacts": len(touched), "obstacle_contacts": len(obstacles_touched)}
         wrong = {"none": [], "obstacle": obstacles_touched, "any": touched}[self.parameters.fail_on_contact]
         closest = {
-            each.obstacle.size_class: each.obstacle for each in whereabouts
+            each.obstacle.size_class: each.obstacle for each in tracks
         }  # of one class, so one required separation
         if closest and not len(trace):
             return self.not_judged(trace, "the recording has no rows", **metrics)

@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace
-from vastflow.oracles.whereabouts import whereabouts_of
 from vastflow.sim.pose import Pose
 from vastflow.sim.recordings.recording import Event, Outcome, Run
 from vastflow.sim.world.obstacle import Obstacle, Trigger
@@ -101,7 +101,7 @@ def _apart(x_m: NDArray[np.float64], situation: Situation, run: Run) -> dict[str
     xy_m = np.column_stack((x_m, 0 * x_m))
     t_ms = np.rint(np.arange(len(x_m)) * STEP_S * 1000).astype(np.int32)
     apart_m: dict[str, NDArray[np.float64]] = {}
-    for each in whereabouts_of(situation, run):
+    for each in obstacle_tracks_of(situation, run):
         kind = "appearing" if each.obstacle.trigger else "static"
         for name, distance_m in (
             (f"{kind}_clearance_m", each.clearance_m(t_ms, xy_m)),

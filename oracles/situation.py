@@ -16,7 +16,7 @@ class Situation:
         start: None where the scenario has no robot.
         goals: Of the scenario's navigation actions in the order they are written, repeated by their loops; empty without one.
         obstacles: What is not on the robot's map, as the scenario has it: those with a trigger may never appear, and may be pushed
-            (`vastflow.oracles.whereabouts`). What a scenario file spawns itself is in a run's `entities`.
+            (`vastflow.oracles.obstacle_tracks`). What a scenario file spawns itself is in a run's `entities`.
     """
 
     start: Pose | None

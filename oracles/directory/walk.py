@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.whereabouts import spawned_by
+from vastflow.oracles.obstacle_tracks import spawned_by
 from vastflow.sim.recordings.blocks import read_columns, read_rows
 from vastflow.sim.recordings.recording import run_of, si
 from vastflow.sim.world.obstacle import Obstacle

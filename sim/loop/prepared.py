@@ -18,8 +18,8 @@ from vastflow.sim.nav.navfn import travel_costs
 from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.world.leaps import Leaps, leaps_of
 from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.skip_table import SkipTable, skip_table_of
 from vastflow.sim.world.walls import WallIndex
 
 KEPT_MAPS: Final = 6
@@ -31,7 +31,7 @@ class PreparedMap:
     """Read-only tables of one map; a run copies what it writes to.
 
     Attributes:
-        leap: What the lidar casts against.
+        skips: What the lidar casts against.
         cubed: AMCL's likelihood field.
         static: (H, W) uint8 of 0, 254, 255: the static layer.
         static_costs: (H, W) uint8 inflation of its lethal cells; `costs` is that with its unknown cells.
@@ -41,7 +41,7 @@ class PreparedMap:
 
     occupancy: OccupancyMap
     walls: WallIndex
-    leap: Leaps
+    skips: SkipTable
     cubed: NDArray[np.float32]
     static: NDArray[np.uint8]
     static_costs: NDArray[np.uint8]
@@ -55,7 +55,7 @@ class PreparedMap:
 def prepare(occupancy: OccupancyMap, lidar: Lidar, parameters: NavParameters) -> PreparedMap:
     """Tables of a map for a robot with these parameters; the same map, by identity, is not computed twice."""
     q = parameters.amcl
-    walls, leap = _geometry(occupancy)
+    walls, skips = _geometry(occupancy)
     cubed = _likelihood(
         occupancy,
         usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1],
@@ -66,12 +66,12 @@ def prepare(occupancy: OccupancyMap, lidar: Lidar, parameters: NavParameters) ->
     )
     costs = _costs(occupancy, parameters.global_costmap, parameters.planner.allow_unknown)
     local_stamp = _stamp(parameters.local_costmap, parameters.local_costmap.resolution)
-    return PreparedMap(occupancy, walls, leap, cubed, *costs, local_stamp)
+    return PreparedMap(occupancy, walls, skips, cubed, *costs, local_stamp)
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)
-def _geometry(occupancy: OccupancyMap) -> tuple[WallIndex, Leaps]:
-    return WallIndex(occupancy), leaps_of(occupancy.occupied)
+def _geometry(occupancy: OccupancyMap) -> tuple[WallIndex, SkipTable]:
+    return WallIndex(occupancy), skip_table_of(occupancy.occupied)
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)

@@ -138,7 +138,7 @@ class Grids(NamedTuple):
             flood gave.
     """
 
-    leap: Any
+    skips: Any
     cubed: Any
     static: Any
     static_costs: Any
@@ -229,7 +229,7 @@ def new_stack(
         p=_parameter_record(parameters, lidar, robot, prepared),
         m=memory,
         grids=Grids(
-            leap=prepared.leap,
+            skips=prepared.skips,
             cubed=prepared.cubed,
             static=prepared.static,
             static_costs=prepared.static_costs,

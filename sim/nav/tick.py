@@ -79,7 +79,7 @@ def advance(
         lap(m, profile.RECORDING)
         lap(m, profile.CLOCK)
         if m.tick % SCAN_TICKS == 0:
-            _scan(p, m, g.leap, body.obstacles)
+            _scan(p, m, g.skips, body.obstacles)
             lap(m, profile.LIDAR)
             gather_near_points(p, m)
             lap(m, profile.COMMAND_PATH)
@@ -96,7 +96,7 @@ def advance(
             _record(p, m, rows)
         m.tick += 1
         lap(m, profile.RECORDING)
-        if not move_freely(g.leap, p.resolution, p.origin_x, p.origin_y, body, m.velocities, TICK_S / SUBSTEPS, hold):
+        if not move_freely(g.skips, p.resolution, p.origin_x, p.origin_y, body, m.velocities, TICK_S / SUBSTEPS, hold):
             return PHYSICS
         lap(m, profile.MOTION)
     return DONE
@@ -150,11 +150,11 @@ def _see_truth(m: Any, x_m: float, y_m: float, yaw_rad: float) -> None:
 
 
 @inner
-def _scan(p: Any, m: Any, leap: Any, obstacles: Any) -> None:
+def _scan(p: Any, m: Any, skips: Any, obstacles: Any) -> None:
     c, sn = math.cos(m.true_yaw), math.sin(m.true_yaw)
     sensor = (m.true_x + c * p.mount_x - sn * p.mount_y, m.true_y + sn * p.mount_x + c * p.mount_y, m.true_yaw)
     lidar.scan(
-        leap,
+        skips,
         p.resolution,
         p.origin_x,
         p.origin_y,

@@ -89,7 +89,7 @@ def parsed(text: str, file: str) -> FileText:
             faults.append(OscFault(place, *_stray(readable, error.pos_in_stream or 0)))
             rest = _without(readable, place.line)
         except UnexpectedToken as error:
-            place = Place(file, *_whereabouts(error.token, readable))
+            place = Place(file, *_position_of(error.token, readable))
             faults.append(OscFault(place, *_unexpected(error, readable)))
             rest = None if _is_about_blocks(error) else _without(readable, place.line)
         if rest is None or len(faults) == MOST_FAULTS or len(faults) * len(text) > MOST_PARSED:
@@ -150,7 +150,7 @@ def _open_brackets(text: str) -> int:
     return sum(map(code.count, "([")) - sum(map(code.count, ")]"))
 
 
-def _whereabouts(token: Token, text: str) -> tuple[int, int]:
+def _position_of(token: Token, text: str) -> tuple[int, int]:
     """Line and column of a token; the end of the file is behind its last word."""
     if token.type == "$END":
         before = text.rstrip()

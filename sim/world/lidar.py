@@ -1,6 +1,6 @@
 """The laser scanner: exact ranges to the map's walls and to obstacles, then the perturbations of a study.
 
-Walls are met by leaps over free cells (`vastflow.sim.world.leaps`), obstacles by the few beams that can meet them.
+Walls are met by skips over free cells (`vastflow.sim.world.skip_table`), obstacles by the few beams that can meet them.
 """
 
 import math
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.kernels.streams import integer_below, normal_pair
-from vastflow.sim.world.leaps import Leaps, ranges_to_walls
+from vastflow.sim.world.skip_table import SkipTable, ranges_to_walls
 
 BEAMS: Final = 360
 
@@ -42,7 +42,7 @@ class Lidar:
 
 @njit
 def scan(
-    leaps: Leaps,
+    skips: SkipTable,
     resolution_m: float,
     origin_x_m: float,
     origin_y_m: float,
@@ -56,7 +56,7 @@ def scan(
     """One noiseless scan into `out_m` (B,); `inf` where a beam meets nothing.
 
     Args:
-        leaps: Of the map's walls.
+        skips: Of the map's walls.
         obstacles: (K, 6) float64 rows x, y, cos yaw, sin yaw, half length, half width in metres; a half width
             of 0 makes a cylinder of radius half length. An x of `inf` stands for an obstacle that is not there.
         sensor_xyt: (3,) sensor position in the map and the robot's yaw.
@@ -69,7 +69,7 @@ def scan(
     for b in range(directions.shape[0]):
         turned[b, 0] = c * directions[b, 0] - s * directions[b, 1]
         turned[b, 1] = s * directions[b, 0] + c * directions[b, 1]
-    ranges_to_walls(leaps, x_cells, y_cells, turned, range_min_m / resolution_m, range_max_m / resolution_m, out_m)
+    ranges_to_walls(skips, x_cells, y_cells, turned, range_min_m / resolution_m, range_max_m / resolution_m, out_m)
     for b in range(directions.shape[0]):
         out_m[b] *= resolution_m
     for k in range(obstacles.shape[0]):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.leaps import WALL, Leaps, free_square
 from vastflow.sim.world.robot import arc
+from vastflow.sim.world.skip_table import WALL, SkipTable, free_square
 
 MARGIN_M: Final = 0.001
 FREE, TOUCHING, MOVING = 0, 1, 2
@@ -58,7 +58,7 @@ def due(body: Body) -> int:
 
 @njit
 def move_freely(
-    leaps: Leaps,
+    skips: SkipTable,
     resolution_m: float,
     origin_x_m: float,
     origin_y_m: float,
@@ -83,12 +83,12 @@ def move_freely(
     way_m = 0.0
     for k in range(velocities.shape[0]):
         way_m += abs(velocities[k, 0]) * dt_s
-    near_walls = free_square(leaps, column, row) * resolution_m < reach_m + way_m
+    near_walls = free_square(skips, column, row) * resolution_m < reach_m + way_m
     for k in range(velocities.shape[0]):
         x, y, yaw = arc(x, y, yaw, velocities[k, 0], velocities[k, 1], dt_s)
         if near_walls:
             column, row = (x - origin_x_m) / resolution_m, (y - origin_y_m) / resolution_m
-            if _meets_wall(leaps, column, row, reach_m / resolution_m):
+            if _meets_wall(skips, column, row, reach_m / resolution_m):
                 return False
         for o in range(body.obstacles.shape[0]):
             if _meets(body.obstacles[o], x, y, reach_m):
@@ -98,15 +98,15 @@ def move_freely(
 
 
 @inner
-def _meets_wall(leaps: Leaps, x: float, y: float, radius: float) -> bool:
+def _meets_wall(skips: SkipTable, x: float, y: float, radius: float) -> bool:
     """Whether a disc at a point of the map, all in cells, touches an occupied cell."""
-    rows, columns = leaps.rows - 2, leaps.columns - 2
+    rows, columns = skips.rows - 2, skips.columns - 2
     # Octant 0 has the cells as they lie, rows first.
     for r in range(max(math.floor(y - radius), 0), min(math.floor(y + radius) + 1, rows)):
         dy = max(max(r - y, y - r - 1.0), 0.0)
         for c in range(max(math.floor(x - radius), 0), min(math.floor(x + radius) + 1, columns)):
             dx = max(max(c - x, x - c - 1.0), 0.0)
-            if dx * dx + dy * dy <= radius * radius and leaps.cells[(r + 1) * leaps.columns + c + 1] == WALL:
+            if dx * dx + dy * dy <= radius * radius and skips.cells[(r + 1) * skips.columns + c + 1] == WALL:
                 return True
     return False
 

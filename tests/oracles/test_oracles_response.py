@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.oracle import oracle_of
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import NoReference, Trace
 from vastflow.oracles.verdict import Verdict
-from vastflow.oracles.whereabouts import whereabouts_of
 from vastflow.sim.pose import Pose
 from vastflow.sim.recordings.recording import Event, Run
 from vastflow.sim.world.obstacle import Obstacle, Trigger
@@ -37,7 +37,7 @@ def judged(
     situation = Situation(None, (), tuple(obstacles))
     t_ms = np.rint(t_s * 1000).astype(np.int32)
     columns = {"t_s": t_s, "x_m": x_m, "y_m": 0 * x_m, "speed_mps": speed}
-    for each in whereabouts_of(situation, run):
+    for each in obstacle_tracks_of(situation, run):
         for name, apart_m in (
             (f"separation_m/{each.obstacle.size_class}", np.hypot(*(xy_m - each.at(t_ms)).T)),
             ("appearing_clearance_m", each.clearance_m(t_ms, xy_m)),

@@ -28,9 +28,9 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.maps.octile import descend, distance_field, passable, path_xy_m
 from vastflow.sim.nav.amcl import Filter
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.leaps import leaps_of
 from vastflow.sim.world.lidar import Lidar, perturb, scan
 from vastflow.sim.world.robot import Robot, arc, limited, wrapped
+from vastflow.sim.world.skip_table import skip_table_of
 
 MAPS = Path(__file__).parents[3] / "shared" / "maps"
 ROUTE_M = 17.0
@@ -77,7 +77,7 @@ class Drive:
 def drive(occupancy: OccupancyMap, way_xy_m: np.ndarray, lidar: Lidar) -> Drive:
     """Follow a way with a carrot 0.5 m ahead, turning on the spot first where it lies aside."""
     robot, directions = Robot(), lidar.directions()
-    leaps = leaps_of(np.ascontiguousarray(occupancy.occupied))
+    skips = skip_table_of(np.ascontiguousarray(occupancy.occupied))
     x, y = way_xy_m[0]
     yaw = math.atan2(*(way_xy_m[8] - way_xy_m[0])[::-1])
     v = w = 0.0
@@ -88,7 +88,7 @@ def drive(occupancy: OccupancyMap, way_xy_m: np.ndarray, lidar: Lidar) -> Drive:
         c, s = math.cos(yaw), math.sin(yaw)
         sensor = (x + c * lidar.mount_xyt[0], y + s * lidar.mount_xyt[0], yaw)
         scan(
-            leaps,
+            skips,
             occupancy.resolution_m,
             *occupancy.origin_xy_m,
             np.zeros((0, 6)),

@@ -13,8 +13,8 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.amcl import Filter, weight
 from vastflow.sim.nav.parameters.amcl import AmclParameters, covariance_of
 from vastflow.sim.nav.parameters.parameter import ParameterError
-from vastflow.sim.world.leaps import leaps_of
 from vastflow.sim.world.lidar import Lidar, scan
+from vastflow.sim.world.skip_table import skip_table_of
 
 LIDAR = Lidar()
 BEAMS = {
@@ -37,8 +37,8 @@ def looked(occupied, pose_xyt, origin_xy_m=(0.0, 0.0)):
     mount_m = LIDAR.mount_xyt[0]
     sensor = (x + mount_m * math.cos(yaw), y + mount_m * math.sin(yaw), yaw)
     limits = (LIDAR.range_min_m, LIDAR.range_max_m)
-    leaps = leaps_of(np.ascontiguousarray(occupied))
-    scan(leaps, RESOLUTION_M, *origin_xy_m, np.zeros((0, 6)), sensor, LIDAR.directions(), *limits, ranges_m)
+    skips = skip_table_of(np.ascontiguousarray(occupied))
+    scan(skips, RESOLUTION_M, *origin_xy_m, np.zeros((0, 6)), sensor, LIDAR.directions(), *limits, ranges_m)
     return ranges_m
 
 

@@ -11,8 +11,8 @@ from shapely.affinity import affine_transform
 from shapely.geometry import LineString, Point, box
 
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.world.leaps import leaps_of, ranges_to_walls
 from vastflow.sim.world.lidar import Lidar, perturb, range_to_obstacle, scan
+from vastflow.sim.world.skip_table import ranges_to_walls, skip_table_of
 
 HAIR = 1e-7
 """Cells grown and shrunk by this bracket what a beam may do at a corner that it grazes."""
@@ -24,9 +24,9 @@ COORDINATES = st.floats(-4.0, 34.0) | st.integers(-4, 34).map(float) | st.intege
 ANGLES = st.floats(-math.pi, math.pi) | st.integers(-8, 8).map(lambda k: k * math.pi / 8)
 
 
-def range_to_wall(leaps, x, y, dx, dy, start, end):
+def range_to_wall(skips, x, y, dx, dy, start, end):
     out = np.empty(1)
-    ranges_to_walls(leaps, x, y, np.array([[dx, dy]]), start, end, out)
+    ranges_to_walls(skips, x, y, np.array([[dx, dy]]), start, end, out)
     return out[0]
 
 
@@ -52,7 +52,7 @@ def nearest_cell(occupied, x, y, dx, dy, margin, start=0.0):
 @settings(max_examples=400, deadline=None)
 def test_a_range_is_that_to_the_first_cell_the_beam_meets(occupied, x, y, angle):
     dx, dy = math.cos(angle), math.sin(angle)
-    found = range_to_wall(leaps_of(occupied), x, y, dx, dy, 0.0, 1e3)
+    found = range_to_wall(skip_table_of(occupied), x, y, dx, dy, 0.0, 1e3)
     assert nearest_cell(occupied, x, y, dx, dy, HAIR) - 1e-6 <= found
     assert found <= nearest_cell(occupied, x, y, dx, dy, -HAIR) + 1e-6
 
@@ -60,7 +60,7 @@ def test_a_range_is_that_to_the_first_cell_the_beam_meets(occupied, x, y, angle)
 @given(GRIDS, COORDINATES, COORDINATES, st.sampled_from([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]))
 @settings(max_examples=100, deadline=None)
 def test_a_beam_along_an_axis_is_exact_too(occupied, x, y, direction):
-    found = range_to_wall(leaps_of(occupied), x, y, *direction, 0.0, 1e3)
+    found = range_to_wall(skip_table_of(occupied), x, y, *direction, 0.0, 1e3)
     assert nearest_cell(occupied, x, y, *direction, HAIR) - 1e-6 <= found
     assert found <= nearest_cell(occupied, x, y, *direction, -HAIR) + 1e-6
 
@@ -69,7 +69,7 @@ def test_a_beam_along_an_axis_is_exact_too(occupied, x, y, direction):
 @settings(max_examples=100, deadline=None)
 def test_what_is_nearer_than_the_start_is_not_seen(occupied, x, y, angle, start):
     dx, dy = math.cos(angle), math.sin(angle)
-    found = range_to_wall(leaps_of(occupied), x, y, dx, dy, start, 1e3)
+    found = range_to_wall(skip_table_of(occupied), x, y, dx, dy, start, 1e3)
     assert nearest_cell(occupied, x, y, dx, dy, HAIR, start) - 1e-6 <= found
     assert found <= nearest_cell(occupied, x, y, dx, dy, -HAIR, start) + 1e-6
 
@@ -78,8 +78,8 @@ def test_what_is_nearer_than_the_start_is_not_seen(occupied, x, y, angle, start)
 @settings(max_examples=100, deadline=None)
 def test_a_wall_beyond_the_end_gives_no_return(occupied, x, y, angle, end):
     dx, dy = math.cos(angle), math.sin(angle)
-    everything = range_to_wall(leaps_of(occupied), x, y, dx, dy, 0.0, 1e3)
-    found = range_to_wall(leaps_of(occupied), x, y, dx, dy, 0.0, end)
+    everything = range_to_wall(skip_table_of(occupied), x, y, dx, dy, 0.0, 1e3)
+    found = range_to_wall(skip_table_of(occupied), x, y, dx, dy, 0.0, end)
     assert found == (everything if everything < end else math.inf)
 
 
@@ -88,8 +88,8 @@ def test_a_beam_that_leaves_the_map_beside_a_wall_at_its_border_comes_to_an_end(
     occupied[::4, 19] = True
     # The point where this one crosses the border is rounded to the inside.
     angle = -1.1922854594059253
-    leaps = leaps_of(occupied)
-    found = range_to_wall(leaps, 13.98679012349347, 10.456377804563067, math.cos(angle), math.sin(angle), 0.0, 400.0)
+    skips = skip_table_of(occupied)
+    found = range_to_wall(skips, 13.98679012349347, 10.456377804563067, math.cos(angle), math.sin(angle), 0.0, 400.0)
     assert found == math.inf
 
 
@@ -99,22 +99,22 @@ def test_a_beam_along_a_border_of_cells_never_goes_back(x):
     occupied = np.zeros((32, 12), dtype=np.bool_)
     occupied[23, 6] = True
     towards = -1.0 if x > 6 else 1.0
-    found = range_to_wall(leaps_of(occupied), x, 24.0, towards, -1.2246467991473532e-16, 0.0, 1e3)
+    found = range_to_wall(skip_table_of(occupied), x, 24.0, towards, -1.2246467991473532e-16, 0.0, 1e3)
     assert found in (pytest.approx(4.0), pytest.approx(5.5), math.inf)
 
 
 def test_a_beam_along_a_border_from_outside_the_map_comes_to_an_end():
     occupied = np.zeros((32, 4), dtype=np.bool_)
     occupied[20, 3] = True
-    assert range_to_wall(leaps_of(occupied), 11.0, 24.0, -1.0, -1.2246467991473532e-16, 0.0, 1e3) == math.inf
+    assert range_to_wall(skip_table_of(occupied), 11.0, 24.0, -1.0, -1.2246467991473532e-16, 0.0, 1e3) == math.inf
 
 
 def test_a_beam_from_the_very_border_looks_into_the_map():
-    assert range_to_wall(leaps_of(np.array([[False, True, False]])), 3.0, 0.5, -1.0, 0.0, 0.0, 9.0) == 1.0
+    assert range_to_wall(skip_table_of(np.array([[False, True, False]])), 3.0, 0.5, -1.0, 0.0, 0.0, 9.0) == 1.0
 
 
 def test_a_map_without_walls_gives_no_return():
-    assert range_to_wall(leaps_of(np.zeros((20, 20), dtype=np.bool_)), 3.3, 4.4, 0.6, 0.8, 0.0, 1e3) == math.inf
+    assert range_to_wall(skip_table_of(np.zeros((20, 20), dtype=np.bool_)), 3.3, 4.4, 0.6, 0.8, 0.0, 1e3) == math.inf
 
 
 BOXES = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-4, 4), st.floats(0.01, 3.0), st.floats(0.01, 3.0))
@@ -161,17 +161,17 @@ def room():
     """10 m × 8 m between walls one cell thick, 0.1 m a cell; the inner faces are at 0.1 and 9.9, 0.1 and 7.9 m."""
     occupied = np.zeros((80, 100), dtype=np.bool_)
     occupied[[0, -1]], occupied[:, [0, -1]] = True, True
-    return leaps_of(occupied)
+    return skip_table_of(occupied)
 
 
-def scanned(leaps, pose, lidar=None, obstacles=(), origin=(0.0, 0.0), resolution_m=0.1):
+def scanned(skips, pose, lidar=None, obstacles=(), origin=(0.0, 0.0), resolution_m=0.1):
     lidar = lidar or Lidar()
     out = np.empty(lidar.beams)
     x, y, yaw = pose
     mx, my, _ = lidar.mount_xyt
     sensor = np.array([x + math.cos(yaw) * mx - math.sin(yaw) * my, y + math.sin(yaw) * mx + math.cos(yaw) * my, yaw])
     rows = np.array(obstacles, dtype=np.float64).reshape(-1, 6)
-    scan(leaps, resolution_m, *origin, rows, sensor, lidar.directions(), lidar.range_min_m, lidar.range_max_m, out)
+    scan(skips, resolution_m, *origin, rows, sensor, lidar.directions(), lidar.range_min_m, lidar.range_max_m, out)
     return out
 
 
@@ -204,8 +204,8 @@ def test_the_scanner_turns_with_the_robot_and_sits_behind_its_centre(room):
 def test_the_origin_of_the_map_shifts_the_scan_with_it(x, y):
     occupied = np.zeros((80, 100), dtype=np.bool_)
     occupied[20, 70], occupied[60:, 10] = True, True
-    leaps = leaps_of(occupied)
-    here, there = scanned(leaps, (5.0, 4.0, 0.3)), scanned(leaps, (5.0 + x, 4.0 + y, 0.3), origin=(x, y))
+    skips = skip_table_of(occupied)
+    here, there = scanned(skips, (5.0, 4.0, 0.3)), scanned(skips, (5.0 + x, 4.0 + y, 0.3), origin=(x, y))
     grazed = np.isinf(here) != np.isinf(there)
     np.testing.assert_allclose(here[~grazed], there[~grazed], atol=1e-6)
     assert grazed.sum() <= 2
@@ -232,7 +232,7 @@ def test_a_scan_sees_of_obstacles_what_each_beam_alone_sees(obstacles, yaw, beam
     """Whichever beams are looked at for an obstacle: in front, behind, round the sensor, across the first beam."""
     rows = np.array([(x, y, math.cos(a), math.sin(a), length, width) for x, y, a, length, width in obstacles])
     lidar = Lidar(beams=beams, angle_increment_rad=fullness * 2 * math.pi / beams)
-    seen = scanned(leaps_of(np.zeros((4, 4), dtype=np.bool_)), (0.0, 0.0, yaw), lidar, rows)
+    seen = scanned(skip_table_of(np.zeros((4, 4), dtype=np.bool_)), (0.0, 0.0, yaw), lidar, rows)
     c, s = math.cos(yaw), math.sin(yaw)
     x, y = -0.04 * c, -0.04 * s
     for (dx, dy), found in zip(lidar.directions() @ np.array([[c, s], [-s, c]]), seen, strict=True):

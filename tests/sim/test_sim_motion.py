@@ -12,11 +12,11 @@ from shapely.geometry import Point
 from vastflow.sim.loop.closed_loop import obstacle_rows
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.leaps import leaps_of
 from vastflow.sim.world.motion import FREE, MARGIN_M, MOVING, TOUCHING, move_freely, new_body
 from vastflow.sim.world.obstacle import Obstacle, Trigger
 from vastflow.sim.world.physics import World
 from vastflow.sim.world.robot import Robot, arc
+from vastflow.sim.world.skip_table import skip_table_of
 from vastflow.sim.world.walls import WallIndex
 
 DT_S = 0.01
@@ -32,8 +32,8 @@ def free_motion(occupancy, pose, velocities, obstacles=(), hold=FREE):
     """Whether the kernel moves the body, and where it then is."""
     rows = obstacle_rows(obstacles)
     body = new_body(Pose(*pose), ROBOT.radius_m, rows, np.full((len(rows), 3), -1.0))
-    leaps = leaps_of(occupancy.occupied)
-    free = move_freely(leaps, occupancy.resolution_m, *occupancy.origin_xy_m, body, velocities, DT_S, hold)
+    skips = skip_table_of(occupancy.occupied)
+    free = move_freely(skips, occupancy.resolution_m, *occupancy.origin_xy_m, body, velocities, DT_S, hold)
     return free, body.pose
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vastflow.oracles.observe import observer_of
+from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.situation import situation_of
-from vastflow.oracles.whereabouts import whereabouts_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.nav.mission import Mission
@@ -104,7 +104,7 @@ def test_a_name_is_free_again_after_its_entity_is_deleted(staged):
     scenario = staged(text)
     recording = run(scenario, 0)
     assert recording.run.outcome == "succeeded"
-    first, second = whereabouts_of(situation_of(scenario), recording.run)
+    first, second = obstacle_tracks_of(situation_of(scenario), recording.run)
     assert (first.obstacle.width_m, second.obstacle.width_m) == (0.4, 0.2)
     assert np.isinf(first.at(np.array([1000]))).all()
     assert second.at(np.array([1000])).tolist() == [[3.0, 3.0]]
@@ -146,7 +146,7 @@ def test_obstacles_of_the_environment_stand_from_the_start_and_can_be_deleted(st
     scenario = staged("delete_entity('plug')\nrobot.nav_to_pose(beyond)", obstacles=[PLUG])
     recording = run(scenario, 0)
     assert (recording.run.outcome, recording.run.entities) == ("succeeded", ())
-    (plug,) = whereabouts_of(situation_of(scenario), recording.run)
+    (plug,) = obstacle_tracks_of(situation_of(scenario), recording.run)
     assert plug.at(np.array([0, 100])).tolist() == [[4.2, 2.4]] * 2
     assert np.isinf(plug.at(np.array([300]))).all()
     stays = run(staged("robot.nav_to_pose(beyond)", obstacles=[PLUG]), 0)
@@ -249,7 +249,7 @@ def test_what_a_scenario_spawned_is_measured_where_it_stands_and_where_it_was_pu
     """
     scenario = staged(text)
     recording = run(scenario, 0)
-    (crate,) = whereabouts_of(situation_of(scenario), recording.run)
+    (crate,) = obstacle_tracks_of(situation_of(scenario), recording.run)
     (spawned,), moved = happened(recording, "spawned"), happened(recording, "obstacle_moved")
     t_ms = recording.columns["t_ms"]
     places = crate.at(t_ms)

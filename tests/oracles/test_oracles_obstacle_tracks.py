@@ -1,4 +1,4 @@
-"""Whereabouts of obstacles, as a recording's events tell them."""
+"""Tracks of obstacles, as a recording's events tell them."""
 
 import math
 
@@ -8,8 +8,8 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vastflow.oracles.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.situation import Situation
-from vastflow.oracles.whereabouts import Whereabouts, whereabouts_of
 from vastflow.sim.pose import Pose
 from vastflow.sim.recordings.recording import Event, Run
 from vastflow.sim.world.obstacle import Obstacle, Trigger
@@ -21,36 +21,36 @@ def carton(name: str = "carton", x_m: float = 3.0, *, appears: bool = True) -> O
     return Obstacle(name, "box", Pose(x_m, 0.0), 0.5, 0.5, Trigger(x_m, 0.0, 1.0) if appears else None)
 
 
-def found(obstacles: list[Obstacle], *events: Event) -> tuple[Whereabouts, ...]:
+def found(obstacles: list[Obstacle], *events: Event) -> tuple[ObstacleTrack, ...]:
     run = Run(0, "1", "succeeded", 0, "", 10.0, 5.0, 0, 0, events)
-    return whereabouts_of(Situation(None, (), tuple(obstacles)), run)
+    return obstacle_tracks_of(Situation(None, (), tuple(obstacles)), run)
 
 
-def places(whereabouts: Whereabouts, *t_s: float) -> list[tuple[float, ...]]:
-    return [tuple(xy) for xy in whereabouts.at(np.array([round(t * 1000) for t in t_s], dtype=np.int32)).tolist()]
+def places(track: ObstacleTrack, *t_s: float) -> list[tuple[float, ...]]:
+    return [tuple(xy) for xy in track.at(np.array([round(t * 1000) for t in t_s], dtype=np.int32)).tolist()]
 
 
 def test_what_stands_from_the_start_is_where_it_was_put() -> None:
-    (whereabouts,) = found([carton(appears=False)])
-    assert places(whereabouts, 0.0, 9.0) == [(3.0, 0.0), (3.0, 0.0)]
+    (track,) = found([carton(appears=False)])
+    assert places(track, 0.0, 9.0) == [(3.0, 0.0), (3.0, 0.0)]
 
 
 def test_what_appears_is_there_from_the_row_of_its_event_on() -> None:
-    (whereabouts,) = found([carton()], Event(2.0, "spawned", 3.0, 0.0, "carton"))
-    assert places(whereabouts, 0.0, 1.9, 2.0, 9.0) == [NOWHERE, NOWHERE, (3.0, 0.0), (3.0, 0.0)]
-    assert whereabouts.was_there
+    (track,) = found([carton()], Event(2.0, "spawned", 3.0, 0.0, "carton"))
+    assert places(track, 0.0, 1.9, 2.0, 9.0) == [NOWHERE, NOWHERE, (3.0, 0.0), (3.0, 0.0)]
+    assert track.was_there
 
 
 def test_what_never_appeared_was_never_there() -> None:
-    (whereabouts,) = found([carton()], Event(2.0, "contact", 3.0, 0.0, "carton", 0.2))
-    assert places(whereabouts, 0.0, 9.0) == [NOWHERE, NOWHERE]
-    assert not whereabouts.was_there
+    (track,) = found([carton()], Event(2.0, "contact", 3.0, 0.0, "carton", 0.2))
+    assert places(track, 0.0, 9.0) == [NOWHERE, NOWHERE]
+    assert not track.was_there
 
 
 def test_what_is_pushed_stays_at_each_place_until_the_next_event() -> None:
     pushes = [Event(3.0 + 0.1 * k, "obstacle_moved", 3.0 + 0.05 * k, 0.0, "carton", 0.1) for k in (1, 2)]
-    (whereabouts,) = found([carton()], Event(2.0, "spawned", 3.0, 0.0, "carton"), *pushes)
-    assert places(whereabouts, 3.0, 3.1, 3.2, 8.0) == [(3.0, 0.0), (3.05, 0.0), (3.1, 0.0), (3.1, 0.0)]
+    (track,) = found([carton()], Event(2.0, "spawned", 3.0, 0.0, "carton"), *pushes)
+    assert places(track, 3.0, 3.1, 3.2, 8.0) == [(3.0, 0.0), (3.05, 0.0), (3.1, 0.0), (3.1, 0.0)]
 
 
 def test_what_is_deleted_is_gone_until_it_is_spawned_anew() -> None:
@@ -59,14 +59,14 @@ def test_what_is_deleted_is_gone_until_it_is_spawned_anew() -> None:
         Event(4.0, "spawned", 1.0, 1.0, "carton"),
         Event(5.0, "deleted", 1.0, 1.0, "carton"),
     ]
-    (whereabouts,) = found([carton(appears=False)], *events)
-    assert places(whereabouts, 0.9, 1.0, 4.0, 5.0) == [(3.0, 0.0), NOWHERE, (1.0, 1.0), NOWHERE]
+    (track,) = found([carton(appears=False)], *events)
+    assert places(track, 0.9, 1.0, 4.0, 5.0) == [(3.0, 0.0), NOWHERE, (1.0, 1.0), NOWHERE]
 
 
 def test_of_two_events_at_one_time_the_later_one_counts() -> None:
     events = Event(2.0, "spawned", 3.0, 0.0, "carton"), Event(2.0, "obstacle_moved", 3.2, 0.0, "carton")
-    (whereabouts,) = found([carton()], *events)
-    assert places(whereabouts, 1.9, 2.0) == [NOWHERE, (3.2, 0.0)]
+    (track,) = found([carton()], *events)
+    assert places(track, 1.9, 2.0) == [NOWHERE, (3.2, 0.0)]
 
 
 def test_obstacles_of_different_names_go_their_own_ways() -> None:
@@ -97,9 +97,9 @@ def test_at_any_row_an_obstacle_is_where_the_last_event_before_it_says(moves: li
     moves.sort(key=lambda move: move[0])
     kinds = {True: "deleted", False: "obstacle_moved"}
     events = [Event(k * 0.05, kinds[gone], x * 0.1, 0.0, "carton") for k, x, gone in moves]
-    (whereabouts,) = found([carton(appears=False)], *events)
+    (track,) = found([carton(appears=False)], *events)
     rows_s = np.arange(100) * 0.1
-    for t_s, xy_m in zip(rows_s, places(whereabouts, *rows_s), strict=True):
+    for t_s, xy_m in zip(rows_s, places(track, *rows_s), strict=True):
         before = [event for event in events if event.t_s <= t_s + 1e-9]
         last = before[-1] if before else Event(0.0, "obstacle_moved", 3.0, 0.0, "carton")
         assert xy_m == (NOWHERE if last.kind == "deleted" else (last.x_m, last.y_m))
@@ -109,9 +109,9 @@ def test_at_any_row_an_obstacle_is_where_the_last_event_before_it_says(moves: li
 
 
 def clearances(obstacle: Obstacle, *events: Event, at: list[tuple[float, float]], t_s: float = 1.0) -> list[float]:
-    (whereabouts,) = found([obstacle], *events)
+    (track,) = found([obstacle], *events)
     t_ms = np.full(len(at), round(t_s * 1000), dtype=np.int32)
-    return [float(value) for value in whereabouts.clearance_m(t_ms, np.array(at))]
+    return [float(value) for value in track.clearance_m(t_ms, np.array(at))]
 
 
 def test_clearance_of_a_box_is_to_its_outline_and_nought_inside() -> None:

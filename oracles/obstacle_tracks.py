@@ -1,4 +1,4 @@
-"""Whereabouts: which obstacles a run has, and where each of them is when."""
+"""Obstacle tracks: which obstacles a run has, and where each of them is when."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -20,7 +20,7 @@ _BEFORE_MS: Final = -1
 
 
 @dataclass(frozen=True, eq=False)
-class Whereabouts:
+class ObstacleTrack:
     """Where one obstacle is during a run, constant between the recording's events.
 
     Attributes:
@@ -68,7 +68,7 @@ class Whereabouts:
         return np.searchsorted(self.since_ms, t_ms, side="right") - 1
 
 
-def whereabouts_of(situation: Situation, run: Run) -> tuple[Whereabouts, ...]:
+def obstacle_tracks_of(situation: Situation, run: Run) -> tuple[ObstacleTrack, ...]:
     """Every obstacle that the run can have, in the order of the situation's, then those that the scenario spawned.
 
     One without a trigger is there from the start, one with a trigger from its event `spawned` on, where that puts it. Both are
@@ -86,7 +86,7 @@ def whereabouts_of(situation: Situation, run: Run) -> tuple[Whereabouts, ...]:
     for event in run.events:
         if event.kind in (_SPAWNED, _MOVED, _DELETED):
             _meant(event, named).note(event)
-    return tuple(track.whereabouts() for track in tracks)
+    return tuple(track.done() for track in tracks)
 
 
 def spawned_by(run: Run) -> Iterator[Obstacle]:
@@ -118,8 +118,8 @@ class _Track:
         self._xy_m.append(self.last if self.there else _AWAY)
         self._yaw_rad.append(event.value)
 
-    def whereabouts(self) -> Whereabouts:
-        return Whereabouts(self.obstacle, np.array(self._since_ms), np.array(self._xy_m), np.array(self._yaw_rad))
+    def done(self) -> ObstacleTrack:
+        return ObstacleTrack(self.obstacle, np.array(self._since_ms), np.array(self._xy_m), np.array(self._yaw_rad))
 
 
 def _meant(event: Event, named: Mapping[str, list[_Track]]) -> _Track:
