@@ -15,7 +15,6 @@ from vastflow.tasks.index import Block, Index, Member, missing, stretches
 from vastflow.tasks.instantiation import Evaluation
 from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.source_files import KeyedStore
 from vastflow.tasks.store import Artifact, StoreError
 from vastflow.tasks.work import Broken, Executed, Stage
 
@@ -89,7 +88,7 @@ class Engine:
         self.index = index
         self.block_runs = MOST_RUNS_A_BLOCK
         self.store_error: StoreError | None = None
-        self._store = KeyedStore(index.store, index.keys.sources)
+        self._store = index.store.for_sources(index.keys.sources)
         self._pool = pool
         self._tally = tally
         self._oracles = oracles

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from vastflow.tasks.store import artifact_of
+from vastflow.tasks.artifact import artifact_of
 
 
 class ManifestCopies:

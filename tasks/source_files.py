@@ -9,11 +9,11 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import psutil
 
-from vastflow.tasks.store import Artifact, Store, StoreError
+from vastflow.tasks.artifact import StoreError
 
 _Stamp: TypeAlias = tuple[int, int, str]
 """Size (bytes), time of the last change (ns since 1970) and SHA-256 of a file."""
@@ -61,72 +61,15 @@ def source_files(folders: Iterable[Path]) -> SourceFiles:
     return SourceFiles(zlib.compress(json.dumps(found, separators=(",", ":")).encode()))
 
 
-class KeyedStore:
-    """A store into which nothing goes that was computed by other source than the keys are made of. It may be sent to workers.
-
-    Args:
-        sources: None for a store that takes everything.
-    """
-
-    def __init__(self, store: Store, sources: SourceFiles | None) -> None:
-        self._store = store
-        self._sources = sources
-
-    def __reduce__(self) -> tuple[type["KeyedStore"], tuple[Store, SourceFiles | None]]:
-        return KeyedStore, (self._store, self._sources)
-
-    @property
-    def local(self) -> Path:
-        """See `Store.local`."""
-        return self._store.local
-
-    def find(self, key: str) -> Artifact | None:
-        """See `Store.find`; nothing is begun that could not be put."""
-        self._check()
-        return self._store.find(key)
-
-    def load(self, artifact: Artifact, name: str) -> bytes:
-        """See `Store.load`."""
-        return self._store.load(artifact, name)
-
-    def read(self, key: str, name: str) -> bytes:
-        """See `Store.read`."""
-        self._check()
-        return self._store.read(key, name)
-
-    def beside(self, key: str, name: str) -> bytes | None:
-        """See `Store.beside`."""
-        return self._store.beside(key, name)
-
-    def put(
-        self,
-        key: str,
-        files: Mapping[str, bytes],
-        info: Mapping[str, Any] | None = None,
-        sidecar: Mapping[str, bytes] | None = None,
-    ) -> Artifact:
-        """See `Store.put`.
-
-        Raises:
-            SourceChanged: see `SourceFiles.check`.
-        """
-        self._check()
-        return self._store.put(key, files, info, sidecar)
-
-    def _check(self) -> None:
-        if self._sources is not None:
-            self._sources.check()
-
-
 class _Watched:
     """A record, and which modules of this process were found to be as recorded."""
 
     def __init__(self, record: Mapping[str, Mapping[str, _Stamp]]) -> None:
         self._folders = tuple(folder + os.sep for folder in record)
-        self._stamps = {
-            os.path.join(folder, name): tuple(stamp)
+        self._stamps: dict[str, _Stamp] = {
+            os.path.join(folder, name): (size, changed_ns, sha256)
             for folder, files in record.items()
-            for name, stamp in files.items()
+            for name, (size, changed_ns, sha256) in files.items()
         }
         self._sound: set[str] = set()
         self._modules = 0

@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Iterable
 
-from vastflow.tasks.store import Artifact
+from vastflow.tasks.artifact import Artifact
 
 
 class Survey:

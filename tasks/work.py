@@ -22,7 +22,6 @@ from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
 from vastflow.tasks.evaluation import FRAGMENTS, PackedProducer, write_evaluation
-from vastflow.tasks.source_files import KeyedStore
 from vastflow.tasks.store import Lost, Store, StoreError
 
 if TYPE_CHECKING:
@@ -112,9 +111,7 @@ def compile_kernels() -> None:
         run(Scenario("builtin:navigate_to_pose", 20.0, {"map_file": map_content(room)}, poses, {}), 0, 0)
 
 
-def execute(
-    store: Store | KeyedStore, key: str, scenario: Scenario, start: int, stop: int, seed: int
-) -> Executed | Broken:
+def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed | Broken:
     """Execute runs `start` to `stop` - 1 of a scenario and store those that end, in blocks without a gap.
 
     If the store has that very block by now nothing is executed: another worker died before this one's answer was heard.
@@ -154,7 +151,7 @@ def execute(
     return Executed(simulated_s, errors)
 
 
-def observe(store: Store | KeyedStore, recording_key: str, key: str, scenario: Scenario) -> None:
+def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> None:
     """Observe one block of recordings and store the trace."""
     _log_plainly()
     from vastflow.oracles.observe import observe_block
@@ -162,9 +159,7 @@ def observe(store: Store | KeyedStore, recording_key: str, key: str, scenario: S
     store.put(key, {TRACES: observe_block(scenario, store.read(recording_key, RECORDINGS))})
 
 
-def judge(
-    store: Store | KeyedStore, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: bytes
-) -> None:
+def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: bytes) -> None:
     """Judge one block and store the verdicts, with what all oracles together say of each run.
 
     Args:
@@ -185,7 +180,7 @@ def judge(
     store.put(key, {VERDICTS: write_verdicts(verdicts)}, {"runs": together})
 
 
-def evaluate(store: Store | KeyedStore, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:
+def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:
     """Evaluate a producer on one restricted input and store what it yields."""
     _log_plainly()
     from vastflow.producers import producer as producers

@@ -40,7 +40,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON and nothing
 def info(place: StoreOption = None, as_json: JsonOption = False) -> None:
     """Say what is in the store: artifacts, bytes and age, by stage."""
     with _usable("interrupted"):
-        opened = _opened(place)
+        opened = _opened(place, read_only=True)
         from vastflow.flows.results.cleaning import folder_bytes
 
         holdings = opened.holdings()
@@ -72,7 +72,7 @@ def verify(
     from vastflow.tasks.store import EARLIER
 
     with _usable("interrupted; nothing more is discarded"):
-        opened = _opened(place)
+        opened = _opened(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
         found = _faults(opened, [holding.key for holding in holdings])
         faults = {key: fault for key, fault in found.items() if fault != EARLIER}
@@ -118,7 +118,7 @@ def gc(
         _end("give campaign directories to --keep, an age to --older-than, or both")
     directories = _directories(keep or [])
     with _usable("interrupted; what was deleted is gone, and computed again when it is needed"):
-        opened = _opened(place)
+        opened = _opened(place, read_only=dry_run)
         from vastflow.flows.results.cleaning import DAY_S, clean, cleaning
         from vastflow.flows.results.references import Unreadable, references
 
@@ -228,12 +228,12 @@ def _directories(keep: Sequence[Path]) -> list[Path]:
     return found
 
 
-def _opened(place: str | None) -> "Store":
+def _opened(place: str | None, *, read_only: bool) -> "Store":
     from vastflow.tasks.store import open_store, store_address, store_root
 
     if store_address(place) is None and not (root := store_root(place)).is_dir():
         _end(f"store: no folder {str(root)!r}; name one that `vastflow run` has used, with --store or VASTFLOW_STORE")
-    return open_store(place)
+    return open_store(place, read_only=read_only)
 
 
 @contextmanager

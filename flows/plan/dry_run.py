@@ -9,7 +9,6 @@ from typing import Final, Literal, TypeAlias
 
 from vastflow.flows.plan.producers import Evaluated, HereEvaluator, ProducerReasons
 from vastflow.flows.plan.reasons import Origins, Reason, RunReasons
-from vastflow.flows.plan.store import Overlay, untouched
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.members import members_of, narrowed
@@ -23,7 +22,7 @@ from vastflow.tasks.index import Index, Member, Stored, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator, ProducerFault
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import installed_tree
-from vastflow.tasks.store import Lost
+from vastflow.tasks.store import Lost, open_store
 
 Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
 STAGES: Final[tuple[Stage, ...]] = ("instantiate", "execute", "observe", "judge")
@@ -123,17 +122,18 @@ def dry_run(
     keys = campaign_keys(tree, campaign.seed, oracles)
     today = code_row(tree, campaign.families, oracles)
     origins = None if past is None else Origins(past, tree, keys, today, map(type, oracles))
-    overlay = Overlay(untouched(store))
+    looked_at = open_store(store, read_only=True)
+    looked_at.survey()
     with tempfile.TemporaryDirectory(prefix="vastflow-") as environments:
         evaluator = HereEvaluator(
-            overlay, ProducerReasons(past, origins, campaign.families, today["producers"]), Path(environments)
+            looked_at, ProducerReasons(past, origins, campaign.families, today["producers"]), Path(environments)
         )
-        found = _instantiated(Instantiator(campaign, overlay, keys, tree), evaluator)
+        found = _instantiated(Instantiator(campaign, looked_at, keys, tree), evaluator)
     chosen = narrowed(found, Selection(only, sample, campaign.seed), campaign.document.file)
     instantiation = chosen.instantiation
     wanted = campaign.runs_asked(runs, sample)
     members = members_of(instantiation, wanted)
-    index = Index(overlay, keys)
+    index = Index(looked_at, keys)
     stopping = stopping_of(campaign.sequential) if runs is None else None
     if stopping is not None:
         members = [_ending(stopping, index, member) for member in members]

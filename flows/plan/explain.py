@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from vastflow.flows.plan.dry_run import DryRun, dry_run
 from vastflow.flows.plan.reasons import change_text, differing
-from vastflow.flows.plan.store import untouched
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.origin import other_parts
@@ -19,6 +18,7 @@ from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.producers.faults import CampaignError, did_you_mean
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.index import Index, Member, Stored
+from vastflow.tasks.store import open_store
 
 FILE: Final = "campaign file"
 """Who wrote what no producer did."""
@@ -87,7 +87,9 @@ def explanation(directory: Path, name: str, *, store: str | None = None, since: 
         past=past,
         row=row,
         dimensions=_dimensions(row),
-        then=None if keys is None else kept(Index(untouched(store), keys), Member(name, "", 1, scenario, past.runs)),
+        then=None
+        if keys is None
+        else kept(Index(open_store(store, read_only=True), keys), Member(name, "", 1, scenario, past.runs)),
         today=today,
         obstacle=obstacle,
         earlier=earlier,

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from vastflow.flows.plan.reasons import NEVER, Origins, Reason, parameter_changes
-from vastflow.flows.plan.store import Overlay
 from vastflow.flows.results.past import Past, values_of
 from vastflow.flows.results.tables import json_text
 from vastflow.producers.family import Family
@@ -15,6 +14,7 @@ from vastflow.producers.producer import Producer, evaluate
 from vastflow.sim.digest import Value
 from vastflow.tasks.evaluation import FRAGMENTS, write_evaluation
 from vastflow.tasks.instantiation import Request
+from vastflow.tasks.store import Store
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +35,12 @@ class HereEvaluator:
     """Evaluates what is missing in this process; see `vastflow.tasks.instantiation.Evaluator`.
 
     Attributes:
+        store: Opened to be read only: what is evaluated here stays in it.
         environments: Folder for the files that producers make.
         evaluated: Key to what was asked for, in order.
     """
 
-    overlay: Overlay
+    store: Store
     reasons: "ProducerReasons"
     environments: Path
     evaluated: dict[str, Evaluated] = field(default_factory=dict)
@@ -50,7 +51,7 @@ class HereEvaluator:
         for request in requests:
             name = type(request.producer).__name__
             for each in request.evaluations:
-                if self.overlay.find(each.key) is not None:  # made here before, perhaps
+                if self.store.find(each.key) is not None:  # made here before, perhaps
                     self.evaluated.setdefault(each.key, Evaluated(request.family, name, None))
                     continue
                 reason = self.reasons.reason(request.family, request.producer, each.inputs)
@@ -61,7 +62,7 @@ class HereEvaluator:
                 except Exception as error:  # noqa: BLE001 - a plug-in may raise anything: a fault of the run, too
                     errors[each.key] = f"{type(error).__name__}: {' '.join(str(error).split())}"
                     continue
-                self.overlay.put(each.key, {FRAGMENTS: write_evaluation(found)})
+                self.store.put(each.key, {FRAGMENTS: write_evaluation(found)})
         return errors
 
 

@@ -35,7 +35,7 @@ def at_hand(results: str, leave_out: Collection[str] = ()) -> Iterator[Path]:
 
 
 def _fetch(address: str, copy: Path, leave_out: Collection[str]) -> None:
-    from vastflow.tasks.object_store import file_system, unusable
+    from vastflow.tasks.remote_files import file_system, unusable
 
     try:
         system, root = file_system(address)

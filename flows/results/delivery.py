@@ -43,7 +43,7 @@ class Delivery:
         """
         if self.address is None:
             return written
-        from vastflow.tasks.object_store import file_system, unusable
+        from vastflow.tasks.remote_files import file_system, unusable
 
         address = f"{self.address}/{written.directory.name}"
         metadata = written.directory / METADATA
@@ -72,7 +72,7 @@ def delivery_to(results: str | os.PathLike[str], store: Store) -> Delivery:
     address = os.fspath(results).rstrip("/")
     if not is_address(address):
         return Delivery(Path(os.fspath(results).removeprefix("file://")))
-    from vastflow.tasks.object_store import file_system, unusable
+    from vastflow.tasks.remote_files import file_system, unusable
 
     try:
         system, root = file_system(address)

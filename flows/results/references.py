@@ -1,7 +1,7 @@
 """References: which artifacts of a store campaign directories were made of."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.replica import replica
 from vastflow.sim.reading.files import read_json
-from vastflow.tasks.instantiation import Instantiator
+from vastflow.tasks.instantiation import Instantiator, NotEvaluated, Request
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree, installed_tree
-from vastflow.tasks.store import Artifact, Store, StoreError
+from vastflow.tasks.store import Lost, Store, StoreError
 
 
 class Unreadable(ValueError):
@@ -86,32 +86,22 @@ def _evaluations(
     store: Store, keys: Keys, tree: SourceTree, directory: Path, metadata: Mapping[str, Any]
 ) -> set[str] | None:
     """Keys of the evaluations that its producers would be asked for; None if its campaign can't be read here."""
-    looked_for = _LookedFor(store)
+    keys_asked: set[str] = set()
+
+    def stored(requests: Sequence[Request]) -> Mapping[str, str]:
+        keys_asked.update(each.key for request in requests for each in request.evaluations)
+        if any(store.find(each.key) is None for request in requests for each in request.evaluations):
+            raise NotEvaluated
+        return {}
+
     try:
         asked = asked_of(metadata)
         with replica(directory, asked) as file:
-            Instantiator(read_campaign(file, as_v1=asked.as_v1)[0], looked_for, keys, tree).stored()
+            Instantiator(read_campaign(file, as_v1=asked.as_v1)[0], store, keys, tree).instantiated(stored)
     except StoreError:
         raise
+    except (NotEvaluated, Lost):
+        pass  # what follows from it is not in the store either
     except Exception:  # noqa: BLE001 - inputs that are others now, or a plug-in that raises anything
         return None
-    return looked_for.keys
-
-
-@dataclass(frozen=True, slots=True)
-class _LookedFor:
-    """A store that is only looked at, and remembers for what."""
-
-    store: Store
-    keys: set[str] = field(default_factory=set)
-
-    def find(self, key: str) -> Artifact | None:
-        self.keys.add(key)
-        return self.store.find(key)
-
-    def read(self, key: str, name: str) -> bytes:
-        self.keys.add(key)
-        return self.store.read(key, name)
-
-    def discard(self, key: str, why: str) -> None:
-        """Leave it."""
+    return keys_asked

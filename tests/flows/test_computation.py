@@ -8,7 +8,6 @@ from vastflow.flows.computing import computation
 from vastflow.flows.computing.computation import FLOWS, Computation
 from vastflow.tasks.index import Index
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import PrefectUnavailable, import_prefect
 
@@ -38,7 +37,7 @@ def made(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
-    index = Index(open_local_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
+    index = Index(open_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
     return Computation(index, pickle.dumps(()), 1, Tally(), tmp_path / "log")
 
 
@@ -90,6 +89,6 @@ def test_with_a_server_configured_none_is_started_beside_it(tmp_path, monkeypatc
     monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
     monkeypatch.setattr(computation, "configured_url", lambda: "http://127.0.0.1:9/api")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    index = Index(open_local_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
+    index = Index(open_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
     made = Computation(index, pickle.dumps(()), 1, Tally(), tmp_path / "log")
     assert made.run(Flow(0)) is None

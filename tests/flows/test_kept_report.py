@@ -19,8 +19,7 @@ from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.local_store import open_local_store
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.store import StoreError, open_store
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
 KEY = "report/ab/abc"
@@ -35,7 +34,7 @@ def found_of(configuration):
 
 @pytest.fixture
 def store(tmp_path):
-    return open_local_store(tmp_path / "store")
+    return open_store(tmp_path / "store")
 
 
 @pytest.fixture
@@ -104,7 +103,7 @@ def test_the_summary_of_a_kept_report_is_that_of_a_new_one(written):
 
 def test_a_damaged_report_is_made_again(written, store):
     first, _ = written(second=1)
-    (file,) = (store.root / KEY).glob("verdicts.parquet")
+    (file,) = (store.local / KEY).glob("verdicts.parquet")
     file.write_bytes(file.read_bytes()[:-1] + b"?")
     second, made = written(second=2)
     assert made == 2

@@ -165,7 +165,7 @@ def test_two_campaigns_at_once_on_one_store_come_to_what_each_comes_to_alone(kil
     mine, others = together.directories()
     assert killed.differing(alone[0].files, killed.digests(mine)) == ""
     assert len(pq.read_table(others / "runs.parquet")) == (CONFIGURATIONS + 2) * killed.RUNS
-    store = killed.open_local_store(together.store)
+    store = killed.open_store(together.store)
     assert [store.fault(holding.key) for holding in store.holdings() if store.fault(holding.key)] == []
     found = killed.stored(store)
     assert {key: content for key, content in found.items() if key in alone[0].artifacts} == alone[0].artifacts

@@ -17,7 +17,6 @@ from vastflow.tasks.engine import Engine, MemberFault
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
 from vastflow.tasks.index import Index, Member
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.pool import Pool, PoolClosed
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.shard_run import write_report
@@ -100,7 +99,7 @@ def dies_of(poison):
 @pytest.fixture
 def drive(tmp_path):
     """Drives members over workers; gives the tally, the faults, what was said, and the workers."""
-    store = open_local_store(tmp_path / "store")
+    store = open_store(tmp_path / "store")
     pools = []
 
     def run(act, members, pool=WorkPool("lab", shards=1), online=1, **times):  # noqa: B008
@@ -144,7 +143,7 @@ def test_what_the_store_has_is_not_asked_for(drive, members):
 
 
 def test_members_that_want_more_runs_go_to_the_workers_again_for_these_alone(tmp_path, members):
-    store = open_local_store(tmp_path / "store")
+    store = open_store(tmp_path / "store")
     tally, pool = Tally(), Pool(1)
     tally.expect({each.name: RUNS for each in members})
     engine = Engine(Index(store, KEYS), pool, tally, b"")
@@ -375,7 +374,7 @@ def test_a_pool_has_a_name_and_at_least_one_shard():
 
 
 def test_the_faults_of_a_flow_run_are_read_as_they_were_written(tmp_path):
-    store = open_local_store(tmp_path / "store")
+    store = open_store(tmp_path / "store")
     faults = (MemberFault("hall-1", None, "execute", "ValueError: ×"),)
     write_report(store, "an-id", faults)
     assert pool_driver.read_report(store, "an-id") == faults

@@ -25,8 +25,8 @@ from vastflow.flows.results.summary import Work
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.instantiation import Instantiator
-from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.source import installed_tree
+from vastflow.tasks.store import open_store
 
 DAY_S = 24 * 3600.0
 
@@ -43,8 +43,8 @@ def reported(*arguments):
 
 @pytest.fixture
 def store(tmp_path, monkeypatch):
-    store = open_local_store(tmp_path / "store")
-    monkeypatch.setenv("VASTFLOW_STORE", str(store.root))
+    store = open_store(tmp_path / "store")
+    monkeypatch.setenv("VASTFLOW_STORE", str(store.local))
     return store
 
 
@@ -99,7 +99,7 @@ def ran(tmp_path, small_room, store, tree):
 def grow_old(store, days=2.0):
     """Let everything have been written some days ago."""
     then_s = time.time() - days * DAY_S
-    for file in store.root.rglob("*"):
+    for file in store.local.rglob("*"):
         os.utime(file, (then_s, then_s))
 
 
@@ -109,7 +109,7 @@ def keys_in(store):
 
 def spoil(store, stage):
     key = min(key for key in keys_in(store) if key.startswith(stage))
-    (file,) = (store.root / key).glob("*.parquet")
+    (file,) = (store.local / key).glob("*.parquet")
     file.write_bytes(file.read_bytes()[:-1] + b"?")
     return key
 
@@ -131,7 +131,7 @@ def test_info_counts_artifacts_and_bytes_by_stage(ran, store):
     assert found["bytes"] == sum(row["bytes"] for row in found["stages"].values()) > 0
     assert 2.9 < found["oldest_days"] < 3.1 and found["newest_days"] < 0.1
     printed = called("info").stdout
-    assert str(store.root) in printed and "execute" in printed and "3 d" in printed
+    assert str(store.local) in printed and "execute" in printed and "3 d" in printed
 
 
 def test_info_of_a_new_store_is_all_zero(store):
@@ -173,8 +173,8 @@ def test_verify_names_what_is_damaged_and_leaves_it(ran, store):
 def test_verify_finds_a_copy_of_another_artifact(ran, store):
     ran("one")
     one, other, *_ = sorted(key for key in keys_in(store) if key.startswith("judge"))
-    shutil.rmtree(store.root / one)
-    shutil.copytree(store.root / other, store.root / one)
+    shutil.rmtree(store.local / one)
+    shutil.copytree(store.local / other, store.local / one)
     result = called("verify")
     assert result.exit_code == 1
     assert result.stdout == f"{one}: it is a copy of {other}\n7 artifacts read, 1 damaged\n"
@@ -182,7 +182,7 @@ def test_verify_finds_a_copy_of_another_artifact(ran, store):
 
 def test_verify_counts_what_an_earlier_version_wrote(ran, store):
     ran("one")
-    manifest = store.root / max(key for key in keys_in(store) if key.startswith("judge")) / "manifest"
+    manifest = store.local / max(key for key in keys_in(store) if key.startswith("judge")) / "manifest"
     promise = json.loads(manifest.read_text().partition("\n")[2])
     del promise["key"]
     text = json.dumps(promise, sort_keys=True)
@@ -270,15 +270,15 @@ def test_gc_deletes_environments_that_no_producer_made_any_more(ran, store):
     first = ran("one")
     named, unnamed = ("ab" * 32, "cd" * 32)
     for name in (named, unnamed):
-        (store.root / "environments" / name).mkdir(parents=True)
-        (store.root / "environments" / name / "map.pgm").write_bytes(bytes(1000))
+        (store.local / "environments" / name).mkdir(parents=True)
+        (store.local / "environments" / name / "map.pgm").write_bytes(bytes(1000))
     fragments = json.dumps([{"file": [f"/x/environments/{named}/map.yaml", "0"]}]).encode()
     store.put("evaluate/ab/of-plans", {"fragments.json": fragments})
     grow_old(store)
-    os.utime(store.root / "evaluate" / "ab" / "of-plans" / "manifest")  # younger than a day: it stays
+    os.utime(store.local / "evaluate" / "ab" / "of-plans" / "manifest")  # younger than a day: it stays
     found = reported("gc", "--keep", first)
     assert (found["environments"], found["environments_bytes"]) == (1, 1000)
-    assert [folder.name for folder in (store.root / "environments").iterdir()] == [named]
+    assert [folder.name for folder in (store.local / "environments").iterdir()] == [named]
 
 
 def test_gc_keeps_all_evaluations_when_a_campaign_cannot_be_read_any_more(ran, store):

@@ -59,8 +59,7 @@ from killed_points import (
 )
 
 from vastflow.flows.results.directory import ABANDONED_S, sweep
-from vastflow.tasks.local_store import open_local_store
-from vastflow.tasks.store import WRITING_S
+from vastflow.tasks.store import WRITING_S, open_store
 
 AGAIN = 3
 ORPHANS_S = 10.0
@@ -75,7 +74,7 @@ def undisturbed(lab: Lab, twice: bool = True) -> tuple[Whole, dict[str, tuple[fl
     place = Place(lab, "first")
     there = watched(place)
     shutil.copytree(place.folder / "prefect", lab.home, ignore=shutil.ignore_patterns("storage"))
-    whole = Whole(digests(place.directories()[0]), stored(open_local_store(place.store)))
+    whole = Whole(digests(place.directories()[0]), stored(open_store(place.store)))
     if twice:
         place = Place(lab, "second")
         there = watched(place)
@@ -285,7 +284,7 @@ def _check(place: Place, point: Point, whole: Whole) -> None:
     if len({scenario for scenario, _ in twice}) > WORKERS:
         say(f"runs of {len({scenario for scenario, _ in twice})} configurations were executed twice")
 
-    store = open_local_store(place.store)
+    store = open_store(place.store)
     faults = {holding.key: store.fault(holding.key) for holding in store.holdings()}
     if damaged := [f"{key}: {fault}" for key, fault in faults.items() if fault]:
         say(f"{len(damaged)} artifacts are damaged, {damaged[0]}")
@@ -295,7 +294,7 @@ def _check(place: Place, point: Point, whole: Whole) -> None:
 
     _age(place.store / "temporary", WRITING_S)
     _age(place.results, ABANDONED_S)
-    open_local_store(place.store)
+    open_store(place.store)
     sweep(place.results)
     if rest := [*(place.store / "temporary").iterdir(), *place.results.glob(".*")]:
         say(f"not swept: {rest[0]}")

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from vastflow.tasks.local_store import LocalStore
+from vastflow.tasks.store import Store
 
 FINAL = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 
@@ -55,7 +55,7 @@ MASKS = (
 """Of the report: what is said of the call that made it."""
 
 
-def stored(store: LocalStore) -> dict[str, str]:
+def stored(store: Store) -> dict[str, str]:
     """Key to digest of all of an artifact's files but its sidecars."""
     found = {}
     for holding in store.holdings():

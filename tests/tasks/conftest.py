@@ -15,8 +15,7 @@ import fsspec
 import platformdirs
 import pytest
 
-from vastflow.tasks.local_store import open_local_store
-from vastflow.tasks.object_store import ObjectStore, open_object_store
+from vastflow.tasks.store import Store, open_store
 
 KEY_ID, SECRET = "TESTKEYID", "TESTSECRET"
 BUCKET = "bucket"
@@ -125,7 +124,7 @@ class Raw:
 
     def __init__(self, store) -> None:
         address = store.place if "://" in store.place else f"file://{store.place}"
-        self._files, self._root = fsspec.core.url_to_fs(address) if "s3:" not in address else store._open()
+        self._files, self._root = fsspec.core.url_to_fs(address) if "s3:" not in address else store._files._open()
 
     def paths(self, *keys: str) -> list[str]:
         """Every file of artifacts, or below the given keys, sorted."""
@@ -168,6 +167,6 @@ def memory(tmp_path, monkeypatch) -> str:
 def any_store(request, tmp_path):
     """An empty store of each kind."""
     if request.param == "folder":
-        return open_local_store(tmp_path / "store")
+        return open_store(tmp_path / "store")
     address = request.getfixturevalue(request.param)
-    return ObjectStore(address) if request.param == "memory" else open_object_store(address)
+    return Store(address) if request.param == "memory" else open_store(address)

@@ -49,12 +49,12 @@ def test_a_hole_in_the_middle_is_missing(index):
 
 def test_a_damaged_block_is_missing(index):
     artifact = put(index, 0, 8)
-    (index.store.root / artifact.key / "recordings.parquet").unlink()
+    (index.store.local / artifact.key / "recordings.parquet").unlink()
     assert missing(index.blocks(MEMBER), 8) == list(range(8))
 
 
 def test_a_folder_of_another_name_is_no_block(index):
-    home = index.store.root / index.keys.recordings(MEMBER.scenario.digest)
+    home = index.store.local / index.keys.recordings(MEMBER.scenario.digest)
     (home / "notes").mkdir(parents=True)
     assert index.blocks(MEMBER) == []
 

@@ -107,7 +107,7 @@ def test_nothing_is_missing_once_all_is_stored(instantiator):
 
 def test_a_damaged_evaluation_is_missing(instantiator):
     instantiator.instantiated(Here(instantiator.store, "none"))
-    fragments = next((instantiator.store.root / "evaluate").rglob("fragments.json"))
+    fragments = next((instantiator.store.local / "evaluate").rglob("fragments.json"))
     fragments.write_bytes(fragments.read_bytes()[::-1])
     assert instantiator.stored() is None
 

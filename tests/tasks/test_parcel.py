@@ -21,7 +21,6 @@ from vastflow.sim.reading.map_file import load_map, map_content
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.parcel import Packer, ParcelError, differences, promise_of, unpacked
 from vastflow.tasks.store import Lost
 
@@ -69,7 +68,7 @@ def home(tmp_path) -> Path:
 
 @pytest.fixture
 def store(tmp_path):
-    return open_local_store(tmp_path / "store")
+    return open_store(tmp_path / "store")
 
 
 def member(home, name="hall-1", **parts):
@@ -199,7 +198,7 @@ def test_whatever_a_scenario_says_keeps_its_digest(tmp_path_factory, values):
     file = folder / "file"
     file.write_bytes(b"content")
     scenario = Scenario("builtin:navigate_to_pose", 1.0, {**values, "f": FileContent(str(file), "d")}, values, {})
-    store = open_local_store(folder / "store")
+    store = open_store(folder / "store")
     key = Packer(store, "any", KEYS, (), folder).packed([Member("a-1", "a", 1, scenario, 1)])
     (after,) = unpacked(store, key, folder / "here").members
     assert after.scenario.digest == scenario.digest

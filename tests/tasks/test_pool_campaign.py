@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
-from vastflow.tasks.object_store import ObjectStore
+from vastflow.tasks.remote_files import RemoteFiles
 from vastflow.tasks.store import open_store
 
 pytestmark = pytest.mark.timeout(580)
@@ -178,7 +178,7 @@ def test_a_pool_computes_the_same_bytes_as_this_process(api, worker, room, tmp_p
 
 
 def test_store_and_worker_need_not_be_on_one_machine(api, started_worker, room, kernels, tmp_path, s3, monkeypatch):
-    monkeypatch.setattr(ObjectStore, "local", tmp_path / "local")
+    monkeypatch.setattr(RemoteFiles, "local", tmp_path / "local")
     monkeypatch.delenv("XDG_CACHE_HOME")  # where the compiled kernels are that other tests have used
     here = run_campaign(room, results=tmp_path / "here", store=tmp_path / "store-here", workers=2)
     other = tmp_path / "other-home"

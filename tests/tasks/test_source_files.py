@@ -8,9 +8,9 @@ import time
 
 import pytest
 
-from vastflow.tasks.local_store import open_local_store
 from vastflow.tasks.source import SourceTree
-from vastflow.tasks.source_files import KeyedStore, SourceChanged, source_files
+from vastflow.tasks.source_files import SourceChanged, source_files
+from vastflow.tasks.store import open_store
 
 CODE = """
 import importlib, pickle, sys, time
@@ -46,7 +46,7 @@ def worker(tmp_path, package):
     started = []
 
     def start(*turns):
-        store = KeyedStore(open_local_store(tmp_path / "store"), source_files([package]))
+        store = open_store(tmp_path / "store").for_sources(source_files([package]))
         (tmp_path / "store.pickle").write_bytes(pickle.dumps(store))
         code = f"import vastflow.tasks\nvastflow.__path__ = [*vastflow.__path__, {str(package.parent)!r}]\n{CODE}"
         command = [sys.executable, "-c", code, str(tmp_path / "store.pickle"), "-", *turns]

@@ -11,8 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from vastflow.tasks.object_store import ObjectStore
-from vastflow.tasks.store import EARLIER, Lost, open_store
+from vastflow.tasks.remote_files import RemoteFiles
+from vastflow.tasks.store import EARLIER, Lost, Store, open_store
 
 KEY = "execute/ab/abcd/0-5"
 CONTENT = "338736d3cc5239f43388b32f21328523e790542620966d1e65b34ce99582cf83"
@@ -151,7 +151,7 @@ def test_writers_at_the_same_time_are_harmless(kind, tmp_path, request):
     assert [writer.wait(200) for writer in writers] == [0, 0]
     assert all(store.read(f"execute/ab/k{i}/0-1", "a.bin")[:1] in (b"0", b"1") for i in range(30))
     if kind == "folder":
-        assert list((store.root / "temporary").iterdir()) == []
+        assert list((store.local / "temporary").iterdir()) == []
 
 
 WRITE_MANY = """
@@ -167,7 +167,7 @@ for i in range(30):
 
 @pytest.mark.parametrize("kind", ["folder", "memory"])
 def test_writers_beside_one_who_removes_everything_go_on(kind, tmp_path, request):
-    store = open_store(tmp_path / "store") if kind == "folder" else ObjectStore(request.getfixturevalue("memory"))
+    store = open_store(tmp_path / "store") if kind == "folder" else Store(request.getfixturevalue("memory"))
     written = threading.Event()
 
     def remove_all():
@@ -335,7 +335,7 @@ def test_a_manifest_is_read_once_on_a_machine(s3, monkeypatch):
         assert store.find(f"execute/ab/k{number}/0-1").content == CONTENT
     store.survey()
     again = open_store(s3)
-    monkeypatch.setattr(again._files, "cat", None)
+    monkeypatch.setattr(again._files._files, "cat", None)
     again.survey()
     assert again.find("execute/ab/k2/0-1").content == CONTENT
 
@@ -355,14 +355,14 @@ def test_spoilt_copies_of_manifests_are_no_fault(s3):
 
 def test_a_listing_that_was_too_early_for_some_files_costs_nothing(memory, monkeypatch, caplog):
     # Another campaign writes files and manifest while the pages of a long listing come in.
-    store = ObjectStore(memory)
+    store = Store(memory)
     store.put(KEY, {"a.bin": b"content"})
-    listed = ObjectStore._listed
+    listed = RemoteFiles._listed
 
     def manifests(self, key):
         return {name: file for name, file in listed(self, key).items() if key or name.endswith("manifest")}
 
-    monkeypatch.setattr(ObjectStore, "_listed", manifests)
+    monkeypatch.setattr(RemoteFiles, "_listed", manifests)
     store.survey()
     assert store.find(KEY) is not None
     assert store.read(KEY, "a.bin") == b"content"

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.results.at_hand import WITHOUT_RUNS, at_hand, meant_address
-from vastflow.tasks.object_store import file_system
+from vastflow.tasks.remote_files import file_system
 from vastflow.tasks.store import StoreError
 
 CAMPAIGN = """

@@ -10,7 +10,7 @@ import pytest
 
 from vastflow.flows import api, run_campaign
 from vastflow.flows.computing import computation
-from vastflow.tasks.object_store import ObjectStore
+from vastflow.tasks.remote_files import RemoteFiles
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import StoreError, open_store
 
@@ -64,7 +64,7 @@ class KillsAfter:
 def test_a_campaign_over_s3_goes_on_after_its_server_was_gone(file, tmp_path, start_s3, s3_variables, monkeypatch):
     server = start_s3()
     s3_variables(server)
-    monkeypatch.setattr(ObjectStore, "local", tmp_path / "local")
+    monkeypatch.setattr(RemoteFiles, "local", tmp_path / "local")
     monkeypatch.delenv("XDG_CACHE_HOME")  # where the compiled kernels are that other tests have used
 
     def run(runs, **options):

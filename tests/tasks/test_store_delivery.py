@@ -12,9 +12,8 @@ from vastflow.flows.__main__ import app
 from vastflow.flows.results.delivery import delivery_to
 from vastflow.flows.results.results import Results
 from vastflow.flows.results.summary import Summary
-from vastflow.tasks.local_store import open_local_store
-from vastflow.tasks.object_store import file_system
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.remote_files import file_system
+from vastflow.tasks.store import StoreError, open_store
 
 CAMPAIGN = """
 version: 1
@@ -33,7 +32,7 @@ scenario nothing:
 
 @pytest.fixture
 def store(tmp_path):
-    return open_local_store(tmp_path / "store")
+    return open_store(tmp_path / "store")
 
 
 def written(folder):

@@ -16,8 +16,6 @@ from vastflow.tasks import work
 from vastflow.tasks.engine import Engine, judgements
 from vastflow.tasks.index import Index, Member, missing
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.local_store import open_local_store
-from vastflow.tasks.object_store import ObjectStore, open_object_store
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.store import Lost
 from vastflow.tasks.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
@@ -109,10 +107,10 @@ def damage(files, rng):
 @pytest.mark.parametrize("kind", ["folder", "memory", "s3"])
 def test_every_fault_is_noticed_and_healed_and_nothing_damaged_is_served(kind, request, tmp_path, raw):
     if kind == "folder":
-        store = open_local_store(tmp_path / "store")
+        store = open_store(tmp_path / "store")
     else:
         address = request.getfixturevalue(kind)
-        store = ObjectStore(address) if kind == "memory" else open_object_store(address)
+        store = Store(address) if kind == "memory" else open_store(address)
     whole, jobs = campaign(store)
     assert jobs == 3 * len(MEMBERS)
     assert campaign(store) == (whole, 0)

@@ -10,21 +10,20 @@ import fsspec
 import pytest
 
 from vastflow.producers.floorplan.environment import environments_folder
-from vastflow.tasks.local_store import LocalStore, open_local_store
-from vastflow.tasks.object_store import ObjectStore
-from vastflow.tasks.store import StoreError, open_store, store_root
+from vastflow.tasks.remote_files import RemoteFiles
+from vastflow.tasks.store import Store, StoreError, open_store, store_root
 
 KEY = "execute/ab/abcd/0-5"
 
 
 def test_what_killed_writers_left_is_swept_after_a_day(tmp_path):
     store = open_store(tmp_path / "store")
-    old, young = store.root / "temporary" / "old", store.root / "temporary" / "young"
+    old, young = store.local / "temporary" / "old", store.local / "temporary" / "young"
     old.mkdir()
     young.mkdir()
     long_ago = time.time() - 2 * 24 * 3600
     os.utime(old, (long_ago, long_ago))
-    open_store(store.root)
+    open_store(store.local)
     assert not old.exists()
     assert young.exists()
 
@@ -39,7 +38,7 @@ def test_the_place_is_the_argument_else_the_variable_else_the_users_cache(tmp_pa
 
 
 def test_a_file_address_is_a_folder(tmp_path):
-    assert open_store(f"file://{tmp_path}/store") == LocalStore(tmp_path / "store")
+    assert open_store(f"file://{tmp_path}/store").local == tmp_path / "store"
 
 
 def test_the_variable_may_be_an_address(s3, monkeypatch):
@@ -70,7 +69,7 @@ def test_an_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_pat
 
 def test_what_is_no_artifact_lies_on_this_machine_one_folder_for_each_address(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    places = {ObjectStore(f"s3://bucket/{name}").local for name in ("a", "b")}
+    places = {Store(f"s3://bucket/{name}").local for name in ("a", "b")}
     assert len(places) == 2
     assert all(place.is_relative_to(tmp_path) for place in places)
 
@@ -107,29 +106,25 @@ def test_a_server_that_does_not_answer_is_named(start_s3, s3_variables):
             ask()
 
 
-class KilledBefore(ObjectStore):
-    """Its server dies before the n-th write of a put."""
-
-    def __init__(self, address, server, number):
-        super().__init__(address)
-        self.server, self.left = server, number
-
-    def _write(self, contents):
-        self.left -= 1
-        if not self.left:
-            self.server.kill()
-        super()._write(contents)
-
-
 @pytest.mark.parametrize("number", [1, 2])
 def test_a_server_that_dies_during_a_put_leaves_no_artifact_and_all_goes_on_when_it_is_back(
-    start_s3, s3_variables, number
+    start_s3, s3_variables, monkeypatch, number
 ):
     server = start_s3()
     s3_variables(server)
     store = open_store("s3://bucket/x")
-    with pytest.raises(StoreError, match="what was finished is kept"):
-        KilledBefore("s3://bucket/x", server, number).put(KEY, {"a.bin": b"one", "b.bin": b"two"})
+    write, left = RemoteFiles._write, [number]
+
+    def killed_before(files, contents):
+        left[0] -= 1
+        if not left[0]:
+            server.kill()
+        write(files, contents)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RemoteFiles, "_write", killed_before)
+        with pytest.raises(StoreError, match="what was finished is kept"):
+            store.put(KEY, {"a.bin": b"one", "b.bin": b"two"})
     server.start()
     assert store.find(KEY) is None
     store.put(KEY, {"a.bin": b"one", "b.bin": b"two"})
@@ -142,7 +137,7 @@ FILES = {"a.bin": b"one" * 1000, "b.bin": b"two" * 1000}
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
 @pytest.mark.parametrize("number", range(4))
 def test_a_folder_that_takes_no_more_has_whole_artifacts_or_none(tmp_path, monkeypatch, number, code):
-    store = open_local_store(tmp_path / "store")
+    store = open_store(tmp_path / "store")
     left = [number]
     write = Path.write_bytes
 
@@ -158,14 +153,14 @@ def test_a_folder_that_takes_no_more_has_whole_artifacts_or_none(tmp_path, monke
         with pytest.raises(StoreError, match=rf"store: can't write to .*{os.strerror(code)}\); make room"):
             store.put(KEY, FILES, sidecar={"log": b"1"})
     assert store.find(KEY) is None
-    assert list((store.root / "temporary").iterdir()) == []
+    assert list((store.local / "temporary").iterdir()) == []
     store.put(KEY, FILES)
     assert store.read(KEY, "b.bin") == FILES["b.bin"]
 
 
 @pytest.mark.parametrize("number", range(4))
 def test_a_service_that_takes_no_more_has_whole_artifacts_or_none(memory, monkeypatch, number):
-    store = ObjectStore(memory)
+    store = Store(memory)
     left = [number]
     kind = fsspec.get_filesystem_class("memory")
     write = kind.pipe_file
@@ -208,7 +203,7 @@ def small_disk(tmp_path):
 
 def test_a_disk_that_is_full_is_said_and_works_again_when_there_is_room(small_disk):
     disk, _ = small_disk
-    store = open_local_store(disk / "store")
+    store = open_store(disk / "store")
     kept = 0
     with pytest.raises(StoreError, match=r"No space left on device.*make room"):
         for kept in range(100):
@@ -221,11 +216,11 @@ def test_a_disk_that_is_full_is_said_and_works_again_when_there_is_room(small_di
 
 def test_a_disk_that_is_read_only_is_said(small_disk):
     disk, mount = small_disk
-    store = open_local_store(disk / "store")
+    store = open_store(disk / "store")
     store.put(KEY, FILES)
     mount("remount,ro")
     with pytest.raises(StoreError, match=r"Read-only file system.*--store"):
-        open_local_store(disk / "store")
+        open_store(disk / "store")
     with pytest.raises(StoreError, match="Read-only file system"):
         store.put("execute/ab/other/0-5", FILES)
     assert store.read(KEY, "a.bin") == FILES["a.bin"]

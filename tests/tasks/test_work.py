@@ -97,7 +97,7 @@ def test_a_block_has_the_same_bytes_alone_and_in_a_batch(store, simulate):
 def test_a_run_log_says_what_each_run_cost_and_is_in_no_digest(store, simulate):
     simulate()
     work.execute(store, "execute/ab/key", SCENARIO, 0, 2, 0)
-    log = json.loads((store.root / "execute/ab/key/0-2" / work.RUN_LOG).read_text())
+    log = json.loads((store.local / "execute/ab/key/0-2" / work.RUN_LOG).read_text())
     assert [(run["run_index"], run["cpu_s"], run["lines"]) for run in log["runs"]] == [
         (0, 0.25, ["1.0 s: begun"]),
         (1, 0.25, ["1.0 s: begun"]),
