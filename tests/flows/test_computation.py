@@ -10,6 +10,7 @@ from vastflow.tasks.index import Index
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import PrefectUnavailable, import_prefect
+from vastflow.tasks.store import open_store
 
 pytestmark = pytest.mark.timeout(280)
 

@@ -20,7 +20,7 @@ from vastflow.tasks.keys import Keys
 from vastflow.tasks.pool import Pool, PoolClosed
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.shard_run import write_report
-from vastflow.tasks.store import StoreError
+from vastflow.tasks.store import StoreError, open_store
 from vastflow.tasks.work import RECORDINGS, TRACES, VERDICTS
 
 KEYS = Keys("numeric", "a", "b", "c", 0, [])

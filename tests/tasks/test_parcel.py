@@ -22,7 +22,7 @@ from vastflow.sim.scenario import Scenario
 from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.parcel import Packer, ParcelError, differences, promise_of, unpacked
-from vastflow.tasks.store import Lost
+from vastflow.tasks.store import Lost, open_store
 
 KEYS = Keys("x86; glibc", "a", "b", "c", 7, [["success", {}]])
 ORACLE = """

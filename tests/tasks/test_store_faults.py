@@ -17,7 +17,7 @@ from vastflow.tasks.engine import Engine, judgements
 from vastflow.tasks.index import Index, Member, missing
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.store import Lost
+from vastflow.tasks.store import Lost, Store, open_store
 from vastflow.tasks.work import BEHAVIORS, RECORDINGS, RUN_LOG, TRACES, VERDICTS, Executed
 
 FAULTS = int(os.environ.get("VASTFLOW_FAULTS", "40"))
