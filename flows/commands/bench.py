@@ -1,11 +1,10 @@
 """The command `bench`: measured speed, with everything that was fixed to measure it."""
 
-import json
-import sys
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
+
+from vastflow.flows.commands.checkout import run_script
 
 bench = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -18,16 +17,10 @@ def sim(
 ) -> None:
     """Measure the simulator.
 
-    One fixed scenario on one core, in CPU time, with everything that was fixed.
+    One fixed scenario on one core, in CPU time, with everything that was fixed. Needs a clone of the repository.
     """
-    from vastflow.sim.bench import bench as measure
-
-    try:
-        found = measure(controller, profile=profile)
-    except ValueError as error:
-        print(f"vastflow bench sim: {error}", file=sys.stderr)
-        raise typer.Exit(2) from None
-    _show(found, as_json)
+    flags = ["--profile"] * profile + ["--json"] * as_json
+    run_script("bench sim", "bench_simulator", f"--controller={controller}", *flags)
 
 
 @bench.command()
@@ -38,26 +31,8 @@ def pipeline(
 ) -> None:
     """Measure the pipeline.
 
-    A campaign whose runs do nothing: computed, run again, and run with one configuration edited. It takes minutes.
+    A campaign whose runs do nothing: computed, run again, and run with one configuration edited. It takes minutes and
+    needs a clone of the repository.
     """
-    from vastflow.flows.pipeline_bench import bench_pipeline
-
-    _show(bench_pipeline(configurations, runs), as_json)
-
-
-def _show(found: Mapping[str, Any], as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(found))
-        return
-    rows = list(_rows("", found))
-    width = max(len(name) for name, _ in rows)
-    for name, text in rows:
-        print(f"{name:<{width}}  {text}")
-
-
-def _rows(prefix: str, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _rows(f"{prefix}{name}.", value)
-        else:
-            yield prefix + name, f"{value:.4g}" if isinstance(value, float) else str(value)
+    flags = ["--json"] * as_json
+    run_script("bench pipeline", "bench_pipeline", f"--configurations={configurations}", f"--runs={runs}", *flags)

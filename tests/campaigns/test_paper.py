@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from paper_published import PUBLISHED
+from paper_results import Requested, requested_of
 
 from vastflow.flows.request.campaign_file import read_campaign
-from vastflow.oracles.paper.published import PUBLISHED
-from vastflow.oracles.paper.results import Requested, requested_of
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
 

@@ -293,24 +293,6 @@ def test_show_says_when_a_campaign_directory_is_damaged(tmp_path):
     assert result.exit_code == 2 and "damaged campaign directory" in result.stderr
 
 
-def test_bench_prints_what_was_measured_as_json_or_as_a_table(monkeypatch):
-    from vastflow.sim import bench
-
-    monkeypatch.setattr(
-        bench,
-        "bench",
-        lambda controller, profile: {
-            "controller": controller,
-            "x_real_time": 250.123,
-            "map": {"seed": 20},
-            **({"profile": {"lidar": 0.3}} if profile else {}),
-        },
-    )
-    assert json.loads(called("bench", "sim", "--json").stdout)["x_real_time"] == 250.123
-    assert called("bench", "sim").stdout == "controller   mppi\nx_real_time  250.1\nmap.seed     20\n"
-    assert "profile.lidar  0.3\n" in called("bench", "sim", "--profile").stdout
-
-
 def test_the_entry_module_imports_nothing_heavy():
     program = (
         "import sys, vastflow.flows.__main__\n"

@@ -2,13 +2,16 @@
 
 import json
 
+from paper_page import main
+from typer import Typer
 from typer.testing import CliRunner
 
-from vastflow.flows.__main__ import app
+script = Typer()
+script.command()(main)
 
 
 def called(*arguments):
-    return CliRunner().invoke(app, ["paper", *map(str, arguments)])
+    return CliRunner().invoke(script, [*map(str, arguments)])
 
 
 def test_what_is_no_campaign_directory_is_said(tmp_path):

@@ -1,8 +1,8 @@
 """The pipeline's benchmark, in short: what it counts, and none of its times."""
 
 import pytest
+from bench_pipeline import SCENARIO, bench_pipeline, campaign_text
 
-from vastflow.flows.pipeline_bench import SCENARIO, bench_pipeline, campaign_text
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiate import instantiate
 

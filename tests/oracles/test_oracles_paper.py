@@ -5,12 +5,12 @@ import json
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from paper_page import paper_page
+from paper_published import ALL_RUNS, PUBLISHED
+from paper_results import NotThePapers, Requested, paper_results, requested_of
+from paper_starts import Begun, Starts, starts_of
 
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.paper.page import paper_page
-from vastflow.oracles.paper.published import ALL_RUNS, PUBLISHED
-from vastflow.oracles.paper.results import NotThePapers, Requested, paper_results, requested_of
-from vastflow.oracles.paper.starts import Begun, Starts, starts_of
 from vastflow.sim.loop.standstill import POINTS_IN_FOOTPRINT
 
 RADIUS = "global_costmap.robot_radius"

@@ -4,8 +4,8 @@ import functools
 
 import numpy as np
 import pytest
+from bench_simulator import benchmark_routes
 
-from vastflow.sim.bench import benchmark_routes
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.nav.parameters.servers import Perturbation

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from paper_published import Kind
+
 from vastflow.oracles.evidence.rates import Counts, pooled
-from vastflow.oracles.paper.published import Kind
 
 DENSITIES_PER_M: Final = (0.2, 0.6)
 

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from paper_published import LOCAL_PADDING_M, LOCAL_RADIUS_M
 from scipy import ndimage
 
 from vastflow.oracles.evidence.rates import Counts, counts_of
-from vastflow.oracles.paper.published import LOCAL_PADDING_M, LOCAL_RADIUS_M
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline

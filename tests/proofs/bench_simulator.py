@@ -1,12 +1,20 @@
-"""The pinned benchmark: closed loops in CPU time, with everything that could flatter it printed beside it."""
+"""The pinned benchmark: closed loops in CPU time, with everything that could flatter it printed beside it.
 
+    vastflow bench sim --controller mppi|dwb|rpp [--profile] [--json]
+
+runs this file, as `python tests/proofs/bench_simulator.py` does.
+"""
+
+import argparse
 import itertools
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
+from bench_show import shown
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import run_entropy
@@ -262,3 +270,22 @@ def _wall_positions(cells: int, rng: np.random.Generator) -> list[int]:
     while positions[-1] + round(14.0 / RESOLUTION_M) < cells:
         positions.append(positions[-1] + int(rng.integers(round(5.0 / RESOLUTION_M), round(9.0 / RESOLUTION_M))))
     return [*positions, cells - round(0.15 / RESOLUTION_M)]
+
+
+def main() -> None:
+    """Print what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--controller", default="mppi")
+    parser.add_argument("--profile", action="store_true")
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    try:
+        found = bench(asked.controller, profile=asked.profile)
+    except ValueError as error:
+        print(f"vastflow bench sim: {error}", file=sys.stderr)
+        sys.exit(2)
+    print(shown(found, as_json=asked.json))
+
+
+if __name__ == "__main__":
+    main()

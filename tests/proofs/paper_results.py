@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import pyarrow.parquet as pq
+from paper_parts import Part, parts_of
+from paper_published import PUBLISHED, Kind, Published
+from paper_starts import Starts, starts_of
 
 from vastflow.oracles.evidence.rates import Counts, counts_of, pooled
 from vastflow.oracles.evidence.weights import weights_of
-from vastflow.oracles.paper.parts import Part, parts_of
-from vastflow.oracles.paper.published import PUBLISHED, Kind, Published
-from vastflow.oracles.paper.starts import Starts, starts_of
 from vastflow.oracles.statistics.factors import blocks_of
 from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.sim.reading.files import read_json

@@ -1,21 +1,58 @@
-"""The page that puts results beside the paper's: figures from campaign directories, words from a template."""
+"""The page that puts results beside the paper's: figures from campaign directories, words from a template.
 
+    vastflow paper RESULTS...
+
+runs this file, as `python tests/proofs/paper_page.py RESULTS...` does.
+"""
+
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final, NoReturn
 
+import paper_published as published
+import typer
 from jinja2 import Environment, StrictUndefined
+from paper_results import NotThePapers, PaperResults, paper_results
 
+from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.reading import BAD_INPUT, reading
 from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_counts, weighted_rate
-from vastflow.oracles.paper import published
-from vastflow.oracles.paper.results import PaperResults
 from vastflow.oracles.statistics.classes import TotalFailures, total_failures
 from vastflow.sim.loop.standstill import CAUSES, STANDSTILL_M
 
 CORES: Final = 2
 """For which the time of the whole campaigns is said."""
-_TEMPLATE: Final = Path(__file__).with_name("paper.md.j2")
+_TEMPLATE: Final = Path(__file__).with_name("paper_page.md.j2")
+
+
+def main(
+    results: Annotated[
+        list[Path], typer.Argument(metavar="RESULTS...", help="Campaign directories of campaigns in campaigns/paper.")
+    ],
+) -> None:
+    """Print a page that puts results beside the paper's.
+
+    Markdown on standard output; the same results give the same text.
+    """
+    with Interruptible("interrupted"):
+        found = []
+        for directory in results:
+            if wrong := wrong_directory(directory):
+                _end(wrong)
+            with reading(directory):
+                try:
+                    found.append(paper_results(directory))
+                except NotThePapers as error:
+                    _end(str(error))
+        print(paper_page(found), end="")
+
+
+def _end(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise typer.Exit(BAD_INPUT)
 
 
 def paper_page(results: Sequence[PaperResults]) -> str:
@@ -88,3 +125,7 @@ def speed(times: float | None) -> str:
 def number(value: float, digits: int = 0) -> str:
     """`1,816`, `17.1`."""
     return f"{value:,.{digits}f}"
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,5 +1,11 @@
-"""The benchmark of the pipeline: a campaign whose runs do nothing, so that what is left is the pipeline's own cost."""
+"""The benchmark of the pipeline: a campaign whose runs do nothing, so that what is left is the pipeline's own cost.
 
+    vastflow bench pipeline [--configurations 5480] [--runs 20] [--json]
+
+runs this file, as `python tests/proofs/bench_pipeline.py` does.
+"""
+
+import argparse
 import json
 import os
 import shutil
@@ -15,6 +21,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import psutil
+from bench_show import shown
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE
 
@@ -192,3 +199,17 @@ def _task_runs(home: Path) -> dict[str, int]:
         final = "SELECT count(*) FROM task_run WHERE state_type IN ('COMPLETED', 'FAILED', 'CRASHED', 'CANCELLED')"
         (ended,) = connection.execute(final).fetchone()
     return {"task_runs": every, "task_runs_final": ended}
+
+
+def main() -> None:
+    """Print what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--configurations", type=int, default=5480)
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    print(shown(bench_pipeline(asked.configurations, asked.runs), as_json=asked.json))
+
+
+if __name__ == "__main__":
+    main()

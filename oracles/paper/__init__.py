@@ -1,1 +1,0 @@
-"""Results beside those of the paper."""
