@@ -337,6 +337,33 @@ amcl:
     ]
 
 
+def test_values_that_contradict_each_other_are_told_beside_other_faults():
+    text = """
+amcl:
+  ros__parameters: {min_particles: 9, max_particles: 8}
+velocity_smoother:
+  ros__parameters: {max_velocity: [0.5, 0.0, fast], max_accel: [2.5, 0.0], max_decel: -2.5, velocity_timeout: .inf}
+"""
+    contradiction, *others = faults(text)
+    assert contradiction.startswith(
+        "nav2.yaml:3:36: amcl.ros__parameters.min_particles: found parameters that contradict"
+    )
+    assert [line.rpartition("; ")[2] for line in others] == [
+        "max_velocity[2] must be a number",
+        "max_accel must be a list of 3 numbers",
+        "max_decel must be a list of 3 numbers",
+        "velocity_timeout must be a number",
+    ]
+
+
+def test_every_item_of_a_list_that_is_out_of_range_is_told():
+    text = "velocity_smoother: {ros__parameters: {max_decel: [2.5, 0.0, 3.2]}}"
+    assert [line.rpartition("; ")[2] for line in faults(text)] == [
+        "max_decel[0] must lie in [-1000, 0]",
+        "max_decel[2] must lie in [-1000, 0]",
+    ]
+
+
 @st.composite
 def varied(draw, default):
     """Parameters like `default` with other values; those of a group that is not enabled stay."""
