@@ -125,6 +125,11 @@ class Tally:
             self._members_done += (done == of.most) - (was_done == of.most)
             of.done = done
 
+    def through(self) -> frozenset[str]:
+        """Members of which every run that may be wanted is done."""
+        with self._lock:
+            return frozenset(name for name, of in self._members.items() if of.done == of.most)
+
     def progress(self) -> Progress:
         """The state now."""
         with self._lock:

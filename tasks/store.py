@@ -44,7 +44,7 @@ __all__ = [
 LOGGER: Final = logging.getLogger("vastflow.store")
 
 VARIABLE: Final = "VASTFLOW_STORE"
-STAGES: Final = ("evaluate", "execute", "observe", "judge", "report", "parcel")
+STAGES: Final = ("evaluate", "execute", "observe", "judge", "report", "bundle")
 """The first name of an artifact's key; a store's place may hold other things beside them."""
 
 _TRIES: Final = 100
@@ -110,6 +110,12 @@ class Store:
         """Another process may have put or discarded `key`, or what is directly below: look there anew."""
         if self._survey is not None:
             self._survey.changed(key)
+
+    def learn(self, artifacts: Iterable[Artifact]) -> None:
+        """Another process has put these and says so: where looking is slow, `find` and `under` may believe it."""
+        if self._survey is not None:
+            for artifact in artifacts:
+                self._survey.add(artifact)
 
     def find(self, key: str) -> Artifact | None:
         """The artifact of this key, if its manifest and all files are there in their sizes."""

@@ -96,7 +96,7 @@ def deploy(
         "as_v1": True if as_v1 else None,
         "results": results or _results(kind),
         "store": store,
-        "workers": workers or requested_cores(kind, campaign, context),
+        "workers": workers or requested_cores(kind, description),
         "reports": reports,
         "pool": shards_in,
     }

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from typing import Any
-from uuid import UUID
 
 from prefect import flow, get_run_logger
 from prefect.client.orchestration import get_client
@@ -14,12 +13,12 @@ from vastflow.flows.computing.campaign import Job
 from vastflow.flows.computing.task_log import quiet_task_runs
 from vastflow.flows.computing.task_runs import entered, evaluator, settle
 from vastflow.flows.pool.driver import TAKEN_S, Driver
-from vastflow.flows.pool.service import PoolService
+from vastflow.flows.pool.service import Asking, PoolService, pool_type
 from vastflow.flows.pool.spread import Spread
 from vastflow.flows.pool.work_pool import WorkPoolError
+from vastflow.tasks.bundle import BundleError, Packer
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.index import Member
-from vastflow.tasks.parcel import Packer, ParcelError
 from vastflow.tasks.progress import Tally
 
 
@@ -49,17 +48,12 @@ def pool_campaign(title: str, job: PoolJob) -> None:
     with entered(), quiet_task_runs(), get_client(sync_client=True) as client:
         engine = job.job.engine
         store = engine.index.store
-        service = PoolService(
-            client,
-            spread.pool,
-            spread.name,
-            UUID(str(flow_run.id)),
-            store.place,
-            spread.job_variables,
-            spread.workers_in,
-            spread.say,
-            lambda: engine.closed,
-        )
+        asking = Asking(client, spread.say, lambda: engine.closed)
+        kind = pool_type(asking, spread.pool.name)
+        job_variables, workers = spread.asked_of(kind)
+        parameters = {"store": store.place} | ({} if workers is None else {"workers": workers})
+        parent = str(flow_run.id)
+        service = PoolService(asking, spread.pool.name, parent, key_of(spread.name), parameters, job_variables)
         try:
             wave = job.job.plan(evaluator(job.job.engine, futures))
         finally:
@@ -67,14 +61,14 @@ def pool_campaign(title: str, job: PoolJob) -> None:
         job.job.running()
         packer = Packer(store, spread.name, spread.keys, spread.oracles, spread.campaign.path.parent)
         # In a queue of a cluster a flow run may be pending for days.
-        taken_s = TAKEN_S if service.kind is PoolType.process else None
+        taken_s = TAKEN_S if kind is PoolType.process else None
         driver = Driver(service, packer.packed, engine, job.tally, spread.pool, spread.say, taken_s=taken_s)
         try:
             show = _Shown(spread, wave)
             while wave:
                 driver.run(wave, show)
                 wave = job.job.more()
-        except ParcelError as error:
+        except BundleError as error:
             raise WorkPoolError(f"--pool: {error}") from None
         settle(futures)
 

@@ -13,12 +13,12 @@ from typing import Final, Protocol
 
 from vastflow.flows.pool.service import Seen
 from vastflow.flows.pool.work_pool import WorkersFailed, WorkPool, shard_count
+from vastflow.tasks.bundle_report import read_part
 from vastflow.tasks.engine import Engine, MemberFault, judgements
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
 from vastflow.tasks.index import Member, missing
 from vastflow.tasks.pool import PoolClosed
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.shard_run import read_report
 from vastflow.tasks.shards import chunks
 from vastflow.tasks.stages import Shard
 from vastflow.tasks.store import StoreError
@@ -38,16 +38,16 @@ TAKEN_S: Final = 300.0
 MOST_IN_VAIN: Final = 4
 """Of a shard with one poison a half is computed. When as many halves in a row are not, something else is wrong."""
 
+LISTEN_S: Final = 10.0
+"""Between two looks whether a shard that is being computed has more to tell."""
+
 _STEP_S: Final = 0.2
-_LOOK_S: Final = 5.0
-_LOOK_SHARE: Final = 20
-"""Between two looks into the store at shards that are being computed, times what one look takes."""
 
 
 class Service(Protocol):
     """Who runs shards elsewhere; see `vastflow.flows.pool.service.PoolService`."""
 
-    def submit(self, parcel: str, name: str) -> str: ...
+    def submit(self, bundle: str, name: str) -> str: ...
 
     def seen(self, ids: Collection[str]) -> Mapping[str, Seen]: ...
 
@@ -74,19 +74,28 @@ class Part:
 
 @dataclass(slots=True)
 class _Run:
-    """A part that is somewhere on its way, and its last sign of life."""
+    """A part that is somewhere on its way.
+
+    Attributes:
+        sign: Its last sign of life, at `beaten_s`.
+        told: How many parts of its report were read, at `listened_s`.
+        whole: Whether these are all.
+    """
 
     part: Part
     name: str
     sign: tuple[str, str] = ("", "")
     beaten_s: float = field(default_factory=time.monotonic)
+    told: int = 0
+    listened_s: float = field(default_factory=time.monotonic)
+    whole: bool = False
 
 
 class Driver:
     """Brings members into the store by way of a work pool.
 
     Args:
-        packed: Puts a parcel of some members into the store and gives its key.
+        packed: Puts a bundle of some members into the store and gives its key.
         say: Writes a line for the user.
         poll_s: Between two looks at the flow runs.
         idle_s, silent_s: See `IDLE_S` and `SILENT_S`.
@@ -123,7 +132,6 @@ class Driver:
         self._known: dict[str, frozenset[int]] = {}
         self._wanted: dict[str, int] = {}
         self._broken: set[str] = set()
-        self._look_at_s = 0.0
         self._shards = 0
         self._in_vain = 0
 
@@ -177,7 +185,6 @@ class Driver:
             if self._pool.wait_s is not None and idle_s > self._pool.wait_s:
                 raise WorkersFailed(f"no worker of the work pool {self._pool.name!r} took anything for {idle_s:.0f} s")
             self._land(seen)
-            self._look()
             show(self._shards - len(self._open) - len(self._waiting), self._shards)
 
     def _submit(self, part: Part) -> None:
@@ -203,9 +210,12 @@ class Driver:
             self._say(f"no worker of the work pool {name!r} is there; start one: prefect worker start --pool {name}")
 
     def _land(self, seen: Mapping[str, Seen]) -> None:
-        """Take those that ended; the store is looked at once for all of them."""
+        """Hear of those that are under way, and take those that ended.
+
+        A flow run that told to its end what it made is believed; only for another one the store is looked at.
+        """
         now_s = time.monotonic()
-        landed: list[tuple[str, _Run, Seen]] = []
+        landed: list[tuple[_Run, Seen]] = []
         for flow_run, run in list(self._open.items()):
             found = seen.get(flow_run) or Seen("ended", "Crashed", "the flow run was deleted", "")
             if (found.standing, found.beat) != run.sign:
@@ -216,18 +226,16 @@ class Driver:
                 self._service.give_up(flow_run, why)
                 found = Seen("ended", "Crashed", why, found.beat)
             if found.standing == "ended":
-                landed.append((flow_run, run, found))
+                landed.append((run, found))
                 del self._open[flow_run]
-        if landed:
+            if found.standing == "ended" or now_s - run.listened_s > LISTEN_S:
+                self._listen(flow_run, run)
+        if not all(run.whole for run, _ in landed):
             self._index.store.survey()
-        for flow_run, run, found in landed:
-            self._take(flow_run, run, found)
+        for run, found in landed:
+            self._take(run, found)
 
-    def _take(self, flow_run: str, run: _Run, found: Seen) -> None:
-        if found.state == "Completed":
-            faults = read_report(self._index.store, flow_run)
-            self._engine.add_faults(faults)
-            self._broken.update(fault.member for fault in faults)
+    def _take(self, run: _Run, found: Seen) -> None:
         incomplete = [member for member in self._incomplete(run.part.members) if member.name not in self._broken]
         if len(incomplete) < len(run.part.members):
             self._in_vain = 0
@@ -269,16 +277,17 @@ class Driver:
             judged = {run for each in self._index.stored(member) if each.verdicts for run in judgements(each.verdicts)}
             self._tally.judge(member.name, dict.fromkeys(set(range(member.runs)) - judged, "not judged"))
 
-    def _look(self) -> None:
-        """Count what the shards under way have in the store so far, as often as looking is cheap."""
-        began_s = time.monotonic()
-        if began_s < self._look_at_s or not self._open:
-            return
-        self._index.store.survey()
-        for run in self._open.values():
+    def _listen(self, flow_run: str, run: _Run) -> None:
+        """Count what a flow run has told of since."""
+        run.listened_s = time.monotonic()
+        heard = False
+        while not run.whole and (news := read_part(self._index.store, flow_run, run.told)) is not None:
+            heard, run.told, run.whole = True, run.told + 1, news.last
+            self._index.store.learn(news.artifacts)
+            self._engine.add_faults(news.faults)
+            self._broken.update(fault.member for fault in news.faults)
+        if heard:
             self._incomplete(run.part.members)
-        took_s = time.monotonic() - began_s
-        self._look_at_s = began_s + max(_LOOK_S, _LOOK_SHARE * took_s)
 
     def _incomplete(self, members: Sequence[Member]) -> list[Member]:
         """Members of which something is missing in the store; what is there is counted."""

@@ -3,28 +3,37 @@
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from typing import Any, Final, Literal, TypeAlias, TypeVar
+from functools import partial
+from typing import Any, Final, Literal, TypeAlias, TypeVar, cast
 from uuid import UUID
 
 import httpx
-from prefect import Task
 from prefect.client.orchestration import SyncPrefectClient
-from prefect.client.schemas.actions import DeploymentUpdate
+from prefect.client.schemas.filters import (
+    ArtifactFilter,
+    ArtifactFilterFlowRunId,
+    ArtifactFilterKey,
+    FlowRunFilter,
+    FlowRunFilterDeploymentId,
+    FlowRunFilterId,
+    FlowRunFilterState,
+    FlowRunFilterStateType,
+)
+from prefect.client.schemas.objects import TERMINAL_STATES, FlowRun, StateType
+from prefect.client.schemas.sorting import ArtifactSort
+from prefect.deployments import run_deployment
 from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
 from prefect.states import Cancelled, Crashed
 
-from vastflow.flows.computing.artifacts import key_of
 from vastflow.flows.pool.registration import OtherPool, register_shards, type_of_pool
-from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
+from vastflow.flows.pool.work_pool import WorkPoolError
 from vastflow.producers.faults import did_you_mean
-from vastflow.tasks.execution.deployment import BAR, SHARD_ENTRYPOINT, SHARD_FLOW, TAG, ShardDeployment
+from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.ledger import CALLED_OFF_S, LATE
 from vastflow.tasks.patience import IN_BETWEEN_S, is_away, patiently
 from vastflow.tasks.server import PrefectUnavailable
 
-_WAITING: Final = ("SCHEDULED", "PENDING", "PAUSED")
-_ENDED: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 _PAGE: Final = 200
 _AT_A_TIME: Final = 50
 """Most flow runs whose state one request may change."""
@@ -52,168 +61,171 @@ class Seen:
     beat: str
 
 
-class PoolService:
-    """One campaign's flow runs in a work pool.
-
-    Args:
-        campaign: The campaign's name.
-        parent: Id of the flow run whose children the shards are.
-        job_variables: Kind of the pool to what the campaign sets of its template.
-        workers: Kind of the pool to the worker processes of a shard; None for one a core.
-        say: Writes a line for the user.
-        ended: Whether nobody waits for an answer any more.
+@dataclass(frozen=True, slots=True)
+class Asking:
+    """Prefect's API, asked again and again while it is away.
 
     Attributes:
-        kind: Of the pool.
+        say: Writes a line for the user.
+        ended: Whether nobody waits for an answer any more.
+    """
+
+    client: SyncPrefectClient
+    say: Callable[[str], None]
+    ended: Callable[[], bool] = lambda: False
+
+    def __call__(self, request: Callable[[], T]) -> T:
+        """The answer to a request.
+
+        Raises:
+            PrefectUnavailable: the API stayed away.
+        """
+        try:
+            return patiently(request, IN_BETWEEN_S, self.ended, self._missed)
+        except (httpx.TransportError, PrefectHTTPStatusError) as error:
+            if not is_away(error):
+                raise
+            raise PrefectUnavailable(
+                f"Prefect's API at {self.client.api_url} has not answered for {IN_BETWEEN_S:.0f} s "
+                f"({type(error).__name__}); start it again"
+            ) from None
+
+    def _missed(self, error: Exception) -> None:
+        away = f"Prefect's API at {self.client.api_url} does not answer ({type(error).__name__})"
+        self.say(f"{away}; the campaign waits {IN_BETWEEN_S:.0f} s for it")
+
+
+def pool_type(asking: Asking, pool: str) -> PoolType:
+    """The type of a work pool that is to compute shards.
 
     Raises:
-        WorkPoolError: there is no such pool, or it is of a kind that vastflow has no shards for.
+        WorkPoolError: there is no such pool, or it is of a type that vastflow has no shards for.
+        PrefectUnavailable: the API does not answer.
+    """
+    try:
+        found = asking(lambda: type_of_pool(asking.client, pool))
+    except OtherPool as error:
+        raise WorkPoolError(f"--pool: {error}") from None
+    if found is None:
+        names = [each.name for each in asking(asking.client.read_work_pools)]
+        near = f"{did_you_mean(pool, names)}, or " if names else ""
+        make = f"make it: prefect work-pool create {pool} --type process"
+        raise WorkPoolError(f"--pool: no work pool {pool!r}; {near}{make}")
+    return found
+
+
+class PoolService:
+    """One campaign's flow runs in a work pool. To be used in the flow run whose children they are.
+
+    Args:
+        pool: Name of the work pool.
+        parent: Id of the flow run.
+        label: The campaign's name, as the keys of its artifacts have it.
+        parameters: Of every shard beside its bundle.
+        job_variables: What the campaign sets of the pool's template.
+
+    Raises:
         PrefectUnavailable: the API does not answer.
     """
 
     def __init__(
         self,
-        client: SyncPrefectClient,
-        pool: WorkPool,
-        campaign: str,
-        parent: UUID,
-        store: str,
-        job_variables: Callable[[PoolType], Mapping[str, Any]],
-        workers: Callable[[PoolType], int | None],
-        say: Callable[[str], None],
-        ended: Callable[[], bool] = lambda: False,
+        asking: Asking,
+        pool: str,
+        parent: str,
+        label: str,
+        parameters: Mapping[str, Any],
+        job_variables: Mapping[str, Any],
     ) -> None:
-        self._client = client
+        self._asking = asking
+        self._client = asking.client
         self._pool = pool
-        self._campaign = campaign
         self._parent = parent
-        self._store = store
-        self._say = say
-        self._ended = ended
+        self._label = label
+        self._parameters = parameters
+        self._job_variables = dict(job_variables)
         self._asked_for = 0
-        self.kind = self._kind()
-        self._workers = workers(self.kind)
-        self._job_variables = dict(job_variables(self.kind))
-        self._deployment = self._asked(self._registered)
+        self._deployment = asking(self._registered)
         self._end_cancelled()
 
-    def submit(self, parcel: str, name: str) -> str:
+    def submit(self, bundle: str, name: str) -> str:
         """Ask for a shard; gives the id of its flow run."""
         self._asked_for += 1
-        number = self._asked_for
-        deployment = f"{SHARD_FLOW}/{self._pool.name}"
-        shown = self._asked(
-            lambda: self._client.create_task_run(
-                Task(lambda: None, name=deployment), self._parent, dynamic_key=f"shard-{number}", name=name
-            )
+        ask = partial(
+            run_deployment,
+            self._deployment,
+            parameters={**self._parameters, "bundle": bundle},
+            flow_run_name=name,
+            timeout=0,
+            tags=[TAG, self._label],
+            idempotency_key=f"{self._parent} {self._asked_for}",  # should the answer get lost
+            job_variables=self._job_variables,
         )
-        parameters = {"store": self._store, "parcel": parcel, "workers": self._workers}
-        asked = self._asked(
-            lambda: self._client.create_flow_run_from_deployment(
-                self._deployment,
-                parameters={key: value for key, value in parameters.items() if value is not None},
-                name=name,
-                tags=[TAG, key_of(self._campaign)],
-                idempotency_key=f"{self._parent} {number}",  # should the answer get lost
-                parent_task_run_id=shown.id,
-                job_variables=self._job_variables,
-            )
-        )
-        return str(asked.id)
+        return str(cast(FlowRun, self._asking(ask)).id)
 
     def seen(self, ids: Collection[str]) -> dict[str, Seen]:
         """Flow runs as they are now, in two requests for each 200; one that somebody deleted is missing."""
         found: dict[str, Seen] = {}
-        every = sorted(ids)
-        for begin in range(0, len(every), _PAGE):
-            some = every[begin : begin + _PAGE]
-            wanted: dict[str, Any] = {"flow_runs": {"id": {"any_": some}}, "limit": _PAGE}
-            runs = self._asked(lambda wanted=wanted: self._client.request("POST", "/flow_runs/filter", json=wanted))
-            key = {"any_": [f"{key_of(self._campaign)}-{BAR}"]}
-            bars = {"artifacts": {"flow_run_id": {"any_": some}, "key": key}, "limit": _PAGE, "sort": "UPDATED_DESC"}
-            answer = self._asked(lambda bars=bars: self._client.request("POST", "/artifacts/filter", json=bars))
-            beats = {bar["flow_run_id"]: bar["description"] for bar in reversed(answer.json())}
-            found |= {run["id"]: _seen(run, beats.get(run["id"], "")) for run in runs.json()}
+        every = sorted(map(UUID, ids))
+        for some in (every[begin : begin + _PAGE] for begin in range(0, len(every), _PAGE)):
+            chosen = FlowRunFilter(id=FlowRunFilterId(any_=some))
+            bars = ArtifactFilter(
+                flow_run_id=ArtifactFilterFlowRunId(any_=some), key=ArtifactFilterKey(any_=[f"{self._label}-{BAR}"])
+            )
+            runs = self._asking(partial(self._client.read_flow_runs, flow_run_filter=chosen, limit=_PAGE))
+            latest = ArtifactSort.UPDATED_DESC
+            shown = self._asking(partial(self._client.read_artifacts, artifact_filter=bars, limit=_PAGE, sort=latest))
+            beats = {bar.flow_run_id: bar.description or "" for bar in reversed(shown)}
+            found |= {str(run.id): _seen(run, beats.get(run.id, "")) for run in runs}
         return found
 
     def cancel(self, ids: Collection[str]) -> None:
         """Cancel flow runs that have not ended; asked for once, for the caller is about to end."""
         every = sorted(ids)
+        ended = [state.value for state in TERMINAL_STATES]
         for begin in range(0, len(every), _AT_A_TIME):
-            some = {"id": {"any_": every[begin : begin + _AT_A_TIME]}, "state": {"type": {"not_any_": list(_ENDED)}}}
+            some = {"id": {"any_": every[begin : begin + _AT_A_TIME]}, "state": {"type": {"not_any_": ended}}}
             wanted = {"flow_runs": some, "state": {"type": "CANCELLING"}, "limit": _AT_A_TIME}
-            self._client.request("POST", "/flow_runs/bulk_set_state", json=wanted)
+            route: Any = "/flow_runs/bulk_set_state"  # Prefect's client has no method for it
+            self._client.request("POST", route, json=wanted)
 
     def give_up(self, flow_run: str, why: str) -> None:
         """Say that a flow run has crashed which can't say so itself."""
-        self._asked(lambda: self._client.set_flow_run_state(flow_run, Crashed(message=why), force=True))
+        self._asking(lambda: self._client.set_flow_run_state(flow_run, Crashed(message=why), force=True))
 
     def workers_online(self) -> int:
         """How many workers of the pool have been heard of lately."""
-        workers = self._asked(lambda: self._client.read_workers_for_work_pool(self._pool.name))
+        workers = self._asking(lambda: self._client.read_workers_for_work_pool(self._pool))
         return sum(str(worker.status.value) == "ONLINE" for worker in workers if worker.status is not None)
 
-    def _kind(self) -> PoolType:
-        try:
-            kind = self._asked(lambda: type_of_pool(self._client, self._pool.name))
-        except OtherPool as error:
-            raise WorkPoolError(f"--pool: {error}") from None
-        if kind is None:
-            names = [pool.name for pool in self._asked(self._client.read_work_pools)]
-            make = f"make it: prefect work-pool create {self._pool.name} --type process"
-            near = f"{did_you_mean(self._pool.name, names)}, or " if names else ""
-            raise WorkPoolError(f"--pool: no work pool {self._pool.name!r}; {near}{make}")
-        return kind
-
     def _registered(self) -> UUID:
-        """The pool's deployment; made if it is missing, else left as `vastflow deploy` or somebody else made it.
-
-        Only the place of the flow is set anew where another version of vastflow had it elsewhere.
-        """
+        """The pool's deployment; made if it is missing, else left as `vastflow deploy` or somebody else made it."""
+        deployment = ShardDeployment(self._pool)
         try:
-            found = self._client.read_deployment_by_name(f"{SHARD_FLOW}/{self._pool.name}")
+            return self._client.read_deployment_by_name(deployment.path).id
         except ObjectNotFound:
-            return UUID(register_shards(self._client, ShardDeployment(self._pool.name)))
-        if found.entrypoint != SHARD_ENTRYPOINT:
-            self._client.update_deployment(found.id, DeploymentUpdate(entrypoint=SHARD_ENTRYPOINT))
-        return found.id
+            return UUID(register_shards(self._client, deployment))
 
     def _end_cancelled(self) -> None:
         """End what an earlier campaign cancelled as it ended by itself: Prefect would show it as `Cancelling` for ever."""
-        some = {"deployment_id": {"any_": [str(self._deployment)]}, "state": {"type": {"any_": ["CANCELLING"]}}}
-        wanted = {"flow_runs": some, "limit": _PAGE}
-        for run in self._asked(lambda: self._client.request("POST", "/flow_runs/filter", json=wanted)).json():
-            since = datetime.fromisoformat(run["state"]["timestamp"])
-            if datetime.now(UTC) - since > _LATE:
-                state = Cancelled(message=LATE)
-                self._asked(lambda of=run, to=state: self._client.set_flow_run_state(of["id"], to, force=True))
-
-    def _asked(self, request: Callable[[], T]) -> T:
-        """Ask the API, again and again while it is away.
-
-        Raises:
-            PrefectUnavailable: it stayed away.
-        """
-        try:
-            return patiently(request, IN_BETWEEN_S, self._ended, self._missed)
-        except (httpx.TransportError, PrefectHTTPStatusError) as error:
-            if not is_away(error):
-                raise
-            raise PrefectUnavailable(
-                f"Prefect's API at {self._client.api_url} has not answered for {IN_BETWEEN_S:.0f} s "
-                f"({type(error).__name__}); start it again"
-            ) from None
-
-    def _missed(self, error: Exception) -> None:
-        away = f"Prefect's API at {self._client.api_url} does not answer ({type(error).__name__})"
-        self._say(f"{away}; the campaign waits {IN_BETWEEN_S:.0f} s for it")
+        cancelling = FlowRunFilter(
+            deployment_id=FlowRunFilterDeploymentId(any_=[self._deployment]),
+            state=FlowRunFilterState(type=FlowRunFilterStateType(any_=[StateType.CANCELLING])),
+        )
+        for run in self._asking(lambda: self._client.read_flow_runs(flow_run_filter=cancelling, limit=_PAGE)):
+            if run.state is not None and datetime.now(UTC) - run.state.timestamp > _LATE:
+                self._asking(partial(self._client.set_flow_run_state, run.id, Cancelled(message=LATE), force=True))
 
 
-def _seen(run: Mapping[str, Any], beat: str) -> Seen:
-    state = run["state"] or {"type": "SCHEDULED", "name": "Scheduled", "message": ""}
+def _seen(run: FlowRun, beat: str) -> Seen:
+    state = run.state
+    if state is None:
+        return Seen("waiting", "Scheduled", "", beat)
     standing: Standing = "running"
-    if state["type"] in _ENDED:
+    if state.is_final():
         standing = "ended"
-    elif state["type"] in _WAITING:
-        standing = "taken" if state["type"] == "PENDING" else "waiting"
-    return Seen(standing, state["name"], state["message"] or "", beat)
+    elif state.is_pending():
+        standing = "taken"
+    elif state.is_scheduled() or state.is_paused():
+        standing = "waiting"
+    return Seen(standing, state.name or str(state.type.value), state.message or "", beat)

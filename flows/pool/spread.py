@@ -44,15 +44,15 @@ class Spread:
             if configured_url() is None:
                 raise WorkPoolError(NO_API)
 
-    def job_variables(self, kind: PoolType) -> Mapping[str, Any]:
-        """What the campaign file asks of the containers that compute its shards."""
-        from vastflow.flows.request.campaign_job import described
+    def asked_of(self, kind: PoolType) -> tuple[Mapping[str, Any], int | None]:
+        """What the campaign file asks of the containers that compute its shards, and the worker processes of each.
+
+        A Job is shown all cores of its node, so it is told how many it requests.
+        """
+        from vastflow.flows.request.campaign_job import described, requested_cores
         from vastflow.tasks.execution.job import job_variables
 
-        return job_variables(kind, described(self.campaign, None)) if kind is not PoolType.process else {}
-
-    def workers_in(self, kind: PoolType) -> int | None:
-        """Worker processes of a shard: a Job is shown all cores of its node, so it is told how many it requests."""
-        from vastflow.flows.request.campaign_job import requested_cores
-
-        return self.workers or requested_cores(kind, self.campaign)
+        if kind is PoolType.process:
+            return {}, self.workers
+        description = described(self.campaign, None)
+        return job_variables(kind, description), self.workers or requested_cores(kind, description)

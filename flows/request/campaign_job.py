@@ -28,6 +28,6 @@ def described(campaign: Campaign, context: str | None) -> "RunDescription":
     return describe(replace(campaign, spec=spec), campaign_name(campaign), context)
 
 
-def requested_cores(kind: PoolType, campaign: Campaign, context: str | None = None) -> int | None:
+def requested_cores(kind: PoolType, description: "RunDescription") -> int | None:
     """As many as a Job requests, which is shown all cores of its node that others use too; None for another kind of pool."""
-    return described(campaign, context).main.needs.cpu or CPU if kind is PoolType.kubernetes else None
+    return description.main.needs.cpu or CPU if kind is PoolType.kubernetes else None

@@ -80,6 +80,11 @@ class ShardDeployment:
     pool: str
     job_variables: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def path(self) -> str:
+        """Flow and deployment, as Prefect names them together."""
+        return f"{SHARD_FLOW}/{self.pool}"
+
     def as_yaml(self) -> dict[str, Any]:
         """An entry of `deployments` in a `prefect.yaml`, as plain data. Workers need no folder: all is in the store."""
         return {

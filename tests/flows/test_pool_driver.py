@@ -1,7 +1,6 @@
 """The driver of a work pool: what it does with shards that succeed, fail, fall silent or are never taken."""
 
 import itertools
-import json
 import threading
 from collections import Counter
 from dataclasses import replace
@@ -13,14 +12,14 @@ from vastflow.flows.pool.driver import Driver
 from vastflow.flows.pool.service import Seen
 from vastflow.flows.pool.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
 from vastflow.sim.scenario import Scenario
+from vastflow.tasks.bundle_report import Report, ReportPart, read_part, write_part
 from vastflow.tasks.engine import Engine, MemberFault
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
 from vastflow.tasks.index import Index, Member
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.pool import Pool, PoolClosed
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.shard_run import write_report
-from vastflow.tasks.store import StoreError, open_store
+from vastflow.tasks.store import Store, StoreError, open_store
 from vastflow.tasks.work import RECORDINGS, TRACES, VERDICTS
 
 KEYS = Keys("numeric", "a", "b", "c", 0, [])
@@ -47,19 +46,20 @@ def compute(store, each, start=0, stop=RUNS):
 class Workers:
     """Workers that do with a shard what `act` says: it is given its members and gives the state that it ends in."""
 
+    numbers = itertools.count()
+
     def __init__(self, store, act, online=1):
         self.store, self.act, self.online = store, act, online
-        self.parcels, self.tried, self.ended, self.cancelled, self.given_up = {}, [], {}, [], []
-        self.numbers = itertools.count()
+        self.bundles, self.tried, self.ended, self.cancelled, self.given_up = {}, [], {}, [], []
 
     def packed(self, members):
-        key = f"parcel/{next(self.numbers)}"
-        self.parcels[key] = tuple(members)
+        key = f"bundle/{next(self.numbers)}"
+        self.bundles[key] = tuple(members)
         return key
 
-    def submit(self, parcel, name):
+    def submit(self, bundle, name):
         flow_run = f"run-{next(self.numbers)}"
-        members = self.parcels[parcel]
+        members = self.bundles[bundle]
         self.tried.append((name, [each.name for each in members]))
         self.ended[flow_run] = self.act(self, flow_run, members)
         return flow_run
@@ -108,6 +108,7 @@ def drive(tmp_path):
         tally.expect({each.name: RUNS for each in members})
         engine = Engine(Index(store, KEYS), pools[-1], tally, b"")
         workers, said = Workers(store, act, online), []
+        workers.tally = tally
         driver = Driver(
             workers, workers.packed, engine, tally, pool, said.append, **{"poll_s": 0.0, "silent_s": 9.0, **times}
         )
@@ -229,7 +230,8 @@ def test_a_fault_that_the_worker_reports_is_the_members_and_nothing_is_tried_aga
     def act(workers, flow_run, some):
         for each in some[1:]:
             compute(workers.store, each)
-        write_report(workers.store, flow_run, [MemberFault(some[0].name, 1, "judge", "KeyError: 'x'")])
+        fault = MemberFault(some[0].name, 1, "judge", "KeyError: 'x'")
+        write_part(workers.store, flow_run, 0, ReportPart((), (fault,), last=True))
         return Seen("ended", "Completed", "", "")
 
     _, faults, workers, _ = drive(act, members)
@@ -291,9 +293,9 @@ def test_workers_with_other_code_end_the_campaign_after_three_tries(drive, membe
 
 
 def test_workers_that_do_not_reach_the_store_are_a_fault_of_the_store(drive, members):
-    _, _, _, error = drive(lambda *_: Seen("ended", STORE_AWAY, "farm7 finds no parcel in the store '/x'", ""), members)
+    _, _, _, error = drive(lambda *_: Seen("ended", STORE_AWAY, "farm7 finds no bundle in the store '/x'", ""), members)
     assert isinstance(error, StoreError)
-    assert str(error).startswith("store: a worker of the work pool 'lab' can't use it: farm7 finds no parcel")
+    assert str(error).startswith("store: a worker of the work pool 'lab' can't use it: farm7 finds no bundle")
 
 
 def test_nothing_taken_is_said_once_with_the_command_that_starts_a_worker(drive, members):
@@ -373,13 +375,66 @@ def test_a_pool_has_a_name_and_at_least_one_shard():
         WorkPool("lab", shards=0)
 
 
-def test_the_faults_of_a_flow_run_are_read_as_they_were_written(tmp_path):
+def test_a_report_tells_each_member_once_and_its_end(tmp_path, members):
     store = open_store(tmp_path / "store")
-    faults = (MemberFault("hall-1", None, "execute", "ValueError: ×"),)
-    write_report(store, "an-id", faults)
-    assert pool_driver.read_report(store, "an-id") == faults
-    assert pool_driver.read_report(store, "another") == ()
-    assert json.loads(store.read("parcel/reports/an-id", "report.json"))[0]["member"] == "hall-1"
+    pool = Pool(1)
+    engine = Engine(Index(store, KEYS), pool, Tally(), b"")
+    compute(store, members[0])
+    fault = MemberFault("hall-2", None, "execute", "ValueError: ×")
+    engine.add_faults([fault])
+    report = Report(engine, "an-id")
+    report.add(members[:1])
+    report.add(members[:1])
+    report.add(members[:2], last=True)
+    pool.close()
+    parts = [read_part(store, "an-id", number) for number in range(3)]
+    assert [[each.key for each in part.artifacts] for part in parts[:2]] == [
+        [
+            artifact.key
+            for each in engine.index.stored(members[0])
+            for artifact in (each.recordings, each.trace, each.verdicts)
+        ],
+        [],
+    ]
+    assert [(part.faults, part.last) for part in parts[:2]] == [((), False), ((fault,), True)]
+    assert parts[2] is None
+
+
+def test_what_a_flow_run_told_to_its_end_is_believed_and_the_store_is_not_listed(drive, members, monkeypatch):
+    surveys = []
+    monkeypatch.setattr(Store, "survey", lambda store: surveys.append(1))
+
+    def act(workers, flow_run, some):
+        for each in some:
+            compute(workers.store, each)
+        write_part(workers.store, flow_run, 0, ReportPart((), (), last=True))
+        return FINISHED
+
+    progress, _, _, _ = drive(act, members)
+    assert (progress.passed, surveys) == (16, [])
+    drive(done, [member(9)])  # one that told nothing
+    assert surveys == [1]
+
+
+def test_members_are_counted_while_their_shard_is_under_way(drive, members, monkeypatch):
+    monkeypatch.setattr(pool_driver, "LISTEN_S", 0.0)
+    beats, passed = itertools.count(), []
+
+    def act(workers, flow_run, some):
+        def seen(ids):
+            beat = next(beats)
+            passed.append(workers.tally.progress().passed)
+            if beat < len(some):
+                compute(workers.store, some[beat])
+                write_part(workers.store, flow_run, beat, ReportPart(()))
+                return {each: Seen("running", "Running", "", str(beat)) for each in ids}
+            return dict.fromkeys(ids, FINISHED)
+
+        workers.seen = seen
+        return Seen("running", "Running", "", "")
+
+    drive(act, members[:3])
+    assert passed == [0, 2, 4, 6]
 
 
 def test_a_flow_run_that_was_taken_and_never_begun_is_given_up_only_where_nothing_queues(drive, members):

@@ -125,7 +125,7 @@ def test_info_counts_artifacts_and_bytes_by_stage(ran, store):
         "observe": 3,
         "judge": 3,
         "report": 0,
-        "parcel": 0,
+        "bundle": 0,
     }
     assert (found["artifacts"], found["unfinished"]) == (11, 0)
     assert found["bytes"] == sum(row["bytes"] for row in found["stages"].values()) > 0

@@ -189,7 +189,7 @@ def test_store_and_worker_need_not_be_on_one_machine(api, started_worker, room, 
         there = run_campaign(room, results=tmp_path / "there", store=s3, pool="lab")
     assert (there.summary.executed, there.faults) == (6, ())
     assert contents(there.directory) == contents(here.directory)
-    assert list((other / "cache" / "vastflow" / "stores").glob("*/parcels/*")) == []
+    assert list((other / "cache" / "vastflow" / "stores").glob("*/bundles/*")) == []
 
 
 @more
@@ -223,7 +223,7 @@ def test_a_worker_that_does_not_see_the_store_is_a_fault_of_the_store(api, worke
         app, ["run", str(file), "--pool", "lab", "--results", str(tmp_path), "--store", str(tmp_path / "store")]
     )
     assert result.exit_code == 2
-    assert f"finds no parcel in the store '{hidden}'; a folder that all machines share, or an address" in result.stderr
+    assert f"finds no bundle in the store '{hidden}'; a folder that all machines share, or an address" in result.stderr
     assert not hidden.exists()
 
 

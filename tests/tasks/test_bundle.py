@@ -1,4 +1,4 @@
-"""Parcels: what is unpacked elsewhere is what was packed, and says so where it is not."""
+"""Bundles: what is unpacked elsewhere is what was packed, and says so where it is not."""
 
 import os
 import stat
@@ -19,9 +19,9 @@ from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.reading.abstract import content_of, definition_of
 from vastflow.sim.reading.map_file import load_map, map_content
 from vastflow.sim.scenario import Scenario
+from vastflow.tasks.bundle import BundleError, Packer, differences, promise_of, unpacked
 from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.parcel import Packer, ParcelError, differences, promise_of, unpacked
 from vastflow.tasks.store import Lost, open_store
 
 KEYS = Keys("x86; glibc", "a", "b", "c", 7, [["success", {}]])
@@ -96,14 +96,14 @@ def test_members_come_out_as_they_went_in_with_files_of_their_own(store, home, t
     key = packed(store, home, [member(home), member(home, "hall-2", place=2, runs=9)])
     (tmp_path / "there").rename(tmp_path / "gone")
     here = tmp_path / "here"
-    parcel = unpacked(store, key, here)
-    first, second = parcel.members
+    bundle = unpacked(store, key, here)
+    first, second = bundle.members
     assert (second.name, second.family, second.place, second.runs) == ("hall-2", "hall", 2, 9)
     map_file = first.scenario.environment["map_file"]
     assert Path(map_file.path).is_relative_to(here)
     assert load_map(map_file.path).digest == map_file.digest
     assert definition_of(first.scenario.abstract).name == "driving"
-    assert (parcel.campaign, parcel.seed) == ("hall", 7)
+    assert (bundle.campaign, bundle.seed) == ("hall", 7)
 
 
 def test_the_digest_of_a_scenario_stays_the_same(store, home, tmp_path):
@@ -122,10 +122,10 @@ def test_programs_are_executable_where_they_were(store, home, tmp_path):
 
 
 def test_oracles_of_a_file_keep_name_and_parameters(store, home, tmp_path):
-    parcel = unpacked(store, packed(store, home, [member(home)]), tmp_path / "here")
-    assert [oracle.name for oracle in parcel.oracles] == ["success", "judge.py:Nobody"]
-    assert parcel.oracles[1].parameters.limit == 0.25
-    assert parcel.oracles[1].base.is_relative_to(tmp_path / "here")
+    bundle = unpacked(store, packed(store, home, [member(home)]), tmp_path / "here")
+    assert [oracle.name for oracle in bundle.oracles] == ["success", "judge.py:Nobody"]
+    assert bundle.oracles[1].parameters.limit == 0.25
+    assert bundle.oracles[1].base.is_relative_to(tmp_path / "here")
 
 
 def test_an_oracle_beside_the_campaigns_folder_is_found(store, home, tmp_path):
@@ -135,24 +135,24 @@ def test_an_oracle_beside_the_campaigns_folder_is_found(store, home, tmp_path):
     assert unpacked(store, key, tmp_path / "here").oracles[1].name == "../judge.py:Nobody"
 
 
-def test_the_same_members_give_the_same_parcel_wherever_the_campaign_lies(store, home, tmp_path):
+def test_the_same_members_give_the_same_bundle_wherever_the_campaign_lies(store, home, tmp_path):
     first = packed(store, home, [member(home)])
     moved = tmp_path / "moved"
     home.parent.rename(moved)
     assert packed(store, moved / "campaign", [member(moved / "campaign")]) == first
 
 
-def test_a_file_is_stored_once_for_all_parcels(store, home):
+def test_a_file_is_stored_once_for_all_bundles(store, home):
     packed(store, home, [member(home)])
     before = {holding.key for holding in store.holdings()}
     packed(store, home, [member(home, "hall-2")])
     assert len({holding.key for holding in store.holdings()} - before) == 1
 
 
-def test_a_parcel_that_lost_a_file_is_lost(store, home, tmp_path):
+def test_a_bundle_that_lost_a_file_is_lost(store, home, tmp_path):
     key = packed(store, home, [member(home)])
     sha256 = file_digest(home / "judge.py")
-    store.remove([f"parcel/{sha256[:2]}/{sha256}"])
+    store.remove([f"bundle/{sha256[:2]}/{sha256}"])
     with pytest.raises(Lost, match="is not in the store"):
         unpacked(store, key, tmp_path / "here")
     assert packed(store, home, [member(home)]) == key
@@ -171,7 +171,7 @@ def test_a_file_that_changed_since_is_noticed(store, home, tmp_path):
 def test_a_file_that_is_gone_is_named(store, home):
     before = member(home)
     (home / "nav2.yaml").unlink()
-    with pytest.raises(ParcelError, match=r"nav2\.yaml can't be read \(No such file or directory\)"):
+    with pytest.raises(BundleError, match=r"nav2\.yaml can't be read \(No such file or directory\)"):
         packed(store, home, [before])
 
 
@@ -194,7 +194,7 @@ values = st.recursive(
 
 @given(values=st.dictionaries(st.text(max_size=4), values, max_size=4))
 def test_whatever_a_scenario_says_keeps_its_digest(tmp_path_factory, values):
-    folder = tmp_path_factory.mktemp("parcel")
+    folder = tmp_path_factory.mktemp("bundle")
     file = folder / "file"
     file.write_bytes(b"content")
     scenario = Scenario("builtin:navigate_to_pose", 1.0, {**values, "f": FileContent(str(file), "d")}, values, {})
@@ -204,8 +204,8 @@ def test_whatever_a_scenario_says_keeps_its_digest(tmp_path_factory, values):
     assert after.scenario.digest == scenario.digest
 
 
-def test_a_scenario_file_that_became_wrong_is_a_fault_of_the_parcel(store, home):
+def test_a_scenario_file_that_became_wrong_is_a_fault_of_the_bundle(store, home):
     before = member(home)
     (home / "drive.osc").write_text("scenario")
-    with pytest.raises(ParcelError, match=r"drive\.osc:1.*changed since the campaign was read"):
+    with pytest.raises(BundleError, match=r"drive\.osc:1.*changed since the campaign was read"):
         packed(store, home, [before])

@@ -1,6 +1,6 @@
-"""A parcel: what a worker elsewhere needs of a campaign to compute some of its members, in the store.
+"""A bundle: what a worker elsewhere needs of a campaign to compute some of its members, in the store.
 
-Members, oracles and keys are one artifact; every file they name is another, by its content. A parcel is no result: it is
+Members, oracles and keys are one artifact; every file they name is another, by its content. A bundle is no result: it is
 made anew when it is needed, so a store may lose it. Programs and plug-ins find their files where they lay relative to each
 other; the folder above all of them is the worker's own.
 """
@@ -20,25 +20,25 @@ from vastflow.sim.osc.faults import OscError
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.process.setup import ProcessSetup, setup_of
 from vastflow.sim.scenario import Scenario
+from vastflow.tasks.bundle_files import needed_files
 from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.parcel_files import needed_files
 from vastflow.tasks.store import Store
 
-STAGE: Final = "parcel"
+STAGE: Final = "bundle"
 LAYOUT: Final = 1
 
-_CONTENT: Final = "parcel.json"
+_CONTENT: Final = "bundle.json"
 _FILE: Final = "content"
 _AT_A_TIME: Final = 8
 
 
-class ParcelError(ValueError):
-    """A parcel that can't be packed, or whose content is another after unpacking; says what was found."""
+class BundleError(ValueError):
+    """A bundle that can't be packed, or whose content is another after unpacking; says what was found."""
 
 
 @dataclass(frozen=True, slots=True)
-class Parcel:
+class Bundle:
     """What a worker is given.
 
     Attributes:
@@ -57,14 +57,14 @@ class Parcel:
 
 @dataclass(frozen=True, slots=True)
 class _Packed:
-    """A file as a parcel has it: its digest, and whether it may be executed."""
+    """A file as a bundle has it: its digest, and whether it may be executed."""
 
     sha256: str
     executable: bool
 
 
 class Packer:
-    """Packs parcels of one campaign; a file that several of them name is read once.
+    """Packs bundles of one campaign; a file that several of them name is read once.
 
     Args:
         campaign: The campaign's name.
@@ -79,13 +79,13 @@ class Packer:
         self._base = _absolute(base)
         self._copies = _plug_ins(oracles)
         self._files: dict[Path, _Packed] = {}
-        self._bundles: dict[Path, tuple[Path, ...]] = {}
+        self._needed: dict[Path, tuple[Path, ...]] = {}
 
     def packed(self, members: Sequence[Member]) -> str:
-        """Put a parcel with these members and all of their files into the store; gives its key.
+        """Put a bundle with these members and all of their files into the store; gives its key.
 
         Raises:
-            ParcelError: a file of theirs can't be read.
+            BundleError: a file of theirs can't be read.
             StoreError: the store can't be used.
         """
         files = self._files_of(members)
@@ -113,20 +113,20 @@ class Packer:
         contents = {_absolute(file.path) for member in members for file in _contents_of(member.scenario)}
         found = set(self._copies)
         for path in contents:
-            if path not in self._bundles:
+            if path not in self._needed:
                 try:
-                    self._bundles[path] = needed_files(path)
+                    self._needed[path] = needed_files(path)
                 except OscError as error:
-                    raise ParcelError(
+                    raise BundleError(
                         f"{error}; it changed since the campaign was read, run the campaign again"
                     ) from None
-            found.update(self._bundles[path])
+            found.update(self._needed[path])
         for path in found - self._files.keys():
             try:
                 content, mode = self._copy(path).read_bytes(), self._copy(path).stat().st_mode
                 self._files[path] = _Packed(hashlib.sha256(content).hexdigest(), bool(mode & 0o100))
             except OSError as error:
-                raise ParcelError(f"{path} can't be read ({error.strerror}); workers elsewhere need it") from None
+                raise BundleError(f"{path} can't be read ({error.strerror}); workers elsewhere need it") from None
         return found
 
     def _copy(self, path: Path) -> Path:
@@ -138,7 +138,7 @@ class Packer:
             sha256 = self._files[path].sha256
             content = self._copy(path).read_bytes()
             if hashlib.sha256(content).hexdigest() != sha256:
-                raise ParcelError(f"{path} changed since the campaign was read; run the campaign again")
+                raise BundleError(f"{path} changed since the campaign was read; run the campaign again")
             self._store.put(_key(sha256), {_FILE: content})
 
         absent = {self._files[path].sha256: path for path in files}
@@ -171,23 +171,23 @@ class Packer:
         }
 
 
-def unpacked(store: Store, key: str, folder: Path) -> Parcel:
-    """The parcel of this key, its files below `folder`.
+def unpacked(store: Store, key: str, folder: Path) -> Bundle:
+    """The bundle of this key, its files below `folder`.
 
     Raises:
-        Lost: the parcel or a file of it is not in the store.
-        ParcelError: what was unpacked is not what was packed.
+        Lost: the bundle or a file of it is not in the store.
+        BundleError: what was unpacked is not what was packed.
         OracleError: an oracle is not installed here.
         StoreError: the store can't be used.
     """
     content = json.loads(store.read(key, _CONTENT))
     if content["layout"] != LAYOUT:
-        raise ParcelError(f"found a parcel of layout {content['layout']}; {LAYOUT}, with this version of vastflow")
+        raise BundleError(f"found a bundle of layout {content['layout']}; {LAYOUT}, with this version of vastflow")
     _unpack_files(store, content["files"], folder)
     oracles = tuple(_oracle(row, folder) for row in content["oracles"])
     for row in content["oracles"]:  # a name such as ../judge.py:Judge is looked up from there
         _placed(folder, row["base"]).mkdir(parents=True, exist_ok=True)
-    return Parcel(
+    return Bundle(
         content["campaign"],
         content["promise"],
         content["seed"],
@@ -197,7 +197,7 @@ def unpacked(store: Store, key: str, folder: Path) -> Parcel:
 
 
 def promise_of(keys: Keys) -> dict[str, str]:
-    """All in keys that is not the same wherever a parcel is unpacked, by what it is called in a message."""
+    """All in keys that is not the same wherever a bundle is unpacked, by what it is called in a message."""
     return {
         "the numeric class": keys.numeric,
         "the code that executes runs": keys.execute_source,
@@ -269,10 +269,12 @@ def _member(row: Mapping[str, Any], folder: Path) -> Member:
     programs: ProcessSetup | None = None
     if row["programs"] is not None:
         programs = setup_of(_read(row["programs"], folder))
-    parts = (_read(row[part], folder) for part in ("environment", "task", "system"))
-    scenario = Scenario(_read(row["abstract"], folder), row["timeout_s"], *parts, programs)
+    abstract, environment, task, system = (
+        _read(row[part], folder) for part in ("abstract", "environment", "task", "system")
+    )
+    scenario = Scenario(abstract, row["timeout_s"], environment, task, system, programs)
     if scenario.digest != row["digest"]:
-        raise ParcelError(f"{row['name']} is another scenario after unpacking than before")
+        raise BundleError(f"{row['name']} is another scenario after unpacking than before")
     return Member(row["name"], row["family"], row["place"], scenario, row["runs"])
 
 
@@ -296,7 +298,7 @@ def _unpack_files(store: Store, files: Sequence[Sequence[Any]], folder: Path) ->
 def _placed(folder: Path, place: str) -> Path:
     path = PurePosixPath(place)
     if path.is_absolute() or ".." in path.parts:
-        raise ParcelError(f"found the place {place!r} in a parcel; one below its folder")
+        raise BundleError(f"found the place {place!r} in a bundle; one below its folder")
     return folder.joinpath(*path.parts)
 
 
