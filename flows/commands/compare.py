@@ -49,14 +49,14 @@ def compare(
         if wrong := wrong_directory(directory):
             _end(wrong)
     with Interruptible("interrupted"):
-        from vastflow.flows.comparison.campaigns import compared
+        from vastflow.flows.comparison.campaigns import NotComparable, compared
         from vastflow.flows.comparison.text import compared_json, compared_text
 
         tables = _tables(before), _tables(after)
         with reading(after):
             try:
                 found = compared(*tables, oracle, margin)
-            except ValueError as error:
+            except NotComparable as error:
                 _end(str(error))
         try:
             drawn = _drawn(found, pictures, out or after / "comparisons" / before.resolve().name)

@@ -21,6 +21,10 @@ from vastflow.oracles.statistics.comparison import (
 from vastflow.oracles.statistics.factors import factors_of
 
 
+class NotComparable(ValueError):
+    """Two campaigns that can't be compared as asked; says what was found."""
+
+
 @dataclass(frozen=True, eq=False)
 class Compared:
     """What has changed.
@@ -64,17 +68,17 @@ def compared(before: Tables, after: Tables, oracle: str | None = None, margin: f
     """Compare two campaigns.
 
     Raises:
-        ValueError: an unknown oracle, or no pair of runs that was judged both times; says what was found.
+        NotComparable: an unknown oracle, or no pair of runs that was judged both times.
     """
     pairing = pairing_of(before, after)
     if oracle is not None and oracle not in pairing.oracles:
         near = difflib.get_close_matches(oracle, pairing.oracles, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"both have {', '.join(pairing.oracles) or 'none'}"
-        raise ValueError(f"--oracle {oracle}: did not judge both campaigns; {hint}")
+        raise NotComparable(f"--oracle {oracle}: did not judge both campaigns; {hint}")
     pairs = pairing.pairs(oracle)
     whole = difference(pairs)
     if whole is None:
-        raise ValueError(f"{before.directory} and {after.directory}: nothing to compare: {_why(pairing)}")
+        raise NotComparable(f"{before.directory} and {after.directory}: nothing to compare: {_why(pairing)}")
     each = {name: found for name in pairing.oracles if (found := difference(pairing.pairs(name))) is not None}
     factors, _ = factors_of(_rows(after, [match.after for match in pairing.matches]))
     return Compared(before, after, pairing, oracle, whole, each, changes(pairs), by_level(factors, pairs), margin)

@@ -21,7 +21,7 @@ def reading(directory: Path | str) -> Iterator[None]:
         yield
     except BrokenPipeError:  # of whom the output is for
         raise
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, NotImplementedError) as error:
         words = " ".join(str(error).split()) or type(error).__name__
         print(f"{directory}: damaged campaign directory: {words[:500]}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT) from None
