@@ -2,15 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 from vastflow.sim.osc.behaviours import ENDING, BehaviourChecker
 from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.definition import (
     Actor,
     Behaviour,
+    Composition,
     Field,
+    Modified,
+    Place,
     ScenarioDefinition,
     Type,
+    Until,
     names_in,
 )
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
@@ -28,6 +33,9 @@ from vastflow.sim.osc.syntax import (
     RefusedText,
     Word,
 )
+
+MOST_LEVELS: Final = 150
+"""Compositions and modifiers in one another; digests of definitions, and trees, are made by functions that call themselves."""
 
 
 def checked(
@@ -75,6 +83,11 @@ class _Scenario:
             if not checker.is_modifier(member):
                 self._misplaced(member)
         root = checker.wrapped(root, [member for member in applied if checker.is_modifier(member)])
+        if root is not None and (deep := _too_deep(root)) is not None:
+            self._expressions.fault(
+                deep, f"found more than {MOST_LEVELS} compositions and modifiers in one another", "fewer"
+            )
+            return None
         actors = [self._actor(name, field, visible) for name, field in self._instances.items()]
         if root is None or None in actors:
             return None
@@ -227,3 +240,18 @@ class _Scenario:
             enums=self._declared.enums,
             bases=bases,
         )
+
+
+def _too_deep(root: Behaviour) -> Place | None:
+    """Where something stands that has more than `MOST_LEVELS` others round it, if anything does."""
+    waiting = [(root, 1)]
+    while waiting:
+        behaviour, level = waiting.pop()
+        if level > MOST_LEVELS:
+            return behaviour.place
+        match behaviour:
+            case Composition():
+                waiting += [(child, level + 1) for child in behaviour.children]
+            case Modified() | Until():
+                waiting.append((behaviour.child, level + 1))
+    return None

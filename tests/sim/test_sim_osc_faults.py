@@ -8,6 +8,7 @@ import pytest
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.osc.grammar import MOST_PARSED
 from vastflow.sim.osc.reading import files_of, read_scenarios, read_text
+from vastflow.sim.reading.abstract import content_of
 
 HEAD = "import osc.helpers\nimport osc.ros\nimport osc.nav2\nimport osc.gazebo\n"
 
@@ -341,3 +342,18 @@ def test_faults_of_a_large_file_are_looked_for_no_longer_than_a_few_parses_take(
     with pytest.raises(OscError, match="found '='") as caught:
         read_text(text, "a.osc", Path())
     assert 1 < len(caught.value.faults) <= MOST_PARSED // len(text) + 1
+
+
+def test_modifiers_in_one_another_have_a_limit_and_below_it_the_definition_has_a_digest(tmp_path):
+    file = tmp_path / "a.osc"
+
+    def with_timeouts(n):
+        timeouts = "    timeout(60s)\n" * n
+        file.write_text(f"import osc.helpers\nscenario a:\n{timeouts}    do log('x')\n")
+        return content_of(file)
+
+    assert with_timeouts(140).digest
+    with pytest.raises(
+        OscError, match=r"a.osc.*: found more than 150 compositions and modifiers in one another; fewer"
+    ):
+        with_timeouts(400)
