@@ -1,18 +1,27 @@
 """Compiled kernels in files that are checked before they are used: a damaged one is removed and compiled again.
 
 numba takes its cache as it is: an emptied file, as a power cut leaves it, raises in every process, and changed machine code
-would run.
+would run. It also keeps all caches in one folder, that of `numba.config.CACHE_DIR`, which is the user's to choose.
 """
 
+import functools
 import hashlib
+import inspect
 import logging
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+    _CacheLocator,
+    _SourceFileBackedLocatorMixin,
+)
 
 LOGGER: Final = logging.getLogger("vastflow.kernels")
 
@@ -24,12 +33,49 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
 
     Args:
         function: The kernel as Python has it.
+        folder: Where compiled kernels lie; made when there is one to keep.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._impl_class = functools.partial(_Kernel, folder=folder)
         super().__init__(function)
         locator = self._impl.locator
         self._cache_file = _CheckedFile(self._cache_path, self._impl.filename_base, locator.get_source_stamp())
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled for a signature; where that is impossible, every process compiles its own."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _log_that_nothing_is_kept(self._cache_path, error.strerror)
+
+
+@functools.cache
+def _log_that_nothing_is_kept(folder: str, reason: str) -> None:
+    """Once for a folder, not for each of its hundreds of kernels."""
+    LOGGER.warning("can't write to %r (%s): every process compiles the kernels again", folder, reason)
+
+
+class _Kernel(CompileResultCacheImpl):  # type: ignore[misc]
+    """What numba asks of a cached function, its place given instead of looked for."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        file = inspect.getfile(function)
+        self._lineno = function.__code__.co_firstlineno
+        self._locator = _Place(file, self._lineno, folder)
+        self._filename_base = self.get_filename_base(f"{Path(file).stem}.{function.__qualname__}", sys.abiflags)
+
+
+class _Place(_SourceFileBackedLocatorMixin, _CacheLocator):  # type: ignore[misc]
+    """Below the folder of kernels, by the folder and line of the source, which must be the same as when it was compiled."""
+
+    def __init__(self, file: str, line: int, folder: Path) -> None:
+        self._py_file = file
+        self._lineno = line
+        self._folder = folder / self.get_suitable_cache_subpath(file)
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
 
 
 class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]

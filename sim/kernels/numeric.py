@@ -5,34 +5,16 @@ The cache folder is therefore named by the content of every module that has kern
 """
 
 import hashlib
-import importlib
-import os
 import re
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
 import platformdirs
-from llvmlite import binding
-from numba.core import config
 
 from vastflow.sim.kernels.kernel_cache import KernelCache
-
-
-def _import_without_blas() -> None:
-    """Import Numba's array functions, which look for SciPy's BLAS: 0.3 s of a worker's start that no kernel here needs."""
-    if "scipy.linalg" in sys.modules:
-        return
-    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # what is None there can't be imported
-    try:
-        importlib.import_module("numba.np.arraymath")
-    finally:
-        del sys.modules["scipy.linalg"]
-
-
-_import_without_blas()
+from vastflow.sim.kernels.target import TARGET
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -73,28 +55,11 @@ def kernel_cache_dir() -> Path:
     return Path(platformdirs.user_cache_dir("vastflow")) / "kernels" / content.hexdigest()[:16]
 
 
-def processor_features() -> str:
-    """What kernels use of the processor beyond its architecture's minimum: AVX2 where there is one.
-
-    Wider registers change no bit of a result, since nothing is reordered and nothing fused (FMA stays off). numba's own
-    variable `NUMBA_CPU_FEATURES` takes precedence.
-    """
-    given = os.environ.get("NUMBA_CPU_FEATURES")
-    if given is not None:
-        return given
-    return "+avx2" if binding.get_host_cpu_features().get("avx2") else ""
-
-
-# Code for a generic processor gives the same bits on every host of an architecture (measured).
-config.CPU_NAME = "generic"
-config.CPU_FEATURES = processor_features()
-config.CACHE_DIR = str(kernel_cache_dir())
-# LLVM's third level costs a fifth more compile time and gains nothing here (measured).
-config.OPT = config._OptLevel("2")
+_FOLDER: Final = kernel_cache_dir()
 
 OPTIONS: Final = {"error_model": "numpy", "fastmath": False}
-_compile = numba.njit(**OPTIONS)
-_compile_inner = numba.njit(**OPTIONS, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_compile = numba.njit(**OPTIONS, _target=TARGET)
+_compile_inner = numba.njit(**OPTIONS, _target=TARGET, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def njit(function: Function) -> Function:
@@ -108,7 +73,8 @@ def inner(function: Function) -> Function:
 
 
 def _cached(compiled: Any, function: Function) -> Function:
-    """A dispatcher whose compiled forms are kept, as numba's option `cache` would have it."""
-    compiled._cache = KernelCache(function)
+    """A dispatcher whose compiled forms are kept, as numba's option `cache` would have it, if the kernel is from a file."""
+    if Path(function.__code__.co_filename).is_file():
+        compiled._cache = KernelCache(function, _FOLDER)
     dispatcher: Function = compiled
     return dispatcher

@@ -3,7 +3,6 @@
 import logging
 
 import pytest
-from numba.core import config
 
 from vastflow.sim.kernels import numeric
 
@@ -15,7 +14,7 @@ def double(x):
 @pytest.fixture
 def files(tmp_path, monkeypatch):
     """Compiles kernels into an empty folder; gives the files of kernels there."""
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(numeric, "_FOLDER", tmp_path / "kernels")
     return lambda suffix: sorted(tmp_path.rglob(f"*{suffix}"))
 
 
@@ -69,3 +68,24 @@ def test_a_kernel_that_another_process_removes_is_compiled_again(files):
         file.unlink()
     assert hits(used()) == 0
     assert hits(used()) == 2
+
+
+def test_kernels_that_can_not_be_kept_are_said_once_and_compiled(files, tmp_path, caplog):
+    (tmp_path / "kernels").write_text("no folder")
+    with caplog.at_level(logging.WARNING, "vastflow.kernels"):
+        used()
+        used()
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert line.startswith(f"can't write to '{tmp_path / 'kernels'}")
+    assert line.endswith("(Not a directory): every process compiles the kernels again")
+
+
+def test_importing_kernels_writes_nothing(files, tmp_path):
+    numeric.njit(double)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_kernel_that_is_in_no_file_is_compiled_and_not_kept(files):
+    kernel = numeric.njit(eval("lambda x: 3 * x"))
+    assert kernel(2) == 6
+    assert files(".nb?") == []

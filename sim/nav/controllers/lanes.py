@@ -11,13 +11,13 @@ from typing import Any, Final
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils, config
+from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-import vastflow.sim.kernels.numeric  # noqa: F401  sets the processor
+from vastflow.sim.kernels.target import processor_features
 
-WIDTH: Final = 8 if "avx" in config.CPU_FEATURES else 4
+WIDTH: Final = 8 if "avx" in processor_features() else 4
 """Numbers in a register of the processor that kernels are compiled for."""
 
 _FLOATS: Final = ir.VectorType(ir.FloatType(), WIDTH)

@@ -1,0 +1,117 @@
+"""The processor that kernels are compiled for: a target of vastflow's own in numba, beside the one of the user's functions.
+
+Code for a generic processor gives the same bits on every host of an architecture (measured). numba's settings, its target
+"cpu" and what is compiled for that stay as they are: a process that has compiled functions of its own, before or after, gets
+the same recordings, and the same functions.
+"""
+
+import importlib
+import os
+import sys
+from functools import partial
+from typing import Any, Final
+
+import numba
+from llvmlite import binding
+from numba.core.codegen import JITCPUCodegen
+from numba.core.cpu import CPUContext
+from numba.core.dispatcher import Dispatcher
+from numba.core.registry import CPUTarget, cpu_target
+from numba.core.runtime import rtsys
+from numba.core.target_extension import CPU, dispatcher_registry, jit_registry, target_override, target_registry
+from numba.core.utils import threadsafe_cached_property
+
+TARGET: Final = "vastflow"
+"""numba's name of the target: what is decorated with `jit(_target=TARGET)` is compiled for it."""
+
+# LLVM's third level costs a fifth more compile time and gains nothing here (measured).
+_OPTIMIZATION: Final = 2
+
+
+def processor_features() -> str:
+    """What kernels use of the processor beyond its architecture's minimum: AVX2 where there is one.
+
+    Wider registers change no bit of a result, since nothing is reordered and nothing fused (FMA stays off). numba's own
+    variable `NUMBA_CPU_FEATURES` takes precedence.
+    """
+    given = os.environ.get("NUMBA_CPU_FEATURES")
+    if given is not None:
+        return given
+    return "+avx2" if binding.get_host_cpu_features().get("avx2") else ""
+
+
+class _Processor(CPU):  # type: ignore[misc]  # numba has no types
+    """A CPU, so that what numba and its extensions define for CPUs counts here as well."""
+
+
+class _Codegen(JITCPUCodegen):  # type: ignore[misc]
+    """Machine code for the generic processor, whatever `numba.config` says of processor and optimization."""
+
+    def _init(self, llvm_module: Any) -> None:
+        super()._init(llvm_module)
+        self._loopvect, self._opt_level = False, 0  # numba's own, but for `NUMBA_OPT=max`
+
+    def _customize_tm_options(self, options: dict[str, Any]) -> None:
+        super()._customize_tm_options(options)
+        options["opt"] = _OPTIMIZATION
+
+    def _pass_builder(self, **options: Any) -> Any:
+        return super()._pass_builder(
+            **{"opt": _OPTIMIZATION, "loop_vectorize": True, "slp_vectorize": False, **options}
+        )
+
+    def _get_host_cpu_name(self) -> str:
+        return "generic"
+
+    def _get_host_cpu_features(self) -> str:
+        return processor_features()
+
+
+class _Context(CPUContext):  # type: ignore[misc]
+    def init(self) -> None:
+        super().init()
+        self._internal_codegen = _Codegen("vastflow.kernels")
+
+    def load_additional_registries(self) -> None:
+        rtsys.initialize(cpu_target.target_context)  # whoever is first compiles numba's runtime for all targets
+        _import_array_functions()
+        super().load_additional_registries()
+
+
+def _context_of(target: CPUTarget) -> _Context:
+    return _Context(target.typing_context, TARGET)
+
+
+class _Target(CPUTarget):  # type: ignore[misc]
+    _toplevel_target_context = threadsafe_cached_property(_context_of)
+
+
+class _Dispatcher(Dispatcher):
+    targetdescr = _Target(TARGET)
+
+    def compile(self, sig: Any) -> Any:
+        """Compile for these types; what numba defines with `overload` and first meets while it lowers is so ours as well."""
+        with target_override(TARGET):
+            return super().compile(sig)
+
+
+def _import_array_functions() -> None:
+    """Import numba's functions of arrays without SciPy's BLAS, half of a worker's start, which no kernel here needs.
+
+    numba looks for BLAS once while they are imported, and again where a function needs it. The first look is left out.
+    """
+    if "numba.np.arraymath" in sys.modules:
+        return
+    linear_algebra: Any = importlib.import_module("numba.np.linalg")
+    look = linear_algebra.ensure_blas
+    linear_algebra.ensure_blas = lambda: None
+    try:
+        array_functions: Any = importlib.import_module("numba.np.arraymath")
+        array_functions.ensure_blas = look
+    finally:
+        linear_algebra.ensure_blas = look
+
+
+target_registry[TARGET] = _Processor
+dispatcher_registry[_Processor] = _Dispatcher
+jit_registry[_Processor] = partial(numba.jit, _target=TARGET)
