@@ -7,6 +7,9 @@ if TYPE_CHECKING:
     from vastflow.flows.api import run_campaign
     from vastflow.flows.stages.api import execute, instantiate, judge, observe
 
+if __name__ != "vastflow.flows":
+    raise ImportError(f"import vastflow.flows, not {__name__}: one module has one name")
+
 __all__ = ["execute", "instantiate", "judge", "observe", "run_campaign"]
 
 _STAGES: Final = ("instantiate", "execute", "observe", "judge")

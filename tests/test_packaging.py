@@ -16,6 +16,7 @@ from packaging.requirements import Requirement
 from vastflow.sim.reading.abstract import SHIPPED
 
 ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / ".package" / "vastflow"
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 README = (ROOT / "README.md").read_text()
 LAYERS = ("deployments", "flows", "oracles", "producers", "sim", "tasks")
@@ -67,7 +68,47 @@ def run(*command, **options):
 def test_every_folder_with_an_init_file_is_a_package_of_the_distribution():
     # A sub-package that is missing from the list still imports here, but is absent from the wheel.
     folders = ["vastflow." + ".".join(folder.relative_to(ROOT).parts) for folder in package_folders()]
-    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted([*folders, SHIPPED_SCENARIOS])
+    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(["vastflow", *folders, SHIPPED_SCENARIOS])
+
+
+def test_the_package_links_to_every_folder_of_it():
+    links = {path: path.resolve() for path in PACKAGE.rglob("*") if path.is_symlink()}
+    folders = {PACKAGE / layer: ROOT / layer for layer in LAYERS}
+    assert links == folders | {PACKAGE / "campaigns" / "scenarios": ROOT / "campaigns" / "scenarios"}
+
+
+def test_an_editable_install_is_a_folder_on_the_path_which_editors_and_type_checkers_can_follow():
+    found = run(sys.executable, "-c", "import vastflow, sys; print(vastflow.__file__); print(*sys.path, sep='\\n')")
+    assert found.returncode == 0, found.stderr
+    file, *places = found.stdout.splitlines()
+    assert Path(file).parents[1].as_posix() in places
+    assert Path(file).with_name("py.typed").is_file()
+
+
+def test_the_package_names_what_a_script_calls_and_its_version():
+    code = "import vastflow; print(vastflow.__version__, *(getattr(vastflow, name).__name__ for name in vastflow.__all__[1:]))"
+    done = run(sys.executable, "-c", code)
+    assert done.stdout.split() == [
+        PYPROJECT["project"]["version"],
+        "execute",
+        "instantiate",
+        "judge",
+        "observe",
+        "run_campaign",
+    ]
+
+
+def test_importing_the_package_imports_nothing_else_of_it():
+    code = "import sys; before = {*sys.modules}; import vastflow; print(*{*sys.modules} - before)"
+    found = run(sys.executable, "-c", code).stdout.split()
+    assert {name for name in found if name.partition(".")[0] not in sys.stdlib_module_names} == {"vastflow"}
+
+
+@pytest.mark.parametrize("folder", LAYERS)
+def test_a_folder_is_imported_by_the_package_s_name_and_by_no_other(folder):
+    done = run(sys.executable, "-c", f"import {folder}")  # in the repository's root, where Python would find it
+    assert done.returncode == 1
+    assert f"ImportError: import vastflow.{folder}, not {folder}: one module has one name" in done.stderr
 
 
 def test_every_package_says_that_it_is_typed():
@@ -160,8 +201,8 @@ def test_the_version_that_is_installed_is_the_one_in_pyproject():
 def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(tmp_path):
     source = tmp_path / "source"  # a `build` folder in the repository could put yesterday's modules into the wheel
     source.mkdir()
-    for name in (*LAYERS, "campaigns"):
-        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in (*LAYERS, "campaigns", ".package"):
+        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "docs/LICENSE"):
         (source / name).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / name, source / name)
@@ -173,6 +214,7 @@ def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(tmp_path):
     assert {name.partition("/")[0] for name in names} == {"vastflow", stem}
     shipped = {f for folder in package_folders() for f in folder.iterdir() if f.suffix in (".py", ".j2", ".typed")}
     assert {f"vastflow/{file.relative_to(ROOT).as_posix()}" for file in shipped} <= set(names)
+    assert {"vastflow/__init__.py", "vastflow/py.typed"} <= set(names)
     assert {f"vastflow/oracles/page/report.{kind}" for kind in ("html.j2", "css", "js")} <= {*names}
     assert {"vastflow/sim/osc/grammar.lark", "vastflow/sim/osc/library/nav2.osc"} <= set(names)
     described = [file for kind in ("pools/*.json", "templates/*.yaml") for file in (ROOT / "deployments").glob(kind)]

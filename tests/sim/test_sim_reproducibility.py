@@ -30,6 +30,15 @@ LATE = {
     "spawn_trigger": {"point": {"x": 5.2, "y": 2.7}, "threshold": 0.5},
 }
 
+THE_USER_S_OWN = """
+import numba
+import numpy as np
+from numba.core import config
+config.CPU_NAME, config.CPU_FEATURES, config.OPT = "nehalem", "", config._OptLevel(1)
+numba.njit(lambda x: x.sum())(np.ones(3))
+"""
+"""What a process may do before it calls the simulator: set numba up and compile something."""
+
 IN_A_NEW_PROCESS = """
 import hashlib, json, sys
 from vastflow.sim.recordings.blocks import write_recordings
@@ -88,8 +97,8 @@ def test_a_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, sce
     assert content(run(noisy, 1, 5)) == alone
 
 
-@pytest.mark.parametrize("controller", ["rpp", "mppi"])
-def test_a_run_in_a_new_process_is_the_same_bytes(scenario, controller):
+@pytest.mark.parametrize(("controller", "before"), [("rpp", ""), ("mppi", ""), ("rpp", THE_USER_S_OWN)])
+def test_a_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
     """Where this process had to compile its kernels, the new one loads them: cold and warm give the same bytes too."""
     noisy = scenario(obstacles=[CRATE, LATE], controller=controller, **NOISE)
     map_file = noisy.environment["map_file"]
@@ -102,7 +111,7 @@ def test_a_run_in_a_new_process_is_the_same_bytes(scenario, controller):
         "system": dict(noisy.system),
     }
     found = subprocess.run(
-        [sys.executable, "-c", IN_A_NEW_PROCESS],
+        [sys.executable, "-c", before + IN_A_NEW_PROCESS],
         input=json.dumps(task),
         capture_output=True,
         text=True,
