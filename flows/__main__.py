@@ -33,7 +33,7 @@ from vastflow.flows.commands.store import store
 class Commands(TyperGroup):
     """Commands whose exit code is their own, whatever a plug-in does in this process."""
 
-    def invoke(self, ctx: typer.Context) -> Any:
+    def invoke(self, ctx: Any) -> Any:
         """Run a command; click's own ends are other exceptions than `SystemExit`."""
         try:
             return super().invoke(ctx)

@@ -80,7 +80,7 @@ def _finite(value: Any) -> Any:
 
 
 def _counts(rows: Sequence["Finding"]) -> Mapping[str, int]:
-    counted = Counter(row.status for row in rows)
+    counted = Counter[str](row.status for row in rows)
     return {status: counted[status] for status in MEANING}
 
 

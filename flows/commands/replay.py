@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -155,7 +155,12 @@ def _asked(
         raise TimeError(
             f"{len(strip)} pictures are too many for a strip, which has {MOST} at the most; --video makes a film"
         )
-    options = {"--at": at_s, "--every": [every_s], "--from": [from_s], "--to": [to_s]}
+    options: dict[str, Sequence[float | None]] = {
+        "--at": at_s,
+        "--every": [every_s],
+        "--from": [from_s],
+        "--to": [to_s],
+    }
     notes = [rounded(what, [t_s for t_s in times if t_s is not None]) for what, times in options.items()]
     film = tuple(regular) if video else ()
     return Asked(

@@ -179,9 +179,9 @@ def _ended_as(run: ExportedRun) -> Iterator[str]:
         last[row["behavior"]] = row
     if last:
         yield ""
-    for node, row in sorted(last.items()):
-        message = f": {row['message']}" if row["message"] else ""
-        yield f"{row['status']:8}{'  ' * depth[node]}{row['name']} ({run.scenario_file}:{row['line']}:{row['column']}){message}"
+    for node, end in sorted(last.items()):
+        message = f": {end['message']}" if end["message"] else ""
+        yield f"{end['status']:8}{'  ' * depth[node]}{end['name']} ({run.scenario_file}:{end['line']}:{end['column']}){message}"
 
 
 _BEHAVIOR_COLUMNS: Final = (

@@ -186,7 +186,7 @@ class _Meter:
 def _executed_s(results: Path) -> float:
     """CPU time of the runs themselves, from their logs."""
     with open(results / LOGS_FILE, "rb") as logs:
-        return sum(run["cpu_s"] for line in logs for run in json.loads(line)["runs"])
+        return float(sum(run["cpu_s"] for line in logs for run in json.loads(line)["runs"]))
 
 
 def _task_runs(home: Path) -> dict[str, int]:
