@@ -7,9 +7,9 @@ from typing import TypeAlias
 from vastflow.producers.faults import shown
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.digest import Value
+from vastflow.sim.nav.controllers.registry import short_names
 from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, check_key, parameters_of, unread
 from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.interpretation import CONTROLLER_DEFAULTS
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.sim.reading.obstacles import obstacle_of
 from vastflow.sim.reading.poses import pose_of
@@ -115,4 +115,4 @@ def _contexts(system: Mapping[str, Value], varied: Collection[str]) -> list[Mapp
     """The system with each controller, where it is not known which."""
     if CONTROLLER_KEY not in varied:
         return [system]
-    return [{**system, CONTROLLER_KEY: name.lower()} for name in CONTROLLER_DEFAULTS]
+    return [{**system, CONTROLLER_KEY: name} for name in short_names()]

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from vastflow.oracles.oracle import Oracle, oracle_of
 from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.nav.parameters.parameter_file import plug_ins_in
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.process.setup import ProcessSetup, setup_of
@@ -110,7 +111,11 @@ class Packer:
 
     def _files_of(self, members: Sequence[Member]) -> set[Path]:
         """Every file that the members and oracles need, digested."""
-        contents = {_absolute(file.path) for member in members for file in _contents_of(member.scenario)}
+        named = [file for member in members for file in _contents_of(member.scenario)]
+        for file in plug_ins_in(named):
+            for snapshot in file.plug_ins.values():
+                self._copies |= snapshot.contents
+        contents = {_absolute(file.path) for file in named}
         found = set(self._copies)
         for path in contents:
             if path not in self._needed:

@@ -139,7 +139,7 @@ def test_campaigns_hold_no_code_but_what_their_files_name():
         assert named, f"{file} belongs to no campaign"
 
 
-@pytest.mark.parametrize("group", ["console_scripts", "vastflow.producers", "vastflow.oracles"])
+@pytest.mark.parametrize("group", ["console_scripts", "vastflow.producers", "vastflow.oracles", "vastflow.controllers"])
 def test_every_entry_point_loads(group):
     ours = [entry for entry in entry_points(group=group) if entry.value.startswith("vastflow.")]
     asked = (

@@ -13,6 +13,7 @@ from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, 
 from vastflow.producers.faults import CampaignError, Fault, Note
 from vastflow.producers.vast.document import Document, read_document
 from vastflow.producers.vast.spec import EvaluationSpec
+from vastflow.sim.nav.parameters.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.tasks.evaluation import producers_in
 
@@ -45,6 +46,8 @@ def _hidden(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Note
     chain = [producer for family in campaign.families for producer in family.producers]
     producers = [each for producer in chain for each in (producer, *producers_in(producer.parameters))]
     snapshots = [snapshot_behind(kind) for kind in dict.fromkeys(map(type, [*producers, *oracles]))]
+    values = [family.values for family in campaign.families]
+    snapshots += [snapshot for file in plug_ins_in(values) for snapshot in file.plug_ins.values()]
     base = campaign.path.parent
     for hidden in dict.fromkeys(each for snapshot in snapshots if snapshot is not None for each in snapshot.hidden):
         file = base / os.path.relpath(hidden.file, base)

@@ -14,7 +14,7 @@ from vastflow.producers.floorplan.files import PlanFile, VariationFile
 from vastflow.producers.postprocessing import steps_of
 from vastflow.sim.digest import FileContent, digest
 from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, ParameterFile, plug_ins_in
 from vastflow.sim.osc.reading import files_of
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.snapshot import Snapshot
@@ -56,12 +56,15 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     chain = [producer for family in campaign.families for producer in family.producers]
     producers = [each for producer in chain for each in (producer, *producers_in(producer.parameters))]
     fixed = [dict(family.values) for family in campaign.families]
+    controllers = plug_ins_in(fixed)
     parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
     map_files = files_in(*fixed, *(p.parameters for p in producers))
     files: dict[str, bytes] = {}
     places: dict[str, str] = {}
     for parameter_file in map(Path, parameter_files.values()):
         _keep(files, places, base, parameter_file)
+    for content in controllers:
+        _keep_beside(files, places, base, content)
     for path in map_files.values():
         borrowed = campaign.borrowed_maps.get(path)
         beside = Path(path) if borrowed is None else base / borrowed
@@ -92,6 +95,19 @@ def _keep_snapshot(files: dict[str, bytes], places: dict[str, str], base: Path, 
         files[name.as_posix()] = snapshot.read(place)
         if not path.is_relative_to(home):
             places[Path(os.path.relpath(path, home)).as_posix()] = name.as_posix()
+
+
+def _keep_beside(files: dict[str, bytes], places: dict[str, str], base: Path, content: ParameterFile) -> None:
+    """Keep a parameter file's plug-ins where the kept parameter file names them."""
+    home = Path(os.path.abspath(content.path)).parent
+    kept = places.get(Path(os.path.relpath(content.path, base)).as_posix())
+    for snapshot in content.plug_ins.values():
+        if kept is None:
+            _keep_snapshot(files, places, base, snapshot)
+            continue
+        for place in snapshot.files:
+            name = os.path.normpath(Path(kept).parent / os.path.relpath(snapshot.origin / place, home))
+            files[Path(name).as_posix()] = snapshot.read(place)
 
 
 def _plan_files(parameters: BaseModel) -> Iterator[str]:

@@ -12,7 +12,7 @@ from vastflow.sim.digest import Value
 from vastflow.sim.nav.parameters import document as parameters
 from vastflow.sim.nav.parameters.findings import Finding, findings
 from vastflow.sim.nav.parameters.interpretation import Interpretation, critics_of, interpretation
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, file_value
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, file_value, frozen
 from vastflow.sim.reading.files import is_file
 
 WHERE: Final[Location] = ("execution", FILE_KEY)
@@ -40,7 +40,7 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         what = f"found {shown(name)}, and there is no such file"
         return Nav2Params({}, (document.fault(WHERE, what, "a Nav2 parameter file"),))
     try:
-        found = interpretation(parameters.read_document(path))
+        found = interpretation(frozen(parameters.read_document(path)))
     except parameters.DocumentError as error:
         return Nav2Params({}, tuple(faults_of(error)))
     return Nav2Params({FILE_KEY: file_value(found.document)}, (), tuple(notes_of(found)))

@@ -72,6 +72,12 @@ def inner(function: Function) -> Function:
     return _cached(_compile_inner(function), function)
 
 
+def unkept(function: Function) -> Function:
+    """Compile like `inner`, anew in each process: of what others wrote no file says when a compiled form is out of date."""
+    dispatcher: Function = _compile_inner(function)
+    return dispatcher
+
+
 def _cached(compiled: Any, function: Function) -> Function:
     """A dispatcher whose compiled forms are kept, as numba's option `cache` would have it, if the kernel is from a file."""
     if Path(function.__code__.co_filename).is_file():

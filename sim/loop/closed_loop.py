@@ -140,7 +140,7 @@ class ClosedLoop:
 
     def cancel(self) -> None:
         """Take the robot's mission away."""
-        halt(self.stack.m, self.stack.controller)
+        halt(self.stack.m, self.stack.controller.bound)
 
     def standing(self, name: str) -> int | None:
         """Number of the obstacle of this name that stands in the world now."""
@@ -181,7 +181,7 @@ class ClosedLoop:
                 stack.local,
                 stack.cloud,
                 stack.route,
-                stack.controller,
+                stack.controller.bound,
                 stack.rows,
                 self.body,
                 hold,

@@ -8,7 +8,8 @@ import math
 from typing import Any, Final
 
 from vastflow.sim.kernels.numeric import inner
-from vastflow.sim.nav.controllers.control import Controller, command, reset, take_new_path
+from vastflow.sim.nav.controllers.binding import Bound, compute_velocity, reset, set_plan
+from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.planning import plan
@@ -65,7 +66,7 @@ THROUGH_POSES: Final = 100
 
 
 @inner
-def behave(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Controller) -> None:
+def behave(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bound) -> None:
     """Set the command of this tick; between the cycles of a slower behaviour the last one stands."""
     if m.state == STARTING and m.first_scan == 0:
         _begin_goal(m)
@@ -125,7 +126,7 @@ def _reset_checkers(m: Any) -> None:
 
 
 @inner
-def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Controller) -> None:
+def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bound) -> None:
     """One cycle of the pipeline: replan when it is time, then the controller server's loop."""
     if m.replan_in > 0:
         m.replan_in -= 1
@@ -163,14 +164,14 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Co
 
 
 @inner
-def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Controller) -> bool:
+def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
     """ComputePath with its one contextual clearing; false when the pipeline has failed by it."""
     through_poses = p.mission == NAVIGATE_THROUGH_POSES
     lap(m, BEHAVIOUR)
     code = plan(p, m, g, route)
     lap(m, PLANNER)
     if code == 0:
-        take_new_path(controller)
+        set_plan(controller)
         m.planner_code, m.plan_retries = 0, 0
         m.replan_in = (REPLAN_THROUGH_POSES_TICKS if through_poses else REPLAN_TICKS) - 1
         return True
@@ -185,7 +186,7 @@ def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Controller) -> b
 
 
 @inner
-def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: float, controller: Controller) -> Any:
+def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: float, controller: Bound) -> Any:
     """The controller's (valid, v, ω) for the local plan."""
     c, s = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
     dx, dy = m.goal_x - m.map_odom_x, m.goal_y - m.map_odom_y
@@ -194,9 +195,10 @@ def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: flo
     w = m.odom_w if abs(m.odom_w) > p.controller_server.min_theta_velocity_threshold else 0.0
     pose = (m.odom_x, m.odom_y, m.odom_yaw)
     lap(m, BEHAVIOUR)
-    ordered = command(
-        controller, local.window, m.outline, p.inscribed_radius, pose, (v, w), route.ahead, n, end_yaw, goal
+    given = ControllerInput(
+        local.window, m.outline[:16], p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, TICK_S
     )
+    ordered = compute_velocity(controller, given)
     lap(m, CONTROLLER)
     return ordered
 
@@ -235,7 +237,7 @@ def _next_waypoint(p: Any, m: Any, goals: Any) -> None:
 
 
 @inner
-def _control_failed(p: Any, m: Any, goals: Any, controller: Controller, code: int) -> None:
+def _control_failed(p: Any, m: Any, goals: Any, controller: Bound, code: int) -> None:
     """FollowPath has failed; once in a pipeline the local costmap is cleared for it, then it counts."""
     reset(controller)
     _order(m, 0.0, 0.0)

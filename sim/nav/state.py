@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import CONTROLLER, SUBSYSTEMS
 from vastflow.sim.loop.prepared import PreparedMap
-from vastflow.sim.nav.controllers.control import Controller, controller_of
+from vastflow.sim.nav.controllers.binding import RunningController, running
+from vastflow.sim.nav.controllers.controller import Setting
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.navfn import new_potential, new_scratch
 from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.mppi import MppiParameters
-from vastflow.sim.nav.parameters.stack import ControllerParameters, NavParameters
+from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.particles import Cloud, new_cloud
 from vastflow.sim.nav.profile import STAGES
 from vastflow.sim.nav.record import record_dtype, record_row
@@ -188,7 +187,7 @@ class Stack:
 
     Attributes:
         p, m: (1,) records of parameters and `MEMORY`.
-        controller: Parameters and memory of the controller in use.
+        controller: The controller in use.
         obstacles: (K, 6) as in `vastflow.sim.world.lidar.scan`.
         rows: (R, C) int32 of `COLUMNS`.
     """
@@ -199,7 +198,7 @@ class Stack:
     local: Local
     cloud: Cloud
     route: Route
-    controller: Controller
+    controller: RunningController
     obstacles: NDArray[np.float64]
     rows: NDArray[np.int32]
 
@@ -243,7 +242,7 @@ def new_stack(
         local=local,
         cloud=new_cloud(parameters.amcl.max_particles),
         route=_route(prepared.least, (), 0),
-        controller=controller_of(parameters, local.window, streams[CONTROLLER].copy()),
+        controller=running(parameters.controller, _setting(parameters, local.window, streams[CONTROLLER].copy())),
         obstacles=obstacles,
         rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(COLUMNS)), dtype=np.int32),
     )
@@ -304,7 +303,7 @@ def _parameter_record(parameters: NavParameters, lidar: Lidar, robot: Robot, pre
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),
         "circumscribed_radius": circumscribed_radius_m(outline),
-        "plan_ahead": _plan_ahead_m(parameters.controller),
+        "plan_ahead": parameters.controller.plan_ahead_m,
         "resolution": prepared.occupancy.resolution_m,
         "origin_x": prepared.occupancy.origin_xy_m[0],
         "origin_y": prepared.occupancy.origin_xy_m[1],
@@ -342,11 +341,11 @@ def _parameter_record(parameters: NavParameters, lidar: Lidar, robot: Robot, pre
     return np.array([row], dtype=dtype)
 
 
-def _plan_ahead_m(controller: ControllerParameters) -> float:
-    """How much of the path the controller follows at a time, as far as the local costmap holds it."""
-    if isinstance(controller, MppiParameters):
-        return controller.prune_distance
-    return controller.forward_prune_distance if isinstance(controller, DwbParameters) else np.inf
+def _setting(parameters: NavParameters, window: Window, stream: NDArray[np.uint64]) -> Setting:
+    goal = parameters.goal_checker
+    rows, columns = window.costs.shape
+    resolution_m = parameters.local_costmap.resolution
+    return Setting(rows, columns, resolution_m, goal.xy_goal_tolerance, goal.yaw_goal_tolerance, stream, TICK_S)
 
 
 def _ticks(frequency_hz: float) -> int:

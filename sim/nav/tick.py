@@ -8,7 +8,7 @@ from vastflow.sim.kernels.streams import LIDAR, ODOMETRY, PHASES, normal_pair, u
 from vastflow.sim.nav import profile
 from vastflow.sim.nav.behaviour import behave, note
 from vastflow.sim.nav.collision_monitor import approach, gather_near_points
-from vastflow.sim.nav.controllers.control import Controller, reset
+from vastflow.sim.nav.controllers.binding import Bound, reset
 from vastflow.sim.nav.localization import estimate, localize
 from vastflow.sim.nav.mapping import clear_global, clear_local, publish_local, update_global, update_local
 from vastflow.sim.nav.particles import Cloud
@@ -51,7 +51,7 @@ def advance(
     local: Local,
     cloud: Cloud,
     route: Route,
-    controller: Controller,
+    controller: Bound,
     rows: Any,
     body: Body,
     hold: int,
@@ -111,7 +111,7 @@ def conclude(parameters: Any, memory: Any, body: Body, rows: Any) -> None:
 
 
 @njit
-def halt(memory: Any, controller: Controller) -> None:
+def halt(memory: Any, controller: Bound) -> None:
     """Take the mission away: the robot brakes and stands."""
     m = memory[0]
     reset(controller)
@@ -120,7 +120,7 @@ def halt(memory: Any, controller: Controller) -> None:
 
 
 @inner
-def _navigate(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Controller) -> None:
+def _navigate(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bound) -> None:
     """A tick of the stack behind its sensors, from the estimate to the command."""
     estimate(m)
     if m.clear_global == 1:

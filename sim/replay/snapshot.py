@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.maps.grid_frame import GridFrame
-from vastflow.sim.nav.controllers.control import Mppi
+from vastflow.sim.nav.controllers.mppi import Mppi
 from vastflow.sim.nav.inflation import UNKNOWN
 from vastflow.sim.nav.state import (
     BACKING_UP,
@@ -245,7 +245,7 @@ def _ahead(stack: Stack, plan: NDArray[np.float64], odom: Pose) -> NDArray[np.fl
 
 def _intended(stack: Stack, moment: Moment) -> NDArray[np.float64]:
     """(T + 1, 2), from the estimate on: each step goes where the robot heads before it turns, as in MPPI's own rollout."""
-    if not isinstance(stack.controller, Mppi) or moment.activity != "following" or moment.no_command_s > 0.0:
+    if not isinstance(stack.controller.controller, Mppi) or moment.activity != "following" or moment.no_command_s > 0.0:
         return np.empty((0, 2))
     v_mps, w_radps = stack.controller.memory.sequence
     dt_s = float(stack.controller.parameters[0]["model_dt"])

@@ -197,7 +197,7 @@ def test_the_oracle_of_the_pages_judges_a_run(folder):
 
 def test_the_tests_of_the_pages_pass(folder):
     tests = [block.about for block in FILES if block.about.startswith("test_")]
-    assert len(tests) == 3
+    assert len(tests) == 4
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", str(folder), *tests]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stdout

@@ -24,10 +24,8 @@ from vastflow.sim.loop.prepared import PreparedMap, prepare
 from vastflow.sim.maps.occupancy import FREE, OCCUPIED, OccupancyMap
 from vastflow.sim.maps.octile import descend, distance_field, passable, path_xy_m
 from vastflow.sim.nav.behaviour import REPLAN_TICKS
+from vastflow.sim.nav.controllers.registry import find_controller, short_names
 from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.mppi import MppiParameters
-from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.profile import CLOCK, STAGES
 from vastflow.sim.nav.state import RUNNING, SUBSTEPS, TICK_S
@@ -35,7 +33,6 @@ from vastflow.sim.pose import Pose
 from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.robot import Robot
 
-CONTROLLERS: Final = {"mppi": MppiParameters, "dwb": DwbParameters, "rpp": RppParameters}
 MAP_SEED: Final = 20
 RESOLUTION_M: Final = 0.05
 ROUTES: Final = 5
@@ -80,9 +77,9 @@ def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
     Raises:
         ValueError: a controller there is not.
     """
-    if controller not in CONTROLLERS:
-        raise ValueError(f"controller: found {controller!r}; one of {', '.join(CONTROLLERS)}")
-    parameters, lidar = NavParameters(controller=CONTROLLERS[controller]()), Lidar()
+    if controller not in short_names():
+        raise ValueError(f"controller: found {controller!r}; one of {', '.join(short_names())}")
+    parameters, lidar = NavParameters(controller=find_controller(short_names()[controller])()), Lidar()
     large, small = _Course(LARGE, parameters), _Course(SMALL, parameters)
     measured = {"controller": controller, **large.measured(), "small": small.measured()}
     if profile:

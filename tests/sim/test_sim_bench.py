@@ -36,7 +36,7 @@ def test_every_route_has_the_length_of_its_floor(floor):
 
 
 def test_a_controller_that_does_not_exist_is_refused():
-    with pytest.raises(ValueError, match="controller: found 'teb'; one of mppi, dwb, rpp"):
+    with pytest.raises(ValueError, match="controller: found 'teb'; one of dwb, mppi, rpp"):
         bench("teb")
 
 

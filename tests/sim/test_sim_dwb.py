@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb
+from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.dwb_critics import grow, lay, new_path_grid
 from vastflow.sim.nav.controllers.dwb_rollout import legal, step_count
 from vastflow.sim.nav.inflation import inflate
@@ -30,14 +31,16 @@ FAST = HUMBLE.with_values(max_vel_x=0.5, max_speed_xy=0.5, min_vel_x=-0.1)
 
 @njit
 def commanded(records, memory, window, outline, pose, twist, plan, n, goal):
-    return dwb.command(records[0], memory, window, outline, 0.2255, pose, twist, plan, n, 0.0, goal)
+    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05)
+    return dwb.compute_velocity(records[0], memory, situation)
 
 
 @njit
 def scored(records, memory, window, pose, twist, plan, n, goal):
     """Scores (V, W) of all samples, infinite for those that are not legal."""
     q = records[0]
-    setting, n_speeds, n_turns = dwb.score(q, memory, window, pose, twist, plan, n, goal)
+    situation = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05)
+    setting, n_speeds, n_turns = dwb.score(q, memory, situation)
     scores = memory.scores[:n_speeds, :n_turns].copy()
     for i in range(n_speeds):
         for j in range(n_turns):

@@ -7,6 +7,7 @@ import pytest
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb
+from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.record import record_of
@@ -21,7 +22,8 @@ HUMBLE = DwbParameters()
 
 @njit
 def commanded(records, memory, window, outline, pose, twist, plan, n, goal):
-    return dwb.command(records[0], memory, window, outline, 0.2255, pose, twist, plan, n, 0.0, goal)
+    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05)
+    return dwb.compute_velocity(records[0], memory, situation)
 
 
 @njit

@@ -7,6 +7,7 @@ import pytest
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb, rpp
+from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
@@ -24,12 +25,14 @@ DWB = DwbParameters().with_values(max_vel_x=0.5, max_speed_xy=0.5)
 
 @njit
 def dwb_command(records, memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal):
-    return dwb.command(records[0], memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal)
+    situation = ControllerInput(window, outline, inscribed, pose, twist, plan[:n], end_yaw, goal, 0.05)
+    return dwb.compute_velocity(records[0], memory, situation)
 
 
 @njit
 def rpp_command(records, memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal):
-    return rpp.command(records[0], memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal)
+    situation = ControllerInput(window, outline, inscribed, pose, twist, plan[:n], end_yaw, goal, 0.05)
+    return rpp.compute_velocity(records[0], memory, situation)
 
 
 def dwb_controller(parameters=DWB):

@@ -7,6 +7,7 @@ import pytest
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import mppi
+from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.mppi_samples import noise
 from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.mppi import MppiParameters
@@ -21,7 +22,8 @@ OUTLINE = padded_outline(0.22, 0.01)
 
 @njit
 def command_of(record, memory, window, outline, pose, twist, plan, n, end_yaw_rad, goal):
-    return mppi.command(record[0], memory, window, outline, 0.2255, pose, twist, plan, n, end_yaw_rad, goal)
+    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], end_yaw_rad, goal, 0.05)
+    return mppi.compute_velocity(record[0], memory, situation)
 
 
 @njit

@@ -13,6 +13,7 @@ from llvmlite import binding
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import mppi
+from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.lanes import WIDTH
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.record import record_of
@@ -23,7 +24,8 @@ FAR, NEAR, THERE = (5.0, 0.0, 0.0), (1.2, 0.1, 1.0), (0.4, 0.0, 1.0)
 
 @njit
 def command_of(record, memory, window, outline, pose, twist, plan, n, end_yaw_rad, goal):
-    return mppi.command(record[0], memory, window, outline, 0.2255, pose, twist, plan, n, end_yaw_rad, goal)
+    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], end_yaw_rad, goal, 0.05)
+    return mppi.compute_velocity(record[0], memory, situation)
 
 
 def commands() -> list[str]:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import rpp
+from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.outline import padded_outline
@@ -29,7 +30,8 @@ FREE = np.zeros((CELLS, CELLS), dtype=np.uint8)
 
 @njit
 def commanded(records, memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal):
-    return rpp.command(records[0], memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal)
+    situation = ControllerInput(window, outline, inscribed, pose, twist, plan[:n], end_yaw, goal, 0.05)
+    return rpp.compute_velocity(records[0], memory, situation)
 
 
 @njit

@@ -13,9 +13,9 @@ from vastflow.sim.loop.closed_loop import ClosedLoop, obstacle_rows
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.controllers.rpp import Rpp
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.parameter import ParameterError
-from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.state import COLUMNS, SUCCEEDED, TICK_S
 from vastflow.sim.pose import Pose
@@ -231,7 +231,7 @@ def wide(two_rooms, scenario):
     """A robot whose way is planned for 0.22 m and whose body is 0.65 m: it sticks in the door of 1.2 m."""
 
     def make(timeout_s=60.0):
-        parameters = NavParameters(controller=RppParameters())
+        parameters = NavParameters(controller=Rpp())
         prepared = prepare(load_map(two_rooms.path), Lidar(), parameters)
         start, mission = Pose(1.0, 1.0), Mission("navigate_to_pose", (Pose(7.0, 4.0),))
         return prepared, parameters, Lidar(), Robot(radius_m=0.65), start, mission, (), (0, 1, 2), timeout_s

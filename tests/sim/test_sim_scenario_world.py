@@ -10,8 +10,8 @@ from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.situation import situation_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.nav.controllers.rpp import Rpp
 from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.state import SUCCEEDED
 from vastflow.sim.pose import Pose
@@ -270,7 +270,7 @@ def test_the_separation_from_what_was_spawned_is_observed_from_then_on_and_until
 
 @pytest.mark.parametrize("pushable", [False, True])
 def test_a_robot_that_stands_against_what_is_deleted_is_free_at_once(two_rooms, pushable):
-    parameters = NavParameters(controller=RppParameters())
+    parameters = NavParameters(controller=Rpp())
     prepared, start = prepare(load_map(two_rooms.path), Lidar(), parameters), Pose(1.0, 1.0)
     loop = ClosedLoop(prepared, parameters, Lidar(), Robot(), start, (), (0, 1, 2), 60.0)
     loop.localize(start)

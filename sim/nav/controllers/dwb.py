@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting
 from vastflow.sim.nav.controllers.dwb_critics import (
     DISTANCE,
     PathGrid,
@@ -113,32 +114,21 @@ def reset(memory: DwbMemory) -> None:
 
 
 @inner
-def command(
-    q: Any,
-    memory: DwbMemory,
-    window: Window,
-    outline: Any,
-    inscribed_radius_m: float,
-    pose: Any,
-    twist: Any,
-    plan: Any,
-    n: int,
-    end_yaw_rad: float,
-    goal: Any,
-) -> Any:
+def compute_velocity(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
     """Command (valid, v, ω) of the legal sample with the lowest score; not valid when none is legal."""
-    setting, n_speeds, n_turns = score(q, memory, window, pose, twist, plan, n, goal)
-    i, j = _choose(q, memory, window, setting, n_speeds, n_turns)
+    setting, n_speeds, n_turns = score(q, memory, given)
+    i, j = _choose(q, memory, given.window, setting, n_speeds, n_turns)
     v, w = (memory.speeds[i], memory.turns[j]) if i >= 0 else (0.0, 0.0)
     if q.Oscillation.enabled != 0:
-        debrief(q.Oscillation, memory.trends, pose, v, w)
+        debrief(q.Oscillation, memory.trends, given.pose, v, w)
     return i >= 0, v, w
 
 
 @inner
-def score(q: Any, memory: DwbMemory, window: Window, pose: Any, twist: Any, plan: Any, n: int, goal: Any) -> Any:
+def score(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
     """Score the ends of all samples: the setting, and how many speeds and yaw rates there are."""
-    setting = _prepare(q, memory, window, pose, twist, plan, n, goal)
+    window, twist, goal = given.window, given.twist, given.goal
+    setting = _prepare(q, memory, given)
     v, w, time_s = twist[0], twist[1], q.sim_time
     n_speeds = sample(memory.speeds, v, q.min_vel_x, q.max_vel_x, q.acc_lim_x, q.decel_lim_x, time_s, q.vx_samples)
     limit = q.max_vel_theta
@@ -160,10 +150,10 @@ def score(q: Any, memory: DwbMemory, window: Window, pose: Any, twist: Any, plan
 
 
 @inner
-def _prepare(
-    q: Any, memory: DwbMemory, window: Window, pose: Any, twist: Any, plan: Any, n: int, goal: Any
-) -> _Setting:
+def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
     """Let the critics look at the situation."""
+    window, pose, twist, plan, goal = given.window, given.pose, given.twist, given.plan, given.goal
+    n = plan.shape[0]
     dx, dy = goal[0] - pose[0], goal[1] - pose[1]
     away_m = math.sqrt(dx * dx + dy * dy)
     # GoalAlign wants the nose beyond the local goal, in the direction from here to the goal.
@@ -296,3 +286,20 @@ def _choose(q: Any, memory: DwbMemory, window: Window, setting: _Setting, n_spee
                 if legal(q, setting, speeds[i], steps, sums, first[i, j], costs, cells_per_m):
                     best, best_i, best_j = scores[i, j], i, j
     return best_i, best_j
+
+
+class Dwb(DwbParameters, Controller):
+    """The DWB controller."""
+
+    compute_velocity = compute_velocity
+    reset = reset
+    set_plan = reset
+
+    def memory(self, setting: Setting) -> DwbMemory:
+        """See `new_memory`."""
+        return new_memory(self, setting.rows, setting.columns)
+
+    @property
+    def plan_ahead_m(self) -> float:
+        """`forward_prune_distance`."""
+        return self.forward_prune_distance

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav.controllers.controller import PERIOD_S, Controller, ControllerInput, Setting
 from vastflow.sim.nav.controllers.lanes import WIDTH, data_of, either, load, lower, splat, store
 from vastflow.sim.nav.controllers.mppi_critics import (
     BINS,
@@ -31,8 +32,6 @@ from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.window import Window
 from vastflow.sim.world.robot import wrapped
 
-PERIOD_S: Final = 0.05
-"""The controller server's period: with the same model_dt the sequence is shifted from one command to the next."""
 PLAN_POINTS: Final = 1024
 UNSMOOTHED: Final = 20
 """A sequence of no more steps than this is left as it is."""
@@ -130,20 +129,10 @@ def reset(memory: MppiMemory) -> None:
 
 
 @inner
-def command(
-    q: Any,
-    memory: MppiMemory,
-    window: Window,
-    outline: Any,
-    inscribed_radius_m: float,
-    pose: Any,
-    twist: Any,
-    plan: Any,
-    n: int,
-    end_yaw_rad: float,
-    goal: Any,
-) -> Any:
+def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     """Command (valid, v, ω) from the mean of the samples; not valid when all of them collide, again and again."""
+    window, pose, twist, plan, goal = given.window, given.pose, given.twist, given.plan, given.goal
+    n, end_yaw_rad = plan.shape[0], given.plan_end_yaw_rad
     sequence, history, free, lengths = memory.sequence, memory.history, memory.free, memory.lengths
     space = Space(
         data_of(memory.noise),
@@ -401,3 +390,25 @@ def _smooth(sequence: Any, history: Any, line: Any, shift: int) -> None:
         for i in range(3):
             history[axis, i] = history[axis, i + 1]
         history[axis, 3] = sequence[axis, shift]
+
+
+@inner
+def set_plan(memory: MppiMemory) -> None:
+    """A new path changes nothing: the sequence goes on."""
+
+
+class Mppi(MppiParameters, Controller):
+    """The MPPI controller. With the controller server's period for `model_dt` the sequence is shifted between commands."""
+
+    compute_velocity = compute_velocity
+    reset = reset
+    set_plan = set_plan
+
+    def memory(self, setting: Setting) -> MppiMemory:
+        """See `new_memory`."""
+        return new_memory(self, setting.stream)
+
+    @property
+    def plan_ahead_m(self) -> float:
+        """`prune_distance`."""
+        return self.prune_distance

@@ -1,18 +1,17 @@
 """Regulated Pure Pursuit (nav2_regulated_pure_pursuit_controller, Jazzy)."""
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav.controllers.controller import PERIOD_S, Controller, ControllerInput, Setting
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import FREE, INSCRIBED, UNKNOWN
+from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.window import Window, cost_at
 from vastflow.sim.world.robot import wrapped
-
-PERIOD_S: Final = 0.05
-"""The controller server's period: how much a turn in place may speed up from one command to the next."""
 
 
 class RppMemory(NamedTuple):
@@ -39,20 +38,10 @@ def reset(memory: RppMemory) -> None:
 
 
 @inner
-def command(
-    q: Any,
-    memory: RppMemory,
-    window: Window,
-    outline: Any,
-    inscribed_radius_m: float,
-    pose: Any,
-    twist: Any,
-    plan: Any,
-    n: int,
-    end_yaw_rad: float,
-    goal: Any,
-) -> Any:
-    """Command (valid, v, ω) towards the carrot on the plan; not valid when the way there is blocked."""
+def compute_velocity(q: Any, memory: RppMemory, given: ControllerInput) -> Any:
+    """Command (valid, v, ω) toward the carrot on the plan; not valid when the path there is blocked."""
+    window, outline, pose, twist, plan = given.window, given.outline, given.pose, given.twist, given.plan
+    n, inscribed_radius_m, end_yaw_rad = plan.shape[0], given.inscribed_radius_m, given.plan_end_yaw_rad
     lookahead_m, curvature_lookahead_m = q.lookahead_dist, q.curvature_lookahead_dist
     if q.use_velocity_scaled_lookahead_dist != 0:
         lookahead_m = min(max(abs(twist[0]) * q.lookahead_time, q.min_lookahead_dist), q.max_lookahead_dist)
@@ -197,3 +186,15 @@ def _collides(q: Any, window: Window, outline: Any, pose: Any, v: float, w: floa
         if outline_hits(window, outline, x, y, yaw):
             return True
     return False
+
+
+class Rpp(RppParameters, Controller):
+    """The RPP controller."""
+
+    compute_velocity = compute_velocity
+    reset = reset
+    set_plan = reset
+
+    def memory(self, setting: Setting) -> RppMemory:
+        """See `new_memory`."""
+        return new_memory(setting.xy_goal_tolerance_m)

@@ -3,11 +3,13 @@
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from typing import Final
 
 from pydantic import BaseModel
 
 from vastflow.sim.digest import FileContent, Value, canonical
+from vastflow.sim.nav.controllers.registry import FILE, find_controller, known_controllers, short_names
 from vastflow.sim.nav.parameters.document import (
     PARAMETERS,
     Document,
@@ -16,11 +18,7 @@ from vastflow.sim.nav.parameters.document import (
     ParameterFault,
     dotted,
 )
-from vastflow.sim.nav.parameters.interpretation import (
-    CONTROLLER_DEFAULTS,
-    Interpretation,
-    interpretation,
-)
+from vastflow.sim.nav.parameters.interpretation import Interpretation, interpretation
 from vastflow.sim.nav.parameters.parameter import complaint
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, loaded
 from vastflow.sim.nav.parameters.plugins import CONTROLLERS, class_name
@@ -128,12 +126,12 @@ def default_document() -> Document:
 def with_controller(document: Document, name: Value) -> Document:
     """The document with one controller: its own of that kind if it has one, else one with the default parameters.
 
+    Args:
+        name: `mppi`, the name of an installed controller, or `file.py:Class` of one that the document lists.
+
     Raises:
         DocumentError: no such controller.
     """
-    kinds = {kind.lower(): kind for kind in CONTROLLER_DEFAULTS}
-    if not isinstance(name, str) or name not in kinds:
-        raise DocumentError([ParameterFault(CONTROLLER_KEY, f"found {shown(name)}", f"one of {', '.join(kinds)}")])
     values = dict(document.values)
     node = document.node("controller_server")
     if node is None:
@@ -141,12 +139,25 @@ def with_controller(document: Document, name: Value) -> Document:
         values |= {path: default_document().values[path] for path in default_document().below(node)}
     listed = (*node, CONTROLLERS.lists[0])
     names = values.get(listed)
-    for own in names if isinstance(names, Sequence) and not isinstance(names, str) else ():
-        if CONTROLLERS.modelled.get(class_name(str(values.get((*node, str(own), "plugin"))))) == kinds[name]:
-            return replace(document, values={**values, listed: [own]})
-    block = controller_block(node, CONTROLLER_DEFAULTS[kinds[name]]())
+    listed_names = names if isinstance(names, Sequence) and not isinstance(names, str) else ()
+    own = {_plug_in(values.get((*node, str(each), "plugin"))): each for each in reversed(listed_names)}
+    meant = short_names().get(name, name) if isinstance(name, str) else ""
+    if meant in own:
+        return replace(document, values={**values, listed: [own[meant]]})
+    if meant not in known_controllers():
+        known = [*short_names(), *sorted(each for each in own if FILE in each)]
+        near = [f"did you mean {each!r}? " for each in get_close_matches(str(name), known, n=1)]
+        right = f"{''.join(near)}one of {', '.join(known)}"
+        raise DocumentError([ParameterFault(CONTROLLER_KEY, f"found {shown(name)}", right)])
+    block = controller_block(node, find_controller(meant)())
     kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}
     return replace(document, values={**kept, **block})
+
+
+def _plug_in(value: Value) -> str:
+    """A plug-in's class as the entry-point group has it; a file and class as they are written."""
+    text = str(value)
+    return text if FILE in text else class_name(text)
 
 
 @dataclass(frozen=True, slots=True)

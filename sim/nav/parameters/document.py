@@ -17,6 +17,7 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.sim.digest import Value
 from vastflow.sim.nav.parameters.parameter import ParameterError
+from vastflow.sim.plug_ins.snapshot import Snapshot
 from vastflow.sim.reading.files import MOST_LEVELS, Place, Unreadable, place_of, read_text, yaml_node
 
 Location: TypeAlias = tuple[str, ...]
@@ -74,12 +75,14 @@ class Document:
         places: Where a file has a path or a part of one; items of lists have their number for a name.
         repeated: Paths that the file has more than once; the last value counts.
         file: The file's name as the user gave it.
+        plug_ins: Those that it names as `file.py:Class`, to the copies that are loaded; the others are read when they are.
     """
 
     values: Mapping[Location, Value]
     places: Mapping[Location, Place] = field(default_factory=dict)
     repeated: tuple[Location, ...] = ()
     file: str = ""
+    plug_ins: Mapping[str, Snapshot] = field(default_factory=dict)
 
     def place(self, path: Location) -> Place:
         """Place of a path, or of the nearest thing above it; (0, 0) where there is none."""

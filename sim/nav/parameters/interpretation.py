@@ -1,14 +1,16 @@
 """Interpretation: what a Nav2 parameter document sets the stack to."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Final, TypeAlias, TypeGuard
 
+from vastflow.sim.nav.controllers.controller import Controller
+from vastflow.sim.nav.controllers.registry import FILE, OWN, UnknownController, find_controller, known_controllers
 from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.parameters.costmap import Costmap, InflationLayer, ObstacleLayer, StaticLayer, global_costmap
 from vastflow.sim.nav.parameters.document import Document, DocumentError, Location
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
@@ -21,8 +23,7 @@ from vastflow.sim.nav.parameters.plugins import (
     class_name,
     critic_class,
 )
-from vastflow.sim.nav.parameters.reader import Reader
-from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.parameters.reader import Group, Reader
 from vastflow.sim.nav.parameters.servers import (
     BehaviorServer,
     CollisionMonitor,
@@ -34,7 +35,7 @@ from vastflow.sim.nav.parameters.servers import (
     VelocitySmoother,
     WaypointFollower,
 )
-from vastflow.sim.nav.parameters.stack import ControllerParameters, NavParameters
+from vastflow.sim.nav.parameters.stack import NavParameters
 
 Parts: TypeAlias = Mapping[str, Any]
 """Fields of `NavParameters`."""
@@ -53,12 +54,6 @@ OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
 
 OF_THE_SCAN: Final = ("marking", "clearing", "obstacle_max_range", "obstacle_min_range", "raytrace_max_range")
 """Parameters of an obstacle layer that its source has."""
-
-CONTROLLER_DEFAULTS: Final[Mapping[str, type[ControllerParameters]]] = {
-    "MPPI": MppiParameters,
-    "DWB": DwbParameters,
-    "RPP": RppParameters,
-}
 
 
 @dataclass(frozen=True)
@@ -174,18 +169,62 @@ def _controller_server(reader: Reader, node: Location) -> Parts:
         parts["goal_checker"] = reader.group(GoalChecker, (*node, goal.name))
     # Nav2's code would load DWB here and find no critics for it: such a file is one for other parameters.
     named = [(*node, *CONTROLLERS.lists), (*node, CONTROLLERS.used, "plugin")]
-    if any(path in reader.document.values for path in named) and (controller := reader.plugin(node, CONTROLLERS)):
-        model, place = CONTROLLER_DEFAULTS[controller.kind], (*node, controller.name)
-        parts["controller"] = reader.group(model, place, given=_critics(reader, place, controller.kind, model()))
+    if any(path in reader.document.values for path in named) and (used := reader.used(node, CONTROLLERS)):
+        parts |= _controller(reader, (*node, used[0]), used[1])
     return parts
 
 
-def critics_of(controller: ControllerParameters) -> Mapping[str, Any]:
+def _controller(reader: Reader, place: Location, listed: Location) -> Parts:
+    """The controller with the parameters at `place`; one that can't be found is a fault."""
+    document, path = reader.document, (*place, "plugin")
+    text = reader.text(path, CONTROLLERS.defaults.get(place[-1], ""))
+    name = text if FILE in text else class_name(text)
+    if not name:
+        known = ", ".join(known_controllers())
+        reader.fault(listed, f"no 'plugin' below {place[-1]!r}", f"the class of a controller; known: {known}; {OWN}")
+        return {}
+    if name in CONTROLLERS.foreign:
+        known = ", ".join(known_controllers())
+        reader.fault(path, f"{name} is not modelled", f"a controller that is: {known}; {OWN}")
+        return {}
+    try:
+        kind = find_controller(name, Path(document.file).parent, document.plug_ins.get(name))
+    except UnknownController as error:
+        reader.fault(path, error.what, error.right)
+        return {}
+    if not kind.__module__.startswith("vastflow."):
+        return {"controller": _own_parameters(reader, kind, place, {path})}
+    algorithm = kind.__name__.upper()
+    reader.kinds[place] = algorithm
+    return {"controller": reader.group(kind, place, given=_critics(reader, place, algorithm, kind()))}
+
+
+def _own_parameters(reader: Reader, kind: type[Group], place: Location, others: Collection[Location] = ()) -> Group:
+    """The parameters of a plug-in, and of groups in them; one that it does not have is a fault, for nobody else would read it."""
+    groups = {name: each for name, field in kind.model_fields.items() if _is_group(each := field.annotation)}
+    for path in reader.document.below(place):
+        name = path[len(place)]
+        if name not in kind.model_fields and path not in others:
+            near = get_close_matches(name, kind.model_fields, n=1)
+            known = f"known: {', '.join(kind.model_fields) or 'none'}"
+            reader.fault(
+                path, f"{kind.__name__} has no parameter {name!r}", f"did you mean {near[0]!r}?" if near else known
+            )
+    return reader.group(
+        kind, place, given={name: _own_parameters(reader, each, (*place, name)) for name, each in groups.items()}
+    )
+
+
+def _is_group(annotation: object) -> TypeGuard[type[ParameterGroup]]:
+    return isinstance(annotation, type) and issubclass(annotation, ParameterGroup)
+
+
+def critics_of(controller: Controller) -> Mapping[str, Any]:
     """The groups of a controller's critics by name, those that are not enabled too; none of RPP's."""
     return {name: value for name, value in controller if isinstance(value, ParameterGroup)}
 
 
-def _critics(reader: Reader, place: Location, algorithm: str, default: ControllerParameters) -> Parts:
+def _critics(reader: Reader, place: Location, algorithm: str, default: Controller) -> Parts:
     """The critics that the list `critics` names; all others are not enabled."""
     critics = critics_of(default)
     if not critics:

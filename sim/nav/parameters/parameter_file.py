@@ -1,10 +1,14 @@
 """A Nav2 parameter file as a value of a scenario: known by what it means, not by where it lies or how it is written."""
 
 import functools
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim.digest import FileContent, digest
+from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.nav.controllers.registry import FILE, file_of
 from vastflow.sim.nav.parameters.document import (
     Document,
     DocumentError,
@@ -14,28 +18,70 @@ from vastflow.sim.nav.parameters.document import (
     read_document,
 )
 from vastflow.sim.nav.parameters.interpretation import MODELLED_NODES, interpretation
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
+from vastflow.sim.reading.files import is_file
 
 FILE_KEY: Final = "nav2_params"
 """Key of the system dimension that has the file."""
 
 
+@dataclass(frozen=True, slots=True)
+class ParameterFile(FileContent):
+    """A parameter file with controllers of its author's, as they were when it was read.
+
+    Attributes:
+        plug_ins: `file.py:Class` as the file names it, to the copy that is run.
+    """
+
+    plug_ins: Mapping[str, Snapshot] = field(compare=False, default_factory=dict)
+
+
 def nav2_file(path: str | Path) -> FileContent:
     """A Nav2 parameter file as the value of `nav2_params`.
 
-    Its digest is that of the parameters of the nodes that are modelled: comments, the order of keys, and nodes that the
-    simulator has nothing of are not in it.
+    Its digest is that of the parameters of the nodes that are modelled, and of the plug-ins that it names: comments, the order
+    of keys, and nodes that the simulator has nothing of are not in it.
 
     Raises:
         DocumentError: the file can't be used.
     """
-    document = read_document(path)
+    document = frozen(read_document(path))
     interpretation(document)
     return file_value(document)
 
 
+def frozen(document: Document) -> Document:
+    """The document with copies of the plug-ins that it names, which are what is run; those that can't be copied are left out."""
+    node = document.node("controller_server") or ()
+    base = Path(document.file).parent
+    plug_ins: dict[str, Snapshot] = {}
+    for path in document.below(node):
+        name = document.values[path]
+        if path[-1] == "plugin" and isinstance(name, str) and FILE in name and is_file(file := file_of(name, base)):
+            with suppress(PlugInError):  # it is one of the faults of the document
+                plug_ins[name] = snapshot_of(file, base)
+    return replace(document, plug_ins=plug_ins)
+
+
 def file_value(document: Document) -> FileContent:
-    """The same for a document that was read from a file and has no fault."""
-    return FileContent(document.file, _content_digest(document))
+    """The same for a document that was read from a file, frozen, and has no fault."""
+    digest = _content_digest(document)
+    return (
+        ParameterFile(document.file, digest, document.plug_ins)
+        if document.plug_ins
+        else FileContent(document.file, digest)
+    )
+
+
+def plug_ins_in(values: Value) -> tuple[ParameterFile, ...]:
+    """The parameter files with plug-ins among values, once each."""
+    if isinstance(values, ParameterFile):
+        return (values,)
+    if isinstance(values, str | FileContent) or not isinstance(values, Mapping | Sequence):
+        return ()
+    items = values.values() if isinstance(values, Mapping) else values
+    return tuple(dict.fromkeys(each for item in items for each in plug_ins_in(item)))
 
 
 @functools.lru_cache(maxsize=16)
@@ -46,6 +92,8 @@ def loaded(content: FileContent) -> Document:
         DocumentError: the file is gone, or says something else than when the value was made.
     """
     document = read_document(content.path)
+    kept = content.plug_ins if isinstance(content, ParameterFile) else None
+    document = frozen(document) if kept is None else replace(document, plug_ins=kept)
     if _content_digest(document) != content.digest:
         what = f"{content.path} changed since the campaign was read"
         raise DocumentError([ParameterFault(FILE_KEY, what, "run the campaign again")])
@@ -55,4 +103,5 @@ def loaded(content: FileContent) -> Document:
 def _content_digest(document: Document) -> str:
     nodes = {node for node in document.nodes if not MODELLED_NODES.isdisjoint(node[-2:-1])}
     values = {dotted(path): value for path, value in document.values.items() if node_of(path) in nodes}
-    return digest(sorted(map(dotted, nodes)), values)
+    plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}
+    return digest(sorted(map(dotted, nodes)), values, *filter(None, [plug_ins]))

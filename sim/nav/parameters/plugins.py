@@ -38,11 +38,7 @@ def _classes(package: str, *names: str) -> tuple[str, ...]:
 CONTROLLERS: Final = Plugins(
     what="controller",
     lists=("controller_plugins",),
-    modelled={
-        "nav2_mppi_controller::MPPIController": "MPPI",
-        "dwb_core::DWBLocalPlanner": "DWB",
-        "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController": "RPP",
-    },
+    modelled={},  # see `vastflow.sim.nav.controllers.registry`
     foreign=(
         "nav2_rotation_shim_controller::RotationShimController",
         "nav2_graceful_controller::GracefulController",

@@ -117,11 +117,17 @@ class Reader:
         """The plug-ins that a list parameter below `prefix` names; those of unknown classes are faults."""
         path = self._list_of(prefix, plugins)
         names = self.names(path, tuple(plugins.defaults))
-        found = [(name, self._kind(prefix, name, plugins, (*path, str(k)))) for k, name in enumerate(names)]
+        found = [(name, self._kind(prefix, name, (*path, str(k)), plugins)) for k, name in enumerate(names)]
         return [Instance(name, kind) for name, kind in found if kind]
 
     def plugin(self, prefix: Location, plugins: Plugins) -> Instance | None:
         """The one that the default behaviour trees use; None without one that is modelled, which is a fault."""
+        used = self.used(prefix, plugins)
+        kind = self._kind(prefix, *used, plugins) if used else None
+        return Instance(used[0], kind) if used and kind else None
+
+    def used(self, prefix: Location, plugins: Plugins) -> tuple[str, Location] | None:
+        """Name of the plug-in that the default behaviour trees use, and where the list has it; None for an empty list, a fault."""
         path = self._list_of(prefix, plugins)
         names = self.names(path, tuple(plugins.defaults))
         if not names:
@@ -131,14 +137,13 @@ class Reader:
         for name in names:
             if name != used:
                 self.unused[(*prefix, name)] = f"the default behaviour trees use {used}"
-        kind = self._kind(prefix, used, plugins, (*path, str(names.index(used))))
-        return Instance(used, kind) if kind else None
+        return used, (*path, str(names.index(used)))
 
     def _list_of(self, prefix: Location, plugins: Plugins) -> Location:
         paths = [(*prefix, name) for name in plugins.lists]
         return next((path for path in paths if path in self.document.values), paths[0])
 
-    def _kind(self, prefix: Location, name: str, plugins: Plugins, listed: Location) -> str | None:
+    def _kind(self, prefix: Location, name: str, listed: Location, plugins: Plugins) -> str | None:
         path = (*prefix, name, "plugin")
         default = plugins.defaults.get(name, "")
         found = class_name(self.text(path, default))

@@ -1,13 +1,12 @@
 """All parameters of the navigation stack, component by component."""
 
-from typing import TypeAlias
+from pydantic import SerializeAsAny
 
+from vastflow.sim.nav.controllers.controller import Controller
+from vastflow.sim.nav.controllers.mppi import Mppi
 from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.parameters.costmap import Costmap, global_costmap, local_costmap
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
-from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.servers import (
     BehaviorServer,
     CollisionMonitor,
@@ -19,8 +18,6 @@ from vastflow.sim.nav.parameters.servers import (
     VelocitySmoother,
     WaypointFollower,
 )
-
-ControllerParameters: TypeAlias = MppiParameters | DwbParameters | RppParameters
 
 
 class NavParameters(ParameterGroup):
@@ -38,4 +35,4 @@ class NavParameters(ParameterGroup):
     waypoint_follower: WaypointFollower = WaypointFollower()
     velocity_smoother: VelocitySmoother = VelocitySmoother()
     collision_monitor: CollisionMonitor = CollisionMonitor()
-    controller: ControllerParameters = MppiParameters()
+    controller: SerializeAsAny[Controller] = Mppi()

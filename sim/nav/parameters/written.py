@@ -4,9 +4,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from vastflow.sim.digest import Value
+from vastflow.sim.nav.controllers.controller import Controller
+from vastflow.sim.nav.controllers.dwb import Dwb
+from vastflow.sim.nav.controllers.registry import name_of
 from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.document import PARAMETERS, Document, Location
-from vastflow.sim.nav.parameters.interpretation import CONTROLLER_DEFAULTS, OF_THE_MAP, critics_of
+from vastflow.sim.nav.parameters.interpretation import OF_THE_MAP, critics_of
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
@@ -17,7 +20,7 @@ from vastflow.sim.nav.parameters.plugins import (
     WAIT_AT_WAYPOINT,
     Plugins,
 )
-from vastflow.sim.nav.parameters.stack import ControllerParameters, NavParameters
+from vastflow.sim.nav.parameters.stack import NavParameters
 
 Values = dict[Location, Value]
 
@@ -41,18 +44,22 @@ def document_of(parameters: NavParameters) -> Document:
     return Document(values | _waypoint_follower(parameters) | _velocity_smoother(parameters) | _monitor(parameters))
 
 
-def controller_block(node: Location, controller: ControllerParameters) -> Values:
+def controller_block(node: Location, controller: Controller) -> Values:
     """The list `controller_plugins` with one controller, and its parameters."""
-    kind = next(name for name, make in CONTROLLER_DEFAULTS.items() if isinstance(controller, type(make())))
-    values = _instance(node, CONTROLLERS, kind, controller)
+    name = CONTROLLERS.used
+    values: Values = {
+        (*node, CONTROLLERS.lists[0]): [name],
+        (*node, name, "plugin"): name_of(type(controller)),
+        **_below((*node, name), controller),
+    }
     if critics := critics_of(controller):
-        place = (*node, CONTROLLERS.used)
-        values[(*place, "critics")] = [name for name, critic in critics.items() if critic.enabled]
-        for name, critic in critics.items():
+        place = (*node, name)
+        values[(*place, "critics")] = [group for group, critic in critics.items() if critic.enabled]
+        for group, critic in critics.items():
             if critic.enabled:
-                values |= _below((*place, name), critic)
-                if kind == "DWB":  # where the list alone says which critics there are
-                    del values[(*place, name, "enabled")]
+                values |= _below((*place, group), critic)
+                if isinstance(controller, Dwb):  # where the list alone says which critics there are
+                    del values[(*place, group, "enabled")]
     return values
 
 

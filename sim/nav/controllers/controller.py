@@ -1,0 +1,123 @@
+"""What a controller is: parameters in Nav2's style, and kernels that turn path and local costmap into a velocity command."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Final, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.numeric import unkept
+from vastflow.sim.nav.parameters.parameter import ParameterGroup
+from vastflow.sim.nav.window import Window
+from vastflow.sim.plug_ins.loading import snapshot_behind
+
+PERIOD_S: Final = 0.05
+"""The controller server's period: 20 Hz."""
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class ControllerError(ValueError):
+    """A controller that does not keep its contract; says where, what it does and what would be right."""
+
+
+class ControllerInput(NamedTuple):
+    """What a controller is given in each cycle. Poses and points are in the odom frame, in meters and radians.
+
+    Attributes:
+        window: The local costmap: `costs` (R, C) uint8, `place` (3,) float64, x and y of the lower left corner and the
+            resolution. 254 is lethal, 253 closer than the inscribed radius to that, 255 unknown; `cost_at` looks a point up.
+        outline: (16, 2) float64, the padded footprint in the robot's frame; `outline_hits` puts it on the costmap.
+        inscribed_radius_m: Of the footprint.
+        pose: (x, y, yaw) by odometry.
+        twist: (v, ω) by odometry, m/s and rad/s.
+        plan: (N, 2) float64, N >= 1: the path from the point nearest to the robot, as far as `plan_ahead_m` and the window.
+        plan_end_yaw_rad: Yaw of its last point.
+        goal: (x, y, yaw) of the whole path's end.
+        dt_s: Time to the next cycle.
+    """
+
+    window: Window
+    outline: Any
+    inscribed_radius_m: float
+    pose: Any
+    twist: Any
+    plan: Any
+    plan_end_yaw_rad: float
+    goal: Any
+    dt_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a controller can prepare its memory for.
+
+    Attributes:
+        rows, columns, resolution_m: Of the local costmap.
+        xy_goal_tolerance_m, yaw_goal_tolerance_rad: The goal checker's.
+        stream: (1,) uint64, the run's random numbers for the controller. Put it into the memory to draw from it by `uniform`,
+            `normal_pair` and `integer_below` of `vastflow.sim.kernels.streams`.
+        dt_s: Time between two cycles.
+    """
+
+    rows: int
+    columns: int
+    resolution_m: float
+    xy_goal_tolerance_m: float
+    yaw_goal_tolerance_rad: float
+    stream: NDArray[np.uint64]
+    dt_s: float = PERIOD_S
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function as the simulator's own kernels are compiled: for the same processor, with IEEE arithmetic."""
+    return unkept(function)
+
+
+@unkept
+def _forget_nothing(memory: Any) -> None:
+    pass
+
+
+class Controller(ParameterGroup):
+    """Base of all controllers: a subclass has its parameters as fields (see `parameter`), and its kernels as attributes.
+
+    Attributes:
+        compute_velocity: Kernel (parameters, memory, `ControllerInput`) to (valid, v, ω): whether there is a command, and what it
+            is in m/s and rad/s. `parameters.name` is a field's value: a flag is 0 or 1, a tuple an array.
+        reset: Kernel (memory): a FollowPath action has ended.
+        set_plan: Kernel (memory): the path is a new one, as once a second.
+    """
+
+    compute_velocity: ClassVar[Callable[..., Any]]
+    reset: ClassVar[Callable[..., Any]] = _forget_nothing
+    set_plan: ClassVar[Callable[..., Any]] = _forget_nothing
+
+    def memory(self, setting: Setting) -> Any:
+        """State and working space of a run: a NamedTuple of arrays, and of such again; kernels change them in place."""
+        return ()
+
+    @property
+    def plan_ahead_m(self) -> float:
+        """How much of the path `plan` holds at a time; without end, as far as the local costmap does."""
+        return float("inf")
+
+
+def line_of(code: Any) -> str:
+    """`file:line` of a class or function, of a plug-in's where its author has it."""
+    try:
+        file, line = str(inspect.getsourcefile(code)), inspect.getsourcelines(code)[1]
+    except (OSError, TypeError):
+        return str(getattr(code, "__module__", code))
+    return f"{written_file(code, file)}:{line}"
+
+
+def written_file(code: Any, file: str) -> str:
+    """Where the author of a class or function has a file that was executed: a plug-in runs from a copy."""
+    snapshot = snapshot_behind(code)
+    if snapshot is not None and Path(file).is_relative_to(snapshot.folder):
+        return str(snapshot.origin / Path(file).relative_to(snapshot.folder))
+    return file

@@ -1,0 +1,102 @@
+"""How a controller is found: by its name in the entry-point group, or in a file of its own."""
+
+import functools
+from collections.abc import Mapping
+from difflib import get_close_matches
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Final
+
+from vastflow.sim.nav.controllers.controller import Controller
+from vastflow.sim.plug_ins.loading import module_of
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
+from vastflow.sim.reading.files import is_file
+
+GROUP: Final = "vastflow.controllers"
+FILE: Final = ".py:"
+"""In the name of a controller in a file, `my_pursuit.py:PurePursuit`."""
+
+OWN: Final = "file.py:Class for one of your own, relative to the parameter file"
+
+
+class UnknownController(LookupError):
+    """No controller can be had under a name: `what` was found, and what would be `right`."""
+
+    def __init__(self, what: str, right: str) -> None:
+        super().__init__(f"{what}; {right}")
+        self.what = what
+        self.right = right
+
+
+@functools.cache
+def known_controllers() -> Mapping[str, EntryPoint]:
+    """The entry-point group `vastflow.controllers`: names as `plugin` has them in a Nav2 parameter file, sorted."""
+    return dict(sorted((entry.name, entry) for entry in entry_points(group=GROUP)))
+
+
+def short_names() -> Mapping[str, str]:
+    """What the key `controller` of a campaign file calls those that are installed, `mppi`, to their names in the group."""
+    return dict(sorted((entry.attr.lower(), name) for name, entry in known_controllers().items()))
+
+
+def name_of(kind: type[Controller]) -> str:
+    """The name of an installed controller in the group."""
+    value = f"{kind.__module__}:{kind.__qualname__}"
+    return next(name for name, entry in known_controllers().items() if entry.value == value)
+
+
+def file_of(name: str, base: Path) -> Path:
+    """The file in the name of a controller; a relative one lies below `base`."""
+    return base / name.rpartition(":")[0]
+
+
+def find_controller(name: str, base: Path = Path(), snapshot: Snapshot | None = None) -> type[Controller]:
+    """The class called `name` in the entry-point group, or `file.py:Class`.
+
+    Args:
+        base: The folder that a file is relative to.
+        snapshot: The file as it was before, which is loaded in place of it.
+
+    Raises:
+        UnknownController: no such entry point, file or class, a class that is no controller, or a file that can't be loaded.
+    """
+    if FILE in name:
+        found = _class_of_file(name, file_of(name, base), snapshot)
+    else:
+        entry = known_controllers().get(name)
+        if entry is None:
+            near = get_close_matches(name, known_controllers(), n=1)
+            meant = f"did you mean {near[0]!r}? " if near else ""
+            raise UnknownController(
+                f"no controller {name!r} is known", f"{meant}known: {', '.join(known_controllers())}; {OWN}"
+            )
+        found = entry.load()
+    if not (isinstance(found, type) and issubclass(found, Controller)):
+        right = "a subclass of vastflow.sim.nav.controllers.controller.Controller"
+        raise UnknownController(f"{name!r} is no controller", right)
+    return found
+
+
+def _class_of_file(name: str, file: Path, snapshot: Snapshot | None) -> object:
+    class_name = name.rpartition(":")[2]
+    if snapshot is None and not is_file(file):
+        raise UnknownController(f"no file {str(file)!r}", OWN)
+    try:
+        module = module_of(snapshot or snapshot_of(file, file.parent))
+    except PlugInError as error:
+        raise UnknownController(error.what, error.right) from None
+    except Exception as error:
+        what = f"{str(file)!r} can't be imported: {type(error).__name__}: {error}"
+        raise UnknownController(what, "a Python module") from error
+    if not hasattr(module, class_name):
+        known = [each for each, kind in vars(module).items() if _is_own(kind, module.__name__)]
+        near = get_close_matches(class_name, known, n=1)
+        meant = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known) or 'none'}"
+        raise UnknownController(f"{str(file)!r} has no class {class_name!r}", meant)
+    found: object = getattr(module, class_name)
+    return found
+
+
+def _is_own(found: object, module: str) -> bool:
+    return isinstance(found, type) and issubclass(found, Controller) and found.__module__ == module

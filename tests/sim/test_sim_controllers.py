@@ -1,0 +1,322 @@
+"""Controllers as plug-ins: found by name or file, checked by the conformance suite, driven at full speed."""
+
+import re
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vastflow.sim.loop.drive import drive
+from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.controllers import conformance
+from vastflow.sim.nav.controllers.conformance import CHECKS, check_controller, check_time, sample_situations
+from vastflow.sim.nav.controllers.controller import Controller, Setting
+from vastflow.sim.nav.controllers.registry import UnknownController, find_controller, known_controllers, short_names
+from vastflow.sim.nav.mission import Mission
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.document import DocumentError
+from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.pose import Pose
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.robot import Robot
+
+PAGE = Path(__file__).parents[2] / "docs" / "write-a-controller.md"
+
+HEAD = """
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vastflow.sim.kernels.streams import uniform
+from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting, kernel
+from vastflow.sim.nav.parameters.parameter import parameter
+
+
+"""
+
+
+def page_file(name: str) -> str:
+    """A file of the page on controllers."""
+    (text,) = re.findall(rf"^```\w+ {re.escape(name)}\n((?:.*\n)*?)^```$", PAGE.read_text(), re.MULTILINE)
+    return text
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The files of the page."""
+    found = tmp_path_factory.mktemp("page")
+    for name in ("my_pursuit.py", "my_pursuit.yaml"):
+        (found / name).write_text(page_file(name))
+    return found
+
+
+@pytest.fixture(scope="module")
+def pursuit(folder):
+    return find_controller("my_pursuit.py:PurePursuit", folder)()
+
+
+def own(tmp_path, body: str, members: str = "compute_velocity = stand") -> Controller:
+    """A controller whose kernel `stand` has this body; the class begins at a line of its own."""
+    text = HEAD + "@kernel\ndef stand(q: Any, memory: Any, given: ControllerInput) -> Any:\n"
+    text += textwrap.indent(textwrap.dedent(body), "    ")
+    text += "\n\nclass Own(Controller):\n    gain: float = parameter(1.0, 0.0, 2.0)\n\n"
+    text += textwrap.indent(textwrap.dedent(members), "    ")
+    (tmp_path / "own.py").write_text(text)
+    return find_controller("own.py:Own", tmp_path)()
+
+
+def refused(controller, check=check_controller, *arguments) -> str:
+    """What is said of a controller that does not keep its contract."""
+    with pytest.raises(AssertionError, match=r"\w") as raised:
+        check(controller, *arguments)
+    return str(raised.value)
+
+
+def line_of(tmp_path, text: str) -> str:
+    """`file:line` of a line of the controller."""
+    lines = (tmp_path / "own.py").read_text().splitlines()
+    return f"{tmp_path / 'own.py'}:{next(k for k, line in enumerate(lines, 1) if text in line)}"
+
+
+def driven(parameters: NavParameters, length_m: float = 10.0):
+    """A run on an empty floor, straight ahead."""
+    cells = np.zeros((80, 280), dtype=np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    prepared = prepare(OccupancyMap(cells, 0.05, (0.0, 0.0)), Lidar(), parameters)
+    start, goal = Pose(1.0, 2.0, 0.0), Pose(1.0 + length_m, 2.0, 0.0)
+    mission = Mission("navigate_to_pose", (goal,))
+    return drive(prepared, parameters, Lidar(), Robot(), start, mission, (), (1, 2, 3), 120.0)
+
+
+# The worked example.
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_the_page_s_controller_keeps_the_contract(pursuit, check):
+    check(pursuit, sample_situations())
+
+
+def test_the_page_s_controller_has_about_sixty_lines(folder):
+    assert len((folder / "my_pursuit.py").read_text().splitlines()) <= 65
+
+
+def test_the_page_s_controller_drives_ten_meters_by_its_own_parameters_and_not_the_default_in_its_place(folder):
+    parameters = parameters_of({"nav2_params": nav2_file(folder / "my_pursuit.yaml")})
+    found = driven(parameters)
+    assert (type(parameters.controller).__name__, parameters.controller.desired_linear_vel) == ("PurePursuit", 0.45)
+    assert found.run.outcome == "succeeded"
+    assert found.run.distance_m == pytest.approx(10.0, abs=0.4)
+    commands = found.columns["command_speed_mmps"]
+    assert np.median(commands[commands > 0]) == 450  # MPPI, the default, drives at 500
+    assert not np.array_equal(commands[:50], driven(NavParameters()).columns["command_speed_mmps"][:50])
+
+
+def test_a_run_with_a_plug_in_is_the_same_again(folder):
+    parameters = parameters_of({"nav2_params": nav2_file(folder / "my_pursuit.yaml")})
+    one, other = driven(parameters, 3.0), driven(parameters, 3.0)
+    assert all(np.array_equal(one.columns[name], other.columns[name]) for name in one.columns)
+    assert one.run == other.run
+
+
+# Those that are shipped.
+
+
+def test_the_shipped_controllers_are_found_by_entry_points():
+    assert list(short_names()) == ["dwb", "mppi", "rpp"]
+    assert all(issubclass(find_controller(name), Controller) for name in known_controllers())
+
+
+@pytest.mark.parametrize("name", ["dwb", "mppi", "rpp"])
+def test_a_shipped_controller_keeps_the_contract(name):
+    check_controller(find_controller(short_names()[name])())
+
+
+# Those that are refused.
+
+
+def test_one_that_allocates_is_refused(tmp_path):
+    found = own(tmp_path, "return True, np.zeros(3 + given.plan.shape[0])[2], 0.0\n")
+    said = refused(found)
+    assert said.startswith(line_of(tmp_path, "@kernel"))
+    assert "Own must allocate nothing in a call, found 1 allocations in 'a straight path'" in said
+
+
+def test_one_that_raises_is_refused_at_the_line_that_does(tmp_path):
+    found = own(tmp_path, "if given.plan.shape[0] < 3:\n    raise ValueError('no path')\nreturn True, 0.0, 0.0\n")
+    said = refused(found)
+    assert said == f"{line_of(tmp_path, 'raise')}: Own.compute_velocity must not raise, and raised ValueError: no path"
+
+
+@pytest.mark.parametrize("value", ["math.nan", "math.inf"])
+def test_one_whose_command_is_no_number_is_refused(tmp_path, value):
+    said = refused(own(tmp_path, f"return True, {value} * q.gain, 0.0\n"))
+    assert said.startswith(line_of(tmp_path, "@kernel"))
+    assert "Own must give a finite command, or none, in 'a straight path'" in said
+
+
+def test_one_that_is_too_slow_is_refused(tmp_path):
+    body = "x = 0.0\nfor k in range(3_000_000):\n    x = math.sin(x + k)\nreturn True, 0.0 * x, 0.0\n"
+    said = refused(own(tmp_path, body), check_time, sample_situations()[:1])
+    assert said.startswith(line_of(tmp_path, "@kernel"))
+    assert re.search(r"Own must take at most 2000 µs a call, took \d+ in 'a straight path'", said)
+
+
+def test_one_that_drives_into_an_obstacle_that_it_sees_is_refused(tmp_path):
+    said = refused(own(tmp_path, "return True, 0.3 * q.gain, 0.0\n"))
+    assert said.startswith(line_of(tmp_path, "@kernel"))
+    assert "Own must not drive into a wall across the path: v = 0.30 m/s" in said
+
+
+def test_one_that_writes_on_the_costmap_is_refused(tmp_path):
+    said = refused(own(tmp_path, "given.window.costs[0, 0] = 7\nreturn True, 0.0, 0.0\n"))
+    assert "Own must not change what it is given in 'a straight path'" in said
+
+
+def test_one_that_remembers_beside_its_memory_is_refused(tmp_path):
+    members = """
+    _SHARED: ClassVar[Any] = np.zeros(1)
+    compute_velocity = stand
+
+    def memory(self, setting: Setting) -> Any:
+        return (self._SHARED,)
+    """
+    found = own(
+        tmp_path, "memory[0][0] += 0.01\nreturn True, memory[0][0], 0.0\n", members.replace("ClassVar[Any]", "Any")
+    )
+    assert "Own must command the same again; it keeps something outside of its memory" in refused(found)
+
+
+def test_random_numbers_of_its_stream_are_no_fault(tmp_path):
+    members = """
+    compute_velocity = stand
+
+    def memory(self, setting: Setting) -> Any:
+        return (setting.stream,)
+    """
+    check_controller(own(tmp_path, "return True, 0.0, uniform(memory[0])\n", members))
+
+
+@pytest.mark.parametrize(
+    ("body", "members", "message"),
+    [
+        (
+            "return 0.0, 0.0\n",
+            "compute_velocity = stand",
+            r"Own.compute_velocity returns UniTuple\(float64 x 2\); \(valid, v, ω\)",
+        ),
+        ("return True, q.speed, 0.0\n", "compute_velocity = stand", "Own.compute_velocity can't be compiled: .*speed"),
+        (
+            "return True, 0.0, 0.0\n",
+            "compute_velocity = math.hypot",
+            "Own.compute_velocity is no compiled function; put @kernel above it",
+        ),
+        (
+            "return True, 0.0, 0.0\n",
+            "compute_velocity = stand\ndef memory(self, setting): return (1.0,)",
+            "memory.0 of Own is float; numpy arrays",
+        ),
+    ],
+)
+def test_one_that_is_no_controller_is_refused_with_what_would_be_right(tmp_path, body, members, message):
+    said = refused(own(tmp_path, body, members), conformance.check_kernels, ())
+    assert re.search(message, said)
+    assert re.match(r"\S+own\.py:\d+: |math: ", said)
+
+
+# In a parameter file.
+
+
+def faults(tmp_path, plugin: str, more: str = "") -> str:
+    text = "controller_server:\n  ros__parameters:\n    controller_plugins: [FollowPath]\n    FollowPath:\n"
+    (tmp_path / "nav2.yaml").write_text(f"{text}      plugin: {plugin}\n{textwrap.indent(more, '      ')}")
+    with pytest.raises(DocumentError, match="FollowPath") as raised:
+        nav2_file(tmp_path / "nav2.yaml")
+    return str(raised.value)
+
+
+def test_parameters_of_a_plug_in_are_checked_at_their_lines(tmp_path, folder):
+    (tmp_path / "my_pursuit.py").write_text((folder / "my_pursuit.py").read_text())
+    said = faults(
+        tmp_path, "my_pursuit.py:PurePursuit", "lookahead_dist: 9.0\nlookahed: 1\nmax_angular_vel: fast\n"
+    ).splitlines()
+    at = f"{tmp_path}/nav2.yaml"
+    name = "controller_server.ros__parameters.FollowPath"
+    assert [line.partition(": ")[0] for line in said] == [f"{at}:6:23", f"{at}:7:17", f"{at}:8:24"]
+    assert f"{name}.lookahead_dist: found 9.0; lookahead_dist must lie in [0.1, 3]" in said[0]
+    assert f"{name}.lookahed: PurePursuit has no parameter 'lookahed'; did you mean 'lookahead_dist'?" in said[1]
+    assert f"{name}.max_angular_vel: found 'fast'; max_angular_vel must be a number" in said[2]
+
+
+@pytest.mark.parametrize(
+    ("plugin", "message"),
+    [
+        (
+            "nav2_mppi_controler::MPPIController",
+            "did you mean 'nav2_mppi_controller::MPPIController'? known: dwb_core::",
+        ),
+        ("my::Own", "file.py:Class for one of your own, relative to the parameter file"),
+        ("none.py:Own", "none.py'; file.py:Class for one of your own, relative to the parameter file"),
+        ("own.py:Owl", "has no class 'Owl'; did you mean 'Own'?"),
+        ("own.py:math", "'own.py:math' is no controller; a subclass of"),
+        ("broken.py:Own", "broken.py' can't be imported: ZeroDivisionError"),
+        ("typo.py:Own", "typo.py', line 1 can't be imported: SyntaxError"),
+    ],
+)
+def test_a_plug_in_that_can_t_be_had_is_a_fault_at_its_line(tmp_path, plugin, message):
+    own(tmp_path, "return True, 0.0, 0.0\n")
+    (tmp_path / "broken.py").write_text("1 / 0\n")
+    (tmp_path / "typo.py").write_text("class Own(\n")
+    said = faults(tmp_path, plugin)
+    assert said.startswith(f"{tmp_path}/nav2.yaml:5:15: controller_server.ros__parameters.FollowPath.plugin: ")
+    assert message in said
+
+
+def test_the_file_s_value_changes_with_the_plug_in_alone(tmp_path, folder):
+    for name in ("my_pursuit.py", "my_pursuit.yaml"):
+        (tmp_path / name).write_text((folder / name).read_text())
+    before = nav2_file(tmp_path / "my_pursuit.yaml")
+    assert before.digest == nav2_file(folder / "my_pursuit.yaml").digest
+    (tmp_path / "other.py").write_text("")
+    assert before == nav2_file(tmp_path / "my_pursuit.yaml")
+    text = (tmp_path / "my_pursuit.py").read_text()
+    (tmp_path / "my_pursuit.py").write_text(text.replace("2.0 * v", "1.9 * v"))
+    assert before.digest != nav2_file(tmp_path / "my_pursuit.yaml").digest
+
+
+def test_what_was_read_is_what_runs(tmp_path, folder):
+    for name in ("my_pursuit.py", "my_pursuit.yaml"):
+        (tmp_path / name).write_text((folder / name).read_text())
+    content = nav2_file(tmp_path / "my_pursuit.yaml")
+    text = (tmp_path / "my_pursuit.py").read_text()
+    (tmp_path / "my_pursuit.py").write_text(
+        text.replace("desired_linear_vel: float = parameter(0.4", "later: float = parameter(0.4")
+    )
+    assert "later" not in type(parameters_of({"nav2_params": content}).controller).model_fields
+
+
+def test_the_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder):
+    (tmp_path / "my_pursuit.py").write_text((folder / "my_pursuit.py").read_text())
+    (tmp_path / "both.yaml").write_text(
+        "controller_server:\n  ros__parameters:\n    controller_plugins: [FollowPath, Own]\n"
+        "    FollowPath: {plugin: 'nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController'}\n"
+        "    Own: {plugin: 'my_pursuit.py:PurePursuit', lookahead_dist: 0.9}\n"
+    )
+    system = {"nav2_params": nav2_file(tmp_path / "both.yaml")}
+    assert type(parameters_of(system).controller).__name__ == "Rpp"
+    chosen = parameters_of({**system, "controller": "my_pursuit.py:PurePursuit"}).controller
+    assert (type(chosen).__name__, chosen.lookahead_dist) == ("PurePursuit", 0.9)
+    with pytest.raises(DocumentError, match=r"did you mean 'my_pursuit.py:PurePursuit'\? one of dwb, mppi, rpp"):
+        parameters_of({**system, "controller": "my_pursuit.py:PurePursit"})
+
+
+def test_an_unknown_name_in_code_is_refused_with_the_nearest():
+    with pytest.raises(UnknownController, match="did you mean 'dwb_core::DWBLocalPlanner'"):
+        find_controller("dwb_core::DWBLocalPlaner")
+
+
+def test_a_controller_without_memory_needs_none():
+    assert Controller().memory(Setting(1, 1, 0.05, 0.25, 0.25, np.ones(1, dtype=np.uint64))) == ()
