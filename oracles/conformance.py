@@ -2,9 +2,7 @@
 
 import math
 import pickle
-import random
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final, get_args
 
@@ -13,6 +11,7 @@ import numpy as np
 from vastflow.oracles.oracle import Oracle, Parameters
 from vastflow.oracles.sample_runs import SampleRun, sample_runs
 from vastflow.oracles.verdict import Judgement, Verdict, read_verdicts, write_verdicts
+from vastflow.sim.plug_ins.conformance import must, watched_generators
 
 OPTIONAL: Final = ("command_", "sent_", "covariance_", "wall_clearance_m", "deviation_m", "static_clearance_m")
 """How the names of signals begin that a run may lack: by what a scenario records, or what its world has in it."""
@@ -36,10 +35,10 @@ def check_oracle(oracle: Oracle[Any], runs: Sequence[SampleRun] | None = None) -
 def check_declarations(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
     """It declares its parameters and its metrics in the form that a campaign takes."""
     name = type(oracle).__name__
-    _must(isinstance(oracle.parameters, Parameters), f"{name}'s parameters must be an oracle.Parameters")
-    _must(oracle.parameters.__class__ is oracle.Parameters, f"{name} must name its parameter model in `Parameters`")
+    must(isinstance(oracle.parameters, Parameters), f"{name}'s parameters must be an oracle.Parameters")
+    must(oracle.parameters.__class__ is oracle.Parameters, f"{name} must name its parameter model in `Parameters`")
     for metric, unit in oracle.metrics.items():
-        _must(isinstance(unit, str) and unit, f"{name} must declare the unit of {metric!r}, '1' for a count")
+        must(isinstance(unit, str) and unit, f"{name} must declare the unit of {metric!r}, '1' for a count")
 
 
 def check_verdicts(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
@@ -65,7 +64,7 @@ def check_inputs_are_kept(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> Non
         kept = before.keys() == run.trace.columns.keys() and all(
             np.array_equal(before[name], column, equal_nan=True) for name, column in run.trace.columns.items()
         )
-        _must(kept, f"{type(oracle).__name__} must not change the trace of {run.name!r}")
+        must(kept, f"{type(oracle).__name__} must not change the trace of {run.name!r}")
 
 
 def check_determinism(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
@@ -74,13 +73,13 @@ def check_determinism(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
     Global generators are not to be drawn from, even where they are seeded before: another thread may use them.
     """
     name = type(oracle).__name__
-    with _watched_generators() as used:
+    with watched_generators() as used:
         first = [_judged(oracle, run) for run in runs]
         again = [_judged(oracle, run) for run in reversed(runs)][::-1]
-        _must(not used(), f"{name} must not use a global generator")
-    _must(first == again, f"{name} must say the same of the same run; it keeps state, or draws numbers")
+        must(not used(), f"{name} must not use a global generator")
+    must(first == again, f"{name} must say the same of the same run; it keeps state, or draws numbers")
     sent = pickle.loads(pickle.dumps(oracle))
-    _must(first == [_judged(sent, run) for run in runs], f"{name} must say the same after it was pickled")
+    must(first == [_judged(sent, run) for run in runs], f"{name} must say the same after it was pickled")
 
 
 def check_runs_alone(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
@@ -89,10 +88,10 @@ def check_runs_alone(oracle: Oracle[Any], runs: Sequence[SampleRun]) -> None:
     for run in runs:
         traces = [replace(run.trace, run=replace(run.trace.run, run_index=k)) for k in (4, 7, 9)]
         alone = [oracle.judge(trace, run.situation) for trace in traces]
-        _must(oracle.judge_all(traces, run.situation) == alone, f"{name} must judge {run.name!r} together as alone")
+        must(oracle.judge_all(traces, run.situation) == alone, f"{name} must judge {run.name!r} together as alone")
         backwards = oracle.judge_all(traces[::-1], run.situation)
-        _must(backwards == alone[::-1], f"{name} must judge {run.name!r} the same in any order")
-        _must(oracle.judge_all([], run.situation) == [], f"{name} must have no verdict on no run")
+        must(backwards == alone[::-1], f"{name} must judge {run.name!r} the same in any order")
+        must(oracle.judge_all([], run.situation) == [], f"{name} must have no verdict on no run")
 
 
 CHECKS: Final[tuple[Callable[[Oracle[Any], Sequence[SampleRun]], None], ...]] = (
@@ -116,46 +115,22 @@ def _judged(oracle: Oracle[Any], run: SampleRun) -> Verdict:
 
 def _check_verdict(oracle: Oracle[Any], run: SampleRun, verdict: Verdict) -> None:
     name = type(oracle).__name__
-    _must(isinstance(verdict, Verdict), f"{name} must give a Verdict on {run.name!r}, not {type(verdict).__name__}")
+    must(isinstance(verdict, Verdict), f"{name} must give a Verdict on {run.name!r}, not {type(verdict).__name__}")
     mine = (verdict.oracle, verdict.run_index) == (oracle.name, run.trace.run.run_index)
-    _must(mine, f"{name} must give its own name and the run's index; use `passed`, `failed` and `not_judged`")
+    must(mine, f"{name} must give its own name and the run's index; use `passed`, `failed` and `not_judged`")
     known = get_args(Judgement)
-    _must(verdict.judgement in known, f"{name} must judge one of {known}, not {verdict.judgement!r}")
+    must(verdict.judgement in known, f"{name} must judge one of {known}, not {verdict.judgement!r}")
     told = bool(verdict.reason.strip()) == (verdict.judgement != "pass")
-    _must(told, f"{name} must say why {run.name!r} is {verdict.judgement!r}: a reason, and none for a pass")
+    must(told, f"{name} must say why {run.name!r} is {verdict.judgement!r}: a reason, and none for a pass")
     units = {metric: measured.unit for metric, measured in verdict.metrics.items()}
-    _must(
+    must(
         units == dict(oracle.metrics), f"{name} must have all of its metrics in each verdict, None where there is none"
     )
     for metric, measured in verdict.metrics.items():
         finite = measured.value is None or (_is_number(measured.value) and math.isfinite(measured.value))
-        _must(finite, f"{name}'s {metric} of {run.name!r} must be a finite number or None, not {measured.value!r}")
-    _must(read_verdicts(write_verdicts([verdict])) == [verdict], f"{name}'s verdict must be the same read from JSON")
+        must(finite, f"{name}'s {metric} of {run.name!r} must be a finite number or None, not {measured.value!r}")
+    must(read_verdicts(write_verdicts([verdict])) == [verdict], f"{name}'s verdict must be the same read from JSON")
 
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _must(kept: object, what: str) -> None:
-    if not kept:
-        raise AssertionError(what)
-
-
-@contextmanager
-def _watched_generators() -> Iterator[Callable[[], bool]]:
-    """Whether anybody has used a global generator since; afterwards they are as they were."""
-    ours, numpys = random.getstate(), np.random.get_state()
-    # A state that no seed of the oracle's own leads to.
-    random.seed("vastflow.oracles.conformance")
-    np.random.seed([0x76617374, 0x6F7261])
-    before = _states()
-    try:
-        yield lambda: _states() != before
-    finally:
-        random.setstate(ours)
-        np.random.set_state(numpys)
-
-
-def _states() -> tuple[object, ...]:
-    return random.getstate(), pickle.dumps(np.random.get_state())

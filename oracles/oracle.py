@@ -1,11 +1,8 @@
 """Oracles: what every one is, and how one is found."""
 
-import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, TypeVar
 
@@ -14,11 +11,13 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins
 from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 from vastflow.sim.reading.files import is_file
+from vastflow.sim.reading.names import did_you_mean
 
 GROUP: Final = "vastflow.oracles"
 SUCCESS: Final = "success"
@@ -113,13 +112,7 @@ class OracleError(ValueError):
 
 def known_oracles() -> tuple[str, ...]:
     """Names in the entry-point group `vastflow.oracles`, sorted."""
-    return tuple(sorted({entry.name for entry in _installed()}))
-
-
-@functools.cache
-def _installed() -> tuple[EntryPoint, ...]:
-    """Entry points of the group; to look through all distributions takes 10 ms, and a campaign may name many oracles."""
-    return tuple(entry_points(group=GROUP))
+    return known_plug_ins(GROUP)
 
 
 def oracle_of(name: str, parameters: Mapping[str, Any], base: Path = Path()) -> Oracle[Any]:
@@ -160,12 +153,10 @@ def oracle_class(name: str, base: Path = Path()) -> type[Oracle[Any]]:
     if _is_file(name):
         found = _class_of_file(name, base)
     else:
-        entries = [entry for entry in _installed() if entry.name == name]
-        if not entries:
-            near = get_close_matches(name, known_oracles(), n=1)
-            right = f"did you mean {near[0]!r}?" if near else f"known oracles: {', '.join(known_oracles())}"
+        found = installed_plug_in(GROUP, name)
+        if found is None:
+            right = did_you_mean(name, known_oracles(), listed="known oracles:")
             raise OracleError(name, [OracleFault((), f"no oracle {name!r}", right)])
-        found = entries[0].load()
     if not (isinstance(found, type) and issubclass(found, Oracle)):
         right = "a subclass of vastflow.oracles.oracle.Oracle"
         raise OracleError(name, [OracleFault((), f"{name!r} is not an oracle", right)])
@@ -225,8 +216,7 @@ def _fault(detail: Mapping[str, Any], model: type[Parameters]) -> OracleFault:
     location = tuple(detail["loc"])
     if detail["type"] == "extra_forbidden":
         known = sorted(model.model_fields)
-        near = get_close_matches(str(location[-1]), known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known) or 'none'}"
+        hint = did_you_mean(str(location[-1]), known, "known keys: none", listed="known keys:")
         return OracleFault(location, f"unknown key {location[-1]!r}", hint)
     message = str(detail["msg"])
     return OracleFault(location, f"found {detail['input']!r}", message[:1].lower() + message[1:])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from vastflow.producers.faults import Fault, Location, did_you_mean
+from vastflow.producers.faults import Fault, Location
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.producers.vast.document import Document
@@ -18,6 +18,7 @@ from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, AbstractError, content_of, definition_of
 from vastflow.sim.reading.files import is_file
 from vastflow.sim.reading.goals import goal_keys
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.reading.script import calls_of, is_optional_list, overrides_of
 
 WHERE: Final[Location] = ("execution", "scenario_file")

@@ -1,16 +1,12 @@
 """What every producer must do, as checks that a producer's author can call in a test."""
 
-import pickle
-import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from typing import Any, Final, get_args
-
-import numpy as np
 
 from vastflow.producers.configuration import Fragment, Rejection, restricted_digest
 from vastflow.producers.producer import Parameters, Producer, draws_of, evaluate
 from vastflow.sim.digest import Value, digest
+from vastflow.sim.plug_ins.conformance import must, watched_generators
 from vastflow.sim.scenario import Dimension
 
 Inputs = Sequence[Mapping[str, Value]]
@@ -33,14 +29,14 @@ def check_producer(producer: Producer[Any], inputs: Inputs) -> None:
 def check_declarations(producer: Producer[Any], inputs: Inputs) -> None:
     """It declares its parameters, what it reads, needs and writes in the form that instantiation takes."""
     name, reads, writes = type(producer).__name__, producer.reads, producer.writes
-    _must(isinstance(producer.parameters, Parameters), f"{name}'s parameters must be a producer.Parameters")
-    _must(isinstance(reads, tuple), f"{name} must declare `reads` as a tuple of keys, not {reads!r}")
+    must(isinstance(producer.parameters, Parameters), f"{name}'s parameters must be a producer.Parameters")
+    must(isinstance(reads, tuple), f"{name} must declare `reads` as a tuple of keys, not {reads!r}")
     unread = sorted(set(producer.needs) - set(reads))
-    _must(not unread, f"{name} must declare {unread}, which it needs, in `reads`")
+    must(not unread, f"{name} must declare {unread}, which it needs, in `reads`")
     private = sorted(key for key in writes if key.startswith("_"))
-    _must(not private, f"{name} must not declare {private} in `writes`; keys with _ are provenance, and free")
+    must(not private, f"{name} must not declare {private} in `writes`; keys with _ are provenance, and free")
     tags = {tag for tag in writes.values() if tag is not None} - set(get_args(Dimension))
-    _must(not tags, f"{name} must tag what it writes with one of {get_args(Dimension)} or None, not {sorted(tags)}")
+    must(not tags, f"{name} must tag what it writes with one of {get_args(Dimension)} or None, not {sorted(tags)}")
 
 
 def check_items(producer: Producer[Any], inputs: Inputs) -> None:
@@ -49,13 +45,13 @@ def check_items(producer: Producer[Any], inputs: Inputs) -> None:
     for item in (item for values in inputs for item in _evaluated(producer, values)):
         if isinstance(item, Rejection):
             told = isinstance(item.reason, str) and item.reason.strip()
-            _must(told, f"{name} must say why it rejects, in `Rejection.reason`")
+            must(told, f"{name} must say why it rejects, in `Rejection.reason`")
             digest(dict(item.requested))
         else:
             what = f"{name} must yield Fragment or Rejection, not {type(item).__name__}"
-            _must(isinstance(item, Fragment), what)
+            must(isinstance(item, Fragment), what)
             undeclared = {key for key in item.values if not key.startswith("_")} - set(producer.writes)
-            _must(not undeclared, f"{name} must declare {sorted(undeclared)} in `writes`")
+            must(not undeclared, f"{name} must declare {sorted(undeclared)} in `writes`")
             digest(dict(item.values))
 
 
@@ -65,7 +61,7 @@ def check_inputs_are_kept(producer: Producer[Any], inputs: Inputs) -> None:
         restricted = _restricted(producer, values)
         before = restricted_digest(restricted)
         evaluate(producer, restricted)
-        _must(restricted_digest(restricted) == before, f"{type(producer).__name__} must not change its inputs")
+        must(restricted_digest(restricted) == before, f"{type(producer).__name__} must not change its inputs")
 
 
 def check_determinism(producer: Producer[Any], inputs: Inputs) -> None:
@@ -75,13 +71,13 @@ def check_determinism(producer: Producer[Any], inputs: Inputs) -> None:
     """
     name = type(producer).__name__
     same = f"{name} must yield the same for the same input; draw from `draws` alone, keep no state"
-    with _watched_generators() as used:
+    with watched_generators() as used:
         first = [_digest(_evaluated(producer, values)) for values in inputs]
         again = [_digest(_evaluated(producer, values)) for values in reversed(inputs)][::-1]
         twin = type(producer)(producer.parameters)
         of_twin = [_digest(_evaluated(twin, values)) for values in inputs]
-        _must(first == again == of_twin, same)
-        _must(not used(), f"{name} must not use a global generator; draw from `draws` alone")
+        must(first == again == of_twin, same)
+        must(not used(), f"{name} must not use a global generator; draw from `draws` alone")
 
 
 def check_reads(producer: Producer[Any], inputs: Inputs) -> None:
@@ -90,7 +86,7 @@ def check_reads(producer: Producer[Any], inputs: Inputs) -> None:
         draws = draws_of(producer, _restricted(producer, values))
         watched = list(producer.produce(_Watched(values, producer), draws))
         what = f"{type(producer).__name__} must yield the same from a whole configuration as from what it declares"
-        _must(_digest(watched) == _digest(_evaluated(producer, values)), what)
+        must(_digest(watched) == _digest(_evaluated(producer, values)), what)
 
 
 CHECKS: Final[tuple[Callable[[Producer[Any], Inputs], None], ...]] = (
@@ -124,11 +120,6 @@ class _Watched(Mapping[str, Value]):
         return sum(1 for _ in self)
 
 
-def _must(kept: object, what: str) -> None:
-    if not kept:
-        raise AssertionError(what)
-
-
 def _restricted(producer: Producer[Any], values: Mapping[str, Value]) -> dict[str, Value]:
     return {key: values[key] for key in producer.reads if key in values}
 
@@ -142,22 +133,3 @@ def _digest(items: Sequence[Fragment | Rejection]) -> list[str]:
         restricted_digest(item.values) if isinstance(item, Fragment) else digest(item.reason, dict(item.requested))
         for item in items
     ]
-
-
-@contextmanager
-def _watched_generators() -> Iterator[Callable[[], bool]]:
-    """Whether anybody has used a global generator since; afterwards they are as they were."""
-    ours, numpys = random.getstate(), np.random.get_state()
-    # A state that no seed of the producer's own leads to.
-    random.seed("vastflow.producers.conformance")
-    np.random.seed([0x76617374, 0x666C6F77])
-    before = _states()
-    try:
-        yield lambda: _states() != before
-    finally:
-        random.setstate(ours)
-        np.random.set_state(numpys)
-
-
-def _states() -> tuple[object, ...]:
-    return random.getstate(), pickle.dumps(np.random.get_state())

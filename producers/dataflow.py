@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from vastflow.producers.abstract_scenario import AbstractScenario
-from vastflow.producers.faults import Fault, Location, did_you_mean, shown
+from vastflow.producers.faults import Fault, Location, shown
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.producers.producer import Producer
 from vastflow.producers.scenario_values import LOOPS_KEY
 from vastflow.producers.vast.document import Document
+from vastflow.sim.reading.names import did_you_mean
 
 MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
 

@@ -14,7 +14,7 @@ from vastflow.producers.constraint_foresight import foreseeable_faults
 from vastflow.producers.constraints.constraint import NOWHERE, Constraint, Place
 from vastflow.producers.constraints.reading import fault_of, read_constraints, unknown_names
 from vastflow.producers.dataflow import DataFlow, Link
-from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, did_you_mean, path_text, shown
+from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, path_text, shown
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.places.start_check import room_m
@@ -30,6 +30,7 @@ from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.reading.abstract import hall_file
 from vastflow.sim.reading.map_file import MissingMap
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Final, Literal, TypeAlias
 
 Location: TypeAlias = tuple[str | int, ...]
@@ -81,23 +80,6 @@ def path_text(location: Location) -> str:
     for part in location:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
     return text or "file"
-
-
-MOST_LISTED: Final = 40
-
-
-def did_you_mean(found: str, known: Iterable[str]) -> str:
-    """What to write in place of an unknown name: the nearest known one, or all of them."""
-    names = sorted(known)
-    if near := get_close_matches(found, names, n=1):
-        return f"did you mean {near[0]!r}?"
-    # Upper and lower case are far apart to difflib, and a frequent slip.
-    if same := [name for name in names if name.casefold() == found.casefold()]:
-        return f"did you mean {same[0]!r}?"
-    listed = ", ".join(names[:MOST_LISTED]) + (
-        f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
-    )
-    return f"known: {listed}" if names else "nothing can stand here"
 
 
 def shown(value: object, limit: int = 60) -> str:

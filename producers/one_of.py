@@ -10,10 +10,10 @@ from pydantic_core.core_schema import ErrorType
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.faults import did_you_mean
 from vastflow.producers.producer import Draws, Producer, UnknownProducer, evaluate, find_producer
 from vastflow.sim.digest import Value
 from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario import Dimension
 
 PYDANTICS_OWN: Final = frozenset(get_args(ErrorType))

@@ -1,10 +1,8 @@
 """The producer p_i: what every plug-in is, and how it is found."""
 
-import functools
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, TypeVar
 
@@ -14,11 +12,11 @@ from pydantic import BaseModel, ConfigDict
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.faults import Note
 from vastflow.sim.digest import FileContent, Value, digest
-from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
+from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins, plug_in_of_file
+from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.plug_in import plug_in_code
-from vastflow.sim.plug_ins.snapshot import snapshot_of
 from vastflow.sim.plug_ins.watch import watched
-from vastflow.sim.reading.files import Unreadable, is_file, read_text, yaml_value
+from vastflow.sim.reading.files import Unreadable, read_text, yaml_value
 from vastflow.sim.scenario import Dimension
 
 GROUP: Final = "vastflow.producers"
@@ -178,13 +176,7 @@ class UnknownProducer(LookupError):
 
 def known_producers() -> tuple[str, ...]:
     """Names in the entry-point group `vastflow.producers`, sorted."""
-    return tuple(sorted({entry.name for entry in _installed()}))
-
-
-@functools.cache
-def _installed() -> tuple[EntryPoint, ...]:
-    """Entry points of the group; to look through all distributions takes 10 ms, and a campaign may name many producers."""
-    return tuple(entry_points(group=GROUP))
+    return known_plug_ins(GROUP)
 
 
 def find_producer(name: str, base: Path) -> type[Producer[Any]]:
@@ -195,15 +187,14 @@ def find_producer(name: str, base: Path) -> type[Producer[Any]]:
         PlugInError: what the file uses can't be taken; and whatever its code raises.
     """
     if ".py:" in name:
-        file, _, class_name = name.rpartition(":")
-        found = getattr(module_of(snapshot_of(base / file, base)), class_name, None) if is_file(base / file) else None
+        found = plug_in_of_file(name, base)
         if found is None:
+            file, _, class_name = name.rpartition(":")
             raise UnknownProducer(f"no class {class_name!r} in {str(base / file)!r}", ())
     else:
-        entries = [entry for entry in _installed() if entry.name == name]
-        if not entries:
+        found = installed_plug_in(GROUP, name)
+        if found is None:
             raise UnknownProducer(f"no producer {name!r}", known_producers())
-        found = entries[0].load()
     if not (isinstance(found, type) and issubclass(found, Producer)):
         raise UnknownProducer(f"{name!r} is not a subclass of vastflow.producers.producer.Producer", ())
     return found

@@ -165,7 +165,7 @@ def _check_schedule(deployment: "Deployment") -> None:
     from zoneinfo import available_timezones
 
     from vastflow.flows.pool.registration import is_cron
-    from vastflow.producers.faults import did_you_mean
+    from vastflow.sim.reading.names import did_you_mean
 
     if deployment.cron is None:
         return

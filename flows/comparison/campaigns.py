@@ -1,6 +1,5 @@
 """A comparison of two campaign directories."""
 
-import difflib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from vastflow.oracles.statistics.comparison import (
     difference,
 )
 from vastflow.oracles.statistics.factors import factors_of
+from vastflow.sim.reading.names import did_you_mean
 
 
 class NotComparable(ValueError):
@@ -72,8 +72,7 @@ def compared(before: Tables, after: Tables, oracle: str | None = None, margin: f
     """
     pairing = pairing_of(before, after)
     if oracle is not None and oracle not in pairing.oracles:
-        near = difflib.get_close_matches(oracle, pairing.oracles, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"both have {', '.join(pairing.oracles) or 'none'}"
+        hint = did_you_mean(oracle, pairing.oracles, "both have none", listed="both have")
         raise NotComparable(f"--oracle {oracle}: did not judge both campaigns; {hint}")
     pairs = pairing.pairs(oracle)
     whole = difference(pairs)

@@ -1,6 +1,5 @@
 """Export: a campaign directory laid out as a folder for each configuration and run."""
 
-import difflib
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,6 +14,7 @@ import yaml
 from vastflow.flows.export.junit import Case, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, brief, case_of, files_of
 from vastflow.flows.export.source import ExportFault, ExportSource
+from vastflow.sim.reading.names import did_you_mean
 
 SHARED: Final = "_config"
 """Folder of what all configurations share; no configuration may be called so."""
@@ -93,9 +93,7 @@ def _chosen(rows: Sequence[Mapping[str, Any]], only: Sequence[str], results: Pat
     for pattern in only:
         if not any(_fits(row, pattern) for row in rows):
             names = list(dict.fromkeys(name for row in rows for name in (row["family"], row["name"])))
-            near = difflib.get_close_matches(pattern, names, n=1)
-            some = f"it has {', '.join(names[:6])}{', …' if len(names) > 6 else ''}" if names else "it has none"
-            hint = f"did you mean {near[0]!r}?" if near else some
+            hint = did_you_mean(pattern, names, "it has none", listed="it has")
             raise ExportFault(f"{results}: no family or configuration fits {pattern!r}; {hint}")
     return [row for row in rows if not only or any(_fits(row, pattern) for pattern in only)]
 

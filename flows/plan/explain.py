@@ -15,7 +15,8 @@ from vastflow.flows.results.origin_code import recorded_changes
 from vastflow.flows.results.past import PARTS, Past, changes, contents, newest_past, past_of, writers
 from vastflow.flows.results.replica import NotReplicable, replica
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
-from vastflow.producers.faults import CampaignError, did_you_mean
+from vastflow.producers.faults import CampaignError
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.index import Index, Member, Stored
 from vastflow.tasks.store import open_store

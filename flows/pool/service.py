@@ -27,7 +27,7 @@ from prefect.states import Cancelled, Crashed
 
 from vastflow.flows.pool.registration import OtherPool, register_shards, type_of_pool
 from vastflow.flows.pool.work_pool import WorkPoolError
-from vastflow.producers.faults import did_you_mean
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.ledger import CALLED_OFF_S, LATE

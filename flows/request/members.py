@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from typing import TypeAlias
 
 from vastflow.flows.request.selection import Selection, sampled
-from vastflow.producers.faults import CampaignError, Fault, did_you_mean
+from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.instantiate import Instantiation
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.tasks.index import Member
 from vastflow.tasks.instantiation import Instantiated, UnknownName, selected
 

@@ -11,8 +11,8 @@ from vastflow.flows.request.opened import OpenCampaign
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.tables import CONFIGURATIONS, configuration_row
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
-from vastflow.producers.faults import did_you_mean
 from vastflow.producers.instantiate import Instantiation
+from vastflow.sim.reading.names import did_you_mean
 
 
 class UnknownConfiguration(LookupError):

@@ -1,6 +1,5 @@
 """Recorded runs: one run of a campaign directory, with everything it takes to execute it once more."""
 
-import difflib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -15,6 +14,7 @@ from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.reading.files import read_json
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.recordings.blocks import read_recordings
 from vastflow.sim.recordings.recording import Recording
 from vastflow.sim.scenario import Scenario
@@ -77,9 +77,7 @@ def _configuration(directory: Path, name: str) -> dict[str, Any]:
     if rows:
         return rows[0]
     names: list[str] = pq.ParquetFile(file).read(columns=["name"]).column("name").to_pylist()
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"it has {_some(names)}"
-    raise NotRecorded(f"no configuration {name!r}; {hint}")
+    raise NotRecorded(f"no configuration {name!r}; {did_you_mean(name, names, 'it has none', listed='it has')}")
 
 
 def _recording(directory: Path, name: str, run_index: int) -> Recording:

@@ -6,8 +6,9 @@ from typing import Any, Final
 from vastflow.producers.constraints.constraint import Constraint, Place
 from vastflow.producers.constraints.expression import ExpressionFault, Name, expression_of
 from vastflow.producers.constraints.quantities import QUANTITIES
-from vastflow.producers.faults import Fault, Location, did_you_mean, path_text, shown
+from vastflow.producers.faults import Fault, Location, path_text, shown
 from vastflow.producers.vast.document import Document
+from vastflow.sim.reading.names import did_you_mean
 
 RIGHT: Final = "a list of named expressions, '- name: \"expression\"'"
 MOST_NAME: Final = 60

@@ -1,12 +1,11 @@
 """What is wrong with a floor plan or a variation file, each with its place."""
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Final, NoReturn
 
-from vastflow.producers.faults import Fault, Note, did_you_mean
+from vastflow.producers.faults import Fault, Note
 
-__all__ = ["START", "Fault", "FloorplanError", "Note", "Place", "complain", "did_you_mean", "nearest"]
+__all__ = ["START", "Fault", "FloorplanError", "Note", "Place", "complain"]
 
 Place = tuple[int, int]
 """Line and column, from 1."""
@@ -37,8 +36,3 @@ class FloorplanError(ValueError):
 def complain(file: str, place: Place, where: str, what: str, right: str, *, missing: bool = False) -> NoReturn:
     """Raise a fault that stands alone."""
     raise FloorplanError([Fault(file, *place, where, what, right, missing)])
-
-
-def nearest(found: str, known: Iterable[str]) -> str:
-    """The known name that `found` may have been meant for; empty where there is none."""
-    return next(iter(get_close_matches(found, list(known), n=1)), "")

@@ -7,11 +7,12 @@ from typing import Final
 
 from lark import Token
 
-from vastflow.producers.faults import Fault, Note, did_you_mean
+from vastflow.producers.faults import Fault, Note
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.outline import SMALLEST_M, circle, outline_fault, rectangle, signed_area
 from vastflow.producers.floorplan.plan import Feature, FloorPlan, Frame, Offset, Opening, Outline, Space
 from vastflow.producers.floorplan.syntax import FrameText, Part, Parts, PlanText, Quantity, Section, ShapeText, parse
+from vastflow.sim.reading.names import did_you_mean
 
 LARGEST_M: Final = 10_000.0
 """No length is greater: a building of that size is a slip, and its grid would fill the memory."""

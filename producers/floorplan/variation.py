@@ -8,10 +8,11 @@ from typing import Any, Final
 import numpy as np
 from lark import Token
 
-from vastflow.producers.faults import Fault, did_you_mean
+from vastflow.producers.faults import Fault
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.syntax import PlanText, Quantity, Section
 from vastflow.producers.floorplan.variation_syntax import Distribution, Path, VariationText
+from vastflow.sim.reading.names import did_you_mean
 
 GREATEST_SEED: Final = 2**32 - 1
 """Of numpy's legacy generator."""

@@ -7,8 +7,9 @@ from typing import Any, Final, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from vastflow.producers.faults import MISSING_FILE, Fault, Location, did_you_mean, path_text, shown
+from vastflow.producers.faults import MISSING_FILE, Fault, Location, path_text, shown
 from vastflow.producers.vast.document import Document
+from vastflow.sim.reading.names import did_you_mean
 
 EXPECTED: Final[Mapping[str, str]] = {
     "int_type": "a whole number",

@@ -6,9 +6,10 @@ from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from vastflow.producers.faults import did_you_mean, shown
+from vastflow.producers.faults import shown
 from vastflow.producers.quantities import Count, NotNegative, Number, Positive, Seed
 from vastflow.producers.vast.section import NamedSteps, Section, SingleKeys
+from vastflow.sim.reading.names import did_you_mean
 
 _KEYS: Final[Mapping[str, frozenset[str]]] = {
     "float": frozenset({"low", "high", "log"}),

@@ -5,9 +5,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from vastflow.producers.faults import Fault, Location, did_you_mean, shown
+from vastflow.producers.faults import Fault, Location, shown
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.search import SearchSpec
+from vastflow.sim.reading.names import did_you_mean
 
 SEARCH: Final[Location] = ("search",)
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 from pydantic import AfterValidator, BaseModel, Field, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from vastflow.producers.faults import Location, did_you_mean
+from vastflow.producers.faults import Location
 from vastflow.producers.quantities import Amount, Count, Positive, Seed
 from vastflow.producers.vast.design import CARTESIAN, Design
 from vastflow.producers.vast.repetition import Repetitions
@@ -21,6 +21,7 @@ from vastflow.producers.vast.section import (
     SingleKeys,
     Unexecuted,
 )
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario import Dimension
 
 DEFAULT_TIMEOUT_S: Final = 360.0

@@ -4,7 +4,6 @@ import operator
 import os.path
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +11,7 @@ from py_trees.common import Status
 
 from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
 from vastflow.sim.behaviour.message_members import member_of, pose_3d_in
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario_error import ScenarioError
 
 OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
@@ -79,8 +79,7 @@ class Increment(Immediate):
     def act(self, arguments: Mapping[str, Any]) -> bool:
         name, variables = arguments["target_variable"], self.situation.variables
         if not isinstance(name, str) or name not in variables:
-            near = get_close_matches(str(name), list(variables), n=1)
-            right = f"did you mean {near[0]}?" if near else f"variables: {', '.join(variables) or 'none'}"
+            right = did_you_mean(str(name), variables, "variables: none", listed="variables:")
             raise ScenarioError(f"{name} is no variable with a value; {right}")
         value = variables[name]
         if isinstance(value, bool) or not isinstance(value, int | float):

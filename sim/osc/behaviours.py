@@ -21,7 +21,6 @@ from vastflow.sim.osc.definition import (
     Wait,
 )
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
-from vastflow.sim.osc.faults import did_you_mean
 from vastflow.sim.osc.libraries import declaring, library_names
 from vastflow.sim.osc.members import MemberChecker
 from vastflow.sim.osc.operators import BOOL
@@ -39,6 +38,7 @@ from vastflow.sim.osc.syntax import (
     WithText,
     Word,
 )
+from vastflow.sim.reading.names import did_you_mean
 
 ENDING: Final = ("end", "fail", "start")
 """Events that every scenario has; nothing follows from the last."""

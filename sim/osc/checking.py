@@ -19,7 +19,7 @@ from vastflow.sim.osc.definition import (
     names_in,
 )
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
-from vastflow.sim.osc.faults import OscFault, TypeHint, did_you_mean
+from vastflow.sim.osc.faults import OscFault, TypeHint
 from vastflow.sim.osc.members import MemberChecker
 from vastflow.sim.osc.syntax import (
     ActText,
@@ -33,6 +33,7 @@ from vastflow.sim.osc.syntax import (
     RefusedText,
     Word,
 )
+from vastflow.sim.reading.names import did_you_mean
 
 MOST_LEVELS: Final = 150
 """Compositions and modifiers in one another; digests of definitions, and trees, are made by functions that call themselves."""

@@ -6,7 +6,7 @@ from typing import Any, Final
 from vastflow.sim.osc.declarations import Compound, Declarations, Function
 from vastflow.sim.osc.definition import Field, Place, Type
 from vastflow.sim.osc.expressions import NO_NAMES, ExpressionChecker, Visible
-from vastflow.sim.osc.faults import OscFault, TypeHint, did_you_mean
+from vastflow.sim.osc.faults import OscFault, TypeHint
 from vastflow.sim.osc.members import MemberChecker
 from vastflow.sim.osc.syntax import (
     ActText,
@@ -25,6 +25,7 @@ from vastflow.sim.osc.syntax import (
     UnitText,
     Word,
 )
+from vastflow.sim.reading.names import did_you_mean
 
 NEITHER: Final = ("factor", "offset")
 """What stands in `SI(…)` beside base units."""

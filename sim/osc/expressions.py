@@ -20,7 +20,7 @@ from vastflow.sim.osc.definition import (
     Type,
 )
 from vastflow.sim.osc.evaluation import text_of
-from vastflow.sim.osc.faults import OscFault, TypeHint, did_you_mean
+from vastflow.sim.osc.faults import OscFault, TypeHint
 from vastflow.sim.osc.operators import BOOL, FLOAT, INT, OPERANDS, STRING, is_number, result_of
 from vastflow.sim.osc.syntax import (
     ArgumentText,
@@ -34,6 +34,7 @@ from vastflow.sim.osc.syntax import (
     RefusedText,
     Word,
 )
+from vastflow.sim.reading.names import did_you_mean
 
 Typed: TypeAlias = tuple[Expression, Type]
 

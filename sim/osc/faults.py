@@ -2,12 +2,9 @@
 
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
-from typing import Final, TypeAlias
+from typing import TypeAlias
 
 from vastflow.sim.osc.definition import Place
-
-MOST_LISTED: Final = 20
 
 TypeHint: TypeAlias = Callable[[str, Collection[str]], str]
 """What to write in place of an unknown type, from its name and all that are known."""
@@ -48,21 +45,3 @@ class OscError(ValueError):
 def too_long(file: str) -> OscFault:
     """For a file with more operators in one another than Python has room for."""
     return OscFault(Place(file, 1, 1), "found an expression that is too long", "several shorter ones")
-
-
-def nearest(found: str, known: Iterable[str]) -> str | None:
-    """The known name that `found` was meant to be, if one is near."""
-    names = sorted(known)
-    if near := get_close_matches(found, names, n=1):
-        return near[0]
-    # Upper and lower case are far apart to difflib, and a frequent slip.
-    return next((name for name in names if name.casefold() == found.casefold()), None)
-
-
-def did_you_mean(found: str, known: Iterable[str], otherwise: str = "nothing of the kind is declared") -> str:
-    """What to write in place of an unknown name: the nearest known one, all of them, or `otherwise` without any."""
-    names = sorted(known)
-    if near := nearest(found, names):
-        return f"did you mean {near!r}?"
-    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
-    return f"known: {', '.join(names[:MOST_LISTED])}{more}" if names else otherwise

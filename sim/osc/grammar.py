@@ -15,9 +15,10 @@ from lark.exceptions import VisitError
 
 from vastflow.sim.osc.building import Builder
 from vastflow.sim.osc.definition import Place
-from vastflow.sim.osc.faults import OscError, OscFault, nearest, too_long
+from vastflow.sim.osc.faults import OscError, OscFault, too_long
 from vastflow.sim.osc.indentation import TAB, Indentation, IndentationFault
 from vastflow.sim.osc.syntax import FileText
+from vastflow.sim.reading.names import nearest
 
 SPELLED: Final[Mapping[str, str]] = {
     "NAME": "a name",

@@ -7,8 +7,9 @@ from typing import Final
 
 from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.declaring import declared
-from vastflow.sim.osc.faults import OscError, OscFault, did_you_mean, nearest
+from vastflow.sim.osc.faults import OscError, OscFault
 from vastflow.sim.osc.parsing import parse
+from vastflow.sim.reading.names import did_you_mean, nearest
 
 PREFIX: Final = "osc."
 

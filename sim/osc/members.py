@@ -7,7 +7,6 @@ from typing import Final
 from vastflow.sim.osc.declarations import ANY, VARIABLE, Declarations
 from vastflow.sim.osc.definition import Expression, Field, Name, Struct, Type, below_of
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
-from vastflow.sim.osc.faults import did_you_mean
 from vastflow.sim.osc.syntax import (
     CallText,
     ExpressionText,
@@ -22,6 +21,7 @@ from vastflow.sim.osc.syntax import (
     UntilText,
     Word,
 )
+from vastflow.sim.reading.names import did_you_mean
 
 RESERVED: Final = frozenset({"kg", "m", "s", "A", "K", "mol", "cd", "rad"})
 """Base units, which the language keeps for itself."""

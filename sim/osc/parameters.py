@@ -9,7 +9,7 @@ from typing import Any, Final, cast
 
 from vastflow.sim.osc.definition import EnumValue, Expression, Field, ScenarioDefinition, Struct, Type
 from vastflow.sim.osc.evaluation import EvaluationError, evaluate, text_of
-from vastflow.sim.osc.faults import did_you_mean
+from vastflow.sim.reading.names import did_you_mean
 
 NO_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {}
 

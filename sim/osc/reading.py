@@ -14,11 +14,12 @@ from vastflow.sim.osc.checking import checked
 from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.declaring import declared
 from vastflow.sim.osc.definition import Place, ScenarioDefinition
-from vastflow.sim.osc.faults import OscError, OscFault, did_you_mean, too_long
+from vastflow.sim.osc.faults import OscError, OscFault, too_long
 from vastflow.sim.osc.libraries import library, library_names, right_type
 from vastflow.sim.osc.parsing import parse
 from vastflow.sim.osc.syntax import CompoundText, FileText, ImportText
 from vastflow.sim.reading import files
+from vastflow.sim.reading.names import did_you_mean
 
 MOST_BYTES: Final = 500_000
 

@@ -9,11 +9,12 @@ from typing import Any, Final, Literal, TypeVar
 import yaml
 
 from vastflow.producers.campaign import Campaign
-from vastflow.producers.faults import CampaignError, Fault, Location, did_you_mean, shown
+from vastflow.producers.faults import CampaignError, Fault, Location, shown
 from vastflow.producers.programs import run_files
 from vastflow.producers.vast.document import EXPONENT
 from vastflow.producers.vast.spec import Resources
 from vastflow.sim.process.folder import RunFileError
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of
 from vastflow.tasks.execution.memory import memory_bytes
 

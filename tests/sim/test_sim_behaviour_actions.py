@@ -78,7 +78,7 @@ def test_only_a_variable_that_holds_a_number_can_be_counted(made):
     variables = {"ready": True, "count": 1}
     with pytest.raises(ScenarioError, match="ready is True; only a number can be counted"):
         made("increment", variables, target_variable="ready")
-    with pytest.raises(ScenarioError, match=r"cuont is no variable with a value; did you mean count\?"):
+    with pytest.raises(ScenarioError, match=r"cuont is no variable with a value; did you mean 'count'\?"):
         made("increment", variables, target_variable="cuont")
 
 
