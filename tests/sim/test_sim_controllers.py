@@ -10,7 +10,7 @@ import pytest
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.controllers import conformance
+from vastflow.sim.nav.controllers import conformance, registry
 from vastflow.sim.nav.controllers.conformance import CHECKS, check_controller, check_time, sample_situations
 from vastflow.sim.nav.controllers.controller import Controller, Setting
 from vastflow.sim.nav.controllers.registry import UnknownController, find_controller, known_controllers, short_names
@@ -320,3 +320,11 @@ def test_an_unknown_name_in_code_is_refused_with_the_nearest():
 
 def test_a_controller_without_memory_needs_none():
     assert Controller().memory(Setting(1, 1, 0.05, 0.25, 0.25, np.ones(1, dtype=np.uint64))) == ()
+
+
+def test_an_install_whose_metadata_is_older_than_its_source_says_to_install_again(monkeypatch):
+    monkeypatch.setattr(registry, "entry_points", lambda group: ())
+    with pytest.raises(
+        RuntimeError, match=r"its metadata is older than its source; install it again: pip install -e \."
+    ):
+        known_controllers.__wrapped__()

@@ -31,8 +31,18 @@ class UnknownController(LookupError):
 
 @functools.cache
 def known_controllers() -> Mapping[str, EntryPoint]:
-    """The entry-point group `vastflow.controllers`: names as `plugin` has them in a Nav2 parameter file, sorted."""
-    return dict(sorted((entry.name, entry) for entry in entry_points(group=GROUP)))
+    """The entry-point group `vastflow.controllers`: names as `plugin` has them in a Nav2 parameter file, sorted.
+
+    Raises:
+        RuntimeError: not even vastflow's own are there, as after an update of an editable install's source alone.
+    """
+    found = dict(sorted((entry.name, entry) for entry in entry_points(group=GROUP)))
+    if not any(entry.module.startswith("vastflow.") for entry in found.values()):
+        right = "install it again: pip install -e . in a checkout"
+        raise RuntimeError(
+            f"vastflow is installed without its controllers, its metadata is older than its source; {right}"
+        )
+    return found
 
 
 def short_names() -> Mapping[str, str]:
