@@ -1,88 +1,37 @@
-"""Oracles: what every one is, and how one is found."""
+"""How an oracle is found: by its name, by the class in a file, or as a notebook."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Final, Generic, TypeVar
+from typing import Any, Final
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
-from vastflow.oracles.situation import Situation
-from vastflow.oracles.trace import Trace
-from vastflow.oracles.verdict import Metric, Verdict
+from vastflow.oracles.oracle_base import Oracle, Parameters
 from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins
-from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
+from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 from vastflow.sim.reading.files import is_file
 from vastflow.sim.reading.names import did_you_mean
 
+__all__ = [
+    "GROUP",
+    "SUCCESS",
+    "Oracle",
+    "OracleError",
+    "OracleFault",
+    "Parameters",
+    "known_oracles",
+    "oracle_class",
+    "oracle_of",
+    "oracles_of",
+]
+
 GROUP: Final = "vastflow.oracles"
 SUCCESS: Final = "success"
 """The oracle of the mission's own outcome, which is always judged, first."""
-
-
-class Parameters(BaseModel):
-    """Base of every oracle's parameter model: unknown keys are faults, values don't change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-P = TypeVar("P", bound=Parameters)
-
-
-class Oracle(ABC, Generic[P]):
-    """A judge of single runs: a pure function of trace, situation and its parameters.
-
-    A subclass names its parameter model and its metrics and writes `judge`.
-
-    Attributes:
-        Parameters: The pydantic model of what stands below the oracle's name in the campaign file.
-        metrics: Name to unit of every metric it measures; a verdict has all of them, whatever the judgement.
-        name: As the campaign file calls it.
-        base: Folder a name like `file.py:Class` is relative to.
-    """
-
-    Parameters: ClassVar[type[Parameters]]
-    metrics: ClassVar[Mapping[str, str]]
-
-    def __init__(self, parameters: P, name: str, base: Path) -> None:
-        self.parameters = parameters
-        self.name = name
-        self.base = base
-
-    @abstractmethod
-    def judge(self, trace: Trace, situation: Situation) -> Verdict:
-        """Judge one run with `passed`, `failed` or `not_judged`."""
-
-    def judge_all(self, traces: Sequence[Trace], situation: Situation) -> list[Verdict]:
-        """Judge several runs of one configuration, in their order: what `judge` says of each, whichever others there are."""
-        return [self.judge(trace, situation) for trace in traces]
-
-    def passed(self, trace: Trace, **metrics: float | None) -> Verdict:
-        """The run did what this oracle asks."""
-        return self._verdict(trace, "pass", "", metrics)
-
-    def failed(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
-        """The run did not; `reason` says in what, with numbers."""
-        return self._verdict(trace, "fail", reason, metrics)
-
-    def not_judged(self, trace: Trace, reason: str, **metrics: float | None) -> Verdict:
-        """What the oracle needs is missing; `reason` says what."""
-        return self._verdict(trace, "not judged", reason, metrics)
-
-    def _verdict(self, trace: Trace, judgement: Any, reason: str, metrics: Mapping[str, float | None]) -> Verdict:
-        if unknown := sorted(set(metrics) - set(self.metrics)):
-            raise ValueError(f"oracle {self.name!r} measures {sorted(self.metrics)}, got {unknown}")
-        values = {name: Metric(metrics.get(name), unit) for name, unit in self.metrics.items()}
-        return Verdict(self.name, trace.run.run_index, judgement, reason, values)
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        if (snapshot := snapshot_behind(type(self))) is not None:  # in no module that another process could import
-            return _frozen_oracle, (snapshot, self.name, self.parameters.model_dump(), self.base)
-        return type(self), (self.parameters, self.name, self.base)  # searching the entry points takes 10 ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,16 +120,9 @@ def _class_of(snapshot: Snapshot, name: str) -> Any:
     """What a plug-in's file has under the name of a class; the class that a notebook is. None where there is none."""
     if ".py:" in name:
         return getattr(module_of(snapshot), name.rpartition(":")[2], None)
-    from vastflow.oracles.notebook.notebook import notebook_oracle  # which needs this module
+    from vastflow.oracles.notebook.notebook import notebook_oracle  # with the reader of notebooks, if there is one
 
     return notebook_oracle(snapshot)
-
-
-def _frozen_oracle(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> Oracle[Any]:
-    """An oracle in another process, from the same copies of its files."""
-    found = _class_of(snapshot, name)
-    oracle: Oracle[Any] = found(found.Parameters.model_validate(parameters), name, base)
-    return oracle
 
 
 def _snapshot(name: str, file: Path, base: Path) -> Snapshot:

@@ -10,6 +10,7 @@ import zipfile
 from importlib.metadata import distribution, entry_points, packages_distributions, version
 from pathlib import Path
 
+import grimp
 import pytest
 from packaging.requirements import Requirement
 
@@ -131,6 +132,14 @@ def test_the_places_that_the_way_through_the_code_names_are_there():
 def test_the_top_level_holds_nothing_beyond_the_fixed_layout():
     found = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")}
     assert {name for name in found - MADE_HERE if not name.endswith(".egg-info")} == LAYOUT
+
+
+def test_no_module_imports_itself_by_others_not_even_where_types_are_checked_or_inside_of_functions():
+    graph = grimp.build_graph("vastflow")
+    waiting = {name: set(graph.find_modules_directly_imported_by(name)) for name in graph.modules}
+    while free := {name for name, imported in waiting.items() if not imported & waiting.keys()}:
+        waiting = {name: imported for name, imported in waiting.items() if name not in free}
+    assert sorted(waiting) == []  # those on a circle, and those that lead to one
 
 
 def test_campaigns_hold_no_code_but_what_their_files_name():

@@ -4,7 +4,7 @@ import contextlib
 import io
 import math
 import traceback
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final, get_args
 
@@ -12,15 +12,15 @@ from pydantic import create_model
 
 from vastflow.oracles.notebook.file import Cell, NotebookError, literals, read_cells
 from vastflow.oracles.notebook.run_tables import RunTables, run_tables
-from vastflow.oracles.oracle import Oracle, Parameters
+from vastflow.oracles.oracle_base import Oracle, Parameters
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Judgement, Verdict
 from vastflow.sim.plug_ins.loading import empty_module, frozen_builtins
+from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
 __all__ = ["NotebookError", "NotebookOracle", "notebook_oracle"]
-from vastflow.sim.plug_ins.plug_in import plug_in_code
 
 METRICS: Final = "metrics"
 VERDICTS: Final = "verdicts"
@@ -117,6 +117,9 @@ class NotebookOracle(Oracle[Parameters]):
         reason = "" if row["judgement"] == "pass" else str(row["reason"])
         return self._verdict(trace, row["judgement"], reason, values)
 
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return _frozen_notebook, (self.snapshot, self.name, self.parameters.model_dump(), self.base)
+
 
 def notebook_oracle(snapshot: Snapshot) -> type[NotebookOracle]:
     """The oracle that a notebook is, as a class of a module of its own.
@@ -144,6 +147,12 @@ def notebook_oracle(snapshot: Snapshot) -> type[NotebookOracle]:
         module.__dict__["Notebook"] = type("Notebook", (NotebookOracle,), {**content, "__doc__": None})
     oracle: type[NotebookOracle] = module.__dict__["Notebook"]
     return oracle
+
+
+def _frozen_notebook(snapshot: Snapshot, name: str, parameters: Mapping[str, Any], base: Path) -> NotebookOracle:
+    """The oracle in another process, from the same copy of the notebook."""
+    found = notebook_oracle(snapshot)
+    return found(found.Parameters.model_validate(parameters), name, base)
 
 
 def _metrics(cells: Iterable[Cell], file: Path) -> dict[str, str]:
