@@ -256,7 +256,7 @@ def test_parameters_of_a_plug_in_are_checked_at_their_lines(tmp_path, folder):
     [
         (
             "nav2_mppi_controler::MPPIController",
-            "did you mean 'nav2_mppi_controller::MPPIController'? known: dwb_core::",
+            "did you mean 'nav2_mppi_controller::MPPIController'?; file.py:Class for one of your own",
         ),
         ("my::Own", "file.py:Class for one of your own, relative to the parameter file"),
         ("none.py:Own", "none.py'; file.py:Class for one of your own, relative to the parameter file"),

@@ -27,6 +27,7 @@ from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import LETHAL, UNKNOWN, inflate
 from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.window import Window
+from vastflow.sim.plug_ins.conformance import must
 from vastflow.sim.world.robot import arc
 
 MOST_US: Final = 2000.0
@@ -319,6 +320,4 @@ def _counted() -> Iterator[Callable[[], int]]:
 
 
 def _must(kept: object, kind: type[Controller], what: str) -> None:
-    if not kept:
-        function = getattr(kind.compute_velocity, "py_func", kind)
-        raise AssertionError(f"{line_of(function)}: {kind.__name__} {what}")
+    must(kept, f"{line_of(getattr(kind.compute_velocity, 'py_func', kind))}: {kind.__name__} {what}")

@@ -2,7 +2,6 @@
 
 import functools
 from collections.abc import Mapping
-from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Final
@@ -12,6 +11,7 @@ from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 from vastflow.sim.reading.files import is_file
+from vastflow.sim.reading.names import did_you_mean
 
 GROUP: Final = "vastflow.controllers"
 FILE: Final = ".py:"
@@ -76,11 +76,8 @@ def find_controller(name: str, base: Path = Path(), snapshot: Snapshot | None = 
     else:
         entry = known_controllers().get(name)
         if entry is None:
-            near = get_close_matches(name, known_controllers(), n=1)
-            meant = f"did you mean {near[0]!r}? " if near else ""
-            raise UnknownController(
-                f"no controller {name!r} is known", f"{meant}known: {', '.join(known_controllers())}; {OWN}"
-            )
+            right = f"{did_you_mean(name, known_controllers())}; {OWN}"
+            raise UnknownController(f"no controller {name!r} is known", right)
         found = entry.load()
     if not (isinstance(found, type) and issubclass(found, Controller)):
         right = "a subclass of vastflow.sim.nav.controllers.controller.Controller"
@@ -101,9 +98,8 @@ def _class_of_file(name: str, file: Path, snapshot: Snapshot | None) -> object:
         raise UnknownController(what, "a Python module") from error
     if not hasattr(module, class_name):
         known = [each for each, kind in vars(module).items() if _is_own(kind, module.__name__)]
-        near = get_close_matches(class_name, known, n=1)
-        meant = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known) or 'none'}"
-        raise UnknownController(f"{str(file)!r} has no class {class_name!r}", meant)
+        right = did_you_mean(class_name, known, "a class of it that is a Controller", listed="it has:")
+        raise UnknownController(f"{str(file)!r} has no class {class_name!r}", right)
     found: object = getattr(module, class_name)
     return found
 

@@ -3,7 +3,6 @@
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from typing import Final
 
 from pydantic import BaseModel
@@ -26,6 +25,7 @@ from vastflow.sim.nav.parameters.reader import shown
 from vastflow.sim.nav.parameters.rewriting import converted, rewritten, targets
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.parameters.written import controller_block, document_of
+from vastflow.sim.reading.names import nearest
 
 CONTROLLER_KEY: Final = "controller"
 COVARIANCE_KEY: Final = "initial_pose_covariance"
@@ -146,8 +146,8 @@ def with_controller(document: Document, name: Value) -> Document:
         return replace(document, values={**values, listed: [own[meant]]})
     if meant not in known_controllers():
         known = [*short_names(), *sorted(each for each in own if FILE in each)]
-        near = [f"did you mean {each!r}? " for each in get_close_matches(str(name), known, n=1)]
-        right = f"{''.join(near)}one of {', '.join(known)}"
+        near = nearest(str(name), known)
+        right = f"{f'did you mean {near!r}? ' if near else ''}one of {', '.join(known)}"
         raise DocumentError([ParameterFault(CONTROLLER_KEY, f"found {shown(name)}", right)])
     block = controller_block(node, find_controller(meant)())
     kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeGuard
 
@@ -36,6 +35,7 @@ from vastflow.sim.nav.parameters.servers import (
     WaypointFollower,
 )
 from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.reading.names import did_you_mean
 
 Parts: TypeAlias = Mapping[str, Any]
 """Fields of `NavParameters`."""
@@ -205,11 +205,8 @@ def _own_parameters(reader: Reader, kind: type[Group], place: Location, others: 
     for path in reader.document.below(place):
         name = path[len(place)]
         if name not in kind.model_fields and path not in others:
-            near = get_close_matches(name, kind.model_fields, n=1)
-            known = f"known: {', '.join(kind.model_fields) or 'none'}"
-            reader.fault(
-                path, f"{kind.__name__} has no parameter {name!r}", f"did you mean {near[0]!r}?" if near else known
-            )
+            what = f"{kind.__name__} has no parameter {name!r}"
+            reader.fault(path, what, did_you_mean(name, kind.model_fields, "none, for it has no parameters"))
     return reader.group(
         kind, place, given={name: _own_parameters(reader, each, (*place, name)) for name, each in groups.items()}
     )

@@ -1,0 +1,99 @@
+"""A campaign with a controller of its author's: kept with its inputs, packed for workers elsewhere, warned of what is in no key."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.inputs import inputs_of
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.tasks.bundle import Packer, unpacked
+from vastflow.tasks.index import Member
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.store import open_store
+
+PAGE = Path(__file__).parents[2] / "docs" / "write-a-controller.md"
+VAST = """
+version: 1
+configuration:
+  - name: room
+    parameters:
+      - map_file: room.yaml
+      - start_pose: {x: 1.0, y: 1.0, yaw: 0.0}
+      - goal_pose: {x: 4.0, y: 1.5, yaw: 0.0}
+    variations:
+      - ParameterVariationList: {name: controller, values: [rpp, PLUG_IN]}
+execution:
+  runs: 1
+  nav2_params: PARAMETERS
+"""
+
+
+@pytest.fixture(params=["", "../nav2/"], ids=["beside", "elsewhere"])
+def campaign_file(request, small_room):
+    """The page's controller, its parameter file beside the campaign file or elsewhere."""
+    home = small_room.parent
+    nav2 = (home / request.param).resolve()
+    nav2.mkdir(exist_ok=True)
+    for name in ("my_pursuit.py", "my_pursuit.yaml"):
+        (text,) = re.findall(rf"^```\w+ {re.escape(name)}\n((?:.*\n)*?)^```$", PAGE.read_text(), re.MULTILINE)
+        (nav2 / name).write_text(text)
+    text = VAST.replace("PARAMETERS", f"{request.param}my_pursuit.yaml")
+    (home / "x.vast").write_text(text.replace("PLUG_IN", "my_pursuit.py:PurePursuit"))
+    return home / "x.vast"
+
+
+def controllers(scenarios) -> list[str]:
+    return [type(parameters_of(scenario.system).controller).__name__ for scenario in scenarios]
+
+
+def scenarios_of(file: Path):
+    campaign, _ = read_campaign(file)
+    return [configuration.scenario for configuration in instantiate(campaign).configurations]
+
+
+def test_a_key_of_the_campaign_file_chooses_it(campaign_file):
+    assert controllers(scenarios_of(campaign_file)) == ["Rpp", "PurePursuit"]
+
+
+def test_an_unknown_one_is_refused_with_the_nearest_name(campaign_file):
+    campaign_file.write_text(campaign_file.read_text().replace("PurePursuit", "PurePursit"))
+    with pytest.raises(
+        CampaignError, match=r"did you mean 'my_pursuit.py:PurePursuit'\? one of dwb, mppi, rpp, my_pursuit"
+    ):
+        read_campaign(campaign_file)
+
+
+def test_the_campaign_directory_keeps_it_as_it_was_read(campaign_file, tmp_path):
+    campaign, oracles = read_campaign(campaign_file)
+    plug_in = next(campaign_file.parent.parent.rglob("my_pursuit.py"))
+    text = plug_in.read_text()
+    plug_in.write_text("raise SystemExit\n")  # while it runs
+    inputs_of(campaign, oracles).write(tmp_path)
+    (kept,) = (tmp_path / "inputs").rglob("my_pursuit.py")
+    assert kept.read_text() == text
+    assert (kept.parent / "my_pursuit.yaml").is_file()
+
+
+def test_workers_elsewhere_get_it_as_it_was_read(campaign_file, tmp_path):
+    keys = Keys("x86; glibc", "a", "b", "c", 7, [["success", {}]])
+    campaign, oracles = read_campaign(campaign_file)
+    made = instantiate(campaign).configurations
+    members = [Member(each.name, "room", k, each.scenario, 1) for k, each in enumerate(made)]
+    next(campaign_file.parent.parent.rglob("my_pursuit.py")).write_text("raise SystemExit\n")
+    store = open_store(tmp_path / "store")
+    key = Packer(store, "x", keys, oracles, campaign_file.parent).packed(members)
+    shutil.rmtree(campaign_file.parent)
+    found = unpacked(store, key, tmp_path / "elsewhere")
+    assert controllers(member.scenario for member in found.members) == ["Rpp", "PurePursuit"]
+
+
+def test_what_it_takes_from_the_environment_is_warned_of(campaign_file):
+    plug_in = next(campaign_file.parent.parent.rglob("my_pursuit.py"))
+    plug_in.write_text(plug_in.read_text() + "\nimport os\nSPEED = os.getenv('SPEED')\n")
+    campaign, _ = read_campaign(campaign_file)
+    assert any("os.getenv" in str(note) and "is in no key" in str(note) for note in campaign.notes)
