@@ -3,9 +3,12 @@
 import contextlib
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import psutil
 import pytest
@@ -18,6 +21,17 @@ settings.register_profile("other", deadline=None)
 settings.load_profile("same")
 
 API_S = 90
+
+
+def pytest_configure(config):
+    """The tests' processes have a Prefect and a state of their own: not the user's, and not another worker's of pytest-xdist.
+
+    Caches are the user's: what is in them is named by its content, and the compiled kernels take a minute to make.
+    """
+    folder = tempfile.TemporaryDirectory(prefix="vastflow-tests-", ignore_cleanup_errors=True)
+    config.add_cleanup(folder.cleanup)
+    os.environ["PREFECT_HOME"] = str(Path(folder.name, "prefect"))
+    os.environ["XDG_STATE_HOME"] = str(Path(folder.name, "state"))
 
 
 @pytest.fixture(scope="session")
@@ -43,7 +57,33 @@ def loops():
 
 
 @pytest.fixture(scope="session")
-def started_api():
+def prefect_home(tmp_path_factory):
+    """Makes a folder a home of Prefect's with an empty database, which a server would take 6 CPU-s to make anew."""
+    from vastflow.tasks.server import ApiServer, PrefectUnavailable
+
+    template = tmp_path_factory.mktemp("prefect") / "prefect.db"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PREFECT_HOME", str(template.parent))
+        server = ApiServer(template.with_name("server.log"))
+        with contextlib.suppress(PrefectUnavailable):  # the server of the test makes it, or says why not
+            server.url(API_S)
+        server.stop(30)
+
+    def made(folder):
+        folder.mkdir(exist_ok=True)
+        if template.exists():
+            with (
+                contextlib.closing(sqlite3.connect(template)) as kept,
+                contextlib.closing(sqlite3.connect(folder / "prefect.db")) as new,
+            ):
+                kept.backup(new)
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def started_api(prefect_home):
     """Starts an API with a port of its own, over the database in a folder; in that context it is the configured one.
 
     Gives a client of it. Where it does not start within `API_S` the test is skipped.
@@ -56,7 +96,7 @@ def started_api():
     @contextlib.contextmanager
     def started(home, log):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("PREFECT_HOME", str(home))
+            patch.setenv("PREFECT_HOME", str(home if home.exists() else prefect_home(home)))
             server = ApiServer(log)
             try:
                 url = server.url(API_S)

@@ -83,7 +83,7 @@ class Distance(Oracle[DistanceParameters]):
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
+def place(tmp_path_factory, prefect_home):
     """A folder with the campaign, its map and plug-ins; Prefect's home and the store are beside it."""
     folder = tmp_path_factory.mktemp("campaign")
     side = 60
@@ -94,7 +94,7 @@ def place(tmp_path_factory):
     (folder / "own.py").write_text(PRODUCER)
     (folder / "own_oracle.py").write_text(ORACLE)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(folder / "prefect"))
+        patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
         patch.delenv("PREFECT_API_URL", raising=False)
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
         patch.setattr(api, "installed_tree", lambda: tree)

@@ -162,8 +162,10 @@ execution: {scenario_file: nothing.osc, runs: 2, timeout: 10}
 
 
 @pytest.mark.timeout(240)
-def test_where_nothing_is_missing_the_report_comes_from_the_store_and_nothing_is_drawn(tmp_path, monkeypatch):
-    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
+def test_where_nothing_is_missing_the_report_comes_from_the_store_and_nothing_is_drawn(
+    tmp_path, monkeypatch, prefect_home
+):
+    monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     (tmp_path / "nothing.osc").write_text(NOTHING)
     (tmp_path / "nothing.vast").write_text(CAMPAIGN)

@@ -68,14 +68,14 @@ ENDS = {"passes": 14, "fails": 14, "flaky": 10, "open": 20}
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
+def place(tmp_path_factory, prefect_home):
     folder = tmp_path_factory.mktemp("kinds")
     (folder / "campaign").mkdir()
     (folder / "campaign" / "kind.osc").write_text(SCENARIO)
     (folder / "campaign" / "kind.sh").write_text("printf 'kind\\n%s\\n' \"$1\" > kind.csv\n")
     (folder / "campaign" / "own.py").write_text(ORACLE)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(folder / "prefect"))
+        patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
         patch.delenv("PREFECT_API_URL", raising=False)
         tree = installed_tree()  # an edit of the checkout while this runs is not what is tested
         patch.setattr(api, "installed_tree", lambda: tree)

@@ -73,14 +73,14 @@ class Even(Oracle[EvenParameters]):
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
+def place(tmp_path_factory, prefect_home):
     """A folder with the campaign; Prefect's home and the store are beside it."""
     folder = tmp_path_factory.mktemp("stages")
     (folder / "nothing.osc").write_text(SCENARIO)
     (folder / "small.vast").write_text(CAMPAIGN)
     (folder / "own.py").write_text(ORACLE)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(folder / "prefect"))
+        patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
         patch.delenv("PREFECT_API_URL", raising=False)
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
         patch.setattr(stages, "installed_tree", lambda: tree)

@@ -48,9 +48,11 @@ def kept(tmp_path, shared_s3, s3_variables):
 
 
 @pytest.mark.timeout(280)
-def test_a_campaign_on_s3_is_shown_and_exported_as_it_is_from_a_folder(tmp_path, shared_s3, s3_variables, monkeypatch):
+def test_a_campaign_on_s3_is_shown_and_exported_as_it_is_from_a_folder(
+    tmp_path, shared_s3, s3_variables, monkeypatch, prefect_home
+):
     s3_variables(shared_s3)
-    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
+    monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     (tmp_path / "nothing.vast").write_text(CAMPAIGN)
     (tmp_path / "nothing.osc").write_text(NOTHING)

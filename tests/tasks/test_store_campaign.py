@@ -35,14 +35,14 @@ CONFIGURATIONS = 2
 
 
 @pytest.fixture
-def file(tmp_path, monkeypatch):
+def file(tmp_path, monkeypatch, prefect_home):
     """The campaign's file; its map and Prefect's home are beside it."""
     side = 60
     cells = bytes(0 if x in (0, side - 1) or y in (0, side - 1) else 254 for y in range(side) for x in range(side))
     (tmp_path / "room.pgm").write_bytes(b"P5 %d %d 255\n" % (side, side) + cells)
     (tmp_path / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
     (tmp_path / "remote.vast").write_text(CAMPAIGN)
-    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
+    monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     tree = installed_tree()
     monkeypatch.setattr(api, "installed_tree", lambda: tree)
@@ -125,7 +125,7 @@ def digests(monkeypatch):
 
 
 @pytest.fixture
-def begun(tmp_path, kernels, s3):
+def begun(tmp_path, kernels, s3, prefect_home):
     """Begins a campaign in a process and with a Prefect of its own; at the end none is left."""
     (tmp_path / "cache" / "vastflow").mkdir(parents=True)
     (tmp_path / "cache" / "vastflow" / "kernels").symlink_to(kernels)
@@ -137,7 +137,7 @@ def begun(tmp_path, kernels, s3):
         processes.append(
             subprocess.Popen(
                 [str(each) for each in (sys.executable, "-m", "vastflow.flows", "run", file, *options)],
-                env={**kept, "PREFECT_HOME": str(tmp_path / f"prefect-{name}")},
+                env={**kept, "PREFECT_HOME": str(prefect_home(tmp_path / f"prefect-{name}"))},
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
                 text=True,
