@@ -33,7 +33,7 @@ from vastflow.sim.run import execute
 GROWTH = Path(__file__).parents[2] / "campaigns/growth"
 RUN = Run(0, "", "succeeded", 0, "", 1.0, 0.0, 0, 0)
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 
 @pytest.fixture
@@ -164,7 +164,7 @@ def test_another_program_text_is_another_scenario(fastest, tmp_path):
     assert len(digests) == 20 and fastest[0].scenario.digest not in digests
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(900)
 def test_the_campaign_runs_through_the_flow_and_is_reported_without_maps(tmp_path):
     names = ["growth-1-1", "growth-5-3"]
     results = run_campaign(

@@ -6,7 +6,7 @@ import pytest
 from vastflow.flows import run_campaign
 from vastflow.producers.faults import CampaignError
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 
 def loaded_after(statement):

@@ -17,7 +17,7 @@ from vastflow.flows.computing import computation
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.source import installed_tree
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = pytest.mark.timeout(900)
 
 CAMPAIGN = """
 version: 1

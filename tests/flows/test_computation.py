@@ -12,7 +12,7 @@ from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import PrefectUnavailable, import_prefect
 from vastflow.tasks.store import open_store
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 
 class Server:

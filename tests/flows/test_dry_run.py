@@ -20,7 +20,7 @@ from vastflow.tasks import source
 from vastflow.tasks.source import SourceTree, installed_tree
 from vastflow.tasks.store import StoreError
 
-pytestmark = pytest.mark.timeout(240)
+pytestmark = pytest.mark.timeout(900)
 
 CAMPAIGN = """
 version: 1

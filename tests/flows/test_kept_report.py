@@ -161,7 +161,7 @@ execution: {scenario_file: nothing.osc, runs: 2, timeout: 10}
 """
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(900)
 def test_where_nothing_is_missing_the_report_comes_from_the_store_and_nothing_is_drawn(
     tmp_path, monkeypatch, prefect_home
 ):

@@ -21,7 +21,7 @@ from prefect.settings import temporary_settings
 
 from vastflow.tasks import ledger
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
 PROOFS = Path(__file__).parents[1] / "proofs"

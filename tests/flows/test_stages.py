@@ -18,7 +18,7 @@ from vastflow.producers.faults import CampaignError
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "use-the-python-api.md"

@@ -14,7 +14,7 @@ from vastflow.sim.process.run import process_run
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.scenario_error import ScenarioError
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 SLEEPS = "import time; print('ready', flush=True); time.sleep(600)"
 

@@ -21,7 +21,7 @@ from vastflow.sim.process.run import process_run
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.reading.map_file import load_map, map_content
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 FOLDERS = RunFolders.below(Path("/tmp/a run"))
 

@@ -16,7 +16,7 @@ from vastflow.sim.process.folders import RunFolders
 from vastflow.sim.process.guard import marked
 from vastflow.sim.process.process import NotStarted, ProcessGroup
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 SLEEPS = "import time; time.sleep(600)"
 STUBBORN = """

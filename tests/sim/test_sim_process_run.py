@@ -16,7 +16,7 @@ from vastflow.sim.process.resources import Use, write_resources
 from vastflow.sim.process.run import process_run
 from vastflow.sim.process.setup import ProcessSetup
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 
 @pytest.fixture

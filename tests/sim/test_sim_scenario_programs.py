@@ -12,7 +12,7 @@ from vastflow.sim.run import execute
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 
 def program(code):

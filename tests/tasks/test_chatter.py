@@ -10,7 +10,7 @@ import pytest
 
 from vastflow.tasks.chatter import new_log, own_log, prefect_log
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 
 def test_what_vastflow_says_goes_to_the_log_alone(tmp_path, capsys):

@@ -11,7 +11,7 @@ import pytest
 
 from vastflow.tasks.ending import owns_process, terminable
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 
 def test_sigterm_interrupts_as_ctrl_c_does():

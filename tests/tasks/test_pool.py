@@ -11,7 +11,7 @@ import pytest
 
 from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 # Workers can't import a test module, so what is submitted from here goes to them by value.
 cloudpickle.register_pickle_by_value(sys.modules[__name__])

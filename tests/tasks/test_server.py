@@ -9,7 +9,7 @@ import pytest
 
 from vastflow.tasks.server import ApiServer, PrefectUnavailable
 
-pytestmark = pytest.mark.timeout(280)
+pytestmark = pytest.mark.timeout(900)
 
 
 def test_the_api_ends_with_a_process_that_is_killed(tmp_path):

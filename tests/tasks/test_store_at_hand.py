@@ -47,7 +47,7 @@ def kept(tmp_path, shared_s3, s3_variables):
     return keep
 
 
-@pytest.mark.timeout(280)
+@pytest.mark.timeout(900)
 def test_a_campaign_on_s3_is_shown_and_exported_as_it_is_from_a_folder(
     tmp_path, shared_s3, s3_variables, monkeypatch, prefect_home
 ):
