@@ -41,7 +41,7 @@ class Navigation(Oracle[NavigationParameters]):
     - `smoothness` (1): spectral arc length of the true speed |v| (`vastflow.oracles.smoothness`), negative; one movement has about -1.4
       and each stop and start lowers it.
     - `turning` (rad/m): Σ |Δyaw| / p, the mean absolute curvature of the way, turns on the spot included.
-    - `recoveries` (1): of Nav2's behaviour tree.
+    - `recoveries` (1): of Nav2's behavior tree.
     - `stops` (1): times the robot stood for `stop_s` or more between driving and driving; the waits before the first
       motion and after the last are none. `stopped_time` (s): of all of them.
 

@@ -9,8 +9,8 @@ from vastflow.producers.faults import Fault, Location
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.producers.vast.document import Document
-from vastflow.sim.behaviour.support import unsupported
-from vastflow.sim.behaviour.vocabulary import ACTIONS, WORLDLY
+from vastflow.sim.behavior.support import unsupported
+from vastflow.sim.behavior.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.osc.definition import ScenarioDefinition
 from vastflow.sim.osc.faults import OscError

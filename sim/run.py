@@ -13,14 +13,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.behaviour.entities import ENTITIES
-from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
-from vastflow.sim.behaviour.navigation import NAVIGATION
-from vastflow.sim.behaviour.stand_ins import stand_ins
-from vastflow.sim.behaviour.topics import ROS
-from vastflow.sim.behaviour.tree import ScenarioTree
-from vastflow.sim.behaviour.vocabulary import WORLDLY
-from vastflow.sim.behaviour.world import in_world
+from vastflow.sim.behavior.entities import ENTITIES
+from vastflow.sim.behavior.helpers import HELPERS, helper_functions
+from vastflow.sim.behavior.navigation import NAVIGATION
+from vastflow.sim.behavior.stand_ins import stand_ins
+from vastflow.sim.behavior.topics import ROS
+from vastflow.sim.behavior.tree import ScenarioTree
+from vastflow.sim.behavior.vocabulary import WORLDLY
+from vastflow.sim.behavior.world import in_world
 from vastflow.sim.digest import FileContent
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.loop.closed_loop import ClosedLoop

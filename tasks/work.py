@@ -192,7 +192,7 @@ def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[s
 
 
 def _files(recordings: "Sequence[Recording]") -> dict[str, bytes]:
-    """A block's recordings, the behaviours of their scenarios, and what their programs wrote, if anything."""
+    """A block's recordings, the behaviors of their scenarios, and what their programs wrote, if anything."""
     from vastflow.sim.recordings.archive import write_outputs
     from vastflow.sim.recordings.behavior_block import write_behaviors
     from vastflow.sim.recordings.blocks import write_recordings

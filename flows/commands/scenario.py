@@ -64,8 +64,8 @@ def _read(file: Path) -> "tuple[ScenarioDefinition, ...]":
 
 def _lacking(definitions: "Sequence[ScenarioDefinition]") -> "list[OscFault]":
     """What the scenarios do that can't be done here."""
-    from vastflow.sim.behaviour.support import unsupported
-    from vastflow.sim.behaviour.vocabulary import ACTIONS
+    from vastflow.sim.behavior.support import unsupported
+    from vastflow.sim.behavior.vocabulary import ACTIONS
     from vastflow.sim.osc.faults import OscFault
 
     return [

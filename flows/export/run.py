@@ -27,7 +27,7 @@ BRIEFLY: Final = ("simulated_time_s", "wall_time_s", "outcome")
 """Properties that a case keeps in a report of many."""
 
 STATUS_NUMBERS: Final = {"INVALID": 1, "RUNNING": 2, "SUCCESS": 3, "FAILURE": 4}
-"""Of a behaviour, as ROS messages have them."""
+"""Of a behavior, as ROS messages have them."""
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,7 @@ class ExportSource:
                 yield int(run_index), name, content
 
     def _root(self, configuration: str) -> str:
-        """Name of the root of a configuration's behaviours, which is the scenario's; empty where no run was recorded."""
+        """Name of the root of a configuration's behaviors, which is the scenario's; empty where no run was recorded."""
         with self._reading():
             behaviors = self._behaviors.of(configuration)
             return str(behaviors["name"][0]) if behaviors and len(behaviors["name"]) else ""

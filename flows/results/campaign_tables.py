@@ -134,7 +134,7 @@ def _is_log(log: bytes) -> bool:
 
 
 class _BehaviorWriter:
-    """Writes the behaviours of all configurations under each other, with a column for the configuration before the others."""
+    """Writes the behaviors of all configurations under each other, with a column for the configuration before the others."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -151,7 +151,7 @@ class _BehaviorWriter:
             self._writer.close()
 
     def add(self, configuration: str, found: Found, runs: int) -> None:
-        """Add the behaviours of one configuration's wanted runs."""
+        """Add the behaviors of one configuration's wanted runs."""
         blocks = found.behaviors
         table = read_behaviors(blocks[0]) if found.exact and blocks else behaviors_below(blocks, runs)
         if table is None:

@@ -60,7 +60,7 @@ class Found(Protocol):
 
     @property
     def behaviors(self) -> Sequence[bytes]:
-        """Blocks of the scenarios' behaviours, as `vastflow.sim.recordings.behavior_block` has them."""
+        """Blocks of the scenarios' behaviors, as `vastflow.sim.recordings.behavior_block` has them."""
 
     @property
     def outputs(self) -> Sequence[bytes]:

@@ -1,4 +1,4 @@
-"""The behaviours of a campaign directory's runs: what the scenario of each did, by configuration."""
+"""The behaviors of a campaign directory's runs: what the scenario of each did, by configuration."""
 
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +26,7 @@ class Behaviors:
         self._last: tuple[int, Any] | None = None
 
     def of(self, configuration: str) -> dict[str, NDArray[Any]]:
-        """Columns of a configuration's behaviours, `run_index` among them; empty where no run was recorded."""
+        """Columns of a configuration's behaviors, `run_index` among them; empty where no run was recorded."""
         own = self._directory / "behaviors" / f"{configuration}.parquet"
         if own.is_file():
             return read_table(own.read_bytes())

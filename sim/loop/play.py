@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
-from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.nav.state import TICK_S, Stack
 from vastflow.sim.process.run import ProcessRun

@@ -51,7 +51,7 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
 
 @inner
 def publish_local(local: Local) -> None:
-    """What behaviours see from now on."""
+    """What behaviors see from now on."""
     for r in range(local.window.costs.shape[0]):
         for c in range(local.window.costs.shape[1]):
             local.published.costs[r, c] = local.window.costs[r, c]

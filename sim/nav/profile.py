@@ -11,7 +11,7 @@ STAGES: Final = (
     *("behaviour", "planner", "controller", "command path", "actuators and odometry", "recording", "free motion"),
 )
 OUTSIDE, CLOCK, LIDAR, AMCL, LOCAL_COSTMAP, GLOBAL_COSTMAP = range(6)
-BEHAVIOUR, PLANNER, CONTROLLER, COMMAND_PATH, ACTUATORS, RECORDING, MOTION = range(6, 13)
+BEHAVIOR, PLANNER, CONTROLLER, COMMAND_PATH, ACTUATORS, RECORDING, MOTION = range(6, 13)
 
 # C's own: CPU time of the process in microseconds (POSIX). A foreign symbol, unlike a Python function, can be cached.
 _clock = types.ExternalFunction("clock", types.intp())

@@ -72,9 +72,9 @@ _REAL: Final = (
     *("map_odom_x", "map_odom_y", "map_odom_yaw", "x", "y", "yaw"),
     # Covariance that AMCL published last.
     *("pose_xx", "pose_xy", "pose_yy", "pose_aa"),
-    # Commands: of controller or behaviour, after the smoother, after the collision monitor.
+    # Commands: of controller or behavior, after the smoother, after the collision monitor.
     *("command_v", "command_w", "smooth_v", "smooth_w", "sent_v", "sent_w"),
-    # End of the leg just planned, goal of the path, progress baseline (odom frame), what a behaviour has done so far.
+    # End of the leg just planned, goal of the path, progress baseline (odom frame), what a behavior has done so far.
     *("end_x", "end_y", "goal_x", "goal_y", "goal_yaw", "base_x", "base_y", "done", "last_yaw", "last_x", "last_y"),
     # When the last lap of a profile ended.
     "lapped",
@@ -154,7 +154,7 @@ class Local(NamedTuple):
 
     Attributes:
         window: The master costmap, which the controller reads.
-        published: As it was published last, which behaviours read.
+        published: As it was published last, which behaviors read.
     """
 
     layer: Any

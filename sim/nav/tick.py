@@ -6,7 +6,7 @@ from typing import Any, Final
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.kernels.streams import LIDAR, ODOMETRY, PHASES, normal_pair, uniform
 from vastflow.sim.nav import profile
-from vastflow.sim.nav.behaviour import behave, note
+from vastflow.sim.nav.behavior import behave, note
 from vastflow.sim.nav.collision_monitor import approach, gather_near_points
 from vastflow.sim.nav.controllers.binding import Bound, reset
 from vastflow.sim.nav.localization import estimate, localize
@@ -136,7 +136,7 @@ def _navigate(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: 
         update_global(p, m, g)
         lap(m, profile.GLOBAL_COSTMAP)
     behave(p, m, g, local, route, controller)
-    lap(m, profile.BEHAVIOUR)
+    lap(m, profile.BEHAVIOR)
 
 
 @inner

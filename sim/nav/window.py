@@ -1,4 +1,4 @@
-"""The local costmap as the controller and the behaviours see it: a window of costs somewhere in the odom frame."""
+"""The local costmap as the controller and the behaviors see it: a window of costs somewhere in the odom frame."""
 
 import math
 from typing import Any, NamedTuple

@@ -1,1 +1,1 @@
-"""OpenSCENARIO DSL: a scenario file as text, read and checked into definitions that a behaviour tree is built from."""
+"""OpenSCENARIO DSL: a scenario file as text, read and checked into definitions that a behavior tree is built from."""

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from vastflow.sim.osc.behaviours import ENDING, BehaviourChecker
+from vastflow.sim.osc.behaviors import ENDING, BehaviorChecker
 from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.definition import (
     Actor,
-    Behaviour,
+    Behavior,
     Composition,
     Field,
     Modified,
@@ -77,8 +77,8 @@ class _Scenario:
         self._refuse_circles()
         done = self._done(chain)
         visible = self._visible()
-        checker = BehaviourChecker(self._declared, self._expressions, self._members, visible, self._events)
-        root: Behaviour | None = None if done is None else checker.behaviour(done.behaviour)
+        checker = BehaviorChecker(self._declared, self._expressions, self._members, visible, self._events)
+        root: Behavior | None = None if done is None else checker.behavior(done.behavior)
         applied = [member for member in members if isinstance(member, ActText)]
         for member in applied:
             if not checker.is_modifier(member):
@@ -219,7 +219,7 @@ class _Scenario:
         return Actor(name, (type_.name, *declared.bases), values, variables, place)
 
     def _made(
-        self, text: CompoundText, root: Behaviour, actors: tuple[Actor, ...], bases: tuple[str, ...]
+        self, text: CompoundText, root: Behavior, actors: tuple[Actor, ...], bases: tuple[str, ...]
     ) -> ScenarioDefinition:
         parameters, variables = [], []
         for member in self._fields.values():
@@ -243,16 +243,16 @@ class _Scenario:
         )
 
 
-def _too_deep(root: Behaviour) -> Place | None:
+def _too_deep(root: Behavior) -> Place | None:
     """Where something stands that has more than `MOST_LEVELS` others round it, if anything does."""
     waiting = [(root, 1)]
     while waiting:
-        behaviour, level = waiting.pop()
+        behavior, level = waiting.pop()
         if level > MOST_LEVELS:
-            return behaviour.place
-        match behaviour:
+            return behavior.place
+        match behavior:
             case Composition():
-                waiting += [(child, level + 1) for child in behaviour.children]
+                waiting += [(child, level + 1) for child in behavior.children]
             case Modified() | Until():
-                waiting.append((behaviour.child, level + 1))
+                waiting.append((behavior.child, level + 1))
     return None

@@ -172,7 +172,7 @@ class Composition:
     """`serial`, `parallel` or `one_of`."""
 
     kind: Literal["serial", "parallel", "one_of"]
-    children: "tuple[Behaviour, ...]"
+    children: "tuple[Behavior, ...]"
     label: str
     place: Place
 
@@ -216,24 +216,24 @@ class Emit:
 
 @dataclass(frozen=True, slots=True)
 class Modified:
-    """A modifier round a behaviour, such as `timeout` or `repeat`, with all its parameters."""
+    """A modifier round a behavior, such as `timeout` or `repeat`, with all its parameters."""
 
     modifier: str
     arguments: Mapping[str, Expression]
-    child: "Behaviour"
+    child: "Behavior"
     place: Place
 
 
 @dataclass(frozen=True, slots=True)
 class Until:
-    """`until`: ends the behaviour below with success when something holds."""
+    """`until`: ends the behavior below with success when something holds."""
 
     until: Awaited
-    child: "Behaviour"
+    child: "Behavior"
     place: Place
 
 
-Behaviour: TypeAlias = Composition | Call | Wait | Emit | Modified | Until
+Behavior: TypeAlias = Composition | Call | Wait | Emit | Modified | Until
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,7 +279,7 @@ class ScenarioDefinition:
         parameters: In the order in which they are declared, as all fields.
         variables: Globals are among them.
         events: Declared names.
-        root: The `do` behaviour with the modifiers of the scenario's body wrapped round it.
+        root: The `do` behavior with the modifiers of the scenario's body wrapped round it.
         structs: Struct name to its members by name, for values that come from outside.
         units: Unit name to (physical type, factor, offset): value × factor + offset is SI.
         enums: Enum name to member name to number.
@@ -291,7 +291,7 @@ class ScenarioDefinition:
     variables: tuple[Field, ...]
     actors: tuple[Actor, ...]
     events: tuple[str, ...]
-    root: Behaviour
+    root: Behavior
     place: Place
     structs: Mapping[str, Mapping[str, Field]] = field(repr=False)
     units: Mapping[str, tuple[str, float, float]] = field(repr=False)

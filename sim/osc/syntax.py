@@ -195,19 +195,19 @@ class CompositionText:
 
     label: Word | None
     kind: Literal["serial", "parallel", "one_of"]
-    members: "tuple[BehaviourText, ...]"
+    members: "tuple[BehaviorText, ...]"
     modifiers: WithText
     place: Place
 
 
-BehaviourText: TypeAlias = CompositionText | ActText | WaitText | EmitText | RefusedText
+BehaviorText: TypeAlias = CompositionText | ActText | WaitText | EmitText | RefusedText
 
 
 @dataclass(frozen=True, slots=True)
 class DoText:
     """`do` and what is done."""
 
-    behaviour: BehaviourText
+    behavior: BehaviorText
     place: Place
 
 

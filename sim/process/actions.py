@@ -12,7 +12,7 @@ from typing import Any, Final
 import psutil
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.action import Action, ActionFactory, Situation
 from vastflow.sim.osc.definition import EnumValue
 from vastflow.sim.process.folders import RunFolders
 from vastflow.sim.process.process import ProcessGroup

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from vastflow.sim.digest import Value
-from vastflow.sim.osc.definition import Behaviour, Call, Composition, Modified, Name, ScenarioDefinition, Until
+from vastflow.sim.osc.definition import Behavior, Call, Composition, Modified, Name, ScenarioDefinition, Until
 
 GOAL_KEY: Final = "goal_pose"
 GOALS_KEY: Final = "goal_poses"
@@ -55,19 +55,18 @@ def sent_to_each(
     return together, {**values, **dict(zip(names, goals, strict=True))}
 
 
-def _in_turn(behaviour: Behaviour, names: Sequence[str]) -> Behaviour:
-    match behaviour:
+def _in_turn(behavior: Behavior, names: Sequence[str]) -> Behavior:
+    match behavior:
         case Call(action=action, arguments={"goal_pose": Name(path=("goal_pose",), place=place)}):
             if action.rpartition(".")[2] != _SEND:
-                return behaviour
+                return behavior
             calls = [
-                replace(behaviour, arguments={**behaviour.arguments, "goal_pose": Name((name,), place)})
-                for name in names
+                replace(behavior, arguments={**behavior.arguments, "goal_pose": Name((name,), place)}) for name in names
             ]
-            return Composition("serial", tuple(calls), "", behaviour.place)
+            return Composition("serial", tuple(calls), "", behavior.place)
         case Composition(children=children):
-            return replace(behaviour, children=tuple(_in_turn(child, names) for child in children))
+            return replace(behavior, children=tuple(_in_turn(child, names) for child in children))
         case Modified(child=child) | Until(child=child):
-            return replace(behaviour, child=_in_turn(child, names))
+            return replace(behavior, child=_in_turn(child, names))
         case _:
-            return behaviour
+            return behavior

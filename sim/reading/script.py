@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.osc.definition import (
-    Behaviour,
+    Behavior,
     Call,
     Composition,
     Field,
@@ -129,15 +129,15 @@ def is_optional_list(parameter: Field) -> bool:
     return parameter.type.is_list and parameter.type.name == "spawn_entity" and parameter.default is None
 
 
-def calls_of(behaviour: Behaviour) -> Iterator[Call]:
+def calls_of(behavior: Behavior) -> Iterator[Call]:
     """Every call of an action, in the order they are written."""
-    if isinstance(behaviour, Call):
-        yield behaviour
-    elif isinstance(behaviour, Composition):
-        for child in behaviour.children:
+    if isinstance(behavior, Call):
+        yield behavior
+    elif isinstance(behavior, Composition):
+        for child in behavior.children:
             yield from calls_of(child)
-    elif isinstance(behaviour, Modified | Until):
-        yield from calls_of(behaviour.child)
+    elif isinstance(behavior, Modified | Until):
+        yield from calls_of(behavior.child)
 
 
 def navigates(actions: Iterable[str]) -> bool:

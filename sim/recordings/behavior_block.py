@@ -1,4 +1,4 @@
-"""The behaviours of a block's runs in one file: the table of each under the other, behind a column with the run's index.
+"""The behaviors of a block's runs in one file: the table of each under the other, behind a column with the run's index.
 
 It is a stream of Arrow's, compressed as a whole. A campaign reads one of these small files for each of its configurations, and one
 in parquet's format takes five times as long and twice the room.
@@ -35,12 +35,12 @@ def read_behaviors(block: bytes) -> pa.Table:
     """
     size, _, content = block.partition(b" ")
     if not size.isdigit():
-        raise ValueError("no behaviours as vastflow writes them")
+        raise ValueError("no behaviors as vastflow writes them")
     return pa.ipc.open_stream(pa.Codec("zstd").decompress(content, decompressed_size=int(size))).read_all()
 
 
 def behaviors_below(blocks: Sequence[bytes], runs: int) -> pa.Table | None:
-    """The behaviours of all runs below `runs`, run by run, each once: campaigns may have cut the same runs differently.
+    """The behaviors of all runs below `runs`, run by run, each once: campaigns may have cut the same runs differently.
 
     None where no block has any of them.
     """

@@ -92,7 +92,7 @@ class Recording:
             `speed_mmps yaw_rate_mradps`, command `command_speed_mmps command_yaw_rate_mradps`,
             `localized` (1 where AMCL published an update since the row before). Fixed point, so that
             a recording is small and the same on every host of one numeric class.
-        behaviors: Status changes of the scenario's behaviours, see `vastflow.sim.run.BEHAVIORS`.
+        behaviors: Status changes of the scenario's behaviors, see `vastflow.sim.run.BEHAVIORS`.
         outputs: What the run's programs wrote. They promise no equal bytes.
     """
 
@@ -103,7 +103,7 @@ class Recording:
 
     @cached_property
     def digest(self) -> str:
-        """Digest of the run's row, of every column and of the behaviours."""
+        """Digest of the run's row, of every column and of the behaviors."""
         columns = {name: column.astype("<i4").tobytes().hex() for name, column in self.columns.items()}
         behaviors = {name: column.tolist() for name, column in self.behaviors.items()}
         return digest(run_row(self.run), columns, behaviors)

@@ -25,11 +25,11 @@ from vastflow.producers.obstacle import ObstacleConfig
 from vastflow.producers.producer import find_producer, known_producers
 from vastflow.producers.vast.section import Unexecuted
 from vastflow.producers.vast.spec import CampaignSpec, EvaluationSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
-from vastflow.sim.behaviour.modifier import MODIFIERS
-from vastflow.sim.behaviour.ros_graph import TOPICS
-from vastflow.sim.behaviour.stand_ins import stand_ins
-from vastflow.sim.behaviour.support import unsupported
-from vastflow.sim.behaviour.vocabulary import ACTIONS
+from vastflow.sim.behavior.modifier import MODIFIERS
+from vastflow.sim.behavior.ros_graph import TOPICS
+from vastflow.sim.behavior.stand_ins import stand_ins
+from vastflow.sim.behavior.support import unsupported
+from vastflow.sim.behavior.vocabulary import ACTIONS
 from vastflow.sim.osc.libraries import library, library_names
 from vastflow.sim.osc.reading import read_scenarios
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED

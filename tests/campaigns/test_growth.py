@@ -18,7 +18,7 @@ from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import trace_of
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.osc.parameters import bound
 from vastflow.sim.osc.reading import read_scenarios
 from vastflow.sim.process.actions import process_actions

@@ -19,8 +19,8 @@ from vastflow.oracles.observe import observe_block
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.behaviour.support import unsupported
-from vastflow.sim.behaviour.vocabulary import ACTIONS
+from vastflow.sim.behavior.support import unsupported
+from vastflow.sim.behavior.vocabulary import ACTIONS
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, content_of, definition_digest, definition_of
 from vastflow.sim.reading.poses import pose_of
 from vastflow.sim.recordings.blocks import write_recordings

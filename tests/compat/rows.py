@@ -25,8 +25,8 @@ from vastflow.producers.floorplan.rendering import render
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.postprocessing import steps_of
 from vastflow.producers.programs import run_files
-from vastflow.sim.behaviour.support import unsupported
-from vastflow.sim.behaviour.vocabulary import ACTIONS
+from vastflow.sim.behavior.support import unsupported
+from vastflow.sim.behavior.vocabulary import ACTIONS
 from vastflow.sim.nav.parameters.document import DocumentError, read_document
 from vastflow.sim.nav.parameters.findings import findings
 from vastflow.sim.nav.parameters.interpretation import interpretation

@@ -1,4 +1,4 @@
-"""The behaviours of a campaign directory, by configuration."""
+"""The behaviors of a campaign directory, by configuration."""
 
 import numpy as np
 import pyarrow as pa

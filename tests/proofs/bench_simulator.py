@@ -23,7 +23,7 @@ from vastflow.sim.loop.drive import drive
 from vastflow.sim.loop.prepared import PreparedMap, prepare
 from vastflow.sim.maps.occupancy import FREE, OCCUPIED, OccupancyMap
 from vastflow.sim.maps.octile import descend, distance_field, passable, path_xy_m
-from vastflow.sim.nav.behaviour import REPLAN_TICKS
+from vastflow.sim.nav.behavior import REPLAN_TICKS
 from vastflow.sim.nav.controllers.registry import find_controller, short_names
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.stack import NavParameters

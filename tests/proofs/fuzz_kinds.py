@@ -211,8 +211,8 @@ def _campaign(file: Path) -> None:
 
 
 def _scenario(file: Path) -> None:
-    from vastflow.sim.behaviour.support import unsupported
-    from vastflow.sim.behaviour.vocabulary import ACTIONS
+    from vastflow.sim.behavior.support import unsupported
+    from vastflow.sim.behavior.vocabulary import ACTIONS
     from vastflow.sim.osc.reading import files_of, read_scenarios
     from vastflow.sim.reading.abstract import content_of
 

@@ -99,7 +99,7 @@ class PaperResults:
         starts: By the room that the robot has where it starts.
         bases: Of robustness; empty for other campaigns.
         ways: Of the runs as they are, and weighted.
-        stored_bytes: Recordings, traces, behaviours, logs and tables, without report and pictures.
+        stored_bytes: Recordings, traces, behaviors, logs and tables, without report and pictures.
         runs_cpu_s: CPU time of the simulation of all runs, by their logs.
         executed, executed_s, cpu_s: Of the call that wrote the directory: runs, their simulated time, CPU time of all its processes.
         cpus: Of its host.

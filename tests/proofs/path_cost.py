@@ -25,7 +25,7 @@ from scipy.ndimage import map_coordinates
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiate import Instantiation, instantiate
-from vastflow.sim.nav.behaviour import REPLAN_TICKS
+from vastflow.sim.nav.behavior import REPLAN_TICKS
 from vastflow.sim.nav.navfn import path, travel_costs
 from vastflow.sim.nav.state import TICK_S, Stack
 from vastflow.sim.run import run

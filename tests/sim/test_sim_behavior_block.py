@@ -1,4 +1,4 @@
-"""The behaviours of a block's runs: they come back as they were, however the runs were cut."""
+"""The behaviors of a block's runs: they come back as they were, however the runs were cut."""
 
 import numpy as np
 import pytest
@@ -51,12 +51,12 @@ def test_without_a_block_there_are_none():
     assert behaviors_below([], 3) is None
 
 
-def test_equal_behaviours_have_equal_bytes():
+def test_equal_behaviors_have_equal_bytes():
     rows = [(0.5, 1, "drive"), (1.0, 2, "wait")]
     assert write_behaviors({0: table(rows)}) == write_behaviors({0: table(rows)})
 
 
 @pytest.mark.parametrize("damaged", [b"", b"PAR1", b"x 12", b"12"])
-def test_what_is_no_block_of_behaviours_is_refused(damaged):
+def test_what_is_no_block_of_behaviors_is_refused(damaged):
     with pytest.raises((ValueError, OSError)):
         read_behaviors(damaged)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
-from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behavior.helpers import HELPERS, helper_functions
+from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.osc.parameters import bound
 from vastflow.sim.osc.reading import read_text
 from vastflow.sim.reading.abstract import AbstractError, content_of, definition_of

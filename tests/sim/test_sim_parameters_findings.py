@@ -74,7 +74,7 @@ def test_nodes_that_no_mission_needs_have_no_effect():
     assert statuses("smoother_server: {ros__parameters: {smoother_plugins: [s]}}") == {"smoother_plugins": "no effect"}
 
 
-def test_another_behaviour_tree_is_not_the_one_built_in():
+def test_another_behavior_tree_is_not_the_one_built_in():
     tree = "navigate_to_pose_w_replanning_and_recovery.xml"
     assert statuses(f"bt_navigator: {{ros__parameters: {{default_nav_to_pose_bt_xml: /opt/{tree}}}}}") == {
         "default_nav_to_pose_bt_xml": "built in"
@@ -89,7 +89,7 @@ def test_plug_ins_that_no_list_has_are_without_effect():
     assert statuses(text)["Old.a"] == "no effect"
 
 
-def test_a_behaviour_that_is_listed_and_not_one_of_nav2s_is_not_modelled():
+def test_a_behavior_that_is_listed_and_not_one_of_nav2s_is_not_modelled():
     text = "behavior_server: {ros__parameters: {behavior_plugins: [spin, backup, wait, dance], dance: {plugin: x::Y, a: 1}}}"
     assert statuses(text) == {
         "behavior_plugins": "built in",

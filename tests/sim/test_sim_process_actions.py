@@ -7,7 +7,7 @@ import pytest
 import yaml
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Situation
+from vastflow.sim.behavior.action import Situation
 from vastflow.sim.osc.definition import EnumValue
 from vastflow.sim.process.actions import process_actions
 from vastflow.sim.process.run import process_run

@@ -119,7 +119,7 @@ def test_goals_and_obstacles_are_those_of_the_scenario(replayed):
     np.testing.assert_allclose(snapshot.obstacles[:, :2], [[3.0, 3.6]])
 
 
-def test_behaviours_alone_may_differ(replayed):
+def test_behaviors_alone_may_differ(replayed):
     recording = replayed.recording
     told = recording.behaviors["message"].copy()
     told[-1] = "else"

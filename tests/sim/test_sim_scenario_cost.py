@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.reading.abstract import content_of, definition_of
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.run import run

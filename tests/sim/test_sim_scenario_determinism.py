@@ -1,4 +1,4 @@
-"""Equal scenarios give equal recordings, behaviours included, wherever, whenever and beside whatever they are run."""
+"""Equal scenarios give equal recordings, behaviors included, wherever, whenever and beside whatever they are run."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.nav.state import TICK_S
 from vastflow.sim.replay.replay import replay
 from vastflow.sim.run import run
@@ -154,7 +154,7 @@ def composed(kind, modifiers, children):
     return f"{kind}:\n" + textwrap.indent("\n".join([*modifiers, *children]), "    ")
 
 
-BEHAVIOURS = st.recursive(
+BEHAVIORS = st.recursive(
     LEAVES,
     lambda below: st.builds(
         composed,
@@ -167,10 +167,10 @@ BEHAVIOURS = st.recursive(
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(behaviour=BEHAVIOURS, run_index=st.integers(0, 3))
-def test_whatever_a_scenario_does_ticks_passed_over_change_nothing(staged, behaviour, run_index):
+@given(behavior=BEHAVIORS, run_index=st.integers(0, 3))
+def test_whatever_a_scenario_does_ticks_passed_over_change_nothing(staged, behavior, run_index):
     head = "event half\nvar turns: int = 0\ndo serial:\n    robot.init_nav2(start)\n"
-    scenario = staged(head + textwrap.indent(behaviour, "    "), timeout_s=12.0)
+    scenario = staged(head + textwrap.indent(behavior, "    "), timeout_s=12.0)
     passed_over = came_to(scenario, run_index)
     with patch.object(ScenarioTree, "next_tick", lambda self: self.number + 1):
         assert came_to(scenario, run_index) == passed_over
@@ -285,7 +285,7 @@ def test_a_watched_run_is_looked_at_after_just_the_ticks_asked_for(mixed):
     assert watched.digest == run(mixed, 0).digest
 
 
-def test_the_table_of_behaviours_is_in_the_digest(staged):
+def test_the_table_of_behaviors_is_in_the_digest(staged):
     """Two files that do the same under other labels."""
     one, other = run(staged("one: wait elapsed(1s)"), 0), run(staged("two: wait elapsed(1s)"), 0)
     assert one.run == other.run

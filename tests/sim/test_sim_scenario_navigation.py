@@ -25,7 +25,7 @@ def kinds(recording, kind):
 
 
 def ends(recording, name):
-    """(time, status, message) of every end of the behaviours of a name, in order."""
+    """(time, status, message) of every end of the behaviors of a name, in order."""
     b = recording.behaviors
     rows = zip(b["name"], b["t_s"], b["status"], b["message"], strict=True)
     return [(float(t), s, m) for n, t, s, m in rows if n == name and (s in ("SUCCESS", "FAILURE") or m == "cancelled")]

@@ -150,7 +150,7 @@ def test_drawing_in_a_scenario_leaves_the_robot_s_noise_alone(staged):
     assert all((drawing.columns[name] == column).all() for name, column in plain.columns.items())
 
 
-def test_behaviours_are_a_table_of_every_change_of_status(staged):
+def test_behaviors_are_a_table_of_every_change_of_status(staged):
     b = run(staged("wait elapsed(1s)\nrobot.nav_to_pose(near)"), 0).behaviors
     assert list(b) == list(BEHAVIORS)
     first = b["t_s"] == 0.0

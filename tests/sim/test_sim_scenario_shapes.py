@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.sim.behaviour.support import unsupported
-from vastflow.sim.behaviour.vocabulary import ACTIONS
+from vastflow.sim.behavior.support import unsupported
+from vastflow.sim.behavior.vocabulary import ACTIONS
 from vastflow.sim.osc.reading import read_scenarios
 from vastflow.sim.reading.abstract import content_of, hall_file
 from vastflow.sim.reading.map_file import map_content

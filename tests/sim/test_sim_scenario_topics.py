@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vastflow.sim.behaviour.support import unsupported
-from vastflow.sim.behaviour.vocabulary import ACTIONS
+from vastflow.sim.behavior.support import unsupported
+from vastflow.sim.behavior.vocabulary import ACTIONS
 from vastflow.sim.osc.reading import read_text
 from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import run
@@ -18,7 +18,7 @@ HEAD = "import osc.helpers\nimport osc.nav2\nimport osc.ros\n"
 
 
 def ended(recording, name):
-    """When the behaviour of a name ended, and how."""
+    """When the behavior of a name ended, and how."""
     b = recording.behaviors
     rows = zip(b["name"], b["t_s"], b["status"], strict=True)
     return next((float(t), status) for n, t, status in rows if n == name and status in ("SUCCESS", "FAILURE"))

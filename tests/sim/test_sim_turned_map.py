@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from vastflow.oracles.observe import observer_of
-from vastflow.sim.behaviour.messages import message
+from vastflow.sim.behavior.messages import message
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.loop.simulation import Simulation

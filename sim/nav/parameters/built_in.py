@@ -109,7 +109,7 @@ IN_EVERY_NODE: Final[Mapping[str, BuiltIn]] = _any(
 UNUSED_NODES: Final[Mapping[str, str]] = {
     "map_server": "the campaign gives the map",
     "map_saver": "no mission calls it",
-    "smoother_server": "the default behaviour trees do not call it",
+    "smoother_server": "the default behavior trees do not call it",
     "docking_server": "no mission calls it",
     "route_server": "no mission calls it",
     "loopback_simulator": "another simulator",
@@ -130,7 +130,7 @@ _FRAMES: Final = (
     "odom_frame_id",
     "global_frame_id",
 )
-_BEHAVIOURS: Final = {
+_BEHAVIORS: Final = {
     "spin": "Spin",
     "backup": "BackUp",
     "wait": "Wait",
@@ -277,7 +277,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("global_costmap_topic", "global_footprint_topic", "transform_tolerance", "projection_time"),
         "cycle_frequency": only(10.0),
         "behavior_plugins": BuiltIn(includes=("spin", "backup", "wait")),
-        **{f"{name}.plugin": only(f"nav2_behaviors::{class_}") for name, class_ in _BEHAVIOURS.items()},
+        **{f"{name}.plugin": only(f"nav2_behaviors::{class_}") for name, class_ in _BEHAVIORS.items()},
     },
     "waypoint_follower": _any("loop_rate", "global_frame_id"),
     "velocity_smoother": {

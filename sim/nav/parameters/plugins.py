@@ -15,7 +15,7 @@ class Plugins:
         modelled: Class to what it is called here.
         foreign: Other classes of Nav2's, which are known and not modelled.
         defaults: Names to classes where a document has no list.
-        used: The name that the default behaviour trees ask for, where there are several.
+        used: The name that the default behavior trees ask for, where there are several.
     """
 
     what: str

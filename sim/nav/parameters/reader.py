@@ -121,13 +121,13 @@ class Reader:
         return [Instance(name, kind) for name, kind in found if kind]
 
     def plugin(self, prefix: Location, plugins: Plugins) -> Instance | None:
-        """The one that the default behaviour trees use; None without one that is modelled, which is a fault."""
+        """The one that the default behavior trees use; None without one that is modelled, which is a fault."""
         used = self.used(prefix, plugins)
         kind = self._kind(prefix, *used, plugins) if used else None
         return Instance(used[0], kind) if used and kind else None
 
     def used(self, prefix: Location, plugins: Plugins) -> tuple[str, Location] | None:
-        """Name of the plug-in that the default behaviour trees use, and where the list has it; None for an empty list, a fault."""
+        """Name of the plug-in that the default behavior trees use, and where the list has it; None for an empty list, a fault."""
         path = self._list_of(prefix, plugins)
         names = self.names(path, tuple(plugins.defaults))
         if not names:
@@ -136,7 +136,7 @@ class Reader:
         used = plugins.used if plugins.used in names else names[0]
         for name in names:
             if name != used:
-                self.unused[(*prefix, name)] = f"the default behaviour trees use {used}"
+                self.unused[(*prefix, name)] = f"the default behavior trees use {used}"
         return used, (*path, str(names.index(used)))
 
     def _list_of(self, prefix: Location, plugins: Plugins) -> Location:

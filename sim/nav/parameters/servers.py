@@ -1,4 +1,4 @@
-"""Parameters of Nav2's servers round planner and controller: checkers, behaviours, smoother, collision monitor."""
+"""Parameters of Nav2's servers round planner and controller: checkers, behaviors, smoother, collision monitor."""
 
 from typing import Annotated, TypeAlias
 

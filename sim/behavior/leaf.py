@@ -7,11 +7,11 @@ from typing import ParamSpec, TypeVar
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action
-from vastflow.sim.behaviour.clock import microseconds
-from vastflow.sim.behaviour.condition import condition_of
-from vastflow.sim.behaviour.node import Node, Reason
-from vastflow.sim.behaviour.state import RunState
+from vastflow.sim.behavior.action import Action
+from vastflow.sim.behavior.clock import microseconds
+from vastflow.sim.behavior.condition import condition_of
+from vastflow.sim.behavior.node import Node, Reason
+from vastflow.sim.behavior.state import RunState
 from vastflow.sim.osc.definition import Call, Emit, Place, Wait
 from vastflow.sim.scenario_error import ScenarioError
 
@@ -45,7 +45,7 @@ class Leaf(Node):
         raise NotImplementedError
 
     def reason(self) -> Reason:
-        return Reason("behaviour", f"{self.name} at {self.place} failed: {self.feedback_message}")
+        return Reason("behavior", f"{self.name} at {self.place} failed: {self.feedback_message}")
 
 
 class ActionCall(Leaf):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action
-from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
-from vastflow.sim.behaviour.stand_ins import stand_ins
-from vastflow.sim.behaviour.support import unsupported
-from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behavior.action import Action
+from vastflow.sim.behavior.helpers import HELPERS, helper_functions
+from vastflow.sim.behavior.stand_ins import stand_ins
+from vastflow.sim.behavior.support import unsupported
+from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.osc.parameters import bound
 from vastflow.sim.osc.reading import read_text
 from vastflow.sim.scenario_error import ScenarioError

@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
-from vastflow.sim.behaviour.helpers import Immediate
+from vastflow.sim.behavior.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.helpers import Immediate
 from vastflow.sim.scenario_error import ScenarioError
 
 SIMULATOR_PROCESSES: Final = (

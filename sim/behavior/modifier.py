@@ -8,11 +8,11 @@ from py_trees import decorators
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.clock import microseconds
-from vastflow.sim.behaviour.condition import condition_of
-from vastflow.sim.behaviour.leaf import awaited_names
-from vastflow.sim.behaviour.node import Node, Reason, running_leaves
-from vastflow.sim.behaviour.state import RunState
+from vastflow.sim.behavior.clock import microseconds
+from vastflow.sim.behavior.condition import condition_of
+from vastflow.sim.behavior.leaf import awaited_names
+from vastflow.sim.behavior.node import Node, Reason, running_leaves
+from vastflow.sim.behavior.state import RunState
 from vastflow.sim.osc.definition import Expression, Modified, Until
 
 

@@ -7,7 +7,7 @@ from typing import Final
 from vastflow.sim.osc.declarations import Compound, Declarations
 from vastflow.sim.osc.definition import (
     Awaited,
-    Behaviour,
+    Behavior,
     Call,
     Composition,
     Elapsed,
@@ -27,7 +27,7 @@ from vastflow.sim.osc.operators import BOOL
 from vastflow.sim.osc.syntax import (
     ActText,
     AwaitedText,
-    BehaviourText,
+    BehaviorText,
     CallText,
     CompositionText,
     EmitText,
@@ -61,8 +61,8 @@ MODIFIERS: Final = frozenset(
 
 
 @dataclass(frozen=True, slots=True)
-class BehaviourChecker:
-    """Checks behaviours of one scenario; what is wrong goes to the faults of `expressions`.
+class BehaviorChecker:
+    """Checks behaviors of one scenario; what is wrong goes to the faults of `expressions`.
 
     Attributes:
         names: Parameters, variables and actors of the scenario.
@@ -75,7 +75,7 @@ class BehaviourChecker:
     names: Visible
     events: Sequence[str]
 
-    def behaviour(self, text: BehaviourText) -> Behaviour | None:
+    def behavior(self, text: BehaviorText) -> Behavior | None:
         """What is done; None where something in it is at fault."""
         match text:
             case RefusedText():
@@ -99,7 +99,7 @@ class BehaviourChecker:
         path = str(text.call.path)
         return path in self.declared.modifiers and path not in self.declared.actions
 
-    def wrapped(self, child: Behaviour | None, modifiers: Iterable[ActText]) -> Behaviour | None:
+    def wrapped(self, child: Behavior | None, modifiers: Iterable[ActText]) -> Behavior | None:
         """`child` with the modifiers that stand beside it, the first outermost."""
         calls = []
         for text in modifiers:
@@ -108,13 +108,13 @@ class BehaviourChecker:
             calls.append(text.call)
         return self._applied(child, calls)
 
-    def _composition(self, text: CompositionText) -> Behaviour | None:
+    def _composition(self, text: CompositionText) -> Behavior | None:
         modifiers = [member for member in text.members if isinstance(member, ActText) and self.is_modifier(member)]
         members = [member for member in text.members if all(member is not one for one in modifiers)]
         if not members:
             self.expressions.fault(text.place, f"found an empty {text.kind}", "one action or more in it")
-        children = [self.behaviour(member) for member in members]
-        composition: Behaviour | None = None
+        children = [self.behavior(member) for member in members]
+        composition: Behavior | None = None
         if members and None not in children:
             done = tuple(child for child in children if child is not None)
             composition = Composition(text.kind, done, _label(text.label), text.place)
@@ -126,7 +126,7 @@ class BehaviourChecker:
             if isinstance(item, KeepText):
                 self.expressions.fault(item.place, "found 'keep' where nothing has members", "'keep' below an action")
 
-    def _modified(self, child: Behaviour | None, text: WithText) -> Behaviour | None:
+    def _modified(self, child: Behavior | None, text: WithText) -> Behavior | None:
         """`child` with what its `with:` block says: modifiers, the first outermost, and `until` outside of them."""
         calls: list[CallText] = []
         untils: list[UntilText] = []
@@ -147,7 +147,7 @@ class BehaviourChecker:
             child = None if child is None or awaited is None else Until(awaited, child, until.place)
         return child
 
-    def _applied(self, child: Behaviour | None, calls: Sequence[CallText]) -> Behaviour | None:
+    def _applied(self, child: Behavior | None, calls: Sequence[CallText]) -> Behavior | None:
         for call in reversed(calls):
             name = str(call.path)
             modifier = self.declared.modifiers.get(name)
@@ -180,7 +180,7 @@ class BehaviourChecker:
         }
         return self.expressions.complete(changed, declared.members, call.place, whose)
 
-    def _call(self, text: ActText) -> Behaviour | None:
+    def _call(self, text: ActText) -> Behavior | None:
         words = text.call.path.words
         action = self._action(words[0]) if len(words) == 1 else self._action_of(words)
         if action is None:
@@ -243,7 +243,7 @@ class BehaviourChecker:
         self.expressions.fault(name.place, f"{type_.name} has no action {name.text!r}", hint)
         return None
 
-    def _emit(self, text: EmitText) -> Behaviour | None:
+    def _emit(self, text: EmitText) -> Behavior | None:
         if not self._is_event(text.event, (*self.events, *ENDING)):
             return None
         return Emit(text.event.text, _label(text.label), text.place)

@@ -6,8 +6,8 @@ from py_trees import composites
 from py_trees.behaviour import Behaviour
 from py_trees.common import ParallelPolicy
 
-from vastflow.sim.behaviour.node import Node
-from vastflow.sim.behaviour.state import RunState
+from vastflow.sim.behavior.node import Node
+from vastflow.sim.behavior.state import RunState
 from vastflow.sim.osc.definition import Place
 
 

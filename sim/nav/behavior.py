@@ -13,7 +13,7 @@ from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.planning import plan
-from vastflow.sim.nav.profile import BEHAVIOUR, CONTROLLER, PLANNER, lap
+from vastflow.sim.nav.profile import BEHAVIOR, CONTROLLER, PLANNER, lap
 from vastflow.sim.nav.state import (
     ABORTED,
     BACK_UP,
@@ -50,10 +50,10 @@ REPLAN_TICKS: Final = round(1.0 / TICK_S)
 REPLAN_THROUGH_POSES_TICKS: Final = round(3.0 / TICK_S)
 WAIT_TICKS: Final = round(5.0 / TICK_S)
 ALLOWANCE_TICKS: Final = round(10.0 / TICK_S)
-BEHAVIOUR_TICKS: Final = 2
+BEHAVIOR_TICKS: Final = 2
 """Spin and BackUp run at 10 Hz."""
 
-CYCLE_S: Final = BEHAVIOUR_TICKS * TICK_S
+CYCLE_S: Final = BEHAVIOR_TICKS * TICK_S
 SPIN_RAD: Final = 1.57
 BACK_UP_M: Final = 0.30
 BACK_UP_MPS: Final = 0.15
@@ -67,7 +67,7 @@ THROUGH_POSES: Final = 100
 
 @inner
 def behave(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bound) -> None:
-    """Set the command of this tick; between the cycles of a slower behaviour the last one stands."""
+    """Set the command of this tick; between the cycles of a slower behavior the last one stands."""
     if m.state == STARTING and m.first_scan == 0:
         _begin_goal(m)
     if m.state == PAUSING and m.tick >= m.until:
@@ -75,10 +75,10 @@ def behave(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bou
     if m.state == FOLLOWING:
         _follow(p, m, g, local, route, controller)
     elif m.state == SPINNING:
-        if m.tick % BEHAVIOUR_TICKS == 0:
+        if m.tick % BEHAVIOR_TICKS == 0:
             _spin(p, m, local, route.goals)
     elif m.state == BACKING_UP:
-        if m.tick % BEHAVIOUR_TICKS == 0:
+        if m.tick % BEHAVIOR_TICKS == 0:
             _back_up(p, m, local, route.goals)
     elif m.state == WAITING and m.tick >= m.until:
         _resume(m)
@@ -167,7 +167,7 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
 def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
     """ComputePath with its one contextual clearing; false when the pipeline has failed by it."""
     through_poses = p.mission == NAVIGATE_THROUGH_POSES
-    lap(m, BEHAVIOUR)
+    lap(m, BEHAVIOR)
     code = plan(p, m, g, route)
     lap(m, PLANNER)
     if code == 0:
@@ -194,7 +194,7 @@ def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: flo
     v = m.odom_v if abs(m.odom_v) > p.controller_server.min_x_velocity_threshold else 0.0
     w = m.odom_w if abs(m.odom_w) > p.controller_server.min_theta_velocity_threshold else 0.0
     pose = (m.odom_x, m.odom_y, m.odom_yaw)
-    lap(m, BEHAVIOUR)
+    lap(m, BEHAVIOR)
     given = ControllerInput(
         local.window, m.outline[:16], p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, TICK_S
     )

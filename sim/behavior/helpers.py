@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
-from vastflow.sim.behaviour.message_members import member_of, pose_3d_in
+from vastflow.sim.behavior.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.message_members import member_of, pose_3d_in
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario_error import ScenarioError
 

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
-from vastflow.sim.behaviour.composition import OneOf, Parallel, Sequence
-from vastflow.sim.behaviour.leaf import ActionCall, Emission, Waiting
-from vastflow.sim.behaviour.modifier import MODIFIERS, UntilHolds
-from vastflow.sim.behaviour.node import Node
-from vastflow.sim.behaviour.state import RunState
+from vastflow.sim.behavior.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.composition import OneOf, Parallel, Sequence
+from vastflow.sim.behavior.leaf import ActionCall, Emission, Waiting
+from vastflow.sim.behavior.modifier import MODIFIERS, UntilHolds
+from vastflow.sim.behavior.node import Node
+from vastflow.sim.behavior.state import RunState
 from vastflow.sim.osc.definition import (
-    Behaviour,
+    Behavior,
     Call,
     Composition,
     Emit,
@@ -69,16 +69,16 @@ def _declare(definition: ScenarioDefinition, state: RunState) -> None:
         state.variables.declare(each.name)
 
 
-def _node(behaviour: Behaviour, state: RunState, actions: Mapping[str, ActionFactory], made: list[Action]) -> Node:
-    match behaviour:
+def _node(behavior: Behavior, state: RunState, actions: Mapping[str, ActionFactory], made: list[Action]) -> Node:
+    match behavior:
         case Composition(kind, children, label, place):
             below = [_node(child, state, actions, made) for child in children]
             return _COMPOSITIONS[kind](label or kind, below, place, state)
         case Call():
-            action = _implementation(actions, behaviour.action, "action", behaviour.place)(
+            action = _implementation(actions, behavior.action, "action", behavior.place)(
                 Situation(
-                    state.names[behaviour.actor] if behaviour.actor else {},
-                    behaviour.label,
+                    state.names[behavior.actor] if behavior.actor else {},
+                    behavior.label,
                     state.clock,
                     state.variables,
                     state.log,
@@ -86,16 +86,16 @@ def _node(behaviour: Behaviour, state: RunState, actions: Mapping[str, ActionFac
                 )
             )
             made.append(action)
-            return ActionCall(behaviour, action, state)
+            return ActionCall(behavior, action, state)
         case Wait():
-            return Waiting(behaviour, state)
+            return Waiting(behavior, state)
         case Emit():
-            return Emission(behaviour, state)
+            return Emission(behavior, state)
         case Modified():
-            modifier = _implementation(MODIFIERS, behaviour.modifier, "modifier", behaviour.place)
-            return modifier(behaviour, _node(behaviour.child, state, actions, made), state)
+            modifier = _implementation(MODIFIERS, behavior.modifier, "modifier", behavior.place)
+            return modifier(behavior, _node(behavior.child, state, actions, made), state)
         case Until():
-            return UntilHolds(behaviour, _node(behaviour.child, state, actions, made), state)
+            return UntilHolds(behavior, _node(behavior.child, state, actions, made), state)
 
 
 def _implementation(known: Mapping[str, Made], name: str, kind: str, place: Place) -> Made:

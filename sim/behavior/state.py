@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from typing import Any
 
-from vastflow.sim.behaviour.action import Monitor
-from vastflow.sim.behaviour.clock import TickClock
+from vastflow.sim.behavior.action import Monitor
+from vastflow.sim.behavior.clock import TickClock
 from vastflow.sim.osc.definition import Expression
 from vastflow.sim.osc.evaluation import evaluate
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
-from vastflow.sim.behaviour.ros_graph import (
+from vastflow.sim.behavior.ros_graph import (
     content_fault,
     end_fault,
     frames_fault,

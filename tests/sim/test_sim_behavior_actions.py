@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Situation
-from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
-from vastflow.sim.behaviour.stand_ins import SIMULATOR_PROCESSES, stand_ins
-from vastflow.sim.behaviour.support import GENERIC, REASONS, unsupported
+from vastflow.sim.behavior.action import Situation
+from vastflow.sim.behavior.helpers import HELPERS, helper_functions
+from vastflow.sim.behavior.stand_ins import SIMULATOR_PROCESSES, stand_ins
+from vastflow.sim.behavior.support import GENERIC, REASONS, unsupported
 from vastflow.sim.osc.definition import Call, Composition, Constant, Emit, Modified, Place, ScenarioDefinition, Until
 from vastflow.sim.osc.definition import Elapsed as ElapsedTime
 from vastflow.sim.scenario_error import ScenarioError

@@ -2,8 +2,8 @@
 
 from typing import Final
 
-from vastflow.sim.behaviour.helpers import HELPERS
-from vastflow.sim.behaviour.stand_ins import stand_ins
+from vastflow.sim.behavior.helpers import HELPERS
+from vastflow.sim.behavior.stand_ins import stand_ins
 from vastflow.sim.process.actions import PROCESSES
 
 WORLDLY: Final = frozenset(

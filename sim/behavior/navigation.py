@@ -6,9 +6,9 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action
-from vastflow.sim.behaviour.helpers import Immediate
-from vastflow.sim.behaviour.world import WorldAction
+from vastflow.sim.behavior.action import Action
+from vastflow.sim.behavior.helpers import Immediate
+from vastflow.sim.behavior.world import WorldAction
 from vastflow.sim.loop.simulation import COLUMNS_OF, Order, Simulation, distance_m
 from vastflow.sim.nav.mission import Kind, Mission
 from vastflow.sim.pose import Pose

@@ -1,4 +1,4 @@
-"""What every node of a scenario's tree has beyond py_trees' behaviours: a place, a time to wake, a reason."""
+"""What every node of a scenario's tree has beyond py_trees' behaviors: a place, a time to wake, a reason."""
 
 import math
 from collections.abc import Iterator
@@ -8,10 +8,10 @@ from typing import Literal, TypeAlias
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.state import RunState
+from vastflow.sim.behavior.state import RunState
 from vastflow.sim.osc.definition import Place
 
-Cause: TypeAlias = Literal["", "action", "timeout", "emit", "behaviour"]
+Cause: TypeAlias = Literal["", "action", "timeout", "emit", "behavior"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class Reason:
 
     Attributes:
         cause: `action` an action ended with failure, `timeout` time ran out, `emit` the file said `emit fail`,
-            `behaviour` a modifier turned a result round; empty where nothing failed.
+            `behavior` a modifier turned a result round; empty where nothing failed.
         message: In words, with the place in the file.
         error_code: Nav2's code of the action that failed, else 0.
     """
@@ -60,7 +60,7 @@ class Node(Behaviour):
         for child in self.children:
             if child.status is Status.FAILURE and isinstance(child, Node):
                 return child.reason()
-        return Reason("behaviour", f"{self.name} at {self.place} failed: {self.feedback_message}")
+        return Reason("behavior", f"{self.name} at {self.place} failed: {self.feedback_message}")
 
 
 def running_leaves(node: Behaviour) -> Iterator[Behaviour]:

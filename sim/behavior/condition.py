@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from typing import TypeAlias
 
-from vastflow.sim.behaviour.state import RunState
+from vastflow.sim.behavior.state import RunState
 from vastflow.sim.osc.definition import (
     Awaited,
     Elapsed,

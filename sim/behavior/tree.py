@@ -9,12 +9,12 @@ from typing import Any
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import ActionFactory
-from vastflow.sim.behaviour.building import build
-from vastflow.sim.behaviour.clock import TickClock
-from vastflow.sim.behaviour.leaf import Emission, Leaf, awaited_names
-from vastflow.sim.behaviour.node import Cause, Node, Reason
-from vastflow.sim.behaviour.state import RunState
+from vastflow.sim.behavior.action import ActionFactory
+from vastflow.sim.behavior.building import build
+from vastflow.sim.behavior.clock import TickClock
+from vastflow.sim.behavior.leaf import Emission, Leaf, awaited_names
+from vastflow.sim.behavior.node import Cause, Node, Reason
+from vastflow.sim.behavior.state import RunState
 from vastflow.sim.osc.definition import Place, ScenarioDefinition
 
 _NO_FUNCTIONS: Mapping[str, Callable[..., Any]] = {}

@@ -4,9 +4,9 @@ from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from vastflow.sim.behaviour.modifier import MODIFIERS
-from vastflow.sim.behaviour.requirements import lacking_before_a_run
-from vastflow.sim.osc.definition import Behaviour, Call, Composition, Modified, Place, ScenarioDefinition, Until
+from vastflow.sim.behavior.modifier import MODIFIERS
+from vastflow.sim.behavior.requirements import lacking_before_a_run
+from vastflow.sim.osc.definition import Behavior, Call, Composition, Modified, Place, ScenarioDefinition, Until
 
 _NO_SERVICES = "it asks a node for a service, and nothing offers one: the navigation stack runs inside the simulator"
 _NO_CLOCK = "it measures how fast a machine is, and simulated time does not depend on that"
@@ -94,7 +94,7 @@ def reason_for(action: str) -> str:
     return GENERIC
 
 
-def _lacking(node: Behaviour, known: Container[str], has_robot: bool) -> Iterator[tuple[Call | Modified, str, str]]:
+def _lacking(node: Behavior, known: Container[str], has_robot: bool) -> Iterator[tuple[Call | Modified, str, str]]:
     match node:
         case Call() if node.action not in known:
             yield node, node.action, reason_for(node.action)

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
-from vastflow.sim.behaviour.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.action import Action, ActionFactory, Situation
 from vastflow.sim.loop.simulation import Simulation
 
 WorldAction: TypeAlias = Callable[[Simulation, Situation], Action]

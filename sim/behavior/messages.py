@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vastflow.sim.behaviour.ros_graph import TOPICS
+from vastflow.sim.behavior.ros_graph import TOPICS
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.nav.state import TICK_S
 from vastflow.sim.pose import Pose

@@ -3,12 +3,12 @@
 import subprocess
 import sys
 
-from vastflow.sim.behaviour.entities import ENTITIES
-from vastflow.sim.behaviour.helpers import HELPERS
-from vastflow.sim.behaviour.navigation import NAVIGATION
-from vastflow.sim.behaviour.stand_ins import stand_ins
-from vastflow.sim.behaviour.topics import ROS
-from vastflow.sim.behaviour.vocabulary import ACTIONS, WORLDLY
+from vastflow.sim.behavior.entities import ENTITIES
+from vastflow.sim.behavior.helpers import HELPERS
+from vastflow.sim.behavior.navigation import NAVIGATION
+from vastflow.sim.behavior.stand_ins import stand_ins
+from vastflow.sim.behavior.topics import ROS
+from vastflow.sim.behavior.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.process.actions import PROCESSES
 
 
@@ -21,6 +21,6 @@ def test_all_that_is_implemented_may_be_used():
 
 
 def test_the_names_are_known_without_the_simulator():
-    script = "import sys, vastflow.sim.behaviour.vocabulary; print(*{'numba', 'pymunk', 'scipy'} & sys.modules.keys())"
+    script = "import sys, vastflow.sim.behavior.vocabulary; print(*{'numba', 'pymunk', 'scipy'} & sys.modules.keys())"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=True)
     assert done.stdout.split() == []

@@ -6,9 +6,9 @@ from typing import ClassVar
 import pytest
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action
-from vastflow.sim.behaviour.helpers import HELPERS
-from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behavior.action import Action
+from vastflow.sim.behavior.helpers import HELPERS
+from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.osc.definition import (
     Actor,
     Call,
@@ -145,7 +145,7 @@ def journal():
 
 @pytest.fixture
 def tree(journal):
-    """Builds the tree of one behaviour, with deeds that write into the journal."""
+    """Builds the tree of one behavior, with deeds that write into the journal."""
 
     class Noted(Deed):
         pass
@@ -163,7 +163,7 @@ def tree(journal):
 
 @pytest.fixture
 def outcome(tree):
-    """Verdict and end of a behaviour; None where it does not end in 200 ticks."""
+    """Verdict and end of a behavior; None where it does not end in 200 ticks."""
 
     def run(root, **more):
         under_way = tree(root, **more)
@@ -357,7 +357,7 @@ def test_the_first_written_modifier_is_outermost(outcome):
 
 def test_a_modifier_that_makes_a_failure_of_a_success_says_so(tree):
     failed = ended(tree(modified("inverter", log())))
-    assert (failed.cause, failed.message) == ("behaviour", "inverter at visit.osc:8:5 failed: log: success is failure")
+    assert (failed.cause, failed.message) == ("behavior", "inverter at visit.osc:8:5 failed: log: success is failure")
 
 
 def test_until_ends_a_branch_with_success_and_cancels_it(outcome, journal):

@@ -8,14 +8,14 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action, Situation
-from vastflow.sim.behaviour.message_members import literal, member_of, pose_in, velocity_in, with_members
-from vastflow.sim.behaviour.messages import count, message
-from vastflow.sim.behaviour.requirements import lacking
-from vastflow.sim.behaviour.ros_graph import TOPICS, absolute
-from vastflow.sim.behaviour.stack_log import StackLog
-from vastflow.sim.behaviour.transforms import moved, pose_between
-from vastflow.sim.behaviour.world import WorldAction
+from vastflow.sim.behavior.action import Action, Situation
+from vastflow.sim.behavior.message_members import literal, member_of, pose_in, velocity_in, with_members
+from vastflow.sim.behavior.messages import count, message
+from vastflow.sim.behavior.requirements import lacking
+from vastflow.sim.behavior.ros_graph import TOPICS, absolute
+from vastflow.sim.behavior.stack_log import StackLog
+from vastflow.sim.behavior.transforms import moved, pose_between
+from vastflow.sim.behavior.world import WorldAction
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.pose import Pose

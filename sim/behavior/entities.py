@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action
-from vastflow.sim.behaviour.world import WorldAction
+from vastflow.sim.behavior.action import Action
+from vastflow.sim.behavior.world import WorldAction
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.pose import Pose
 from vastflow.sim.reading.obstacles import has_mass, obstacle_of

@@ -2,7 +2,7 @@
 
 import math
 
-from vastflow.sim.behaviour.ros_graph import TRUE_FRAME
+from vastflow.sim.behavior.ros_graph import TRUE_FRAME
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.pose import Pose
 

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from py_trees.common import Status
 
-from vastflow.sim.behaviour.action import Action
-from vastflow.sim.behaviour.helpers import HELPERS, helper_functions
-from vastflow.sim.behaviour.tree import ScenarioTree
+from vastflow.sim.behavior.action import Action
+from vastflow.sim.behavior.helpers import HELPERS, helper_functions
+from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.osc.definition import (
     Call,
     Composition,

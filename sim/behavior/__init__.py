@@ -1,0 +1,1 @@
+"""Scenarios as behavior trees, ticked in simulated time."""

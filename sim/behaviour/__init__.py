@@ -1,1 +1,0 @@
-"""Scenarios as behaviour trees, ticked in simulated time."""
