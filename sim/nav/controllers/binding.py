@@ -5,8 +5,9 @@ the loop knows nothing of: it passes the address of a table that says where they
 reads the table and calls the kernel. A call costs some nanoseconds more than one that the compiler could see through.
 """
 
+import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 import numba
@@ -64,17 +65,39 @@ def running(controller: Controller, setting: Setting) -> RunningController:
     kind = type(controller)
     parameters, memory = record_of(controller), controller.memory(setting)
     arrays = list(_arrays(kind, memory, "memory"))
-    held = numba.typeof(parameters).dtype, numba.typeof(memory)
-    computing = _kernel(kind, "compute_velocity", (*held, _GIVEN))
-    kernels = (computing, *(_kernel(kind, name, held[1:]) for name in ("reset", "set_plan")))
-    layout = _Layout(*held, computing.signature.return_type)
-    entries = _ENTRIES if kind.__module__.startswith("vastflow.") else _ENTRIES_OF_OTHERS
-    compute, *others = entries
-    compiled = (_compiled(compute, (layout, _GIVEN)), *(_compiled(entry, (layout,)) for entry in others))
+    types_of_arrays = tuple((array.dtype, array.ndim, array.flags.writeable) for array in arrays)
+    held = _Held((kind, parameters.dtype, _structure(memory), types_of_arrays), parameters, memory)
+    kernels, entries = _machine_code(held)
     places = [number for array in arrays for number in (array.ctypes.data, *array.shape)]
-    table = np.array([*(address(kernel) for kernel in kernels), parameters.ctypes.data, *places], dtype=np.int64)
-    bound = Bound(np.array([address(entry) for entry in compiled], dtype=np.int64), table)
-    return RunningController(controller, parameters, memory, bound)
+    table = np.array([*kernels, parameters.ctypes.data, *places], dtype=np.int64)
+    return RunningController(controller, parameters, memory, Bound(np.array(entries, dtype=np.int64), table))
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """Parameters and memory that have the same types as others of an equal key."""
+
+    key: tuple[Any, ...]
+    parameters: NDArray[np.void] = field(compare=False)
+    memory: Any = field(compare=False)
+
+
+@functools.lru_cache(maxsize=64)
+def _machine_code(held: _Held) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Addresses of a controller's kernels, and of the entries for its types: numba takes milliseconds to find them."""
+    kind = held.key[0]
+    parameters, memory = numba.typeof(held.parameters).dtype, numba.typeof(held.memory)
+    computing = _kernel(kind, "compute_velocity", (parameters, memory, _GIVEN))
+    kernels = (computing, *(_kernel(kind, name, (memory,)) for name in ("reset", "set_plan")))
+    layout = _Layout(parameters, memory, computing.signature.return_type)
+    compute, *others = _ENTRIES if kind.__module__.startswith("vastflow.") else _ENTRIES_OF_OTHERS
+    entries = (_compiled(compute, (layout, _GIVEN)), *(_compiled(entry, (layout,)) for entry in others))
+    return tuple(map(_address, kernels)), tuple(map(_address, entries))
+
+
+def _structure(memory: Any) -> Any:
+    """Classes of the tuples in a memory, as they are nested."""
+    return (type(memory), *map(_structure, memory)) if isinstance(memory, tuple) else None
 
 
 @inner
@@ -279,7 +302,7 @@ def _compiled(kernel: Any, arguments: tuple[Any, ...]) -> Any:
     return kernel.overloads[arguments]
 
 
-def address(compiled: Any) -> int:
+def _address(compiled: Any) -> int:
     """Where the machine code of a compiled kernel begins."""
     found: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
     return found
