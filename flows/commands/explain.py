@@ -35,7 +35,7 @@ def explain(
         if directory is not None and (wrong := wrong_directory(directory)):
             _end(f"{option}{wrong}")
     with Interruptible("interrupted"):
-        from vastflow.flows.plan.explain import Unexplained, explanation
+        from vastflow.flows.plan.explain import Unexplained, explained
         from vastflow.flows.plan.explain_text import explanation_json, explanation_text
         from vastflow.flows.results.past import NoPast
         from vastflow.flows.terminal.outcome import printed
@@ -43,7 +43,7 @@ def explain(
 
         with reading(results):
             try:
-                found = explanation(results, configuration, store=store, since=since)
+                found = explained(results, configuration, store=store, since=since)
             except (Unexplained, NoPast, StoreError) as error:
                 _end(str(error))
             if as_json:

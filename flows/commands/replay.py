@@ -26,7 +26,7 @@ FRAMES: Final = "frames"
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ShownTicks:
     """What of a run is to be shown, in ticks.
 
     Attributes:
@@ -127,11 +127,11 @@ def _recorded(results: Path, configuration: str, run: int) -> "RecordedRun":
 
 def _differences(metadata: Mapping[str, Any]) -> list[str]:
     """What of the code and the machine is other than where the run was recorded."""
-    from vastflow.flows.results.origin import differences
+    from vastflow.flows.results.origin import origin_differences
     from vastflow.tasks.keys import EXECUTE_SOURCE, numeric_class
     from vastflow.tasks.source import installed_tree
 
-    return differences(metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
+    return origin_differences(metadata, numeric_class(), installed_tree().digest(*EXECUTE_SOURCE))
 
 
 def _asked(
@@ -141,7 +141,7 @@ def _asked(
     from_s: float | None,
     to_s: float | None,
     video: bool,
-) -> Asked:
+) -> ShownTicks:
     from vastflow.oracles.replay.strip import MOST
     from vastflow.oracles.replay.times import TimeError, rounded, span_of, step_of, tick_at, whole_run
 
@@ -163,12 +163,12 @@ def _asked(
     }
     notes = [rounded(what, [t_s for t_s in times if t_s is not None]) for what, times in options.items()]
     film = tuple(regular) if video else ()
-    return Asked(
+    return ShownTicks(
         span.first, None if to_s is None else span.last, tuple(sorted(strip)), film, tuple(chain.from_iterable(notes))
     )
 
 
-def _executed(recorded: "RecordedRun", asked: Asked) -> "tuple[Replay, list[int]]":
+def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list[int]]":
     """The run with the snapshots asked for, and the ticks of the strip.
 
     Executed twice: what happened, and where, decides what is looked at.
@@ -215,7 +215,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
     )
 
 
-def _written(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], asked: Asked) -> dict[str, Any]:
+def _written(folder: Path, story: "Story", replayed: "Replay", ticks: list[int], asked: ShownTicks) -> dict[str, Any]:
     """Write the pictures; where they are, as `--json` says it."""
     from vastflow.oracles.figures.picture import png
     from vastflow.oracles.replay.film import write_film

@@ -120,12 +120,12 @@ def gc(
     with _usable("interrupted; what was deleted is gone, and computed again when it is needed"):
         opened = _opened(place, read_only=dry_run)
         from vastflow.flows.results.cleaning import DAY_S, clean, cleaning
-        from vastflow.flows.results.references import Unreadable, references
+        from vastflow.flows.results.references import UnknownReferences, references
 
         opened.survey()
         try:
             referred = references(opened, directories) if directories else None
-        except Unreadable as error:
+        except UnknownReferences as error:
             _end(str(error))
         if referred is not None and not referred.evaluations:
             print("a kept campaign can't be read any more: what producers made is all kept", file=sys.stderr)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 from vastflow.flows.plan.producers import Evaluated, HereEvaluator, ProducerReasons
-from vastflow.flows.plan.reasons import Origins, Reason, RunReasons
+from vastflow.flows.plan.reasons import DueReason, Origins, RunReasons
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.members import members_of, narrowed
@@ -43,7 +43,7 @@ class Due:
     family: str
     subject: str
     amount: int
-    reason: Reason
+    reason: DueReason
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ def _count(member: Member, stored: Sequence[Stored], reasons: RunReasons, reused
     for stage, there in states.items():
         reused[stage, member.family] += len(there)
 
-    def add(stage: Stage, amount: int, reason: Reason) -> None:
+    def add(stage: Stage, amount: int, reason: DueReason) -> None:
         if amount:
             due.append(Due(stage, member.family, member.name, amount, reason))
 
@@ -214,5 +214,5 @@ def _count(member: Member, stored: Sequence[Stored], reasons: RunReasons, reused
         add("judge", unjudged, reasons.later("judge", member))
 
 
-_FOLLOWS_EXECUTE: Final = Reason("follows", "follows from execute")
-_FOLLOWS_OBSERVE: Final = Reason("follows", "follows from observe")
+_FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")
+_FOLLOWS_OBSERVE: Final = DueReason("follows", "follows from observe")

@@ -12,7 +12,7 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.origin import other_parts
 from vastflow.flows.results.origin_code import recorded_changes
-from vastflow.flows.results.past import PARTS, Past, changes, contents, newest_past, past_of, writers
+from vastflow.flows.results.past import PARTS, Past, contents, newest_past, past_of, value_changes, writers
 from vastflow.flows.results.replica import NotReplicable, replica
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.producers.faults import CampaignError
@@ -63,7 +63,7 @@ class Explanation:
     differences: Sequence[str]
 
 
-def explanation(directory: Path, name: str, *, store: str | None = None, since: Path | None = None) -> Explanation:
+def explained(directory: Path, name: str, *, store: str | None = None, since: Path | None = None) -> Explanation:
     """Explain the configuration `name` of a campaign directory.
 
     Args:
@@ -173,7 +173,7 @@ def _differences(earlier: Past, past: Past, row: Mapping[str, Any]) -> list[str]
     if stages:
         words = "; ".join(recorded_changes(then.get("code", {}), now.get("code", {})))
         found.append(f"source of {', '.join(stages)} was another{': ' if words else ''}{words}")
-    found += [f"oracles: {change_text(path, a, b)}" for path, a, b in changes(_oracles(then), _oracles(now))]
+    found += [f"oracles: {change_text(path, a, b)}" for path, a, b in value_changes(_oracles(then), _oracles(now))]
     return found
 
 

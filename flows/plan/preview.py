@@ -10,7 +10,7 @@ from rich.text import Text
 
 from vastflow.flows.plan.estimate import Estimate
 from vastflow.flows.terminal.display import duration_text
-from vastflow.oracles.directory.coverage import Coverage, Lost, design_text, excluded, parts, unrealisable
+from vastflow.oracles.directory.coverage import Coverage, Loss, design_text, excluded, parts, unrealisable
 from vastflow.oracles.situation import situation_of
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
@@ -100,7 +100,7 @@ def _counts(part: Coverage, runs: int) -> Mapping[str, int]:
     }
 
 
-def _lost(title: str, rows: list[Lost]) -> Iterator[RenderableType]:
+def _lost(title: str, rows: list[Loss]) -> Iterator[RenderableType]:
     if not rows:
         return
     yield ""
@@ -110,7 +110,7 @@ def _lost(title: str, rows: list[Lost]) -> Iterator[RenderableType]:
         yield Text(f"and {sum(row.times for row in rest):,} more for {len(rest):,} other reasons; see --json", "dim")
 
 
-def lost_table(rows: list[Lost]) -> Table:
+def lost_table(rows: list[Loss]) -> Table:
     """A row for each family, producer or constraint, and reason."""
     table = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column(justify="right", no_wrap=True)

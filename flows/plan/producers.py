@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vastflow.flows.plan.reasons import NEVER, Origins, Reason, parameter_changes
+from vastflow.flows.plan.reasons import NEVER, DueReason, Origins, parameter_changes
 from vastflow.flows.results.past import Past, values_of
 from vastflow.flows.results.tables import json_text
 from vastflow.producers.family import Family
@@ -27,7 +27,7 @@ class Evaluated:
 
     family: str
     producer: str
-    reason: Reason | None
+    reason: DueReason | None
 
 
 @dataclass
@@ -88,29 +88,29 @@ class ProducerReasons:
         self._values: dict[str, list[dict[str, Any]]] = {}
         self._texts: dict[tuple[str, tuple[str, ...]], set[str]] = {}
 
-    def reason(self, family: str, producer: Producer[Any], inputs: Mapping[str, Value]) -> Reason:
+    def reason(self, family: str, producer: Producer[Any], inputs: Mapping[str, Value]) -> DueReason:
         """Why the evaluation of a producer of `family` on `inputs` is not in the store."""
         if self._past is None or self._origins is None:
             return NEVER
         if "producers" not in self._past.metadata:
-            return Reason(
+            return DueReason(
                 "never computed", "not in this store; the campaign before, of an earlier version, says no more"
             )
         name = type(producer).__name__
         if family not in self._past.metadata["producers"]:
-            return Reason("producer changed", f"family {family} is new")
+            return DueReason("producer changed", f"family {family} is new")
         then, now = self._rows(self._past, family, producer)
         if then is None:
-            return Reason("producer changed", f"{name} is new in {family}")
+            return DueReason("producer changed", f"{name} is new in {family}")
         if then["parameters"] != now["parameters"]:
             words = parameter_changes(then["parameters"], now["parameters"])
-            return Reason("producer changed", f"parameters of {name} changed", words)
+            return DueReason("producer changed", f"parameters of {name} changed", words)
         if then["source"] != now["source"]:
             own = ["its file"] if then["file"] != now["file"] else []
             words = "; ".join([*own, *self._origins.code(type(producer))])
-            return Reason("source changed", f"source of {name} changed", words)
+            return DueReason("source changed", f"source of {name} changed", words)
         if changed := self._origins.stage_code("instantiate"):
-            return Reason("source changed", "source of instantiate changed", "; ".join(changed))
+            return DueReason("source changed", "source of instantiate changed", "; ".join(changed))
         if numeric := self._origins.numeric():
             return numeric
         return self._input_reason(self._past, family, producer, inputs)
@@ -125,13 +125,13 @@ class ProducerReasons:
         namesakes = [row for row in past.metadata["producers"][family] if row["name"] == now[place]["name"]]
         return (namesakes[ordinal] if ordinal < len(namesakes) else None), now[place]
 
-    def _input_reason(self, past: Past, family: str, producer: Producer[Any], inputs: Mapping[str, Value]) -> Reason:
+    def _input_reason(self, past: Past, family: str, producer: Producer[Any], inputs: Mapping[str, Value]) -> DueReason:
         reads = tuple(inputs)
         if json_text(inputs) in self._known(past, family, reads):
-            return Reason("lost", "not in this store, though an earlier campaign had it", past.directory.name)
+            return DueReason("lost", "not in this store, though an earlier campaign had it", past.directory.name)
         fresh = [key for key in reads if json_text({key: inputs[key]}) not in self._known(past, family, (key,))]
         what = f"what {type(producer).__name__} reads changed"
-        return Reason("input changed", what, ", ".join(fresh) or "values that were not together before")
+        return DueReason("input changed", what, ", ".join(fresh) or "values that were not together before")
 
     def _known(self, past: Past, family: str, keys: tuple[str, ...]) -> set[str]:
         """Values of these keys together, of all configurations that the family had, as text."""

@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, TypeAlias
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.results.origin import other_parts
 from vastflow.flows.results.origin_code import ENTRIES, code_changes
-from vastflow.flows.results.past import PARTS, Past, changes, contents, values_of, writers
+from vastflow.flows.results.past import PARTS, Past, contents, value_changes, values_of, writers
 from vastflow.flows.results.tables import Row, configuration_row, json_text
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import shown
@@ -39,7 +39,7 @@ _MOST_SHOWN: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Reason:
+class DueReason:
     """Why something is computed.
 
     Attributes:
@@ -55,7 +55,7 @@ class Reason:
         return f"{self.what}: {self.detail}" if self.detail else self.what
 
 
-NEVER: Final = Reason("never computed", "never computed before, as far as is known")
+NEVER: Final = DueReason("never computed", "never computed before, as far as is known")
 
 
 class Origins:
@@ -74,9 +74,9 @@ class Origins:
         self._keys = keys
         self._today = today
         self._plug_ins = tuple(plug_ins)
-        self._known: dict[str, list[Reason]] = {}
+        self._known: dict[str, list[DueReason]] = {}
 
-    def reasons(self, stage: Literal["execute", "observe", "judge"]) -> list[Reason]:
+    def reasons(self, stage: Literal["execute", "observe", "judge"]) -> list[DueReason]:
         """Why no result of the past is one of today in this stage; empty where every one is."""
         if stage not in self._known:
             self._known[stage] = [*self._reasons(stage)]
@@ -90,48 +90,48 @@ class Origins:
         """What changed of the code of a stage."""
         return code_changes(self._then.get("code", {}), self._tree.code(*ENTRIES[stage]))
 
-    def numeric(self) -> Reason | None:
+    def numeric(self) -> DueReason | None:
         """Whether the machine is of another numeric class."""
         then = self._then.get("numeric_class", self._keys.numeric)
         if then == self._keys.numeric:
             return None
-        return Reason(
+        return DueReason(
             "numeric class changed", "numeric class changed", "; ".join(other_parts(then, self._keys.numeric))
         )
 
-    def _reasons(self, stage: str) -> Iterator[Reason]:
+    def _reasons(self, stage: str) -> Iterator[DueReason]:
         if numeric := self.numeric():
             yield numeric
         seed = self._then.get("seed", self._keys.seed)
         if stage == "execute" and seed != self._keys.seed:
-            yield Reason("seed changed", "execution.seed changed", f"from {seed} to {self._keys.seed}")
+            yield DueReason("seed changed", "execution.seed changed", f"from {seed} to {self._keys.seed}")
         oracles = [*self._oracles()] if stage == "judge" else []
         yield from oracles
         now = getattr(self._keys, f"{stage}_source")
         if self._then.get("source", {}).get(stage, now) != now:
             found = self.stage_code(stage)
             if found or not oracles:
-                yield Reason("source changed", f"source of {stage} changed", "; ".join(found) or _UNKNOWN)
+                yield DueReason("source changed", f"source of {stage} changed", "; ".join(found) or _UNKNOWN)
 
-    def _oracles(self) -> Iterator[Reason]:
+    def _oracles(self) -> Iterator[DueReason]:
         if "oracles" not in self._then:
             return
         then = {each["name"]: each for each in self._then["oracles"]}
         now = {each["name"]: each for each in self._today["oracles"]}
         for name in [*then, *(name for name in now if name not in then)]:
             if name not in now or name not in then:
-                yield Reason("oracle changed", f"oracle {name} is {'gone' if name in then else 'new'}")
+                yield DueReason("oracle changed", f"oracle {name} is {'gone' if name in then else 'new'}")
                 continue
             if then[name]["parameters"] != now[name]["parameters"]:
                 words = parameter_changes(then[name]["parameters"], now[name]["parameters"])
-                yield Reason("oracle changed", f"parameters of oracle {name} changed", words)
+                yield DueReason("oracle changed", f"parameters of oracle {name} changed", words)
             if then[name]["source"] != now[name]["source"]:
                 plug_in = self._plug_ins[[*now].index(name)]
                 own = ["its file"] if then[name]["file"] != now[name]["file"] else []
                 words = "; ".join([*own, *self.code(plug_in)]) or _UNKNOWN
-                yield Reason("source changed", f"source of oracle {name} changed", words)
+                yield DueReason("source changed", f"source of oracle {name} changed", words)
         if list(then) != list(now) and sorted(then) == sorted(now):
-            yield Reason("oracle changed", "the oracles' order changed")
+            yield DueReason("oracle changed", "the oracles' order changed")
 
 
 _UNKNOWN: Final = "the campaign before does not say in which module"
@@ -155,7 +155,7 @@ class RunReasons:
         if past is not None:
             self._pair(past)
 
-    def execute(self, member: Member, absent: Sequence[int]) -> list[tuple[Reason, int]]:
+    def execute(self, member: Member, absent: Sequence[int]) -> list[tuple[DueReason, int]]:
         """Reasons for these runs, each with how many it is of."""
         if self._past is None or self._origins is None:
             return [(NEVER, len(absent))]
@@ -165,23 +165,25 @@ class RunReasons:
         counted = Counter(self._run(self._past, self._origins, row, member, run) for run in absent)
         return list(counted.items())
 
-    def later(self, stage: Literal["observe", "judge"], member: Member) -> Reason:
+    def later(self, stage: Literal["observe", "judge"], member: Member) -> DueReason:
         """Why a block that is recorded is observed, or one that is observed is judged."""
         if self._past is None or self._origins is None:
             return NEVER
         if member.scenario.digest not in self._past.by_digest:
-            return Reason("never computed", "recorded, but never more", "as a campaign that was interrupted leaves it")
+            return DueReason(
+                "never computed", "recorded, but never more", "as a campaign that was interrupted leaves it"
+            )
         return _all_of(self._origins.reasons(stage)) or _lost(self._past)
 
-    def _run(self, past: Past, origins: Origins, row: Row, member: Member, run: int) -> Reason:
+    def _run(self, past: Past, origins: Origins, row: Row, member: Member, run: int) -> DueReason:
         before = past.runs_of(row["name"])
         if run >= before:
-            return Reason("more runs", "more runs are asked", f"{before} before, now {member.runs}")
+            return DueReason("more runs", "more runs are asked", f"{before} before, now {member.runs}")
         if changed := _all_of(origins.reasons("execute")):
             return changed
         if (row["name"], run) in past.recorded:
             return _lost(past)
-        return Reason("broke", "not recorded in the campaign before", "its metadata.json says which fault it was")
+        return DueReason("broke", "not recorded in the campaign before", "its metadata.json says which fault it was")
 
     def _pair(self, past: Past) -> None:
         """Find out of which configuration, no longer there, each one came that is new: of the most like it."""
@@ -197,7 +199,7 @@ class RunReasons:
         for family, rows in new.items():
             self._came_of.update(_pairs(gone[family], rows))
 
-    def _scenario(self, past: Past, member: Member) -> Reason:
+    def _scenario(self, past: Past, member: Member) -> DueReason:
         configuration = self._configurations[member.name]
         now = configuration_row(configuration)
         if member.name in self._came_of:
@@ -205,16 +207,16 @@ class RunReasons:
         asked = asked_of(past.metadata)
         if asked.only or asked.sample is not None:
             said = [*asked.only, *([] if asked.sample is None else [f"a sample of {asked.sample}"])]
-            return Reason("new configuration", "the campaign before was only a selection", ", ".join(said))
+            return DueReason("new configuration", "the campaign before was only a selection", ", ".join(said))
         known = self._known(past, member.family)
         if not known:
-            return Reason("new configuration", f"family {member.family} is new")
+            return DueReason("new configuration", f"family {member.family} is new")
         values = {key: value for key, value in values_of(now).items() if not key.startswith("_")}
         fresh = [
             f"{key} = {_short(value)}" for key, value in values.items() if json_text(value) not in known.get(key, ())
         ]
         words = f"first with {_few(fresh)}" if fresh else "of values that were not together before"
-        return Reason("new configuration", "new configuration", words)
+        return DueReason("new configuration", "new configuration", words)
 
     def _known(self, past: Past, family: str) -> Mapping[str, set[str]]:
         """Key to the values, as text, that configurations of the family had; empty where there were none."""
@@ -244,7 +246,7 @@ def _pairs(gone: Sequence[Row], new: Sequence[Row]) -> dict[str, Row]:
     return {new[k]["name"]: gone[i] for k, i in found.items()}
 
 
-def scenario_reason(then: Row, now: Row) -> Reason:
+def scenario_reason(then: Row, now: Row) -> DueReason:
     """What makes the scenario of a row of `configurations.parquet` another than that of an earlier row."""
     found = differing(then, now)
     parts = list(dict.fromkeys(part for part, _, _, _ in found))
@@ -255,7 +257,7 @@ def scenario_reason(then: Row, now: Row) -> Reason:
     writer = f" (written by {', '.join(by)})" if by else ""
     alone = len(found) == 1 and found[0][1] in keys
     details = [change_text("" if alone else path, a, b) for _, path, a, b in found]
-    return Reason("scenario changed", f"{_few(keys)} changed{where}{writer}", _few(details))
+    return DueReason("scenario changed", f"{_few(keys)} changed{where}{writer}", _few(details))
 
 
 def differing(then: Row, now: Row) -> list[tuple[str, str, Any, Any]]:
@@ -267,30 +269,30 @@ def differing(then: Row, now: Row) -> list[tuple[str, str, Any, Any]]:
         found.append(("", "execution.timeout", then["timeout_s"], now["timeout_s"]))
     old, new = contents(then), contents(now)
     for part in PARTS:
-        found += [(part, path, a, b) for path, a, b in changes(old[part], new[part])]
+        found += [(part, path, a, b) for path, a, b in value_changes(old[part], new[part])]
     if old.get("programs") != new.get("programs"):
         found.append(("", "programs", old.get("programs"), new.get("programs")))
     return found
 
 
-def _lost(past: Past) -> Reason:
-    return Reason("lost", "not in this store, though an earlier campaign had it", past.directory.name)
+def _lost(past: Past) -> DueReason:
+    return DueReason("lost", "not in this store, though an earlier campaign had it", past.directory.name)
 
 
-def _all_of(reasons: Sequence[Reason]) -> Reason | None:
+def _all_of(reasons: Sequence[DueReason]) -> DueReason | None:
     """Several reasons as one; the first gives the kind."""
     if len(reasons) < 2:
         return reasons[0] if reasons else None
-    return Reason(reasons[0].kind, "; ".join(map(str, reasons)))
+    return DueReason(reasons[0].kind, "; ".join(map(str, reasons)))
 
 
 def parameter_changes(then: Any, now: Any) -> str:
     """What differs in two plain values, in words."""
-    return _few([change_text(path, a, b) for path, a, b in changes(then, now)])
+    return _few([change_text(path, a, b) for path, a, b in value_changes(then, now)])
 
 
 def change_text(path: str, then: Any, now: Any) -> str:
-    """One of `vastflow.flows.results.past.changes` in words: `x from 1 to 2`, `values gained 3, lost 4`."""
+    """One of `vastflow.flows.results.past.value_changes` in words: `x from 1 to 2`, `values gained 3, lost 4`."""
     if isinstance(then, list) and isinstance(now, list):
         gained = [_short(item) for item in now if item not in then]
         lost = [_short(item) for item in then if item not in now]

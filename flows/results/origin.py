@@ -17,7 +17,7 @@ def origin_row(keys: Keys) -> dict[str, Any]:
     return {"numeric_class": keys.numeric, "seed": keys.seed, "source": source}
 
 
-def differences(metadata: Mapping[str, Any], numeric: str, execute_source: str) -> list[str]:
+def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source: str) -> list[str]:
     """Why a run may come out as another here than it was recorded, a sentence each; none where the bytes must be equal.
 
     A directory written before `metadata.json` named its origin says nothing.
@@ -44,7 +44,7 @@ def versions(metadata: Mapping[str, Any], same_origin: bool) -> str:
     """Who recorded and who executed, and which libraries differ.
 
     Args:
-        same_origin: Whether `differences` found none.
+        same_origin: Whether `origin_differences` found none.
     """
     here = importlib.metadata.version("vastflow")
     words = [f"recorded by vastflow {metadata['vastflow']}, executed by vastflow {here}", *_other_versions(metadata)]

@@ -145,17 +145,17 @@ def writers(row: Mapping[str, Any]) -> dict[str, str]:
     return {key: step["producer"] for step in json.loads(row.get("steps") or "[]") for key in step["keys"]}
 
 
-def changes(then: Any, now: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+def value_changes(then: Any, now: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Path, old and new value of all that differs in two plain values; None for what is not there.
 
     Mappings are compared key by key, lists of as many mappings one by one, everything else as a whole.
     """
     if isinstance(then, Mapping) and isinstance(now, Mapping) and "file" not in then and "file" not in now:
         for key in dict.fromkeys([*then, *now]):
-            yield from changes(then.get(key), now.get(key), f"{path}.{key}" if path else str(key))
+            yield from value_changes(then.get(key), now.get(key), f"{path}.{key}" if path else str(key))
     elif _of_mappings(then) and _of_mappings(now) and len(then) == len(now):
         for k, (old, new) in enumerate(zip(then, now, strict=True)):
-            yield from changes(old, new, f"{path}[{k}]")
+            yield from value_changes(old, new, f"{path}[{k}]")
     elif then != now or type(then) is not type(now):
         yield path, then, now
 

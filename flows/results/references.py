@@ -18,7 +18,7 @@ from vastflow.tasks.source import SourceTree, installed_tree
 from vastflow.tasks.store import Lost, Store, StoreError
 
 
-class Unreadable(ValueError):
+class UnknownReferences(ValueError):
     """What a campaign directory was made of can't be told; says why and what helps."""
 
 
@@ -41,7 +41,7 @@ def references(store: Store, directories: Iterable[Path]) -> References:
     Evaluations are told by instantiating again: of one whose code or files are others now there is nothing to keep.
 
     Raises:
-        Unreadable: one of the directories does not say.
+        UnknownReferences: one of the directories does not say.
     """
     keys: set[str] = set()
     known = True
@@ -64,9 +64,11 @@ def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
         column = pq.ParquetFile(directory / "configurations.parquet").read(columns=["scenario_digest"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         words = " ".join(str(error).split())
-        raise Unreadable(f"{directory}: damaged campaign directory ({words}); leave it out, or restore it") from None
+        raise UnknownReferences(
+            f"{directory}: damaged campaign directory ({words}); leave it out, or restore it"
+        ) from None
     if keys is None:
-        raise Unreadable(
+        raise UnknownReferences(
             f"{directory}: an earlier version wrote it, without the keys of its results; run the campaign again"
         )
     return keys, metadata, sorted(set(column.column(0).to_pylist()))

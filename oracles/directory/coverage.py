@@ -15,7 +15,7 @@ COUNTS: Final = ("requested", "excluded", "unrealisable", "duplicate", "realised
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class Loss:
     """Requests of a family that became no configuration.
 
     Attributes:
@@ -80,22 +80,22 @@ def counts(part: Coverage) -> tuple[int, ...]:
     return tuple(part[key] for key in COUNTS)
 
 
-def excluded(coverage: Coverage) -> Iterator[Lost]:
+def excluded(coverage: Coverage) -> Iterator[Loss]:
     """What each constraint excluded."""
     for family, part in coverage["families"].items():
         for constraint, times in part["excluded_by"].items():
-            yield Lost(family, constraint, "", times)
+            yield Loss(family, constraint, "", times)
 
 
-def unrealisable(coverage: Coverage) -> Iterator[Lost]:
+def unrealisable(coverage: Coverage) -> Iterator[Loss]:
     """What each producer rejected, a row for each reason; the last of a producer counts the reasons not listed."""
     for family, part in coverage["families"].items():
         for producer, said in part["unrealisable_by"].items():
             for reason, times in said["reasons"].items():
-                yield Lost(family, producer, reason, times)
+                yield Loss(family, producer, reason, times)
             if said["reasons_not_listed"]:
                 rest = said["count"] - sum(said["reasons"].values())
-                yield Lost(family, producer, f"{said['reasons_not_listed']:,} other reasons", rest)
+                yield Loss(family, producer, f"{said['reasons_not_listed']:,} other reasons", rest)
 
 
 def dimensions(coverage: Coverage) -> Iterator[Covered]:

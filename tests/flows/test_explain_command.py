@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.plan import dry_run as dry_runs
-from vastflow.flows.plan.explain import Unexplained, explanation
+from vastflow.flows.plan.explain import Unexplained
+from vastflow.flows.plan.explain import explained as explained_configuration
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
@@ -98,7 +99,7 @@ def place(small_room, tmp_path, tree, monkeypatch):
 
 
 def explained(place, directory, name, **options):
-    return explanation(directory, name, store=str(place.store), **options)
+    return explained_configuration(directory, name, store=str(place.store), **options)
 
 
 def test_it_says_who_wrote_what_in_which_dimension(place):

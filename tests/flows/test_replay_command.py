@@ -21,7 +21,7 @@ from vastflow.flows.commands import replay as replay_command
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.origin import differences, versions
+from vastflow.flows.results.origin import origin_differences, versions
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
@@ -357,7 +357,7 @@ def test_versions_say_who_recorded_and_what_differs(made):
 
 def test_without_a_named_origin_code_and_processor_are_what_is_left(made):
     metadata = {key: value for key, value in metadata_of(made).items() if key not in ("source", "numeric_class")}
-    assert differences(metadata, "any", "s" * 64) == []
+    assert origin_differences(metadata, "any", "s" * 64) == []
     assert "the simulator's code or the processor is another" in versions(metadata, same_origin=True)
 
 
@@ -388,12 +388,14 @@ def test_a_result_of_another_numeric_class_says_what_of_it_differs(results):
 
 def test_other_source_names_the_libraries_that_are_other_too(made):
     metadata = {**metadata_of(made), "versions": {"numba": "0.1"}}
-    (words,) = differences(metadata, metadata["numeric_class"], "s" * 64)
+    (words,) = origin_differences(metadata, metadata["numeric_class"], "s" * 64)
     assert "(" in words and "here ssssssssssss); numba 0.1, here " in words
 
 
 def test_a_numeric_class_of_another_form_is_shown_whole(made):
-    (words,) = differences({**metadata_of(made), "numeric_class": "arm"}, "x86_64; glibc; fma; ", simulator_of(made))
+    (words,) = origin_differences(
+        {**metadata_of(made), "numeric_class": "arm"}, "x86_64; glibc; fma; ", simulator_of(made)
+    )
     assert words == "recorded on another numeric class: 'arm', here 'x86_64; glibc; fma; '"
 
 
