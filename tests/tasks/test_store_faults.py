@@ -65,8 +65,8 @@ def campaign(store):
     for _ in range(4):
         store.survey()
         shop = Engine(index, pool, Tally(), pickle.dumps(oracles_of([])))
-        recorded, _ = shop.execute(MEMBERS)
-        observed, _ = shop.observe(MEMBERS, recorded)
+        recorded = shop.execute(MEMBERS).made
+        observed = shop.observe(MEMBERS, recorded).made
         shop.judge(MEMBERS, observed)
         assert shop.faults == ()
         try:
