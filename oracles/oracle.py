@@ -13,7 +13,6 @@ from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
-from vastflow.sim.reading.files import is_file
 from vastflow.sim.reading.names import did_you_mean
 
 __all__ = [

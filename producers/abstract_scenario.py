@@ -12,11 +12,11 @@ from vastflow.producers.vast.document import Document
 from vastflow.sim.behavior.support import unsupported
 from vastflow.sim.behavior.vocabulary import ACTIONS, WORLDLY
 from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.files import is_file
 from vastflow.sim.osc.definition import ScenarioDefinition
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, AbstractError, content_of, definition_of
-from vastflow.sim.reading.files import is_file
 from vastflow.sim.reading.goals import goal_keys
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.reading.script import calls_of, is_optional_list, overrides_of

@@ -25,9 +25,9 @@ from vastflow.producers.quantities import (
     Seed,
 )
 from vastflow.sim.digest import Value, digest
-from vastflow.sim.reading.obstacles import obstacle_of
 from vastflow.sim.scenario import Dimension
 from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.obstacle_values import obstacle_of
 
 MOST_OBSTACLES: Final = 1_000
 """In one configuration."""

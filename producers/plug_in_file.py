@@ -3,7 +3,7 @@
 import ast
 from pathlib import Path
 
-from vastflow.sim.reading.files import is_file
+from vastflow.sim.files import is_file
 
 
 def names_file(reference: str) -> bool:

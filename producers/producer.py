@@ -12,11 +12,11 @@ from pydantic import BaseModel, ConfigDict
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.faults import Note
 from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.files import Unreadable, read_text, yaml_value
 from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins, plug_in_of_file
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.plug_ins.watch import watched
-from vastflow.sim.reading.files import Unreadable, read_text, yaml_value
 from vastflow.sim.scenario import Dimension
 
 GROUP: Final = "vastflow.producers"

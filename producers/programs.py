@@ -9,11 +9,11 @@ from vastflow.producers.faults import Fault, Location, Note
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.spec import ExecutionSpec
 from vastflow.sim.digest import FileContent, file_digest
+from vastflow.sim.files import is_file
 from vastflow.sim.process.actions import PROCESSES
 from vastflow.sim.process.folder import RunFileError, files_matching, unmatched
 from vastflow.sim.process.folders import CONFIG, below_config
 from vastflow.sim.process.setup import ProcessSetup, RunFiles
-from vastflow.sim.reading.files import is_file
 from vastflow.sim.reading.script import calls_of
 
 KEYS: Final = ("run_files", "env", "pre_command", "post_command")

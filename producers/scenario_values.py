@@ -11,9 +11,9 @@ from vastflow.sim.nav.controllers.registry import short_names
 from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, check_key, parameters_of, unread
 from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
-from vastflow.sim.reading.obstacles import obstacle_of
-from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.pose import pose_of
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.world.obstacle_values import obstacle_of
 
 LOOPS_KEY = "number_of_loops"
 

@@ -19,7 +19,7 @@ from vastflow.producers.places.stops import GOAL_KEY, START_KEY, GoalsParameter,
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Positives
 from vastflow.sim.digest import Value
-from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.pose import pose_of
 from vastflow.sim.scenario import Dimension
 
 

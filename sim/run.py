@@ -19,7 +19,6 @@ from vastflow.sim.behavior.navigation import NAVIGATION
 from vastflow.sim.behavior.stand_ins import stand_ins
 from vastflow.sim.behavior.topics import ROS
 from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.behavior.vocabulary import WORLDLY
 from vastflow.sim.behavior.world import in_world
 from vastflow.sim.digest import FileContent
 from vastflow.sim.kernels.streams import run_entropy
@@ -29,13 +28,12 @@ from vastflow.sim.loop.play import Watch, play
 from vastflow.sim.loop.prepared import KEPT_MAPS, prepare
 from vastflow.sim.loop.simulation import Simulation, recorded
 from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.process.actions import PROCESSES, process_actions
 from vastflow.sim.process.folders import CONFIG, OUT
 from vastflow.sim.process.run import ProcessRecord, ProcessRun, process_run
 from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.reading.checked import CheckedScenario, RobotSetup, checked_of
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
 from vastflow.sim.recordings.archive import table
 from vastflow.sim.recordings.recording import Recording
 from vastflow.sim.recordings.runlog import RunLog
@@ -103,30 +101,27 @@ def execute(
 ) -> Execution:
     """As `run`, with the run's log."""
     started_s, wall_s, cpu_s = time.time(), time.perf_counter(), time.process_time()
-    script = script_of(scenario)
-    entropy = run_entropy(seed, scenario.situation_digest, run_index)
-    used = {call.action for call in calls_of(script.definition.root)}
-    # A map alone makes no world: a scenario of programs may hand it on to them.
-    needs_world = used & WORLDLY or ("map_file" in scenario.environment and script.start is not None)
-    loop = _loop(scenario, script, entropy) if needs_world else None
+    checked = checked_of(scenario)
+    entropy = run_entropy(seed, checked.situation, run_index)
+    loop = _loop(checked, checked.robot, entropy) if checked.robot else None
     simulation = Simulation(loop) if loop else None
     lines: list[str] = []
     with ExitStack() as stack:
-        setup = scenario.programs or ProcessSetup()
-        needs_programs = used & PROCESSES.keys() or scenario.programs
-        programs = stack.enter_context(process_run(setup, _handed(scenario, script))) if needs_programs else None
-        tree = _tree(scenario, script, simulation, programs, entropy, lines)
+        setup = checked.programs or ProcessSetup()
+        needs_programs = checked.actions & PROCESSES.keys() or checked.programs
+        programs = stack.enter_context(process_run(setup, checked.handed)) if needs_programs else None
+        tree = _tree(checked, simulation, programs, entropy, lines)
         try:
-            play(tree, scenario.timeout_s, loop, programs, watch, watch_ticks)
+            play(tree, checked.timeout_s, loop, programs, watch, watch_ticks)
         finally:
             tree.shutdown()
         record = programs.close() if programs else None
     ending, behaviors = _ending(tree), behaviors_of(tree)
     if loop and simulation:
-        if simulation.sent_s is None and navigates(used):
+        if simulation.sent_s is None and checked.is_sent:
             raise ScenarioError(f"the robot was never given a goal: {ending.reason or 'the scenario ended before'}")
         recording = recording_of(loop, entropy, ending, behaviors, tuple(simulation.spawned), simulation.sent_s)
-        recording = replace(recording, columns=recorded(recording.columns, script.topics))
+        recording = replace(recording, columns=recorded(recording.columns, checked.script.topics))
     else:
         recording = recording_without_world(tree.now_s, entropy, ending, behaviors)
     if record:
@@ -142,26 +137,14 @@ def execute(
     return Execution(recording, log)
 
 
-def _handed(scenario: Scenario, script: Script) -> dict[str, FileContent]:
-    """Files that are values of the scenario's parameters."""
-    values = {**scenario.environment, **scenario.system, **scenario.task}
-    given = {parameter.name: values.get(parameter.name) for parameter in script.definition.parameters}
-    return {key: value for key, value in given.items() if isinstance(value, FileContent)}
-
-
-def _loop(scenario: Scenario, script: Script, entropy: Sequence[int]) -> ClosedLoop:
-    if script.start is None:
-        raise ScenarioError("start_pose: nothing says where the robot stands at first; a start_pose, or init_nav2")
-    parameters = parameters_of(scenario.system)
-    prepared = prepare(_loaded(_map_of(scenario.environment)), Lidar(), parameters)
-    return ClosedLoop(
-        prepared, parameters, Lidar(), Robot(), script.start, script.obstacles, entropy, scenario.timeout_s
-    )
+def _loop(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> ClosedLoop:
+    prepared = prepare(_loaded(robot.map_file), Lidar(), robot.parameters)
+    obstacles = checked.script.obstacles
+    return ClosedLoop(prepared, robot.parameters, Lidar(), Robot(), robot.start, obstacles, entropy, checked.timeout_s)
 
 
 def _tree(
-    scenario: Scenario,
-    script: Script,
+    checked: CheckedScenario,
     simulation: Simulation | None,
     programs: ProcessRun | None,
     entropy: Sequence[int],
@@ -171,7 +154,7 @@ def _tree(
     worldly = in_world(simulation, {**ENTITIES, **NAVIGATION, **ROS}) if simulation else {}
     actions = {**own, **stand_ins(own), **worldly}
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([*entropy, _SCENARIO_STREAM])))
-    below_config = scenario.programs.scenario_folder if scenario.programs else ""
+    below_config = checked.programs.scenario_folder if checked.programs else ""
     functions = helper_functions(rng, os.path.join(CONFIG, below_config).rstrip("/"), OUT)
     made: list[weakref.ref[ScenarioTree]] = []  # weak: the tree holds its log
 
@@ -179,7 +162,7 @@ def _tree(
         tree = made[0]()
         lines.append(f"{tree.now_s if tree else 0.0:.1f} s: {line}")
 
-    tree = ScenarioTree(script.definition, script.values, actions, functions, log=log)
+    tree = ScenarioTree(checked.script.definition, checked.script.values, actions, functions, log=log)
     made.append(weakref.ref(tree))
     return tree
 
@@ -196,13 +179,6 @@ def _notes(record: ProcessRecord | None) -> tuple[str, ...]:
         return ()
     left_out = [f"{left.path} ({left.size_bytes} bytes) is not kept: {left.why}" for left in record.outputs.left_out]
     return (*record.outputs.notes, *left_out, *filter(None, [record.post_command]))
-
-
-def _map_of(environment: Mapping[str, object]) -> FileContent:
-    content = environment.get("map_file")
-    if not isinstance(content, FileContent):
-        raise ScenarioError(f"map_file: found {content!r}; a map file that the campaign names")
-    return content
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)

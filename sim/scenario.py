@@ -51,10 +51,11 @@ class Scenario:
     def digested(self, texts: Texts) -> str:
         """`digest`, from texts that are shared with other scenarios of the same values."""
         if "digest" not in self.__dict__:
-            parts = ",".join(texts.of_map(part) for part in (self.environment, self.task, self.system))
+            situation = ",".join(texts.of_map(part) for part in (self.environment, self.task))
             programs = "".join(f",{canonical(value)}" for value in self._programs())
-            text = f"[{canonical(self.abstract)},{canonical(self.timeout_s)},{parts}{programs}]"
-            self.__dict__["digest"] = text_digest(text)  # where the cached property looks first
+            text = f"[{canonical(self.abstract)},{canonical(self.timeout_s)},{situation},{texts.of_map(self.system)}{programs}]"
+            # Where the cached properties look first.
+            self.__dict__.update(digest=text_digest(text), situation_digest=text_digest(f"[{situation}]"))
         return self.digest
 
     def _programs(self) -> list[Value]:

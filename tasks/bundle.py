@@ -160,6 +160,7 @@ class Packer:
             "place": member.place,
             "runs": member.runs,
             "digest": scenario.digest,
+            "checked": member.checked,
             "abstract": _written(scenario.abstract, root),
             "timeout_s": scenario.timeout_s,
             "environment": _written(scenario.environment, root),
@@ -280,7 +281,13 @@ def _member(row: Mapping[str, Any], folder: Path) -> Member:
     scenario = Scenario(abstract, row["timeout_s"], environment, task, system, programs)
     if scenario.digest != row["digest"]:
         raise BundleError(f"{row['name']} is another scenario after unpacking than before")
-    return Member(row["name"], row["family"], row["place"], scenario, row["runs"])
+    member = Member(row["name"], row["family"], row["place"], scenario, row["runs"])
+    if member.checked != row["checked"]:
+        raise BundleError(
+            f"{row['name']}: its scenario file, parameters or defaults are read differently here; give all workers the "
+            "campaign's own version of vastflow"
+        )
+    return member
 
 
 def _oracle(row: Mapping[str, Any], folder: Path) -> Oracle[Any]:

@@ -146,7 +146,7 @@ class Engine:
 
     def _start(self, member: Member, start: int, stop: int) -> "_Job":
         keys = self.index.keys
-        home = keys.recordings(member.scenario.digest)
+        home = keys.recordings(member.checked)
         future = self._submit(
             Priority.EXECUTE, work.execute, self._store, home, member.scenario, start, stop, keys.seed
         )
@@ -173,7 +173,7 @@ class Engine:
                     for run_index, error in answer.broken.items():
                         self._fault(member, [run_index], "execute", error)
             if jobs:
-                self.index.store.changed(self.index.keys.recordings(member.scenario.digest))
+                self.index.store.changed(self.index.keys.recordings(member.checked))
         found = [self.index.blocks(member) for member in members]
         rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
         return Outcome(rows, there, len(members))

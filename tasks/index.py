@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.store import Artifact, Store
@@ -16,6 +17,7 @@ class Member:
         name: Its configuration's name.
         place: Its number among the configurations of its family, from 1.
         runs: Run indices 0 to runs - 1 are wanted.
+        recorded_as: `checked` as it was when an earlier campaign recorded it; None for that of today.
     """
 
     name: str
@@ -23,6 +25,12 @@ class Member:
     place: int
     scenario: Scenario
     runs: int
+    recorded_as: str | None = None
+
+    @property
+    def checked(self) -> str:
+        """Digest of all that its runs are computed from: its part of every key."""
+        return self.recorded_as or checked_digest(self.scenario)
 
     @property
     def drives(self) -> bool:
@@ -76,7 +84,7 @@ class Index:
         return [block for _, block in self._recorded(member)]
 
     def _recorded(self, member: Member) -> list[tuple[Artifact, Block]]:
-        home = self.keys.recordings(member.scenario.digest)
+        home = self.keys.recordings(member.checked)
         found = []
         for start, stop in _covering(_spans(self.store.under(home)), member.runs):
             if (artifact := self.store.find(f"{home}/{start}-{stop}")) is not None:
@@ -85,7 +93,7 @@ class Index:
 
     def block(self, member: Member, start: int, stop: int, content: str) -> Block:
         """The block of these runs, found before."""
-        return Block(f"{self.keys.recordings(member.scenario.digest)}/{start}-{stop}", start, stop, content)
+        return Block(f"{self.keys.recordings(member.checked)}/{start}-{stop}", start, stop, content)
 
     def recorded(self, member: Member) -> bool:
         """Whether every wanted run is recorded."""
@@ -93,11 +101,11 @@ class Index:
 
     def trace_key(self, member: Member, block: Block) -> str:
         """Key of the trace of a block."""
-        return self.keys.trace(member.scenario.digest, block.content)
+        return self.keys.trace(member.checked, block.content)
 
     def verdicts_key(self, member: Member, block: Block, trace: str) -> str:
         """Key of the verdicts on a block; `trace` is the content digest of its trace."""
-        return self.keys.verdicts(member.scenario.digest, block.content, trace)
+        return self.keys.verdicts(member.checked, block.content, trace)
 
 
 def missing(blocks: Iterable[Block], runs: int) -> list[int]:

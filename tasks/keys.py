@@ -59,7 +59,7 @@ class Keys:
         """Where the blocks of a scenario's runs lie. The number of runs is no part of it: 5 + 3 more are 8.
 
         Args:
-            scenario: Its digest.
+            scenario: Digest of all that runs are computed from, see `vastflow.sim.reading.checked.checked_digest`; so below.
         """
         return self._key("execute", self.execute_source, scenario, self.seed)
 

@@ -8,7 +8,7 @@ import importlib.util
 import io
 import sys
 import tokenize
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -39,6 +39,10 @@ NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
     "yaml": ("pyyaml",),
 }
 """Import name to the distributions whose versions can change a number or a stored byte."""
+
+READING: Final = ("vastflow.sim.nav.parameters", "vastflow.sim.osc", "vastflow.sim.plug_ins", "vastflow.sim.reading")
+"""Packages that read and check, and that let plug-ins in. No result follows from their code: what they make of files is in
+keys as a value, and a plug-in as its snapshot."""
 
 PLUG_IN: Final = "plug-in"
 """Name under which a plug-in's file enters a digest: where it lies doesn't matter. What it uses begins with this and a slash."""
@@ -89,6 +93,7 @@ class SourceTree:
     def digest(self, *entries: str) -> str:
         """Digest of the code of `entries` and all they import, of the data they read, and the versions of the libraries in use.
 
+        What vastflow's own modules import of the packages that read and check is left out, see `READING`.
         Comments, docstrings, blank lines and the folder's place are in no digest.
 
         Raises:
@@ -199,7 +204,8 @@ class SourceTree:
             if name in found or file is None:
                 continue
             found[name] = self._module(name, file)
-            waiting += [part for imported in found[name].imports for part in _with_parents(imported)]
+            used = (imported for imported in found[name].imports if not _only_reads(name, imported))
+            waiting += [part for imported in used for part in _with_parents(imported)]
         return found
 
     def _module(self, name: str, file: Path) -> Module:
@@ -212,12 +218,17 @@ class SourceTree:
             self._read[file] = module
         return self._read[file]
 
-    def data_digest(self, package: str) -> str:
-        """Digest of what is no code in a package of the tree and in its folders, by name and content."""
+    def data_digest(self, package: str, suffixes: Collection[str] = ()) -> str:
+        """Digest of what is no code in a package of the tree and in its folders, by name and content.
+
+        Args:
+            suffixes: Of the files that count; none for all.
+        """
         folder = self._folder(package)
         if folder is None:
             return ""
         files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.suffix not in _CODE]
+        files = [file for file in files if not suffixes or file.suffix in suffixes]
         return digest([[file.relative_to(folder).as_posix(), file_digest(file)] for file in files])
 
     def _folder(self, name: str) -> Path | None:
@@ -283,6 +294,15 @@ def _data_packages(nodes: Iterable[ast.AST]) -> Iterator[str]:
             called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
             if called in ("files", "find_spec") and isinstance(node.args[0].value, str):
                 yield node.args[0].value
+
+
+def _only_reads(importer: str, imported: str) -> bool:
+    """Whether an import leads from code of vastflow that computes to code that reads and checks; a plug-in may compute with it."""
+    return _is_below(importer, ("vastflow",)) and _is_below(imported, READING) and not _is_below(importer, READING)
+
+
+def _is_below(name: str, packages: Iterable[str]) -> bool:
+    return any(name == package or name.startswith(f"{package}.") for package in packages)
 
 
 def _with_parents(name: str) -> list[str]:

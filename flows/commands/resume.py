@@ -32,7 +32,7 @@ def resume(
     directory = _directory(results)
     from vastflow.flows.request.asked import asked_of
     from vastflow.flows.results.replica import NotReplicable, replica
-    from vastflow.sim.reading.files import read_json
+    from vastflow.sim.files import read_json
 
     try:
         metadata = read_json(directory / "metadata.json")

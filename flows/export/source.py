@@ -14,10 +14,10 @@ from vastflow.flows.results.kept_logs import KeptLogs
 from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import read_tables
+from vastflow.sim.files import yaml_value
+from vastflow.sim.pose import pose_of
 from vastflow.sim.reading.abstract import BUILTIN
-from vastflow.sim.reading.files import yaml_value
 from vastflow.sim.reading.goals import GOAL_KEY, GOALS_KEY
-from vastflow.sim.reading.poses import pose_of
 from vastflow.sim.reading.script import START_KEY
 from vastflow.sim.recordings.blocks import read_block
 from vastflow.sim.recordings.runlog import run_log_of

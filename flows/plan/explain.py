@@ -12,7 +12,7 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.origin import other_parts
 from vastflow.flows.results.origin_code import recorded_changes
-from vastflow.flows.results.past import PARTS, Past, contents, newest_past, past_of, value_changes, writers
+from vastflow.flows.results.past import PARTS, Past, contents, newest_past, past_of, recorded_as, value_changes, writers
 from vastflow.flows.results.replica import NotReplicable, replica
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.producers.faults import CampaignError
@@ -90,7 +90,9 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
         dimensions=_dimensions(row),
         then=None
         if keys is None
-        else kept(Index(open_store(store, read_only=True), keys), Member(name, "", 1, scenario, past.runs)),
+        else kept(
+            Index(open_store(store, read_only=True), keys), Member(name, "", 1, scenario, past.runs, recorded_as(row))
+        ),
         today=today,
         obstacle=obstacle,
         earlier=earlier,
@@ -101,7 +103,7 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
 def kept(index: Index, member: Member) -> dict[str, dict[str, str]]:
     """Stage to the key of each artifact of a member that is in the store and its runs, as `0–4`."""
     blocks = index.stored(member)
-    return {"execute": {index.keys.recordings(member.scenario.digest): _runs(blocks)}, **_later(blocks)}
+    return {"execute": {index.keys.recordings(member.checked): _runs(blocks)}, **_later(blocks)}
 
 
 def _later(blocks: Sequence[Stored]) -> dict[str, dict[str, str]]:

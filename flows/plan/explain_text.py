@@ -12,6 +12,7 @@ from vastflow.flows.plan.dry_run import STAGES
 from vastflow.flows.plan.dry_run_text import UNITS, whys
 from vastflow.flows.plan.explain import Explanation
 from vastflow.producers.faults import shown
+from vastflow.sim.reading.checked import checked_digest
 
 
 def explanation_json(found: Explanation) -> dict[str, Any]:
@@ -39,9 +40,10 @@ def _today_json(found: Explanation) -> dict[str, Any]:
     today = found.today
     assert today is not None
     (configuration,) = {each.scenario.digest for each in today.configurations}
+    (checked,) = {checked_digest(each.scenario) for each in today.configurations}
     return {
         "scenario_digest": configuration,
-        "execute_key": today.keys.recordings(configuration),
+        "execute_key": today.keys.recordings(checked),
         "stages": {stage: {"reused": today.found(stage), "computed": today.computed(stage)} for stage in STAGES},
         "why": [{"stage": why.stage, "kind": why.kind, "reason": str(why)} for why in whys(today.due)],
     }

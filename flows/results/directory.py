@@ -17,7 +17,7 @@ from typing import Final
 
 import psutil
 
-from vastflow.sim.reading.files import read_json
+from vastflow.sim.files import read_json
 from vastflow.tasks.store import StoreError
 
 ABANDONED_S: Final = 24 * 3600.0

@@ -10,13 +10,19 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from vastflow.flows.request.asked import asked_of
-from vastflow.sim.reading.files import read_json
+from vastflow.sim.files import read_json
 
 PARTS = ("environment", "task", "system")
 
 
 class NoPast(ValueError):
     """A folder that is no campaign directory, or a damaged one; says what was found."""
+
+
+def recorded_as(row: Mapping[str, Any]) -> str:
+    """The digest that stands for a configuration's scenario in keys; earlier versions had that of what was written."""
+    digest: str = row.get("checked_digest") or row["scenario_digest"]
+    return digest
 
 
 @dataclass(frozen=True)

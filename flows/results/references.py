@@ -10,8 +10,9 @@ import pyarrow.parquet as pq
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import recorded_keys
+from vastflow.flows.results.past import recorded_as
 from vastflow.flows.results.replica import replica
-from vastflow.sim.reading.files import read_json
+from vastflow.sim.files import read_json
 from vastflow.tasks.instantiation import Instantiator, NotEvaluated, Request
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree, installed_tree
@@ -61,7 +62,8 @@ def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
     try:
         metadata = read_json(directory / "metadata.json")
         keys = recorded_keys(metadata)
-        column = pq.ParquetFile(directory / "configurations.parquet").read(columns=["scenario_digest"])
+        table = pq.ParquetFile(directory / "configurations.parquet").read(["scenario_digest", "checked_digest"])
+        scenarios = sorted({recorded_as(row) for row in table.to_pylist()})
     except (OSError, ValueError, KeyError, TypeError) as error:
         words = " ".join(str(error).split())
         raise UnknownReferences(
@@ -71,7 +73,7 @@ def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
         raise UnknownReferences(
             f"{directory}: an earlier version wrote it, without the keys of its results; run the campaign again"
         )
-    return keys, metadata, sorted(set(column.column(0).to_pylist()))
+    return keys, metadata, scenarios
 
 
 def _of_scenario(store: Store, keys: Keys, scenario: str) -> Iterable[str]:

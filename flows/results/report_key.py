@@ -21,7 +21,8 @@ REPORT_SOURCE: Final = ("vastflow.flows.results.results", "vastflow.oracles.page
 _PACKAGES: Final = ("vastflow.flows.request", "vastflow.flows.results")
 """What of the flows they import."""
 _DATA: Final = "vastflow.oracles"
-"""Package with the report's template."""
+_PAGE: Final = (".css", ".j2", ".js")
+"""Package with the report's template, and how the names of its files end."""
 _LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
 
 
@@ -65,7 +66,7 @@ def report_key(
         *contents,
     ):
         hashed.update(_text(part).encode() + b"\n")
-    source = [tree.with_packages(*_PACKAGES).digest(*REPORT_SOURCE), tree.data_digest(_DATA)]
+    source = [tree.with_packages(*_PACKAGES).digest(*REPORT_SOURCE), tree.data_digest(_DATA, _PAGE)]
     return keys.report(source, hashed.hexdigest())
 
 

@@ -16,6 +16,7 @@ from vastflow.oracles.verdict import Verdict, metrics_text
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.loop.standstill import STOOD_STILL
+from vastflow.sim.reading.checked import checked_digest
 
 Row = Mapping[str, Any]
 Columns = Mapping[str, Sequence[Any]]
@@ -29,6 +30,7 @@ CONFIGURATIONS: Final = pa.schema(
         "name": pa.string(),
         "family": pa.string(),
         "scenario_digest": pa.string(),
+        "checked_digest": pa.string(),
         "duplicate_of": pa.string(),
         "environment": pa.string(),
         "abstract": pa.string(),
@@ -87,6 +89,7 @@ def configuration_row(configuration: Configuration) -> Row:
         "name": configuration.name,
         "family": configuration.family,
         "scenario_digest": scenario.digest,
+        "checked_digest": checked_digest(scenario),
         "duplicate_of": configuration.duplicate_of,
         "environment": environment_digest(configuration),
         "abstract": scenario.abstract if isinstance(scenario.abstract, str) else json_text(scenario.abstract),

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from vastflow.sim.reading.files import read_json
+from vastflow.sim.files import read_json
 from vastflow.sim.reading.map_file import map_content
 
 

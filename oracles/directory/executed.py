@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from vastflow.sim.digest import FileContent, file_digest
+from vastflow.sim.files import read_json
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.process.setup import setup_of
 from vastflow.sim.reading.abstract import content_of
-from vastflow.sim.reading.files import read_json
 from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.scenario import Scenario
 

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.verdict import Judgement, run_judgement
+from vastflow.sim.files import read_json
 from vastflow.sim.kernels.streams import run_entropy
-from vastflow.sim.reading.files import read_json
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.recordings.blocks import read_recordings
 from vastflow.sim.recordings.recording import Recording

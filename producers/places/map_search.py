@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from vastflow.sim.digest import FileContent
-from vastflow.sim.reading.files import is_file
+from vastflow.sim.files import is_file
 from vastflow.sim.reading.map_file import MissingMap, map_content
 from vastflow.sim.reading.names import did_you_mean
 

@@ -24,8 +24,8 @@ from vastflow.producers.places.stops import (
 from vastflow.producers.producer import ROOM_KEY
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.pose import Pose
-from vastflow.sim.reading.obstacles import obstacle_of
 from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.obstacle_values import obstacle_of
 
 LIST_KEY: Final = "static_objects"
 """The usual key of a list of obstacles."""

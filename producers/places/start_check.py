@@ -21,11 +21,10 @@ from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY
 from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.local_footprint import FOOTPRINT_NAMES, local_outlines
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.obstacles import obstacle_of
-from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.obstacle_values import obstacle_of
 
 LABEL: Final = "start_check"
 """Who rejects, in tables and reports."""

@@ -7,8 +7,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from vastflow.sim.digest import Value
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.pose import Pose, pose_of
 
 START_KEY: Final = "start_pose"
 GOAL_KEY: Final = "goal_pose"

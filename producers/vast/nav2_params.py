@@ -9,11 +9,11 @@ from typing import Final
 from vastflow.producers.faults import Fault, Location, Note, shown
 from vastflow.producers.vast.document import Document
 from vastflow.sim.digest import Value
+from vastflow.sim.files import is_file
 from vastflow.sim.nav.parameters import document as parameters
 from vastflow.sim.nav.parameters.findings import Finding, findings
 from vastflow.sim.nav.parameters.interpretation import Interpretation, critics_of, interpretation
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, file_value, frozen
-from vastflow.sim.reading.files import is_file
 
 WHERE: Final[Location] = ("execution", FILE_KEY)
 

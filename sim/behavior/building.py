@@ -5,6 +5,7 @@ from typing import TypeVar
 
 from vastflow.sim.behavior.action import Action, ActionFactory, Situation
 from vastflow.sim.behavior.composition import OneOf, Parallel, Sequence
+from vastflow.sim.behavior.evaluation import names_in
 from vastflow.sim.behavior.leaf import ActionCall, Emission, Waiting
 from vastflow.sim.behavior.modifier import MODIFIERS, UntilHolds
 from vastflow.sim.behavior.node import Node
@@ -21,7 +22,6 @@ from vastflow.sim.osc.definition import (
     Struct,
     Until,
     Wait,
-    names_in,
 )
 
 Made = TypeVar("Made")

@@ -11,8 +11,8 @@ from vastflow.sim.behavior.action import Action
 from vastflow.sim.behavior.world import WorldAction
 from vastflow.sim.loop.simulation import Simulation
 from vastflow.sim.pose import Pose
-from vastflow.sim.reading.obstacles import has_mass, obstacle_of
 from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.world.obstacle_values import has_mass, obstacle_of
 
 ROBOT_NAMES: Final = ("turtlebot4", "robot")
 """Names by which scenarios ask for the robot itself."""

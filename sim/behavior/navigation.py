@@ -11,8 +11,7 @@ from vastflow.sim.behavior.helpers import Immediate
 from vastflow.sim.behavior.world import WorldAction
 from vastflow.sim.loop.simulation import COLUMNS_OF, Order, Simulation, distance_m
 from vastflow.sim.nav.mission import Kind, Mission
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.scenario_error import ScenarioError
 
 ALWAYS_RECORDED: Final = ("/tf", "/tf_static", "/odom", "/map")

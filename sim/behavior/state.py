@@ -5,8 +5,8 @@ from typing import Any
 
 from vastflow.sim.behavior.action import Monitor
 from vastflow.sim.behavior.clock import TickClock
+from vastflow.sim.behavior.evaluation import evaluate
 from vastflow.sim.osc.definition import Expression
-from vastflow.sim.osc.evaluation import evaluate
 
 
 class RunState:

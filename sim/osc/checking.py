@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
+from vastflow.sim.behavior.evaluation import names_in
 from vastflow.sim.osc.behaviors import ENDING, BehaviorChecker
 from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.definition import (
@@ -16,7 +17,6 @@ from vastflow.sim.osc.definition import (
     ScenarioDefinition,
     Type,
     Until,
-    names_in,
 )
 from vastflow.sim.osc.expressions import ExpressionChecker, Visible
 from vastflow.sim.osc.faults import OscFault, TypeHint

@@ -3,7 +3,7 @@
 A definition is a value. It is made once for a file, and any number of runs build their trees from it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -97,19 +97,6 @@ class External:
 
 
 Expression: TypeAlias = Constant | Name | ListOf | Struct | Operation | External
-
-
-def names_in(expression: Expression) -> Iterator[str]:
-    """Every parameter, variable, global or actor that an expression uses."""
-    match expression:
-        case Name(path=path):
-            yield path[0]
-        case ListOf(items=parts) | Operation(operands=parts) | External(arguments=parts):
-            for part in parts:
-                yield from names_in(part)
-        case Struct(members=members):
-            for part in members.values():
-                yield from names_in(part)
 
 
 def substituted(expression: Expression, values: Mapping[str, Expression]) -> Expression:

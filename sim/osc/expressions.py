@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeAlias, cast
 
+from vastflow.sim.behavior.evaluation import text_of
 from vastflow.sim.osc.declarations import ANY, VARIABLE, Declarations, Function
 from vastflow.sim.osc.definition import (
     Constant,
@@ -19,7 +20,6 @@ from vastflow.sim.osc.definition import (
     Struct,
     Type,
 )
-from vastflow.sim.osc.evaluation import text_of
 from vastflow.sim.osc.faults import OscFault, TypeHint
 from vastflow.sim.osc.operators import BOOL, FLOAT, INT, OPERANDS, STRING, is_number, result_of
 from vastflow.sim.osc.syntax import (

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequenc
 from numbers import Integral, Real
 from typing import Any, Final, cast
 
+from vastflow.sim.behavior.evaluation import EvaluationError, evaluate, text_of
 from vastflow.sim.osc.definition import EnumValue, Expression, Field, ScenarioDefinition, Struct, Type
-from vastflow.sim.osc.evaluation import EvaluationError, evaluate, text_of
 from vastflow.sim.reading.names import did_you_mean
 
 NO_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = {}

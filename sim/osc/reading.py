@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from vastflow.sim import files
 from vastflow.sim.osc.checking import checked
 from vastflow.sim.osc.declarations import Declarations
 from vastflow.sim.osc.declaring import declared
@@ -18,7 +19,6 @@ from vastflow.sim.osc.faults import OscError, OscFault, too_long
 from vastflow.sim.osc.libraries import library, library_names, right_type
 from vastflow.sim.osc.parsing import parse
 from vastflow.sim.osc.syntax import CompoundText, FileText, ImportText
-from vastflow.sim.reading import files
 from vastflow.sim.reading.names import did_you_mean
 
 MOST_BYTES: Final = 500_000

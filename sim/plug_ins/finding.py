@@ -5,9 +5,9 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
+from vastflow.sim.files import is_file
 from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.snapshot import snapshot_of
-from vastflow.sim.reading.files import is_file
 
 
 @functools.cache

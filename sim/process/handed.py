@@ -8,8 +8,8 @@ from typing import Any
 import yaml
 
 from vastflow.sim.digest import FileContent
+from vastflow.sim.files import Unreadable, read_text, yaml_value
 from vastflow.sim.process.folder import RunFileError
-from vastflow.sim.reading.files import Unreadable, read_text, yaml_value
 from vastflow.sim.reading.map_file import load_map
 
 

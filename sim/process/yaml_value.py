@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import yaml
 
-from vastflow.sim.reading.files import Unreadable, read_text, yaml_value
+from vastflow.sim.files import Unreadable, read_text, yaml_value
 
 _TRUTHS: Final[Mapping[str, bool]] = {"true": True, "false": False}
 _TYPES: Final[Mapping[str, Callable[[str], Any]]] = {

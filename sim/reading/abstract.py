@@ -7,9 +7,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.digest import FileContent, digest
 from vastflow.sim.osc.definition import Place, ScenarioDefinition
 from vastflow.sim.osc.reading import read_scenarios
+from vastflow.sim.reading.plain import plain_value
 
 BUILTIN: Final = "builtin:"
 SHIPPED: Final = ("navigate_to_pose", "navigate_through_poses", "follow_waypoints", "obstacle_appears")
@@ -94,9 +95,19 @@ def _only_one(file: Path, scenarios: Sequence[ScenarioDefinition]) -> ScenarioDe
     return last[0]
 
 
+@functools.lru_cache(maxsize=KEPT)
+def content_digest(abstract: Abstract) -> str:
+    """Digest of what an abstract scenario defines; of a file it is the file's digest as a value.
+
+    Raises:
+        AbstractError, OscError: see `definition_of`.
+    """
+    return abstract.digest if isinstance(abstract, FileContent) else definition_digest(definition_of(abstract))
+
+
 def definition_digest(definition: ScenarioDefinition) -> str:
     """Digest of all that a definition says, and where."""
-    return digest(_value_of(definition))
+    return digest(plain_value(definition))
 
 
 def _by_name(part: Any) -> Any:
@@ -108,14 +119,3 @@ def _by_name(part: Any) -> Any:
     if isinstance(part, Mapping):
         return {key: _by_name(value) for key, value in part.items()}
     return tuple(_by_name(item) for item in part) if isinstance(part, tuple) else part
-
-
-def _value_of(part: Any) -> Value:
-    if is_dataclass(part) and not isinstance(part, type):
-        return {"": type(part).__name__, **{f.name: _value_of(getattr(part, f.name)) for f in fields(part)}}
-    if isinstance(part, Mapping):
-        return {key: _value_of(value) for key, value in part.items()}
-    if isinstance(part, tuple | list):
-        return [_value_of(item) for item in part]
-    value: Value = part
-    return value

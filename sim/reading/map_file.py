@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.digest import FileContent
+from vastflow.sim.files import Missing, Unreadable, read_picture, read_text, yaml_value
 from vastflow.sim.maps.grid_frame import DECIMALS, GridFrame
 from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
-from vastflow.sim.reading.files import Missing, Unreadable, read_picture, read_text, yaml_value
 
 MOST_HEADER_BYTES: Final = 1_000_000
 LEAST_CELL_M: Final = 1e-4

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from vastflow.sim.behavior.evaluation import EvaluationError, evaluate
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.osc.definition import (
     Behavior,
@@ -16,16 +17,14 @@ from vastflow.sim.osc.definition import (
     ScenarioDefinition,
     Until,
 )
-from vastflow.sim.osc.evaluation import EvaluationError, evaluate
 from vastflow.sim.osc.parameters import bound
-from vastflow.sim.pose import Pose
+from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.process.handed import handed_name
 from vastflow.sim.reading.abstract import definition_of
 from vastflow.sim.reading.goals import GOAL_KEY, GOALS_KEY, goal_keys, sent_to_each
-from vastflow.sim.reading.obstacles import obstacles_of
-from vastflow.sim.reading.poses import pose_of
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.obstacle_values import obstacles_of
 
 START_KEY: Final = "start_pose"
 

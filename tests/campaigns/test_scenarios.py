@@ -21,8 +21,8 @@ from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.behavior.support import unsupported
 from vastflow.sim.behavior.vocabulary import ACTIONS
+from vastflow.sim.pose import pose_of
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, content_of, definition_digest, definition_of
-from vastflow.sim.reading.poses import pose_of
 from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.run import run
 from vastflow.tasks.keys import Keys

@@ -22,6 +22,7 @@ from vastflow.flows.results.tables import (
 from vastflow.oracles.verdict import Metric, Verdict, read_verdicts, write_verdicts
 from vastflow.producers.configuration import Configuration, RejectedInstance, Step
 from vastflow.sim.digest import FileContent
+from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.scenario import Scenario
 
 CONFIGURATION = Configuration(
@@ -78,6 +79,7 @@ def test_a_configuration_is_written_with_files_as_digests(tmp_path):
         "name": "rooms-1",
         "family": "rooms",
         "scenario_digest": CONFIGURATION.scenario.digest,
+        "checked_digest": checked_digest(CONFIGURATION.scenario),
         "duplicate_of": None,
         "environment": "d1",
         "abstract": "builtin:navigate_to_pose",

@@ -19,7 +19,7 @@ from vastflow.producers.producer import evaluate
 from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger
 from vastflow.sim.maps import octile
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.reading.obstacles import obstacles_of
+from vastflow.sim.world.obstacle_values import obstacles_of
 
 DIAMETER_M = 0.35
 CORRIDOR = ["?" * 16, "?" + "." * 14 + "?", "?" + "." * 14 + "?", "?" * 16]

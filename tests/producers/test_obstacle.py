@@ -20,7 +20,7 @@ from vastflow.producers.places.placement import covered_cells, without
 from vastflow.producers.producer import evaluate
 from vastflow.sim.maps import octile
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.reading.obstacles import obstacle_of, obstacles_of
+from vastflow.sim.world.obstacle_values import obstacle_of, obstacles_of
 
 PILLARS = [
     "????????????????????????",

@@ -16,9 +16,8 @@ from vastflow.producers.conformance import check_producer
 from vastflow.producers.places.ground import ground_of
 from vastflow.producers.producer import evaluate
 from vastflow.producers.raster import PathVariationRasterized, raster_points
-from vastflow.sim.pose import Pose
+from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.reading.poses import pose_of
 
 RESOLUTION_M = 0.5
 

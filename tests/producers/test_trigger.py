@@ -18,8 +18,8 @@ from vastflow.producers.producer import evaluate
 from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger, beyond
 from vastflow.sim.maps import octile
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.reading.obstacles import obstacles_of
 from vastflow.sim.world.obstacle import Trigger
+from vastflow.sim.world.obstacle_values import obstacles_of
 
 KEYS = {"spawn_trigger_point": "@spawn_trigger_point", "spawn_trigger_threshold": "@spawn_trigger_threshold"}
 BOX = {"amount": 1, "max_distance": 0.6, "args": "width:=0.4"}

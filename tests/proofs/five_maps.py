@@ -21,7 +21,7 @@ import numpy as np
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation, instantiate
-from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.pose import pose_of
 from vastflow.sim.recordings.recording import Recording, si
 from vastflow.sim.run import run
 

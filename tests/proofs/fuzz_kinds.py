@@ -328,10 +328,10 @@ def kinds(folder: Path) -> list[Kind]:
     from vastflow.oracles.oracle import OracleError
     from vastflow.producers.faults import CampaignError
     from vastflow.producers.floorplan.faults import FloorplanError
+    from vastflow.sim.files import Unreadable
     from vastflow.sim.nav.parameters.document import DocumentError
     from vastflow.sim.osc.faults import OscError
     from vastflow.sim.reading.abstract import AbstractError
-    from vastflow.sim.reading.files import Unreadable
     from vastflow.sim.reading.map_file import MapError
 
     def found(pattern: str) -> list[Path]:

@@ -17,7 +17,7 @@ from vastflow.oracles.evidence.rates import Counts, counts_of, pooled
 from vastflow.oracles.evidence.weights import weights_of
 from vastflow.oracles.statistics.factors import blocks_of
 from vastflow.oracles.verdict import Judgement, run_judgement
-from vastflow.sim.reading.files import read_json
+from vastflow.sim.files import read_json
 
 BASES: Final = ("update", "step", "metre", "mean", "maximum")
 """Metrics of the oracle `robustness`, each a reading of "summed localization error"."""

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
+from vastflow.sim import files
+from vastflow.sim.files import Missing, Unreadable, json_value, read_json, read_picture, read_text, yaml_value
 from vastflow.sim.process.yaml_value import YamlFault, set_yaml_value
-from vastflow.sim.reading import files
-from vastflow.sim.reading.files import Missing, Unreadable, json_value, read_json, read_picture, read_text, yaml_value
 from vastflow.sim.reading.map_file import MapError, load_map
 
 

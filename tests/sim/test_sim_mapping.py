@@ -12,12 +12,11 @@ from vastflow.sim.nav.parameters.costmap import Costmap, StaticLayer, global_cos
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.state import COLUMNS, give, new_stack, set_pose
 from vastflow.sim.nav.tick import advance
-from vastflow.sim.pose import Pose
+from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.reading.obstacles import obstacle_of
-from vastflow.sim.reading.poses import pose_of
 from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.motion import FREE, new_body
+from vastflow.sim.world.obstacle_values import obstacle_of
 from vastflow.sim.world.robot import Robot
 
 START = {"x": 2.98, "y": 2.42}

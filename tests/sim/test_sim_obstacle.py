@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.obstacles import obstacle_of, obstacles_of
-from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.world.obstacle import FRICTION, MASS_KG, Obstacle, Trigger
+from vastflow.sim.world.obstacle_values import obstacle_of, obstacles_of
 
 NUMBERS = st.floats(-1e3, 1e3)
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from vastflow.sim.behavior.evaluation import EvaluationError, evaluate
 from vastflow.sim.osc.definition import EnumValue
-from vastflow.sim.osc.evaluation import EvaluationError, evaluate
 from vastflow.sim.osc.reading import read_text
 
 

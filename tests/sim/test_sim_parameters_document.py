@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vastflow.sim.files import MOST_LEVELS
 from vastflow.sim.nav.parameters.document import DocumentError, parse, read_document
 from vastflow.sim.nav.parameters.rewriting import converted
-from vastflow.sim.reading.files import MOST_LEVELS
 
 
 def values(text):

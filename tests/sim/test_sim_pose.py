@@ -2,8 +2,7 @@
 
 import pytest
 
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.pose import Pose, pose_of
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.pose import pose_of
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.reading.poses import pose_of
 from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.run import run
 from vastflow.sim.world.lidar import Lidar

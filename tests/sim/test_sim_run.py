@@ -20,10 +20,10 @@ from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.state import COLUMNS, SUCCEEDED, TICK_S
 from vastflow.sim.pose import Pose
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.reading.obstacles import obstacle_of
 from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import ScenarioError, run
 from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.obstacle_values import obstacle_of
 from vastflow.sim.world.robot import Robot
 
 

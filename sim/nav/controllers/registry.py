@@ -6,11 +6,11 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Final
 
+from vastflow.sim.files import is_file
 from vastflow.sim.nav.controllers.controller import Controller
 from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
-from vastflow.sim.reading.files import is_file
 from vastflow.sim.reading.names import did_you_mean
 
 GROUP: Final = "vastflow.controllers"

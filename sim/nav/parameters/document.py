@@ -16,9 +16,9 @@ from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.sim.digest import Value
+from vastflow.sim.files import MOST_LEVELS, Place, Unreadable, place_of, read_text, yaml_node
 from vastflow.sim.nav.parameters.parameter import ParameterError
 from vastflow.sim.plug_ins.snapshot import Snapshot
-from vastflow.sim.reading.files import MOST_LEVELS, Place, Unreadable, place_of, read_text, yaml_node
 
 Location: TypeAlias = tuple[str, ...]
 """Names from the top: nodes, `ros__parameters`, groups, the parameter."""

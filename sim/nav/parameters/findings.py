@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from vastflow.sim.digest import Value
+from vastflow.sim.files import Place
 from vastflow.sim.nav.parameters.built_in import NOT_MODELLED, TABLES, UNUSED_NODES, built_in
 from vastflow.sim.nav.parameters.document import PARAMETERS, Document, Location, node_of
 from vastflow.sim.nav.parameters.interpretation import Interpretation
 from vastflow.sim.nav.parameters.reader import Reader
-from vastflow.sim.reading.files import Place
 
 Status: TypeAlias = Literal["modelled", "built in", "no effect", "differs", "not modelled"]
 

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.digest import Value
+from vastflow.sim.files import Unreadable, yaml_value
 from vastflow.sim.nav.outline import padded, padded_outline
 from vastflow.sim.nav.parameters.chosen import document_of_system, parameters_of
-from vastflow.sim.reading.files import Unreadable, yaml_value
 
 FOOTPRINT: Final = "footprint"
 FOOTPRINT_NAMES: Final = frozenset({FOOTPRINT, "robot_radius", "footprint_padding"})

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.files import is_file
 from vastflow.sim.nav.controllers.registry import FILE, file_of
 from vastflow.sim.nav.parameters.document import (
     Document,
@@ -20,7 +21,6 @@ from vastflow.sim.nav.parameters.document import (
 from vastflow.sim.nav.parameters.interpretation import MODELLED_NODES, interpretation
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
-from vastflow.sim.reading.files import is_file
 
 FILE_KEY: Final = "nav2_params"
 """Key of the system dimension that has the file."""

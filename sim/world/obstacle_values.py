@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 from vastflow.sim.digest import Value
-from vastflow.sim.reading.poses import pose_of
+from vastflow.sim.pose import pose_of
 from vastflow.sim.world.obstacle import FRICTION, MASS_KG, Obstacle, Shape, Trigger
 
 DEFAULT_SIZE_M: Final = 0.5

@@ -1,8 +1,8 @@
-"""Values of expressions."""
+"""Values of expressions, and the names that they need."""
 
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 from vastflow.sim.osc.definition import (
@@ -106,6 +106,19 @@ def _operation(operation: Operation, names: Mapping[str, Any], functions: Mappin
     if isinstance(value, float) and not math.isfinite(value):
         raise EvaluationError(operation.place, f"{sign!r} gives a number that is too large")
     return value
+
+
+def names_in(expression: Expression) -> Iterator[str]:
+    """Every parameter, variable, global or actor that an expression uses."""
+    match expression:
+        case Name(path=path):
+            yield path[0]
+        case ListOf(items=parts) | Operation(operands=parts) | External(arguments=parts):
+            for part in parts:
+                yield from names_in(part)
+        case Struct(members=members):
+            for part in members.values():
+                yield from names_in(part)
 
 
 def text_of(value: Any) -> str:

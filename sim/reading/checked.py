@@ -1,0 +1,140 @@
+"""The checked scenario: all that runs are computed from, after what people wrote was read and checked.
+
+A run takes nothing else, and keys of results take its digest. So the code that reads and checks is in no key: another
+wording, another default or another comment changes a key exactly where it changes a value here.
+"""
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from vastflow.sim.behavior.vocabulary import WORLDLY
+from vastflow.sim.digest import FileContent, digest
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.pose import Pose
+from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of
+from vastflow.sim.reading.plain import plain_value
+from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
+from vastflow.sim.scenario import Scenario
+from vastflow.sim.scenario_error import ScenarioError
+
+MAP_KEY: Final = "map_file"
+_KEPT: Final = "checked_digest"
+
+
+@dataclass(frozen=True)
+class RobotSetup:
+    """A robot that drives, and where.
+
+    Attributes:
+        start: Where it stands at first.
+        parameters: Of its navigation stack, all resolved.
+    """
+
+    map_file: FileContent
+    start: Pose
+    parameters: NavParameters
+
+
+@dataclass(frozen=True)
+class CheckedScenario:
+    """What runs of a scenario are computed from, beside the campaign's seed and a run's index.
+
+    Attributes:
+        timeout_s: Simulated time after which a run ends as timed out.
+        situation: Digest that seeds runs, see `Scenario.situation_digest`.
+        actions: Names of all actions that the script calls.
+        is_sent: Whether the script sends the robot somewhere.
+        robot: None where none drives.
+        programs: What programs of a run are given; None where the scenario starts none.
+        handed: Files that are values of the script's parameters.
+    """
+
+    timeout_s: float
+    situation: str
+    script: Script
+    actions: frozenset[str]
+    is_sent: bool
+    robot: RobotSetup | None
+    programs: ProcessSetup | None
+    handed: Mapping[str, FileContent]
+
+
+def checked_of(scenario: Scenario) -> CheckedScenario:
+    """Read and check all of a scenario.
+
+    Raises:
+        ScenarioError: a robot without a place to start or without a map.
+        ValueError: a scenario file, a parameter file or a value that can't be used, see `script_of` and `parameters_of`.
+    """
+    script = script_of(scenario)
+    actions = frozenset(call.action for call in calls_of(script.definition.root))
+    # A map alone makes no world: a scenario of programs may hand it on to them.
+    needs_robot = actions & WORLDLY or (MAP_KEY in scenario.environment and script.start is not None)
+    values = {**scenario.environment, **scenario.system, **scenario.task}
+    given = {parameter.name: values.get(parameter.name) for parameter in script.definition.parameters}
+    return CheckedScenario(
+        float(scenario.timeout_s),
+        scenario.situation_digest,
+        script,
+        actions,
+        navigates(actions),
+        _robot(scenario, script) if needs_robot else None,
+        scenario.programs,
+        {key: value for key, value in given.items() if isinstance(value, FileContent)},
+    )
+
+
+def checked_digest(scenario: Scenario) -> str:
+    """Digest of all that runs of a scenario are computed from.
+
+    A scenario that can't be checked has that of what was written: its runs break, and nothing is stored under it.
+    """
+    known = scenario.__dict__  # kept beside its fields, as by a cached property, which would import what imports it
+    if _KEPT not in known:
+        known[_KEPT] = _checked_digest(scenario)
+    found: str = known[_KEPT]
+    return found
+
+
+def _checked_digest(scenario: Scenario) -> str:
+    try:
+        checked = checked_of(scenario)
+    except (ValueError, OSError):
+        return digest("unchecked", scenario.digest)
+    script, robot = checked.script, checked.robot
+    return digest(
+        checked.timeout_s,
+        checked.situation,
+        _definition_digest(scenario, script),
+        plain_value(script.values),
+        repr((script.start, script.goals, script.rounds, script.obstacles)),  # of numbers and names: five times as fast
+        script.topics,
+        [] if robot is None else [robot.map_file, repr(robot.start), _parameters_digest(robot.parameters)],
+        None if checked.programs is None else checked.programs.content,
+        checked.handed,
+    )
+
+
+def _robot(scenario: Scenario, script: Script) -> RobotSetup:
+    if script.start is None:
+        raise ScenarioError("start_pose: nothing says where the robot stands at first; a start_pose, or init_nav2")
+    content = scenario.environment.get(MAP_KEY)
+    if not isinstance(content, FileContent):
+        raise ScenarioError(f"{MAP_KEY}: found {content!r}; a map file that the campaign names")
+    return RobotSetup(content, script.start, parameters_of(scenario.system))
+
+
+def _definition_digest(scenario: Scenario, script: Script) -> str:
+    """That of the script's definition; of one that a file has as it is, the one that is known."""
+    if script.definition is definition_of(scenario.abstract):
+        return content_digest(scenario.abstract)
+    return definition_digest(script.definition)
+
+
+@functools.lru_cache(maxsize=256)
+def _parameters_digest(parameters: NavParameters) -> str:
+    return digest(plain_value(parameters))

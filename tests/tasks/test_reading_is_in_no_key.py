@@ -1,0 +1,190 @@
+"""Keys follow meaning: what is read and checked is in them as values, and the code that reads and checks is not."""
+
+import ast
+import importlib
+import importlib.metadata
+import inspect
+import shutil
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from vastflow.sim.digest import FileContent
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, nav2_file
+from vastflow.sim.reading import checked
+from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.checked import checked_digest
+from vastflow.sim.scenario import Scenario
+from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
+from vastflow.tasks.source import PACKAGES, READING, SourceTree, installed_tree
+
+MAP = FileContent("room.yaml", "0" * 64)
+POSES = {"start_pose": {"x": 1.0, "y": 1.5}, "goal_pose": {"x": 2.0, "y": 1.5}}
+STAGES = {"execute": EXECUTE_SOURCE, "observe": OBSERVE_SOURCE, "judge": JUDGE_SOURCE, "evaluate": EVALUATE_SOURCE}
+
+RESULTS_OF_READING = {
+    "vastflow.sim.nav.parameters.chosen.parameters_of",
+    "vastflow.sim.reading.checked.checked_of",
+    "vastflow.sim.reading.map_file.load_map",
+    "vastflow.sim.reading.map_file.map_content",
+    "vastflow.sim.reading.script.script_of",
+}
+"""What stages call to read what keys have the value of."""
+
+
+def plug_ins():
+    """Modules of every producer and oracle of vastflow."""
+    groups = ("vastflow.producers", "vastflow.oracles")
+    points = [point for group in groups for point in importlib.metadata.entry_points(group=group)]
+    return {point.value.partition(":")[0] for point in points if point.value.startswith("vastflow.")}
+
+
+def below(name, package):
+    return name == package or name.startswith(f"{package}.")
+
+
+def functions_of_reading(module):
+    """Names of functions, and of classes with methods, that a module imports from a package that reads and checks."""
+    tree = ast.parse(Path(find_spec(module).origin).read_text())
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.ImportFrom) or not any(below(node.module or "", package) for package in READING):
+            continue
+        for alias in node.names:
+            found = getattr(importlib.import_module(node.module), alias.name)
+            members = vars(found).values() if inspect.isclass(found) else ()
+            if inspect.isfunction(found) or any(isinstance(each, property) for each in members):
+                yield f"{node.module}.{alias.name}"
+
+
+def test_what_computes_takes_values_from_what_reads_and_calls_nothing_else_there():
+    entries = {entry for stage in STAGES.values() for entry in stage} | plug_ins()
+    computing = installed_tree().closure(*sorted(entries))
+    called = {name for module in computing for name in functions_of_reading(module)}
+    others = {name for name in called if not name.startswith("vastflow.sim.plug_ins.")}
+    assert others <= RESULTS_OF_READING
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_no_stage_has_code_that_reads_in_its_source(stage):
+    code = installed_tree().code(*STAGES[stage])
+    assert not [module for module in code.modules if any(below(module, package) for package in READING)]
+    assert not code.data
+
+
+@pytest.fixture
+def copied(tmp_path):
+    """A copy of vastflow's source, and the digests of all its stages."""
+    folders = {}
+    for package in PACKAGES:
+        source = next(iter(find_spec(package).submodule_search_locations))
+        folders[package] = tmp_path / package
+        shutil.copytree(source, folders[package], ignore=shutil.ignore_patterns("__pycache__"))
+
+    def digests():
+        tree = SourceTree(folders)
+        return {name: tree.digest(*entries) for name, entries in {**STAGES, **{p: [p] for p in plug_ins()}}.items()}
+
+    return tmp_path, digests
+
+
+def test_a_reworded_hint_is_in_no_source_digest(copied):
+    folder, digests = copied
+    before = digests()
+    for hint in ("osc/hints.py", "nav/parameters/parameter.py", "reading/map_file.py", "plug_ins/plug_in.py"):
+        file = folder / "vastflow.sim" / hint
+        file.write_text(file.read_text() + '\nHINT = "another wording"\n')
+    assert digests() == before
+
+
+@pytest.mark.parametrize(
+    "stray",
+    ["campaigns.scenarios/report.html", "campaigns.scenarios/mine.osc", "sim/notes.txt", "sim/osc/library/mine.osc"],
+)
+def test_a_stray_file_in_a_package_folder_is_in_no_source_digest(copied, stray):
+    folder, digests = copied
+    before = digests()
+    (folder / f"vastflow.{stray}").write_text("stray")
+    (folder / "vastflow.oracles" / "report.txt").write_text("stray")
+    assert digests() == before
+
+
+def test_a_changed_kernel_is_in_the_source_of_execution_alone(copied):
+    folder, digests = copied
+    before = digests()
+    kernel = folder / "vastflow.sim" / "nav" / "tick.py"
+    kernel.write_text(kernel.read_text() + "\nANOTHER = 1\n")
+    after = digests()
+    assert [name for name in after if after[name] != before[name]] == ["execute"]
+
+
+def driving(abstract="builtin:navigate_to_pose", timeout_s=20.0, system=None):
+    return Scenario(abstract, timeout_s, {"map_file": MAP}, POSES, system or {})
+
+
+def parameters(folder, text):
+    file = folder / f"nav2-{len(list(folder.iterdir()))}.yaml"
+    file.write_text(text)
+    return {FILE_KEY: nav2_file(file)}
+
+
+AMCL = "amcl:\n  ros__parameters:\n    alpha1: 0.3\n    alpha2: 0.4\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# a comment\n" + AMCL,
+        "amcl:\n  ros__parameters:\n    alpha2: 0.4\n    alpha1: 0.3\n",
+        AMCL + "some_other_node:\n  ros__parameters: {rate: 3}\n",
+    ],
+    ids=["a comment", "another order", "a node that is not simulated"],
+)
+def test_a_parameter_file_with_the_same_numbers_computes_nothing_again(tmp_path, text):
+    before = checked_digest(driving(system=parameters(tmp_path, AMCL)))
+    assert checked_digest(driving(system=parameters(tmp_path, text))) == before
+
+
+def test_a_parameter_file_with_another_number_computes_again(tmp_path):
+    before = checked_digest(driving(system=parameters(tmp_path, AMCL)))
+    assert checked_digest(driving(system=parameters(tmp_path, AMCL.replace("0.3", "0.31")))) != before
+
+
+def test_another_default_of_a_parameter_computes_again(monkeypatch):
+    before = checked_digest(driving())
+    real = checked.parameters_of
+
+    def other_default(system):
+        found = real(system)
+        return found.with_values(amcl=found.amcl.with_values(alpha1=0.31))
+
+    monkeypatch.setattr(checked, "parameters_of", other_default)
+    assert checked_digest(driving()) != before
+
+
+def test_a_shipped_scenario_and_its_copy_are_the_same_runs_where_lines_are_the_same(tmp_path):
+    source = next(iter(find_spec("vastflow.campaigns.scenarios").submodule_search_locations))
+    copy = Path(shutil.copy(Path(source) / "navigate_to_pose.osc", tmp_path))
+    assert checked_digest(driving(content_of(copy))) == checked_digest(driving())
+    copy.write_text("# a line above, and recordings name lines\n" + copy.read_text())
+    assert checked_digest(driving(content_of(copy))) != checked_digest(driving())
+
+
+def test_a_key_that_nothing_reads_computes_nothing_again():
+    assert checked_digest(driving(system={"label": "a"})) == checked_digest(driving(system={"label": "b"}))
+
+
+def test_whole_seconds_are_the_same_with_a_point_and_without():
+    assert checked_digest(driving(timeout_s=20)) == checked_digest(driving(timeout_s=20.0))
+
+
+@pytest.mark.parametrize("part", ["environment", "task"])
+def test_what_seeds_runs_computes_again_even_where_nothing_reads_it(part):
+    other = {"environment": {"map_file": MAP}, "task": POSES, part: {**getattr(driving(), part), "_x": 1}}
+    scenario = Scenario("builtin:navigate_to_pose", 20.0, other["environment"], other["task"], {})
+    assert checked_digest(scenario) != checked_digest(driving())
+
+
+def test_a_scenario_that_cannot_be_checked_has_a_digest_of_its_own():
+    broken = [Scenario("builtin:no_such", 20.0, {}, {"k": k}, {}) for k in range(2)]
+    assert len({checked_digest(each) for each in broken}) == 2
