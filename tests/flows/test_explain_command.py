@@ -83,12 +83,12 @@ def block(runs):
 
 
 def stored(index, member):
-    home = index.keys.recordings(member.scenario.digest)
+    home = index.keys.recordings(member.checked)
     recorded = index.store.put(f"{home}/0-{member.runs}", {"recordings.parquet": block(member.runs)})
     (found,) = index.blocks(member)
     trace = index.store.put(index.trace_key(member, found), {"traces.parquet": b"trace"})
     verdicts = write_verdicts([Verdict("success", k, "pass") for k in range(member.runs)])
-    key = index.keys.verdicts(member.scenario.digest, recorded.content, trace.content)
+    key = index.keys.verdicts(member.checked, recorded.content, trace.content)
     index.store.put(key, {"verdicts.json": verdicts}, {"runs": [[k, "pass"] for k in range(member.runs)]})
 
 

@@ -34,7 +34,7 @@ def member(k):
 def compute(store, each, start=0, stop=RUNS):
     """What a worker leaves in the store of a member."""
     index = Index(store, KEYS)
-    home = KEYS.recordings(each.scenario.digest)
+    home = KEYS.recordings(each.checked)
     info = {"runs": [[run, 2.0] for run in range(start, stop)]}
     recorded = store.put(f"{home}/{start}-{stop}", {RECORDINGS: f"{each.name} {start}-{stop}".encode()}, info)
     block = index.block(each, start, stop, recorded.content)

@@ -120,7 +120,7 @@ def asked(path):
     instantiation = instantiate(campaign)
     members = members_of(instantiation, campaign.runs)
     scenarios = [(each.name, each.scenario.digest) for each in instantiation.configurations]
-    executed = [(member.name, member.runs, keys.recordings(member.scenario.digest)) for member in members]
+    executed = [(member.name, member.runs, keys.recordings(member.checked)) for member in members]
     return members, (campaign_name(campaign), tuple(scenarios), tuple(executed), keys.judge_source)
 
 

@@ -22,6 +22,7 @@ from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.origin_code import code_row
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
+from vastflow.sim.reading.checked import checked_digest
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.instantiation import Instantiator
@@ -73,7 +74,7 @@ def ran(tmp_path, small_room, store, tree):
 
         instantiation = Instantiator(campaign, store, keys, tree).instantiated(evaluate).instantiation
         for configuration in instantiation.configurations:
-            scenario = configuration.scenario.digest
+            scenario = checked_digest(configuration.scenario)
             recordings = store.put(f"{keys.recordings(scenario)}/0-2", {"recordings.parquet": scenario.encode()})
             trace = store.put(keys.trace(scenario, recordings.content), {"traces.parquet": b"trace"})
             store.put(keys.verdicts(scenario, recordings.content, trace.content), {"verdicts.json": b"[]"})

@@ -16,7 +16,7 @@ def index(tmp_path):
 
 
 def put(index, start, stop):
-    home = index.keys.recordings(MEMBER.scenario.digest)
+    home = index.keys.recordings(MEMBER.checked)
     return index.store.put(f"{home}/{start}-{stop}", {"recordings.parquet": f"{start} {stop}".encode()})
 
 
@@ -54,7 +54,7 @@ def test_a_damaged_block_is_missing(index):
 
 
 def test_a_folder_of_another_name_is_no_block(index):
-    home = index.store.local / index.keys.recordings(MEMBER.scenario.digest)
+    home = index.store.local / index.keys.recordings(MEMBER.checked)
     (home / "notes").mkdir(parents=True)
     assert index.blocks(MEMBER) == []
 
