@@ -13,7 +13,12 @@ from vastflow.tasks.source_files import SourceFiles
 LAYOUT: Final = 1
 """Number of the form in which `vastflow.tasks.work` writes artifacts: a new one makes all of them anew."""
 
-EXECUTE_SOURCE: Final = ("vastflow.sim.run", "vastflow.sim.recordings.behavior_block", "vastflow.sim.recordings.blocks")
+EXECUTE_SOURCE: Final = (
+    "vastflow.sim.run",
+    "vastflow.sim.recordings.behavior_block",
+    "vastflow.sim.recordings.blocks",
+    "vastflow.sim.nav.controllers.*",
+)
 OBSERVE_SOURCE: Final = ("vastflow.oracles.observe",)
 JUDGE_SOURCE: Final = ("vastflow.oracles.judge",)
 EVALUATE_SOURCE: Final = ("vastflow.producers.producer",)

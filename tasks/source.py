@@ -40,7 +40,14 @@ NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Import name to the distributions whose versions can change a number or a stored byte."""
 
-READING: Final = ("vastflow.sim.nav.parameters", "vastflow.sim.osc", "vastflow.sim.plug_ins", "vastflow.sim.reading")
+READING: Final = (
+    "vastflow.sim.nav.controllers.conformance",
+    "vastflow.sim.nav.controllers.registry",
+    "vastflow.sim.nav.parameters",
+    "vastflow.sim.osc",
+    "vastflow.sim.plug_ins",
+    "vastflow.sim.reading",
+)
 """Packages that read and check, and that let plug-ins in. No result follows from their code: what they make of files is in
 keys as a value, and a plug-in as its snapshot."""
 
@@ -91,7 +98,7 @@ class SourceTree:
         self._codes: dict[tuple[str, ...], Code] = {}
 
     def digest(self, *entries: str) -> str:
-        """Digest of the code of `entries` and all they import, of the data they read, and the versions of the libraries in use.
+        """Digest of the code of `entries`, modules or `package.*`, and all they import, of the data they read, and the versions of the libraries in use.
 
         What vastflow's own modules import of the packages that read and check is left out, see `READING`.
         Comments, docstrings, blank lines and the folder's place are in no digest.
@@ -115,7 +122,7 @@ class SourceTree:
         return self._codes[entries]
 
     def _code(self, entries: tuple[str, ...]) -> Code:
-        modules = self._closure(entries)
+        modules = self._closure(self._named(entries))
         self._cache.keep()
         data = {package for module in modules.values() for package in module.data}
         imported = {name.partition(".")[0] for module in modules.values() for name in module.imports}
@@ -132,7 +139,7 @@ class SourceTree:
 
     def closure(self, *entries: str) -> tuple[str, ...]:
         """Names of `entries` and of all they import within the tree, sorted."""
-        return tuple(sorted(self._closure(entries)))
+        return tuple(sorted(self._closure(self._named(entries))))
 
     def plug_in_digest(self, plug_in: type) -> str:
         """Digest of the code behind a class, wherever it is from.
@@ -207,6 +214,16 @@ class SourceTree:
             used = (imported for imported in found[name].imports if not _only_reads(name, imported))
             waiting += [part for imported in used for part in _with_parents(imported)]
         return found
+
+    def _named(self, entries: tuple[str, ...]) -> tuple[str, ...]:
+        """Entries by name; `package.*` is every module of a package but those that only read."""
+        found: list[str] = []
+        for entry in entries:
+            package, star, _ = entry.partition(".*")
+            folder = self._folder(package) if star else None
+            names = [entry] if folder is None else sorted(f"{package}.{file.stem}" for file in folder.glob("*.py"))
+            found += [name.removesuffix(".__init__") for name in names if not (star and _is_below(name, READING))]
+        return tuple(found)
 
     def _module(self, name: str, file: Path) -> Module:
         if file not in self._read or name == PLUG_IN:  # a user may be editing a plug-in

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from vastflow.sim.behavior.vocabulary import WORLDLY
-from vastflow.sim.digest import FileContent, digest
+from vastflow.sim.digest import FileContent, Value, digest
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.plug_ins.code import code_value
 from vastflow.sim.pose import Pose
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of
@@ -113,7 +114,7 @@ def _checked_digest(scenario: Scenario) -> str:
         plain_value(script.values),
         repr((script.start, script.goals, script.rounds, script.obstacles)),  # of numbers and names: five times as fast
         script.topics,
-        [] if robot is None else [robot.map_file, repr(robot.start), _parameters_digest(robot.parameters)],
+        [] if robot is None else _digested(robot),
         None if checked.programs is None else checked.programs.content,
         checked.handed,
     )
@@ -133,6 +134,12 @@ def _definition_digest(scenario: Scenario, script: Script) -> str:
     if script.definition is definition_of(scenario.abstract):
         return content_digest(scenario.abstract)
     return definition_digest(script.definition)
+
+
+def _digested(robot: RobotSetup) -> Value:
+    """With the code of a controller that is not vastflow's own, which no source digest has."""
+    parameters = robot.parameters
+    return [robot.map_file, repr(robot.start), _parameters_digest(parameters), code_value(type(parameters.controller))]
 
 
 @functools.lru_cache(maxsize=256)

@@ -1,6 +1,7 @@
 """Keys follow meaning: what is read and checked is in them as values, and the code that reads and checks is not."""
 
 import ast
+import functools
 import importlib
 import importlib.metadata
 import inspect
@@ -32,6 +33,9 @@ RESULTS_OF_READING = {
 }
 """What stages call to read what keys have the value of."""
 
+WORDS_ONLY = {"vastflow.sim.reading.names.did_you_mean", "vastflow.sim.reading.names.nearest"}
+"""Whose result stands in messages alone."""
+
 
 def plug_ins():
     """Modules of every producer and oracle of vastflow."""
@@ -53,7 +57,9 @@ def functions_of_reading(module):
         for alias in node.names:
             found = getattr(importlib.import_module(node.module), alias.name)
             members = vars(found).values() if inspect.isclass(found) else ()
-            if inspect.isfunction(found) or any(isinstance(each, property) for each in members):
+            if inspect.isfunction(found) or any(
+                isinstance(each, property | functools.cached_property) for each in members
+            ):
                 yield f"{node.module}.{alias.name}"
 
 
@@ -62,7 +68,7 @@ def test_what_computes_takes_values_from_what_reads_and_calls_nothing_else_there
     computing = installed_tree().closure(*sorted(entries))
     called = {name for module in computing for name in functions_of_reading(module)}
     others = {name for name in called if not name.startswith("vastflow.sim.plug_ins.")}
-    assert others <= RESULTS_OF_READING
+    assert others <= RESULTS_OF_READING | WORDS_ONLY
 
 
 @pytest.mark.parametrize("stage", STAGES)
@@ -91,7 +97,7 @@ def copied(tmp_path):
 def test_a_reworded_hint_is_in_no_source_digest(copied):
     folder, digests = copied
     before = digests()
-    for hint in ("osc/hints.py", "nav/parameters/parameter.py", "reading/map_file.py", "plug_ins/plug_in.py"):
+    for hint in ("osc/faults.py", "nav/parameters/parameter.py", "reading/names.py", "plug_ins/plug_in.py"):
         file = folder / "vastflow.sim" / hint
         file.write_text(file.read_text() + '\nHINT = "another wording"\n')
     assert digests() == before
@@ -109,10 +115,13 @@ def test_a_stray_file_in_a_package_folder_is_in_no_source_digest(copied, stray):
     assert digests() == before
 
 
-def test_a_changed_kernel_is_in_the_source_of_execution_alone(copied):
+@pytest.mark.parametrize(
+    "module", ["tick.py", "controllers/mppi.py", "controllers/dwb_critics.py", "controllers/rpp.py"]
+)
+def test_a_changed_kernel_is_in_the_source_of_execution_alone(copied, module):
     folder, digests = copied
     before = digests()
-    kernel = folder / "vastflow.sim" / "nav" / "tick.py"
+    kernel = folder / "vastflow.sim" / "nav" / module
     kernel.write_text(kernel.read_text() + "\nANOTHER = 1\n")
     after = digests()
     assert [name for name in after if after[name] != before[name]] == ["execute"]
@@ -160,6 +169,34 @@ def test_another_default_of_a_parameter_computes_again(monkeypatch):
 
     monkeypatch.setattr(checked, "parameters_of", other_default)
     assert checked_digest(driving()) != before
+
+
+def own_controller(folder, text):
+    """A system whose controller is in a file beside its parameters, with a helper."""
+    (folder / "mine.py").write_text(
+        "import httpx\nfrom gains import GAIN\nfrom vastflow.sim.nav.controllers.rpp import Rpp\n\n\n"
+        f"class Mine(Rpp):\n    {text}\n"
+    )
+    file = folder / "mine.yaml"
+    file.write_text(
+        "controller_server:\n  ros__parameters:\n    controller_plugins: [FollowPath]\n"
+        "    FollowPath: {plugin: 'mine.py:Mine'}\n"
+    )
+    return {FILE_KEY: nav2_file(file)}
+
+
+def test_a_controller_of_ones_own_its_helper_and_its_library_compute_again(tmp_path, monkeypatch):
+    gains = tmp_path / "gains.py"
+    gains.write_text("GAIN = 1\n")
+    digests = [checked_digest(driving(system=own_controller(tmp_path, "pass")))]
+    assert checked_digest(driving(system=own_controller(tmp_path, "pass"))) == digests[0]
+    digests.append(checked_digest(driving(system=own_controller(tmp_path, "def other(self): return 1"))))
+    gains.write_text("GAIN = 2\n")
+    digests.append(checked_digest(driving(system=own_controller(tmp_path, "def other(self): return 1"))))
+    real = importlib.metadata.version
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "99.0" if name == "httpx" else real(name))
+    digests.append(checked_digest(driving(system=own_controller(tmp_path, "def other(self): return 1"))))
+    assert len(set(digests)) == 4
 
 
 def test_a_shipped_scenario_and_its_copy_are_the_same_runs_where_lines_are_the_same(tmp_path):
