@@ -8,6 +8,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from vastflow.oracles.oracle_base import Oracle, Parameters
+from vastflow.sim.files import is_file
 from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins
 from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
