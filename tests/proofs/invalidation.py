@@ -237,6 +237,10 @@ class Bed:
         bed = cls(folder)
         for name, text in FILES.items():
             bed.write(name, text)
+        top = find_spec("vastflow")
+        if top is not None and top.origin is not None:  # else the installed package is found in its place
+            bed.source("").mkdir(parents=True)
+            shutil.copy(top.origin, bed.source("__init__.py"))
         for package in PACKAGES:
             spec = find_spec(f"vastflow.{package}")
             assert spec is not None and spec.submodule_search_locations
