@@ -186,7 +186,9 @@ def test_a_name_that_is_no_text_is_one_fault(load: Load, folder: Path) -> None:
 
 def test_a_fixed_parameter_is_checked_against_the_file(load: Load) -> None:
     (found,) = faults(load, NAV2, "  - Drive.plugin: 'x::Y'\n")
-    assert found.startswith("c.vast:7:19: configuration[0].parameters[3].Drive.plugin: found 'x::Y'; known: nav2_mppi")
+    assert found.startswith(
+        "c.vast:7:19: configuration[0].parameters[3].Drive.plugin: found 'x::Y'; known: dwb_core::DWB"
+    )
 
 
 def test_a_key_that_the_file_does_not_have_is_unread(load: Load) -> None:

@@ -49,7 +49,7 @@ def after_a_tick(prepared, scenario):
             stack.local,
             stack.cloud,
             stack.route,
-            stack.controller,
+            stack.controller.bound,
             stack.rows,
             body,
             FREE,
