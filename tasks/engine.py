@@ -4,19 +4,23 @@ Prefect is not needed here: `vastflow.tasks.stages` puts its tasks round these m
 """
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Final, Generic, TypeAlias, TypeVar
+from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import PackedProducer
-from vastflow.tasks.index import Block, Index, Member, missing, stretches
+from vastflow.tasks.index import Block, Found, Index, Member, Stored, missing, stretches
 from vastflow.tasks.instantiation import Evaluation
 from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.store import Artifact, StoreError
 from vastflow.tasks.work import Broken, Executed, Stage
+
+ATTEMPTS: Final = 3
+"""As often what the store lost meanwhile is computed again before it is given up."""
 
 MOST_RUNS_A_BLOCK: Final = 20
 _BLOCKS_A_WORKER: Final = 4
@@ -61,6 +65,17 @@ class MemberFault:
     error: str
 
 
+class Stopping(Protocol):
+    """Says how many runs a member wants by the verdicts on those it has."""
+
+    @property
+    def most(self) -> int:
+        """Runs that no member exceeds."""
+
+    def stored(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
+        """The member with the runs that are wanted of it by now, and what the store has of these."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Job:
     """Runs in the pool."""
@@ -77,6 +92,7 @@ class Engine:
 
     Args:
         oracles: The pickled oracles.
+        stopping: None where the number of runs of a member is fixed.
 
     Attributes:
         index: What of the campaign the store has.
@@ -84,7 +100,9 @@ class Engine:
         store_error: Why the store can't be used any more; everything has ended then.
     """
 
-    def __init__(self, index: Index, pool: Pool, tally: Tally, oracles: bytes) -> None:
+    def __init__(
+        self, index: Index, pool: Pool, tally: Tally, oracles: bytes, stopping: Stopping | None = None
+    ) -> None:
         self.index = index
         self.block_runs = MOST_RUNS_A_BLOCK
         self.store_error: StoreError | None = None
@@ -92,6 +110,7 @@ class Engine:
         self._pool = pool
         self._tally = tally
         self._oracles = oracles
+        self._stopping = stopping
         self._lock = threading.Lock()
         self._warm: Future[Any] | None = None
         self._executing: dict[tuple[str, int], list[_Job]] = {}
@@ -104,9 +123,85 @@ class Engine:
             return tuple(dict.fromkeys(self._faults))  # a flow that is begun again meets them again
 
     @property
+    def broken(self) -> frozenset[str]:
+        """Names of the members that met a fault."""
+        return frozenset(fault.member for fault in self.faults)
+
+    @property
     def closed(self) -> bool:
-        """Whether its pool is: somebody ended the campaign."""
+        """Whether it computes nothing any more: somebody ended the campaign, or its store can't be used."""
         return self._pool.closed
+
+    def close(self) -> None:
+        """End the workers and all that is being computed. May be called twice."""
+        self._pool.close()
+
+    def rest(self) -> None:
+        """Let the workers go while nothing is computed; what is computed later starts new ones."""
+        self._pool.rest()
+
+    def check(self) -> None:
+        """Raise where nothing is computed any more.
+
+        Raises:
+            StoreError: the store can't be used.
+            PoolClosed: somebody ended the campaign.
+        """
+        if self.store_error is not None:
+            raise self.store_error
+        if self.closed:
+            raise PoolClosed
+
+    def attempts(self) -> Iterator[int]:
+        """Count attempts at the same artifacts: what the store lost during one is computed again by the next.
+
+        Raises:
+            StoreError: all were in vain.
+        """
+        for attempt in range(ATTEMPTS):
+            if attempt:
+                with self._lock:
+                    self._executing.clear()  # what was computed then is lost
+            self.index.store.survey()
+            yield attempt
+        place = self.index.store.place
+        raise StoreError(f"store: {place!r} loses what is written to it; is the disk full or broken?")
+
+    def scan(self, members: Iterable[Member]) -> dict[str, Found]:
+        """What the store has of members, by name; it is counted."""
+        broken, scanned = self.broken, {}
+        for each in members:
+            stopping = self._stopping
+            member, stored = stopping.stored(self.index, each) if stopping else (each, self.index.stored(each))
+            found = scanned[each.name] = Found(member, tuple(stored))
+            if stopping is not None:
+                goes_on = not found.complete and each.name not in broken
+                self._tally.want(each.name, member.runs, stopping.most if goes_on else member.runs)
+            for one in stored:
+                self._tally.reuse(each.name, range(one.block.start, one.block.stop))
+                if one.verdicts:
+                    self._tally.judge(each.name, judgements(one.verdicts))
+        return scanned
+
+    def begin(self, found: Iterable[Found], workers: int) -> None:
+        """Hand what is not recorded to the workers, which takes them longer than this call.
+
+        Where a robot drives, kernels are compiled first.
+
+        Args:
+            workers: How many there are: each gets several blocks.
+        """
+        absent = [each for each in found if each.missing_runs]
+        if any(each.member.drives for each in absent):
+            self.warm_up()
+        self.block_runs = block_size(sum(each.missing_runs for each in absent), workers)
+
+        def start() -> None:
+            with suppress(PoolClosed, StoreError):  # who waits for it meets the same
+                for each in absent:
+                    self.start_executing(each.member)
+
+        threading.Thread(target=start, daemon=True).start()
 
     def add_faults(self, faults: Sequence[MemberFault]) -> None:
         """Faults that members met elsewhere."""

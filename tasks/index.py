@@ -64,6 +64,24 @@ class Stored:
 
 
 @dataclass(frozen=True, slots=True)
+class Found:
+    """A member with the runs that are wanted of it by now, and what the store has of these."""
+
+    member: Member
+    stored: tuple[Stored, ...] = ()
+
+    @property
+    def missing_runs(self) -> int:
+        """How many of the wanted runs are not recorded."""
+        return len(missing([each.block for each in self.stored], self.member.runs))
+
+    @property
+    def complete(self) -> bool:
+        """Whether every wanted run is recorded, and every recorded block judged."""
+        return all(each.verdicts for each in self.stored) and not self.missing_runs
+
+
+@dataclass(frozen=True, slots=True)
 class Index:
     """Where a campaign's artifacts are. Nothing is remembered: each question looks into the store."""
 

@@ -117,6 +117,11 @@ def begun(flow_run_id: str, api: str) -> Iterator[None]:
         yield
 
 
+def is_announced() -> bool:
+    """Whether the flow run that this is called from was announced by its process."""
+    return _API.get("") != ""
+
+
 def leave(flow_run_id: str) -> None:
     """Say that Prefect knows how a flow run ended."""
     with contextlib.suppress(OSError):

@@ -87,6 +87,10 @@ class Pool:
             job.end(PoolClosed())
         return job.outcome
 
+    def rest(self) -> None:
+        """Let idle workers go; the next job starts new ones. Where jobs are open nothing happens."""
+        self._inbox.put(_Rest())
+
     def close(self, timeout_s: float = 3.0) -> None:
         """Kill the workers and end everything that isn't done with `PoolClosed`. May be called twice."""
         self._closed.set()
@@ -144,6 +148,11 @@ class _Lane:
     def kill(self) -> None:
         self._executor.shutdown(wait=True, kill_workers=True)
 
+    def renew(self) -> None:
+        """End the processes; new ones start with the next job."""
+        self.kill()
+        self._executor = self._new()
+
     def _new(self) -> Any:
         return loky.ProcessPoolExecutor(
             self._workers, initializer=_begin, initargs=(os.getpid(), self._log), env=WORKER_ENVIRONMENT
@@ -158,7 +167,11 @@ class _Done:
     future: "Future[Any]"
 
 
-_Message: TypeAlias = "_Job | _Done | None"
+class _Rest:
+    """Workers may go: nothing is to be computed for a while."""
+
+
+_Message: TypeAlias = "_Job | _Done | _Rest | None"
 
 
 class _Owner:
@@ -181,12 +194,18 @@ class _Owner:
             if isinstance(message, _Job):
                 self._open[message.number] = message
                 heapq.heappush(self._waiting, message)
+            elif isinstance(message, _Rest):
+                self._rest()
             else:
                 self._landed(message)
             while self._waiting and self._common.free:
                 self._start(heapq.heappop(self._waiting), self._common)
             self._try_a_suspect()
         self._end()
+
+    def _rest(self) -> None:
+        if not self._open:
+            self._common.renew()
 
     def _landed(self, done: _Done) -> None:
         error = done.future.exception()

@@ -1,5 +1,7 @@
 """Progress of a campaign: counted as results come in, shown by an observer."""
 
+import contextvars
+import functools
 import threading
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -187,13 +189,17 @@ class Reporter:
 
     Args:
         observer: None shows nothing.
+        interval_s: Between two looks at the tally.
     """
 
-    def __init__(self, tally: Tally, observer: Observer | None) -> None:
+    def __init__(self, tally: Tally, observer: Observer | None, interval_s: float = INTERVAL_S) -> None:
         self._tally = tally
+        self._interval_s = interval_s
         self._observer = observer
         self._end = threading.Event()
-        self._thread = threading.Thread(target=self._report, name="vastflow progress", daemon=True)
+        # In the caller's context, which has Prefect's settings where the observer is a page of Prefect's.
+        report = functools.partial(contextvars.copy_context().run, self._report)
+        self._thread = threading.Thread(target=report, name="vastflow progress", daemon=True)
 
     def __enter__(self) -> Self:
         if self._observer is not None:
@@ -208,7 +214,7 @@ class Reporter:
     def _report(self) -> None:
         shown: Progress | None = None
         while True:
-            last = self._end.wait(INTERVAL_S if shown else 0)
+            last = self._end.wait(self._interval_s if shown else 0)
             progress = self._tally.progress()
             if progress != shown and self._observer is not None:
                 self._observer.update(progress)

@@ -1,6 +1,7 @@
 """Prefect's embedded API: started for a campaign where the user has configured none."""
 
 import contextlib
+import contextvars
 import logging
 import os
 import queue
@@ -47,6 +48,8 @@ _POLL_S: Final = 0.1
 _FINAL_STATES: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 
 LOGGER: Final = logging.getLogger("vastflow.server")
+
+_EMBEDDED: Final = contextvars.ContextVar[bool]("vastflow_embedded", default=False)
 
 
 class PrefectUnavailable(RuntimeError):
@@ -166,8 +169,17 @@ def embedded(url: str) -> Iterator[None]:
     """Make Prefect use the embedded API at `url` in this context and in the threads it starts."""
     from prefect.settings import temporary_settings
 
-    with temporary_settings({"api.url": url, "logging.to_api.enabled": False, "server.analytics_enabled": False}):
-        yield
+    token = _EMBEDDED.set(True)
+    try:
+        with temporary_settings({"api.url": url, "logging.to_api.enabled": False, "server.analytics_enabled": False}):
+            yield
+    finally:
+        _EMBEDDED.reset(token)
+
+
+def is_embedded() -> bool:
+    """Whether Prefect uses an embedded API here, of which nobody sees the pages."""
+    return _EMBEDDED.get()
 
 
 def drain(flow_run_id: str, task_runs: int, timeout_s: float = DRAIN_S) -> bool:

@@ -1,10 +1,45 @@
-"""Shards: the members that one Prefect task run takes together."""
+"""Shards: what one Prefect task run takes together. Prefect itself is not needed here."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Final
+
+from vastflow.tasks.evaluation import PackedProducer
+from vastflow.tasks.index import Member
+from vastflow.tasks.instantiation import Evaluation
 
 MOST_TASK_RUNS: Final = 200
 """Task runs of one stage that are aimed at: Prefect's recorder loses rows silently in the thousands."""
+
+
+class Shard:
+    """Members that go through the stages together. No dataclass: Prefect would walk into it."""
+
+    __slots__ = ("members",)
+
+    def __init__(self, members: Sequence[Member]) -> None:
+        self.members = members
+
+    def __str__(self) -> str:
+        """Such as `12–15 of hall`; in a shard of several families `hall 12 – depot 3`."""
+        first, last = self.members[0], self.members[-1]
+        if first.family != last.family:
+            return f"{first.family} {first.place} – {last.family} {last.place}"
+        places = f"{first.place}" if first is last else f"{first.place}–{last.place}"
+        return f"{places} of {first.family}"
+
+
+class ProducerShard:
+    """A producer on some of its distinct restricted inputs."""
+
+    __slots__ = ("evaluations", "name", "packed")
+
+    def __init__(self, name: str, packed: PackedProducer, evaluations: Sequence[Evaluation]) -> None:
+        self.name = name
+        self.packed = packed
+        self.evaluations = evaluations
+
+    def __str__(self) -> str:
+        return self.name
 
 
 def chunks(digests: Sequence[str], most: int = MOST_TASK_RUNS) -> list[range]:
@@ -36,3 +71,13 @@ def chunks(digests: Sequence[str], most: int = MOST_TASK_RUNS) -> list[range]:
             cuts.append(range(begin, i + 1))
             begin = i + 1
     return [*cuts, range(begin, len(digests))] if begin < len(digests) else cuts
+
+
+def missing_shards(members: Sequence[Member], incomplete: Container[str]) -> list[Shard]:
+    """Shards in which something is missing; where they are cut depends on all members, so that an edit moves one cut.
+
+    Args:
+        incomplete: Names of members of which something is missing.
+    """
+    parts = chunks([member.scenario.digest for member in members])
+    return [Shard([members[i] for i in part]) for part in parts if any(members[i].name in incomplete for i in part)]

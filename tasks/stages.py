@@ -4,7 +4,6 @@ The store alone says what is computed already, so Prefect's own caching is off. 
 as `Cached`, which is what Prefect's pages show of it.
 """
 
-from collections.abc import Sequence
 from typing import Any, Final
 
 from prefect import task
@@ -13,43 +12,10 @@ from prefect.client.schemas.objects import State
 from prefect.states import Completed
 
 from vastflow.tasks.engine import Engine, Outcome, Rows
-from vastflow.tasks.evaluation import PackedProducer
-from vastflow.tasks.index import Member
-from vastflow.tasks.instantiation import Evaluation
+from vastflow.tasks.shards import ProducerShard, Shard
 
 CACHED: Final = "Cached"
 """Name of the state of a task run that had nothing to compute."""
-
-
-class Shard:
-    """Members that go through the stages together. No dataclass: Prefect would walk into it."""
-
-    __slots__ = ("members",)
-
-    def __init__(self, members: Sequence[Member]) -> None:
-        self.members = members
-
-    def __str__(self) -> str:
-        """Such as `12–15 of hall`; in a shard of several families `hall 12 – depot 3`."""
-        first, last = self.members[0], self.members[-1]
-        if first.family != last.family:
-            return f"{first.family} {first.place} – {last.family} {last.place}"
-        places = f"{first.place}" if first is last else f"{first.place}–{last.place}"
-        return f"{places} of {first.family}"
-
-
-class ProducerShard:
-    """A producer on some of its distinct restricted inputs."""
-
-    __slots__ = ("evaluations", "name", "packed")
-
-    def __init__(self, name: str, packed: PackedProducer, evaluations: Sequence[Evaluation]) -> None:
-        self.name = name
-        self.packed = packed
-        self.evaluations = evaluations
-
-    def __str__(self) -> str:
-        return self.name
 
 
 @task(name="instantiate", task_run_name="instantiate {shard}", cache_policy=NO_CACHE, persist_result=False)

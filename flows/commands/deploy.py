@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from vastflow.flows.commands.run import BAD_INPUT, FAULT
-from vastflow.flows.pool.work_pool import NO_API
+from vastflow.flows.request.work_pool import NO_API
 from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.map_dir import MapDir
 from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
@@ -87,7 +87,7 @@ def deploy(
         raise typer.Exit(BAD_INPUT) from None
     place = _place(file, kind)
     title = campaign_name(campaign)
-    parameters: dict[str, Any] = {
+    request: dict[str, Any] = {
         "campaign": place,
         "runs": runs,
         "only": only,
@@ -103,7 +103,7 @@ def deploy(
     deployment = Deployment(
         name=name or title,
         campaign=title,
-        parameters={key: value for key, value in parameters.items() if value is not None},
+        request={key: value for key, value in request.items() if value is not None},
         pool=pool,
         folder=str(Path.cwd()) if kind is PoolType.process else IMAGE_FOLDER,
         description=description_of(
@@ -204,8 +204,14 @@ def _register(
     from prefect.client.orchestration import get_client
     from prefect.exceptions import PrefectHTTPStatusError
 
-    from vastflow.flows.pool.registration import OtherPool, register_pool, register_shards, type_of_pool
-    from vastflow.flows.scheduled import register_deployment, run_scheduled
+    from vastflow.flows.campaign import campaign
+    from vastflow.flows.pool.registration import (
+        OtherPool,
+        register_flow,
+        register_pool,
+        register_shards,
+        type_of_pool,
+    )
 
     try:
         with get_client(sync_client=True) as client:
@@ -216,7 +222,7 @@ def _register(
             theirs = type_of_pool(client, shards_in) or kind
             if shards_in != deployment.pool:
                 new[shards_in] = register_pool(client, shards_in, theirs)
-            found = register_deployment(client, deployment)
+            found = register_flow(client, deployment.as_yaml(), campaign)
             register_shards(client, shards(theirs))
     except OtherPool as error:
         print(f"--pool: {error}", file=sys.stderr)
@@ -226,7 +232,7 @@ def _register(
         raise typer.Exit(FAULT) from None
     for name, is_new in new.items():
         made = "made" if is_new else "found"
-        room = " --limit 2" if shards_in == name == deployment.parameters.get("pool") else ""
+        room = " --limit 2" if shards_in == name == deployment.request.get("pool") else ""
         print(f"{made} the work pool {name}; start a worker: prefect worker start --pool {name}{room}")
-    print(f"{run_scheduled.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
-    print(f"run it: prefect deployment run '{run_scheduled.name}/{deployment.name}'")
+    print(f"{campaign.name}/{deployment.name}: {url.removesuffix('/api')}/deployments/deployment/{found}")
+    print(f"run it: prefect deployment run '{campaign.name}/{deployment.name}'")

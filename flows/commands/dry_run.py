@@ -2,28 +2,16 @@
 
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import typer
 
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.terminal.interruptible import Interruptible
 
 
-def print_dry_run(
-    file: Path,
-    *,
-    runs: int | None,
-    results: Path,
-    store: str | None,
-    only: Sequence[str],
-    sample: int | None,
-    map_dir: Path | None,
-    as_v1: bool,
-    since: Path | None,
-    as_json: bool,
-) -> None:
-    """Print the dry run of the campaign at `file`; a wrong file or option ends with exit code 2."""
+def print_dry_run(request: RunRequest, *, since: Path | None, as_json: bool) -> None:
+    """Print the dry run of a request; a wrong file or option ends with exit code 2."""
     from vastflow.flows.plan.dry_run import dry_run
     from vastflow.flows.results.past import NoPast
     from vastflow.producers.faults import CampaignError
@@ -34,14 +22,14 @@ def print_dry_run(
         try:
             with looking_only():
                 found = dry_run(
-                    file,
-                    runs=runs,
-                    results=results,
-                    store=store,
-                    only=only,
-                    sample=sample,
-                    map_dir=map_dir,
-                    as_v1=as_v1,
+                    Path(request.campaign),
+                    runs=request.runs,
+                    results=Path(request.results),
+                    store=request.store,
+                    only=request.only,
+                    sample=request.sample,
+                    map_dir=None if request.map_dir is None else Path(request.map_dir),
+                    as_v1=request.as_v1,
                     since=since,
                 )
         except NoPast as error:
@@ -54,6 +42,6 @@ def print_dry_run(
     from vastflow.flows.terminal.outcome import printed
 
     if as_json:
-        print(json.dumps(dry_run_json(found, file), ensure_ascii=False))
+        print(json.dumps(dry_run_json(found, Path(request.campaign)), ensure_ascii=False))
     else:
         printed(dry_run_text(found))

@@ -32,7 +32,7 @@ def preview(
     Configurations, what is rejected or excluded and why, an estimate of the time, and pictures.
     """
     with Interruptible("interrupted"):
-        from vastflow.flows.computing.computation import cores
+        from vastflow.flows.computing.processors import cores
         from vastflow.flows.plan.estimate import estimate_of
         from vastflow.flows.plan.preview import preview_json, preview_text
         from vastflow.flows.request.campaign_file import campaign_name, read_campaign

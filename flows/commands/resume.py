@@ -1,26 +1,23 @@
 """The command `resume`: a campaign again from its own directory."""
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT, PoolOption, PoolWaitOption, ShardsOption, pool_of, run_and_show
+from vastflow.flows.commands.run import BAD_INPUT, asked_request, run_and_show
 from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.terminal.request_options import asking
 
 
+@asking("store", "workers", "pool", "shards", "pool_wait_s")
 def resume(
     results: Annotated[
         Path, typer.Argument(metavar="RESULTS", help="A campaign directory, or one that a killed process left half.")
     ],
-    store: Annotated[
-        str | None, typer.Option(help="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder.")
-    ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a core.")] = None,
-    pool: PoolOption = None,
-    shards: ShardsOption = None,
-    pool_wait: PoolWaitOption = None,
+    asked: Mapping[str, Any],
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
 ) -> None:
     """Run a campaign again from the inputs in its directory.
@@ -28,7 +25,7 @@ def resume(
     With the runs and the selection it was asked for; what is in the store is not computed again. A new campaign
     directory is made beside it.
     """
-    chosen = pool_of(pool, shards, pool_wait)
+    asked_request(results, asked)  # what is wrong with it is said before anything is read
     directory = _directory(results)
     from vastflow.flows.request.asked import asked_of
     from vastflow.flows.results.replica import NotReplicable, replica
@@ -36,30 +33,24 @@ def resume(
 
     try:
         metadata = read_json(directory / "metadata.json")
-        asked, title = asked_of(metadata), f"{metadata['name']} of {metadata['created'].replace('T', ' ')}"
+        before, title = asked_of(metadata), f"{metadata['name']} of {metadata['created'].replace('T', ' ')}"
     except (OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
         _end(f"{directory}: damaged campaign directory: {' '.join(str(error).split())}")
-    only = f", only {', '.join(asked.only)}" if asked.only else ""
-    only += "" if asked.sample is None else f", a sample of {asked.sample}"
-    only += ", obstacles as version 1 of RoboVAST places them" if asked.as_v1 else ""
-    runs = f"{asked.runs} run{'' if asked.runs == 1 else 's'} of each configuration{' at most' * asked.sequential}"
+    only = f", only {', '.join(before.only)}" if before.only else ""
+    only += "" if before.sample is None else f", a sample of {before.sample}"
+    only += ", obstacles as version 1 of RoboVAST places them" if before.as_v1 else ""
+    runs = f"{before.runs} run{'' if before.runs == 1 else 's'} of each configuration{' at most' * before.sequential}"
     print(f"{title} from the inputs in {directory}, {runs}{only}", file=sys.stderr)
+    selected = {
+        "runs": before.fixed_runs,
+        "results": directory.parent,
+        "only": before.only,
+        "sample": before.sample,
+        "as_v1": before.as_v1,
+    }
     try:
-        with replica(directory, asked) as file:
-            selected = list(asked.only)
-            runs_asked = asked.fixed_runs
-            run_and_show(
-                file,
-                runs_asked,
-                directory.parent,
-                store,
-                workers,
-                selected,
-                as_json,
-                chosen,
-                asked.sample,
-                as_v1=asked.as_v1,
-            )
+        with replica(directory, before) as file:
+            run_and_show(asked_request(file, {**asked, **selected}), as_json)
     except NotReplicable as error:
         _end(str(error))
 

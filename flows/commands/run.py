@@ -4,62 +4,31 @@ import errno
 import os
 import shlex
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from vastflow.flows.commands.dry_run import print_dry_run
 from vastflow.flows.commands.show import wrong_directory
-from vastflow.flows.terminal.as_v1 import AsV1
+from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.terminal.interruptible import Interruptible
-from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.flows.terminal.request_options import asking
 
 if TYPE_CHECKING:
-    from vastflow.flows.pool.work_pool import WorkPool
     from vastflow.flows.results.results import Results
 
 BAD_INPUT: Final = 2
 FAULT: Final = 3
 
-PoolOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME", help="Work pool of Prefect whose workers compute what is missing; else this machine does."
-    ),
-]
-ShardsOption = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="N", help="With --pool: about how many shards; else one for 20 runs, at most 50."),
-]
-PoolWaitOption = Annotated[
-    float | None,
-    typer.Option(min=1, metavar="SECONDS", help="With --pool: end if no worker takes anything for so long; else wait."),
-]
+OPTIONS: Final = tuple(name for name in NAMES if name != "reports")
 
 
+@asking(*OPTIONS)
 def run(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
-    runs: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration, instead of the file's.")] = None,
-    results: Annotated[
-        str, typer.Option(help="Folder or address such as s3://bucket/prefix the campaign directory is made in.")
-    ] = "results",
-    store: Annotated[
-        str | None, typer.Option(help="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder.")
-    ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a core.")] = None,
-    only: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Only this family or configuration; may be repeated.")
-    ] = None,
-    sample: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Only N distinct configurations of these, the same ones each time."),
-    ] = None,
-    map_dir: MapDir = None,
-    as_v1: AsV1 = False,
-    pool: PoolOption = None,
-    shards: ShardsOption = None,
-    pool_wait: PoolWaitOption = None,
+    asked: Mapping[str, Any],
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only say what would be computed and why, and write nothing.")
     ] = False,
@@ -76,22 +45,20 @@ def run(
     if since is not None and (wrong := _wrong_since(since, dry_run)):
         print(f"--since {wrong}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
+    request = asked_request(file, asked)
     if dry_run:
-        print_dry_run(
-            file,
-            runs=runs,
-            results=Path(results),
-            store=store,
-            only=only or (),
-            sample=sample,
-            map_dir=map_dir,
-            as_v1=as_v1,
-            since=since,
-            as_json=as_json,
-        )
+        print_dry_run(request, since=since, as_json=as_json)
         return
-    chosen = pool_of(pool, shards, pool_wait)
-    run_and_show(file, runs, results, store, workers, only, as_json, chosen, sample, map_dir, as_v1)
+    run_and_show(request, as_json)
+
+
+def asked_request(file: Path, asked: Mapping[str, Any]) -> RunRequest:
+    """The request that options make; a wrong one ends with exit code 2."""
+    try:
+        return request_of(file, asked)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(BAD_INPUT) from None
 
 
 def _wrong_since(since: Path, dry_run: bool) -> str | None:
@@ -100,23 +67,11 @@ def _wrong_since(since: Path, dry_run: bool) -> str | None:
     return wrong_directory(since)
 
 
-def run_and_show(
-    file: Path,
-    runs: int | None,
-    results: str | Path,
-    store: str | None,
-    workers: int | None,
-    only: list[str] | None,
-    as_json: bool,
-    pool: "WorkPool | None" = None,
-    sample: int | None = None,
-    map_dir: Path | None = None,
-    as_v1: bool = False,
-) -> None:
+def run_and_show(request: RunRequest, as_json: bool) -> None:
     """Run a campaign as the command line does: with a display, the outcome in words, and an exit code."""
     from vastflow.tasks.store import is_address
 
-    if not is_address(str(results)) and (wrong := unwritable(Path(results))):
+    if not is_address(request.results) and (wrong := unwritable(Path(request.results))):
         print(f"--results {wrong}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
     going_on = f"`{command_line(sys.argv)}` again computes only what is missing"
@@ -126,7 +81,7 @@ def run_and_show(
         with Display() as display:
             interruptible.last_words_by(display.close)
             from vastflow.flows import run_campaign
-            from vastflow.flows.pool.work_pool import WorkersFailed, WorkPoolError
+            from vastflow.flows.request.work_pool import WorkersFailed, WorkPoolError
             from vastflow.flows.results.directory import ResultsError
             from vastflow.producers.faults import CampaignError
             from vastflow.tasks.server import PrefectUnavailable
@@ -134,19 +89,7 @@ def run_and_show(
             from vastflow.tasks.surroundings import SurroundingsError
 
             try:
-                found = run_campaign(
-                    file,
-                    runs=runs,
-                    results=results,
-                    store=store,
-                    workers=workers,
-                    only=only,
-                    sample=sample,
-                    map_dir=map_dir,
-                    as_v1=as_v1,
-                    observer=display,
-                    pool=pool,
-                )
+                found = run_campaign(request, observer=display)
             except (CampaignError, StoreError, ResultsError, SurroundingsError, WorkPoolError) as error:
                 display.close(str(error))
                 raise typer.Exit(BAD_INPUT) from None
@@ -161,20 +104,6 @@ def run_and_show(
         _show(found)
     if found.faults:
         raise typer.Exit(FAULT)
-
-
-def pool_of(name: str | None, shards: int | None, wait_s: float | None) -> "WorkPool | None":
-    """The work pool that options name, if they do."""
-    from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
-
-    given = [option for option, value in (("--shards", shards), ("--pool-wait", wait_s)) if value is not None]
-    try:
-        if name is None and given:
-            raise WorkPoolError(f"{given[0]}: only with --pool, whose shards it is about")
-        return None if name is None else WorkPool(name, shards, wait_s)
-    except WorkPoolError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(BAD_INPUT) from None
 
 
 def unwritable(results: Path) -> str | None:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from typing import Any, Final
 from uuid import UUID
 
+from prefect import get_run_logger
 from prefect.client.orchestration import get_client
 from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
 from prefect.runtime import flow_run
@@ -22,6 +23,7 @@ from vastflow.oracles.evidence.rates import LEVEL
 from vastflow.tasks.execution.deployment import TAG
 from vastflow.tasks.execution.description import label_of
 from vastflow.tasks.progress import Phase, Progress
+from vastflow.tasks.server import is_embedded
 
 LOGGER: Final = logging.getLogger("vastflow.artifacts")
 
@@ -122,25 +124,29 @@ class Page:
         return not refused
 
 
-def publish(found: Results, name: str, reports: str | None = None, flow_run_id: str | None = None) -> str:
-    """Make a table of the results and a link to the report, both of a flow run.
+def outcome_text(found: Results) -> str:
+    """What a campaign came to, in a line."""
+    summary = found.summary
+    counts = f"{summary.passed} passed, {summary.failed} failed, {summary.not_judged} not judged"
+    work = f"{summary.executed} runs executed, {summary.reused} from the store"
+    return f"{size_text(summary.configurations, summary.runs)}: {counts}; {work}"
+
+
+def publish(found: Results, name: str, reports: str | None = None) -> None:
+    """Make a table of the results and a link to the report, both of the flow run that calls this; none where nobody sees them.
 
     Args:
         name: The campaign's.
         reports: Web address of the results folder; None links to the file, which a browser opens on its own machine only.
-        flow_run_id: None for the flow run that calls this.
-
-    Returns:
-        The outcome in a line.
     """
-    summary = found.summary
-    counts = f"{summary.passed} passed, {summary.failed} failed, {summary.not_judged} not judged"
-    work = f"{summary.executed} runs executed, {summary.reused} from the store"
-    outcome = f"{size_text(summary.configurations, summary.runs)}: {counts}; {work}"
+    if is_embedded():
+        return
+    outcome = outcome_text(found)
     report = found.directory.resolve() / "report.html"
+    get_run_logger().info("%s; report: %s", outcome, report)
     link = report.as_uri() if reports is None else f"{reports.rstrip('/')}/{found.directory.name}/report.html"
     with tolerated(), get_client(sync_client=True) as client:
-        of = UUID(flow_run_id or str(flow_run.id))
+        of = UUID(str(flow_run.id))
         for part, kind, data, description in (
             ("results", "table", json.dumps(result_rows(found)), f"**{name}**, {outcome}"),
             ("report", "markdown", f"[report.html]({link})", f"Report of **{name}**: `{report}`"),
@@ -150,7 +156,6 @@ def publish(found: Results, name: str, reports: str | None = None, flow_run_id: 
                     key=f"{key_of(name)}-{part}", type=kind, data=data, description=description, flow_run_id=of
                 )
             )
-    return outcome
 
 
 def result_rows(found: Results) -> list[dict[str, Any]]:

@@ -1,166 +1,111 @@
-"""Task runs of a flow: mapped over shards, shown as they end, recorded before the flow returns. Importing it imports Prefect."""
+"""Task runs of a flow run: mapped over shards, waited for, and recorded by Prefect's server before the flow returns."""
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from typing import Any, Final, TypeAlias
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Final
 
-from prefect import get_run_logger, unmapped
-from prefect.futures import PrefectFuture
-from prefect.runtime import flow_run
+from vastflow.tasks.engine import Engine, MemberFault
+from vastflow.tasks.progress import Reporter, Tally
+from vastflow.tasks.server import drain
+from vastflow.tasks.shards import Shard
 
-from vastflow.flows.computing.artifacts import INTERVAL_S, Page, ProgressBar, key_of, tag, tolerated
-from vastflow.tasks import ledger, stages
-from vastflow.tasks.engine import Engine
-from vastflow.tasks.evaluation import packed
-from vastflow.tasks.instantiation import Evaluator, Request
-from vastflow.tasks.progress import Progress
-from vastflow.tasks.server import configured_url, drain
-from vastflow.tasks.shards import chunks
-from vastflow.tasks.stages import CACHED, ProducerShard
+if TYPE_CHECKING:
+    from prefect.futures import PrefectFuture
 
 MOST_UNRECORDED: Final = 1000
 """Task runs that may have ended without Prefect's server having recorded it; of thousands at a time it loses some silently."""
 
 
-Show: TypeAlias = Callable[["Sequence[PrefectFuture[Any]]"], None]
-"""Shows how far shards are until all are through; takes of each the last task run. Called for one wave after another."""
+class TaskRuns:
+    """The task runs of the flow run that makes this object.
 
+    Args:
+        engine: What they compute with.
+    """
 
-def entered() -> AbstractContextManager[None]:
-    """Enter the flow run in the ledger, for its process may be killed."""
-    return ledger.begun(str(flow_run.id), configured_url() or "")
+    def __init__(self, engine: Engine) -> None:
+        from prefect.runtime import flow_run
+
+        self.engine = engine
+        self._flow_run_id = str(flow_run.id)
+        self._futures: list[PrefectFuture[Any]] = []
+        self._recorded = 0
+
+    def map(self, stage: str, shards: Sequence[Any], *upstream: Sequence[Any]) -> "list[PrefectFuture[Any]]":
+        """A task run for each shard.
+
+        Args:
+            stage: Name of a task of `vastflow.tasks.stages`.
+            upstream: Of each shard what the stage before it made, or a future of that.
+        """
+        if not shards:
+            return []
+        from prefect import unmapped
+
+        from vastflow.tasks import stages
+
+        mapped = list(getattr(stages, stage).map(shards, *upstream, engine=unmapped(self.engine)))
+        self._futures += mapped
+        return mapped
+
+    def wait(self, shards: Sequence[Shard], *stages: "Sequence[PrefectFuture[Any]]") -> None:
+        """Wait until all task runs have ended, and the server has recorded most of them.
+
+        One that failed as a whole, which is an internal error, is a fault of its shard's members.
+
+        Raises:
+            StoreError, PoolClosed: see `Engine.check`.
+        """
+        for of_stage in stages:
+            for future in of_stage:
+                future.wait()
+        self.engine.check()
+        for of_shard in zip(shards, *stages, strict=True):
+            shard, states = of_shard[0], [future.state for future in of_shard[1:]]
+            if failed := next((state for state in states if not state.is_completed()), None):
+                error = f"a task run ended as {failed.name}: {failed.message}"
+                self.engine.add_faults([MemberFault(member.name, None, "flow", error) for member in shard.members])
+        if len(self._futures) - self._recorded >= MOST_UNRECORDED:
+            self.record()
+
+    def end(self) -> None:
+        """Wait until all have ended."""
+        for future in self._futures:
+            future.wait()
+
+    def record(self) -> None:
+        """Wait until the server has recorded the task runs that have ended."""
+        self.end()
+        drain(self._flow_run_id, sum(future.state.is_final() for future in self._futures))
+        self._recorded = len(self._futures)
 
 
 @contextmanager
-def held() -> Iterator[None]:
-    """As `entered`, of a flow run whose end Prefect learns from its worker. Those of workers that are gone are ended first."""
-    api = configured_url() or ""
-    ledger.end_orphans(api)
-    try:
-        with entered():
-            yield
-    finally:
-        ledger.leave(str(flow_run.id))
-
-
-class TaskFailed(RuntimeError):
-    """A task failed as a whole: a fault of ours in Prefect's shell, not in a member."""
-
-
-def evaluator(engine: Engine, futures: "list[PrefectFuture[Any]]") -> Evaluator:
-    """An evaluator that maps a task over shards of each producer's distinct inputs.
+def task_runs_of(name: str, engine: Engine, tally: Tally | None = None) -> Iterator[TaskRuns]:
+    """The task runs of the flow run that this is called from, which is found by the campaign's name and logs faults only.
 
     Args:
-        futures: Gets those of the task runs.
+        name: The campaign's.
+        tally: Its progress is shown on the flow run's page; None shows none.
     """
+    from prefect import get_run_logger
+    from prefect.runtime import flow_run
 
-    def evaluate(requests: Sequence[Request]) -> Mapping[str, str]:
-        shards = [shard for request in requests for shard in _producer_shards(request)]
-        mapped = stages.evaluate.map(shards, engine=unmapped(engine))
-        futures.extend(mapped)
-        return {key: error for future in mapped for key, error in future.result().items()}
+    from vastflow.flows.computing.artifacts import INTERVAL_S, Page, tag, tolerated
+    from vastflow.flows.computing.flow_call import entered
+    from vastflow.flows.computing.task_log import quiet_task_runs
 
-    return evaluate
-
-
-def shards_shown(name: str, done: str) -> Show:
-    """Shows on the flow run's page how many shards are through.
-
-    Args:
-        name: The campaign's; tag of the flow run and part of the bar's key.
-        done: What a shard is then, such as `judged`.
-    """
-    run = str(flow_run.id)
-    bar = ProgressBar(f"{key_of(name)}-shards", run)
-    through = 0
-    with tolerated():
-        tag(run, name)
-
-    def show(last: "Sequence[PrefectFuture[Any]]") -> None:
-        nonlocal through
-        before, through = through, through + len(last)
+    with entered(), quiet_task_runs():
         with tolerated():
-            for count, future in enumerate(last, before):
-                bar.show(count / through, f"{count} of {through} shards {done}")
-                future.wait()
-            bar.show(1.0, f"{through} shards {done}")
-
-    return show
-
-
-def runs_shown(name: str, progress: Callable[[], Progress]) -> Show:
-    """Shows on the flow run's page how many runs are done, and in its name how many there are.
-
-    Args:
-        name: As `shards_shown` has it.
-    """
-    run = str(flow_run.id)
-    page = Page(name, run, get_run_logger().info)
-    with tolerated():
-        tag(run, name)
-
-    def show(last: "Sequence[PrefectFuture[Any]]") -> None:
-        page.update(progress())
-        for future in last:
-            while not _ends_within(future, INTERVAL_S):
-                page.update(progress())
-        page.update(progress())
-
-    return show
-
-
-def _ends_within(future: "PrefectFuture[Any]", timeout_s: float) -> bool:
-    """Wait; a future does not say whether it ended, and a task run that was never begun has no final state."""
-    began_s = time.monotonic()
-    future.wait(timeout_s)
-    return time.monotonic() - began_s < timeout_s
-
-
-def log_known(stage: str, ended: "Sequence[PrefectFuture[Any]]") -> None:
-    """Say in the flow run's log how many of a stage's shards Prefect knew already."""
-    known = sum(future.state.name == CACHED for future in ended)
-    get_run_logger().info("%s: %d shards, %d of them known already", stage, len(ended), known)
-
-
-def catch_up(futures: "Sequence[PrefectFuture[Any]]", recorded: int) -> int:
-    """Wait for the server where there are many ended task runs that it may not have recorded.
-
-    Args:
-        recorded: How many of `futures`, the first ones, are known to be recorded.
-
-    Returns:
-        How many are now.
-    """
-    if len(futures) - recorded < MOST_UNRECORDED:
-        return recorded
-    drain(str(flow_run.id), sum(future.state.is_final() for future in futures))
-    return len(futures)
-
-
-def settle(futures: "Sequence[PrefectFuture[Any]]") -> None:
-    """Wait until the server has recorded the ended task runs.
-
-    Raises:
-        TaskFailed: one of them failed.
-    """
-    failed = [future.state for future in futures if not future.state.is_completed()]
-    drain(str(flow_run.id), sum(future.state.is_final() for future in futures))
-    if failed:
-        raise TaskFailed(f"{len(failed)} of {len(futures)} task runs failed, the first with: {failed[0].message}")
-
-
-def _producer_shards(request: Request) -> list[ProducerShard]:
-    evaluations, sent = request.evaluations, packed(request.producer)
-    name = f"{request.family} by {type(request.producer).__name__}"
-    parts = chunks([each.key.rpartition("/")[2] for each in evaluations])
-    if len(parts) == 1:
-        return [ProducerShard(name, sent, evaluations)]
-    return [
-        ProducerShard(f"{name}, {_places(part)} of {len(evaluations)}", sent, [evaluations[i] for i in part])
-        for part in parts
-    ]
-
-
-def _places(part: range) -> str:
-    return f"{part.start + 1}" if len(part) == 1 else f"{part.start + 1}–{part.stop}"
+            tag(str(flow_run.id), name)
+        task_runs = TaskRuns(engine)
+        page = None if tally is None else Page(name, str(flow_run.id), get_run_logger().info)
+        with Reporter(tally or Tally(), page, INTERVAL_S):
+            try:
+                yield task_runs
+            except BaseException as error:
+                if not isinstance(error, Exception):  # an interrupt: else what still waits would be computed first
+                    engine.close()
+                task_runs.end()
+                raise
+            task_runs.record()

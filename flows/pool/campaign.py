@@ -1,97 +1,76 @@
-"""The Prefect flow of a campaign whose shards a work pool computes. Importing it imports Prefect."""
+"""A campaign whose shards a work pool computes, from inside its flow. Importing it imports Prefect."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
-from prefect import flow, get_run_logger
+from prefect import get_run_logger
 from prefect.client.orchestration import get_client
-from prefect.futures import PrefectFuture, wait
 from prefect.runtime import flow_run
 
-from vastflow.flows.computing.artifacts import ProgressBar, key_of, tag, tolerated
-from vastflow.flows.computing.campaign import Job
-from vastflow.flows.computing.task_log import quiet_task_runs
-from vastflow.flows.computing.task_runs import entered, evaluator, settle
+from vastflow.flows.campaign_run import CampaignRun
+from vastflow.flows.computing.artifacts import ProgressBar, key_of, tolerated
 from vastflow.flows.pool.driver import TAKEN_S, Driver
 from vastflow.flows.pool.service import Asking, PoolService, pool_type
-from vastflow.flows.pool.spread import Spread
-from vastflow.flows.pool.work_pool import WorkPoolError
+from vastflow.flows.pool.spread import asked_of
+from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.bundle import BundleError, Packer
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.index import Member
-from vastflow.tasks.progress import Tally
 
 
-class PoolJob:
-    """A campaign's flow and where its shards go. A plain object, as `Job` is."""
+class CampaignPool:
+    """The work pool that computes a campaign's shards."""
 
-    __slots__ = ("job", "spread", "tally")
+    def __init__(self, run: CampaignRun, driver: Driver, name: str) -> None:
+        self._run = run
+        self._driver = driver
+        self._name = name
+        self._bar = ProgressBar(f"{key_of(run.name)}-shards", str(flow_run.id))
+        self._log = get_run_logger()
+        self._said = False
 
-    def __init__(self, job: Job, spread: Spread, tally: Tally) -> None:
-        self.job = job
-        self.spread = spread
-        self.tally = tally
+    def compute(self, members: Sequence[Member]) -> None:
+        """Have what is missing of members executed, observed and judged.
 
+        Raises:
+            WorkPoolError, WorkersFailed, StoreError, PrefectUnavailable: see `Driver.run` and `PoolService`.
+        """
 
-@flow(name="campaign", flow_run_name="{title}", validate_parameters=False, persist_result=False)
-def pool_campaign(title: str, job: PoolJob) -> None:
-    """Instantiate a campaign here, and have it executed, observed and judged by the workers of a pool.
+        def show(done: int, total: int) -> None:
+            if not self._said:
+                self._said = True
+                said = f"{total} shard{'s'[: total != 1]} for the work pool {self._name}"
+                self._log.info("%d configurations; %s", len(members), said)
+                self._run.tally.notice(said)
+            with tolerated():
+                self._bar.show(done / total, f"{done} of {total} shards through")
 
-    Args:
-        title: The flow run's name.
-
-    Raises:
-        WorkPoolError, WorkersFailed, StoreError, PrefectUnavailable: see `Driver.run` and `PoolService`.
-    """
-    spread = job.spread
-    futures: list[PrefectFuture[Any]] = []
-    with entered(), quiet_task_runs(), get_client(sync_client=True) as client:
-        engine = job.job.engine
-        store = engine.index.store
-        asking = Asking(client, spread.say, lambda: engine.closed)
-        kind = pool_type(asking, spread.pool.name)
-        job_variables, workers = spread.asked_of(kind)
-        parameters = {"store": store.place} | ({} if workers is None else {"workers": workers})
-        parent = str(flow_run.id)
-        service = PoolService(asking, spread.pool.name, parent, key_of(spread.name), parameters, job_variables)
         try:
-            wave = job.job.plan(evaluator(job.job.engine, futures))
-        finally:
-            wait(futures)
-        job.job.running()
-        packer = Packer(store, spread.name, spread.keys, spread.oracles, spread.campaign.path.parent)
-        # In a queue of a cluster a flow run may be pending for days.
-        taken_s = TAKEN_S if kind is PoolType.process else None
-        driver = Driver(service, packer.packed, engine, job.tally, spread.pool, spread.say, taken_s=taken_s)
-        try:
-            show = _Shown(spread, wave)
-            while wave:
-                driver.run(wave, show)
-                wave = job.job.more()
+            self._driver.run(members, show)
         except BundleError as error:
             raise WorkPoolError(f"--pool: {error}") from None
-        settle(futures)
 
 
-class _Shown:
-    """Shows on the flow run's page how many shards are through."""
+@contextmanager
+def pool_of(run: CampaignRun) -> Iterator[CampaignPool | None]:
+    """The work pool that was asked to compute a campaign; None where this machine does.
 
-    def __init__(self, spread: Spread, members: Sequence[Member]) -> None:
-        run = str(flow_run.id)
-        self._pool = spread.pool.name
-        self._say = spread.say
-        self._members = len(members)
-        self._bar = ProgressBar(f"{key_of(spread.name)}-shards", run)
-        self._log = get_run_logger()
-        self._total = 0
-        with tolerated():
-            tag(run, spread.name)
-
-    def __call__(self, done: int, total: int) -> None:
-        if not self._total:
-            said = f"{total} shard{'s'[: total != 1]} for the work pool {self._pool}"
-            self._log.info("%d configurations; %s", self._members, said)
-            self._say(said)
-        self._total = total
-        with tolerated():
-            self._bar.show(done / total, f"{done} of {total} shards through")
+    Raises:
+        WorkPoolError: there is no such pool.
+    """
+    asked = run.request
+    if asked.pool is None:
+        yield None
+        return
+    pool = WorkPool(asked.pool, asked.shards, asked.pool_wait_s)
+    with get_client(sync_client=True) as client:
+        asking = Asking(client, run.tally.notice, lambda: run.engine.closed)
+        kind = pool_type(asking, pool.name)
+        job_variables, workers = asked_of(run.campaign, kind, asked.workers)
+        parameters = {"store": run.store.place} | ({} if workers is None else {"workers": workers})
+        service = PoolService(asking, pool.name, str(flow_run.id), key_of(run.name), parameters, job_variables)
+        packer = Packer(run.store, run.name, run.keys, run.oracles, run.campaign.path.parent)
+        # In a queue of a cluster a flow run may be pending for days.
+        taken_s = TAKEN_S if kind is PoolType.process else None
+        driver = Driver(service, packer.packed, run.engine, run.tally, pool, run.tally.notice, taken_s=taken_s)
+        yield CampaignPool(run, driver, pool.name)

@@ -12,15 +12,14 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol
 
 from vastflow.flows.pool.service import Seen
-from vastflow.flows.pool.work_pool import WorkersFailed, WorkPool, shard_count
+from vastflow.flows.request.work_pool import WorkersFailed, WorkPool, shard_count
 from vastflow.tasks.bundle_report import read_part
 from vastflow.tasks.engine import Engine, MemberFault, judgements
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY
 from vastflow.tasks.index import Member, missing
 from vastflow.tasks.pool import PoolClosed
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.shards import chunks
-from vastflow.tasks.stages import Shard
+from vastflow.tasks.shards import Shard, chunks
 from vastflow.tasks.store import StoreError
 
 TRIES: Final = 3

@@ -26,7 +26,7 @@ from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
 from prefect.states import Cancelled, Crashed
 
 from vastflow.flows.pool.registration import OtherPool, register_shards, type_of_pool
-from vastflow.flows.pool.work_pool import WorkPoolError
+from vastflow.flows.request.work_pool import WorkPoolError
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
 from vastflow.tasks.execution.job import PoolType

@@ -20,8 +20,8 @@ from prefect.states import Completed, Failed
 from pydantic import Field
 
 from vastflow.flows.computing.artifacts import ProgressBar, key_of, tolerated
-from vastflow.flows.computing.computation import cores
-from vastflow.flows.computing.task_runs import held
+from vastflow.flows.computing.flow_call import entered
+from vastflow.flows.computing.processors import cores
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.oracles.oracle import OracleError
 from vastflow.tasks import chatter
@@ -59,7 +59,7 @@ def run_shard(store: Text, bundle: Text, workers: Positive | None = None) -> Sta
     """
     try:
         kept = _opened(store)
-        with held(), _folder(kept) as folder:
+        with entered(), _folder(kept) as folder:
             return _computed(kept, unpacked(kept, bundle, folder), workers or cores())
     except Lost:
         what = f"{platform.node()} finds no bundle in the store {store!r}"

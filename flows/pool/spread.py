@@ -1,58 +1,40 @@
-"""A campaign spread over a work pool: what the flow that drives it knows beside the members."""
+"""A campaign spread over a work pool: what is seen to before anything is computed there, and what its containers are asked."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from vastflow.flows.pool.work_pool import NO_API, WorkPool, WorkPoolError
-from vastflow.oracles.oracle import Oracle
+from vastflow.flows.request.work_pool import NO_API, WorkPoolError
 from vastflow.producers.campaign import Campaign
 from vastflow.tasks import chatter
 from vastflow.tasks.execution.job import PoolType
-from vastflow.tasks.keys import Keys
 
 
-@dataclass(frozen=True)
-class Spread:
-    """How a campaign's shards reach the workers of a pool.
+def check_api(log: Path) -> None:
+    """See to it before anything is computed that there is an API whose workers could take shards.
 
-    Attributes:
-        name: The campaign's.
-        keys: Of the artifacts that workers are to make.
-        workers: Worker processes of each shard; None for one a core of the worker's machine.
-        say: Writes a line for the user.
+    Raises:
+        WorkPoolError: none is configured.
     """
+    from vastflow.tasks.server import configured_url
 
-    pool: WorkPool
-    campaign: Campaign = field(repr=False)
-    name: str
-    oracles: Sequence[Oracle[Any]] = field(repr=False)
-    keys: Keys = field(repr=False)
-    workers: int | None
-    say: Callable[[str], None]
+    with chatter.prefect_log(log):
+        if configured_url() is None:
+            raise WorkPoolError(NO_API)
 
-    def check(self, log: Path) -> None:
-        """See to it before anything is computed that there is an API whose workers could take shards.
 
-        Raises:
-            WorkPoolError: none is configured.
-        """
-        from vastflow.tasks.server import configured_url
+def asked_of(campaign: Campaign, kind: PoolType, workers: int | None) -> tuple[Mapping[str, Any], int | None]:
+    """What the campaign file asks of the containers that compute its shards, and the worker processes of each.
 
-        with chatter.prefect_log(log):
-            if configured_url() is None:
-                raise WorkPoolError(NO_API)
+    A Job is shown all cores of its node, so it is told how many it requests.
 
-    def asked_of(self, kind: PoolType) -> tuple[Mapping[str, Any], int | None]:
-        """What the campaign file asks of the containers that compute its shards, and the worker processes of each.
+    Args:
+        workers: Those that were asked for; None for one a core.
+    """
+    from vastflow.flows.request.campaign_job import described, requested_cores
+    from vastflow.tasks.execution.job import job_variables
 
-        A Job is shown all cores of its node, so it is told how many it requests.
-        """
-        from vastflow.flows.request.campaign_job import described, requested_cores
-        from vastflow.tasks.execution.job import job_variables
-
-        if kind is PoolType.process:
-            return {}, self.workers
-        description = described(self.campaign, None)
-        return job_variables(kind, description), self.workers or requested_cores(kind, description)
+    if kind is PoolType.process:
+        return {}, workers
+    description = described(campaign, None)
+    return job_variables(kind, description), workers or requested_cores(kind, description)

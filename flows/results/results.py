@@ -18,11 +18,11 @@ from vastflow.flows.request.campaign_file import campaign_name
 from vastflow.flows.request.members import Runs, runs_of
 from vastflow.flows.request.notes import terminal_lines
 from vastflow.flows.results.campaign_tables import CampaignTables, RunLogs, write_instantiation
-from vastflow.flows.results.directory import new_directory
+from vastflow.flows.results.directory import NewDirectory, new_directory
 from vastflow.flows.results.environment import write_environment
 from vastflow.flows.results.found import Found, RunFault
 from vastflow.flows.results.inputs import Inputs
-from vastflow.flows.results.kept_report import KeptReport, renew_work
+from vastflow.flows.results.kept_report import KeptReport, Restored, renew_work
 from vastflow.flows.results.member_files import written
 from vastflow.flows.results.origin import origin_row
 from vastflow.flows.results.summary import Summary, Tally, Work
@@ -54,6 +54,26 @@ class Results:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Assessed:
+    """A campaign directory with all tables, before its report.
+
+    Attributes:
+        metadata: What `metadata.json` says beside outcome and work.
+        kept: Where the store has or would have tables and report; None where nothing is to be kept.
+        restored: What was kept of the same results; None where everything was made now.
+    """
+
+    directory: NewDirectory
+    metadata: Mapping[str, Any]
+    summary: Summary
+    tally: Tally
+    faults: tuple[RunFault, ...]
+    notes: tuple[str, ...]
+    kept: KeptReport | None
+    restored: Restored | None
+
+
 def write_results(
     root: Path,
     campaign: Campaign,
@@ -76,6 +96,50 @@ def write_results(
     """Write `root/<name>-<time>/`, report included; it appears whole or not at all.
 
     Args:
+        created: Time in the directory's name.
+        before_report: Called with the directory when all is there but the report, which may be one that was kept.
+    """
+    with new_directory(root, campaign_name(campaign), created) as directory:
+        assessed = write_tables(
+            directory,
+            campaign,
+            inputs,
+            instantiation,
+            found,
+            runs=runs,
+            oracles=oracles,
+            keys=keys,
+            record=record,
+            faults=faults,
+            created=created,
+            work=work,
+            kept=kept,
+            threads=threads,
+        )
+        before_report(directory.partial)
+        return write_report(assessed, report, work)
+
+
+def write_tables(
+    directory: NewDirectory,
+    campaign: Campaign,
+    inputs: Inputs,
+    instantiation: Instantiation,
+    found: Callable[[Configuration], Found],
+    *,
+    runs: Runs,
+    oracles: Sequence[str],
+    keys: Keys,
+    record: Mapping[str, Any] | None = None,
+    faults: Iterable[RunFault] = (),
+    created: datetime,
+    work: Callable[[], Work],
+    kept: Callable[[Mapping[str, Any]], KeptReport] | None = None,
+    threads: int = 1,
+) -> Assessed:
+    """Write all of a campaign directory but its report.
+
+    Args:
         inputs: The campaign's files as they were when it was loaded.
         instantiation: What is in the directory, that is, after `only` has been applied.
         found: Reads one configuration's artifacts; called once for each that is no duplicate, from `threads` threads and few ahead,
@@ -86,58 +150,67 @@ def write_results(
         keys: Of the artifacts that `found` reads; name the code and the numeric class they follow from.
         record: What more `metadata.json` says, from the beginning on: what was asked, and the code in detail.
         faults: Those of no single configuration.
-        created: Time in the directory's name.
         work: What the call has done so far.
-        report: Writes evidence, figures and report into the directory it is given. What it raises
-            is a fault of the campaign, but no reason to lose the tables.
-        before_report: Called with the directory when all is there but the report, which may be one that was kept.
         kept: Gives for `metadata.json` where the store has the tables and the report of these results, or would have them; None
             where nothing is to be kept.
         threads: How many read configurations at a time.
+
+    Raises:
+        Lost: an artifact is damaged or gone.
     """
-    with new_directory(root, campaign_name(campaign), created) as directory:
-        place = directory.partial
-        inputs.write(place)
-        metadata = {**_metadata(campaign, keys, created), **(record or {})}
-        _write_json(place / "metadata.json", metadata)  # for `resume`, should this process be killed
-        _write_environments(place / "environments", inputs.maps, instantiation.configurations)
-        where = kept(metadata) if kept is not None else None
-        if where is not None:
-            metadata["report"] = where.key
+    place = directory.partial
+    inputs.write(place)
+    metadata = {**_metadata(campaign, keys, created), **(record or {})}
+    _write_json(place / "metadata.json", metadata)  # for `resume`, should this process be killed
+    _write_environments(place / "environments", inputs.maps, instantiation.configurations)
+    where = kept(metadata) if kept is not None else None
+    if where is not None:
+        metadata["report"] = where.key
 
-        all_faults = list(faults)
-        distinct = [each for each in instantiation.configurations if each.duplicate_of is None]
-        files = written(place, distinct, found, runs, threads)
-        restored = where.restore(place) if where is not None else None
-        if restored is None:
-            _write_json(place / "coverage.json", instantiation.coverage)
-            write_instantiation(place, instantiation)
-            with CampaignTables(place, runs, oracles) as tables:
-                for configuration, result in files:
-                    tables.add(configuration, result)
-                    all_faults += result.faults
-            tally = tables.tally
-        else:
-            tally = restored.tally
-            _write_logs(place, files, restored.logs and not work().executed)
+    all_faults = list(faults)
+    distinct = [each for each in instantiation.configurations if each.duplicate_of is None]
+    files = written(place, distinct, found, runs, threads)
+    restored = where.restore(place) if where is not None else None
+    if restored is None:
+        _write_json(place / "coverage.json", instantiation.coverage)
+        write_instantiation(place, instantiation)
+        with CampaignTables(place, runs, oracles) as tables:
+            for configuration, result in files:
+                tables.add(configuration, result)
+                all_faults += result.faults
+        tally = tables.tally
+    else:
+        tally = restored.tally
+        _write_logs(place, files, restored.logs and not work().executed)
+    summary = summary_of(instantiation, tally, runs, work(), directory.final)
+    _write_outcome(place, metadata, summary, all_faults)
+    notes = tuple(terminal_lines(campaign.notes))
+    return Assessed(directory, metadata, summary, tally, tuple(all_faults), notes, where, restored)
 
-        summary = summary_of(instantiation, tally, runs, work(), directory.final)
-        _write_outcome(place, metadata, summary, all_faults)
-        before_report(place)
-        if restored is not None:
-            renew_work(place, {**metadata, "counts": summary.as_json()})
-        else:
-            try:
-                report(place)
-            except Exception as error:
-                LOGGER.exception("the report could not be made")
-                all_faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))
-            if where is not None and not all_faults:
-                where.keep(place, tally)
-        done = work()
-        summary = replace(summary, cpu_s=done.cpu_s, wall_s=done.wall_s)
-        _write_outcome(place, metadata, summary, all_faults)
-    return Results(directory.final, summary, tuple(all_faults), tuple(terminal_lines(campaign.notes)))
+
+def write_report(assessed: Assessed, report: Callable[[Path], None], work: Callable[[], Work]) -> Results:
+    """Write a campaign's report, or bring the one that was kept up to date.
+
+    Args:
+        report: Writes evidence, figures and report into the directory it is given. What it raises
+            is a fault of the campaign, but no reason to lose the tables.
+        work: What the call has done so far.
+    """
+    place, metadata, faults = assessed.directory.partial, assessed.metadata, list(assessed.faults)
+    if assessed.restored is not None:
+        renew_work(place, {**metadata, "counts": assessed.summary.as_json()})
+    else:
+        try:
+            report(place)
+        except Exception as error:
+            LOGGER.exception("the report could not be made")
+            faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))
+        if assessed.kept is not None and not faults:
+            assessed.kept.keep(place, assessed.tally)
+    done = work()
+    summary = replace(assessed.summary, cpu_s=done.cpu_s, wall_s=done.wall_s)
+    _write_outcome(place, metadata, summary, faults)
+    return Results(assessed.directory.final, summary, tuple(faults), assessed.notes)
 
 
 def summary_of(instantiation: Instantiation, tally: Tally, runs: Runs, work: Work, results: Path) -> Summary:

@@ -2,27 +2,34 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from vastflow.flows.computing.computation import begin_executing
+from vastflow.flows.computing import mapped
+from vastflow.flows.computing.flow_call import FlowCall
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.members import members_of, narrowed
 from vastflow.flows.request.opened import OpenCampaign, open_campaign
 from vastflow.flows.request.selection import Selection
-from vastflow.flows.stages.call import stage_call
+from vastflow.flows.results.found import RunFault
+from vastflow.flows.stages.call import stage_run
 from vastflow.flows.stages.configurations import Configurations
 from vastflow.flows.stages.recordings import Recordings
 from vastflow.flows.stages.traces import ObservedBlock, Traces
 from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.faults import CampaignError, Fault
-from vastflow.tasks.engine import Engine, judgements
-from vastflow.tasks.index import Block, Index, Member, missing
+from vastflow.tasks.engine import judgements
+from vastflow.tasks.index import Block, Found, Index, Member, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator
 from vastflow.tasks.progress import Observer, Tally
+from vastflow.tasks.shards import Shard
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost
+
+if TYPE_CHECKING:
+    from vastflow.flows.computing.task_runs import TaskRuns
 
 OracleChoice: TypeAlias = str | Mapping[str, Mapping[str, Any]]
 """An oracle as a campaign file asks for it: its name, or `{name: parameters}`."""
@@ -52,11 +59,25 @@ def instantiate(
         PrefectUnavailable: Prefect's API can't be started.
     """
     opened = open_campaign(path, store, as_v1=as_v1)
-    with stage_call(opened, "instantiate", opened.oracles, workers) as call:
-        tree = installed_tree()
-        keys = campaign_keys(tree, opened.campaign.seed, opened.oracles)
-        instantiator = Instantiator(opened.campaign, opened.store, keys, tree)
-        return Configurations(opened, *call.instantiated(instantiator, Index(opened.store, keys)))
+    tree = installed_tree()
+    keys = campaign_keys(tree, opened.campaign.seed, opened.oracles)
+    instantiator = Instantiator(opened.campaign, opened.store, keys, tree)
+    with stage_run(opened, "instantiate", keys, opened.oracles, workers) as run:
+        made: list[Instantiated] = []
+
+        def body(task_runs: "TaskRuns") -> None:
+            made.append(mapped.instantiate(task_runs, instantiator))
+
+        for _ in run.engine.attempts():
+            if (stored := instantiator.stored()) is not None:
+                made.append(stored)
+            else:
+                with suppress(Lost):
+                    run.flow(FlowCall(run.engine, run.tally, run.log), body)
+            if made:
+                break
+    faults = (RunFault("", None, "instantiate", str(fault)) for fault in made[-1].faults)
+    return Configurations(opened, made[-1].instantiation, tuple(faults))
 
 
 def execute(
@@ -90,21 +111,22 @@ def execute(
     chosen = replace(configurations, instantiation=narrow.instantiation)
     wanted = opened.campaign.runs_asked(runs)
     members = members_of(chosen.instantiation, wanted)
-    with stage_call(opened, "execute", opened.oracles, workers, observer) as call:
-        keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
-        index = Index(opened.store, keys)
-        call.tally.expect({member.name: member.runs for member in members})
+    keys = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
+    with stage_run(opened, "execute", keys, opened.oracles, workers, observer) as run:
+        index = run.engine.index
+        run.tally.expect({member.name: member.runs for member in members})
 
         def whole(member: Member) -> bool:
             blocks = index.blocks(member)
-            _reuse(call.tally, member, blocks)
+            _reuse(run.tally, member, blocks)
             return not missing(blocks, member.runs)
 
-        def begin(engine: Engine, absent: Sequence[Member]) -> None:
-            to_do = sum(len(missing(index.blocks(member), member.runs)) for member in absent)
-            begin_executing(engine, absent, to_do, call.workers)
-
-        faults = call.completed(index, members, whole, begin=begin)
+        faults = run.completed(
+            members,
+            whole,
+            lambda shards, task_runs: task_runs.wait(shards, mapped.execute(task_runs, shards)),
+            lambda absent: run.engine.begin((Found(each, tuple(index.stored(each))) for each in absent), run.workers),
+        )
         blocks = {member.name: tuple(index.blocks(member)) for member in members}
     return Recordings(chosen, wanted, keys, blocks, (*configurations.faults, *faults))
 
@@ -122,14 +144,14 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
     """
     opened = recordings.configurations.opened
     members = members_of(recordings.configurations.instantiation, recordings.runs)
-    with stage_call(opened, "observe", opened.oracles, workers, observer) as call:
-        fresh = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
-        keys = replace(recordings.keys, observe_source=fresh.observe_source, sources=fresh.sources)
-        index = Index(opened.store, keys)
-        call.tally.expect({member.name: member.runs for member in members})
+    fresh = campaign_keys(installed_tree(), opened.campaign.seed, opened.oracles)
+    keys = replace(recordings.keys, observe_source=fresh.observe_source, sources=fresh.sources)
+    with stage_run(opened, "observe", keys, opened.oracles, workers, observer) as run:
+        index = run.engine.index
+        run.tally.expect({member.name: member.runs for member in members})
 
         def whole(member: Member) -> bool:
-            _reuse(call.tally, member, recordings.blocks[member.name])
+            _reuse(run.tally, member, recordings.blocks[member.name])
             absent = [
                 block
                 for block in recordings.blocks[member.name]
@@ -138,10 +160,17 @@ def observe(recordings: Recordings, *, workers: int | None = None, observer: Obs
             _check(opened, [block.key for block in absent], f"recordings of {member.name}", "execute")
             return not absent
 
-        def upstream(member: Member) -> list[list[Any]]:
-            return [[block.start, block.stop, block.content] for block in recordings.blocks[member.name]]
+        def observed(shards: Sequence[Shard], task_runs: "TaskRuns") -> None:
+            rows = [
+                [
+                    [[block.start, block.stop, block.content] for block in recordings.blocks[m.name]]
+                    for m in shard.members
+                ]
+                for shard in shards
+            ]
+            task_runs.wait(shards, mapped.observe(task_runs, shards, rows))
 
-        faults = call.completed(index, members, whole, upstream)
+        faults = run.completed(members, whole, observed)
         blocks = {member.name: _observed(index, member, recordings) for member in members}
     return Traces(recordings, keys, blocks, (*recordings.faults, *faults))
 
@@ -169,31 +198,29 @@ def judge(
     opened = traces.configurations.opened
     asked = opened.oracles if oracles is None else _asked(opened, oracles)
     members = members_of(traces.configurations.instantiation, traces.recordings.runs)
-    with stage_call(opened, "judge", asked, workers, observer) as call:
-        fresh = campaign_keys(installed_tree(), opened.campaign.seed, asked)
-        keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles, sources=fresh.sources)
-        index = Index(opened.store, keys)
-        call.tally.expect({member.name: member.runs for member in members})
+    fresh = campaign_keys(installed_tree(), opened.campaign.seed, asked)
+    keys = replace(traces.keys, judge_source=fresh.judge_source, oracles=fresh.oracles, sources=fresh.sources)
+    with stage_run(opened, "judge", keys, asked, workers, observer) as run:
+        index = run.engine.index
+        run.tally.expect({member.name: member.runs for member in members})
 
         def whole(member: Member) -> bool:
-            _reuse(call.tally, member, [each.block for each in traces.blocks[member.name]])
+            _reuse(run.tally, member, [each.block for each in traces.blocks[member.name]])
             absent = []
             for each in traces.blocks[member.name]:
                 found = index.store.find(index.verdicts_key(member, each.block, each.content))
                 if found is None:
                     absent += [each.block.key, each.key]
                 else:
-                    call.tally.judge(member.name, judgements(found))
+                    run.tally.judge(member.name, judgements(found))
             _check(opened, absent, f"recordings or traces of {member.name}", "execute and observe")
             return not absent
 
-        def upstream(member: Member) -> list[list[Any]]:
-            return [
-                [each.block.start, each.block.stop, each.block.content, each.content]
-                for each in traces.blocks[member.name]
-            ]
+        def judged(shards: Sequence[Shard], task_runs: "TaskRuns") -> None:
+            rows = [[_rows(traces.blocks[member.name]) for member in shard.members] for shard in shards]
+            task_runs.wait(shards, mapped.judge(task_runs, shards, rows))
 
-        faults = call.completed(index, members, whole, upstream)
+        faults = run.completed(members, whole, judged)
         blocks = {member.name: _judged(index, member, traces) for member in members}
     return Verdicts(traces, tuple(oracle.name for oracle in asked), keys, blocks, (*traces.faults, *faults))
 
@@ -207,6 +234,10 @@ def _check(opened: OpenCampaign, keys: Sequence[str], what: str, stages: str) ->
     """Raise `Lost` where one of `keys` is not in the store."""
     if any(opened.store.find(key) is None for key in keys):
         raise Lost(f"{what} are not in the store {opened.store.place!r} any more; {stages} again")
+
+
+def _rows(blocks: Sequence[ObservedBlock]) -> list[list[Any]]:
+    return [[each.block.start, each.block.stop, each.block.content, each.content] for each in blocks]
 
 
 def _observed(index: Index, member: Member, recordings: Recordings) -> tuple[ObservedBlock, ...]:

@@ -2,174 +2,131 @@
 
 import pickle
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from vastflow.flows.computing.computation import WAVES, Computation, cores
+from vastflow.flows.computing.flow_call import FlowCall
+from vastflow.flows.computing.processors import cores
 from vastflow.flows.request.opened import OpenCampaign
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.found import RunFault
 from vastflow.oracles.oracle import Oracle
-from vastflow.producers.instantiate import Instantiation
 from vastflow.tasks import chatter, ending
-from vastflow.tasks.engine import Engine, Rows
+from vastflow.tasks.engine import Engine
 from vastflow.tasks.index import Index, Member
-from vastflow.tasks.instantiation import Evaluator, Instantiated, Instantiator
+from vastflow.tasks.keys import Keys
+from vastflow.tasks.pool import Pool
 from vastflow.tasks.progress import Observer, Reporter, Tally
-from vastflow.tasks.server import PrefectUnavailable
-from vastflow.tasks.shards import chunks
-from vastflow.tasks.store import Lost, StoreError
+from vastflow.tasks.shards import Shard, missing_shards
+from vastflow.tasks.store import Lost
+
+if TYPE_CHECKING:
+    from vastflow.flows.computing.task_runs import TaskRuns
 
 
 @dataclass(frozen=True, slots=True)
-class StageCall:
-    """A call that has begun.
+class StageRun:
+    """A stage that is run alone.
 
     Attributes:
+        name: The campaign's.
         stage: `instantiate`, `execute`, `observe` or `judge`.
-        oracles: Those that judge, if any do.
         title: Name of the flow run, if there is one.
         log: File for what would be said on the terminal otherwise.
     """
 
-    opened: OpenCampaign
+    name: str
     stage: str
-    oracles: Sequence[Oracle[Any]]
+    title: str
+    engine: Engine
     workers: int
     tally: Tally
-    title: str
     log: Path
-
-    def instantiated(self, instantiator: Instantiator, index: Index) -> tuple[Instantiation, tuple[RunFault, ...]]:
-        """The campaign's instantiation, and faults of producers.
-
-        Raises:
-            CampaignError: a constraint can't be evaluated, constraints leave nothing, or a design is too large.
-            StoreError: the store can't be used.
-            PrefectUnavailable: Prefect's API can't be had.
-        """
-        found: list[Instantiated] = []
-        unavailable: PrefectUnavailable | None = None
-        for _ in range(WAVES):
-            self.opened.store.survey()
-            if (stored := instantiator.stored()) is not None:
-                found.append(stored)
-                break
-            if unavailable is not None:  # tasks end without Prefect's API, but these did not
-                raise unavailable
-
-            def plan(evaluator: Evaluator) -> None:
-                self.tally.begin("instantiating")
-                found.append(instantiator.instantiated(evaluator))
-
-            def flow(engine: Engine) -> Any:
-                from vastflow.flows.stages import flows as stage_flows
-
-                return stage_flows.instantiate(self.title, self.opened.name, engine, plan, return_state=True)
-
-            error = self._computation(index).run(flow)
-            if error is None:
-                break
-            found.clear()
-            if isinstance(error, PrefectUnavailable):
-                unavailable = error
-            elif not isinstance(error, Lost):
-                raise error
-        if not found:
-            raise StoreError(
-                f"store: {self.opened.store.place!r} loses what is written to it; is the disk full or broken?"
-            )
-        faults = (RunFault("", None, "instantiate", str(fault)) for fault in found[-1].faults)
-        return found[-1].instantiation, tuple(faults)
 
     def completed(
         self,
-        index: Index,
         members: Sequence[Member],
         whole: Callable[[Member], bool],
-        upstream: Callable[[Member], list[list[Any]]] | None = None,
-        begin: Callable[[Engine, Sequence[Member]], None] = lambda engine, members: None,
+        mapped: "Callable[[Sequence[Shard], TaskRuns], None]",
+        begin: Callable[[Sequence[Member]], None] = lambda members: None,
     ) -> tuple[RunFault, ...]:
         """Compute what is missing; gives the faults that are left.
 
         Args:
             members: All of them: they are cut into the same shards whatever is missing.
             whole: Whether the store has everything of a member.
-            upstream: Of a member what the stage before gave, a row for each block; None for the first stage.
+            mapped: Maps the stage over shards, and waits.
             begin: Lets workers begin with the members that miss something while Prefect starts.
 
         Raises:
             StoreError: the store can't be used.
             PrefectUnavailable: Prefect's API can't be had.
         """
-        faults: tuple[RunFault, ...] = ()
-        unavailable: PrefectUnavailable | None = None
-        for _ in range(WAVES):
+
+        def absent() -> list[Member]:
             self.tally.begin("scanning")
-            self.opened.store.survey()
-            absent = [member for member in members if not whole(member)]
-            if {member.name for member in absent} <= {fault.configuration for fault in faults}:
-                return faults
-            if unavailable is not None:  # tasks end without Prefect's API, but these did not
-                raise unavailable
-            self.tally.begin("starting Prefect")
-            computation = self._computation(index)
-            error = computation.run(
-                lambda engine, absent=absent: self._flow(engine, members, absent, upstream),
-                lambda engine, absent=absent: begin(engine, absent),
-            )
-            faults = tuple(
-                RunFault(each.member, each.run_index, each.stage, each.error) for each in computation.engine.faults
-            )
-            if isinstance(error, PrefectUnavailable):
-                unavailable = error
-            elif error is not None:
-                from vastflow.flows.computing.task_runs import TaskFailed
+            broken = self.engine.broken
+            return [member for member in members if not whole(member) and member.name not in broken]
 
-                if not isinstance(error, TaskFailed):
-                    raise error
-                return (*faults, RunFault("", None, "flow", str(error)))
-        if all(map(whole, members)):
-            return faults
-        raise StoreError(f"store: {self.opened.store.place!r} loses what is written to it; is the disk full or broken?")
+        for _ in self.engine.attempts():
+            if missing := absent():
+                shards = missing_shards(members, {member.name for member in missing})
+                call = FlowCall(self.engine, self.tally, self.log)
+                begin(missing)
+                with suppress(Lost):
+                    self.flow(call, partial(mapped, shards))
+            if not missing or not absent():
+                break
+        return tuple(RunFault(each.member, each.run_index, each.stage, each.error) for each in self.engine.faults)
 
-    def _flow(
-        self,
-        engine: Engine,
-        members: Sequence[Member],
-        absent: Sequence[Member],
-        upstream: Callable[[Member], list[list[Any]]] | None,
-    ) -> Any:
-        from vastflow.flows.stages import flows as stage_flows
-        from vastflow.tasks.stages import Shard
+    def flow(self, call: FlowCall, body: "Callable[[TaskRuns], None]") -> None:
+        """Run a flow of this stage alone.
 
-        wanted = {member.name for member in absent}
-        cut = [[members[i] for i in part] for part in chunks([member.scenario.digest for member in members])]
-        shards = [Shard(part) for part in cut if any(member.name in wanted for member in part)]
-        rows: list[Rows] = [[upstream(m) for m in shard.members] for shard in shards] if upstream else []
-        self.tally.begin("running")
-        flow = getattr(stage_flows, self.stage)
-        return flow(self.title, stage_flows.StageJob(self.opened.name, engine, shards, rows), return_state=True)
+        Raises:
+            StoreError: the store can't be used.
+            PrefectUnavailable: Prefect's API can't be had.
+        """
 
-    def _computation(self, index: Index) -> Computation:
-        return Computation(index, pickle.dumps(tuple(self.oracles)), self.workers, self.tally, self.log)
+        def flow() -> Any:
+            from vastflow.flows.stages.flow import stage_flow
+
+            return stage_flow(self, body)(return_state=True)
+
+        try:
+            call.run(flow)
+        except Exception:
+            if self.engine.store_error is not None:  # what else broke follows from it
+                raise self.engine.store_error from None
+            raise
 
 
 @contextmanager
-def stage_call(
+def stage_run(
     opened: OpenCampaign,
     stage: str,
+    keys: Keys,
     oracles: Sequence[Oracle[Any]] = (),
     workers: int | None = None,
     observer: Observer | None = None,
-) -> Iterator[StageCall]:
-    """Begin a call: Ctrl-C and SIGTERM end it within seconds, what it says goes to a log below the store's local folder."""
+) -> Iterator[StageRun]:
+    """Begin a call: Ctrl-C and SIGTERM end it within seconds, what it says goes to a log below the store's local folder.
+
+    Args:
+        keys: Of what is computed.
+        oracles: Those that judge, if any do.
+    """
     created, tally = datetime.now(), Tally()
     with ending.terminable(), Reporter(tally, observer):
         log = chatter.new_log(opened.store.local / "logs", f"{directory_name(opened.name)}-{stage}", created)
         with chatter.own_log(log):
             title = f"{stage} {opened.name} {created:%Y-%m-%d %H:%M:%S}"
-            yield StageCall(opened, stage, oracles, workers or cores(), tally, title, log)
+            count = workers or cores()
+            engine = Engine(Index(opened.store, keys), Pool(count, log), tally, pickle.dumps(tuple(oracles)))
+            try:
+                yield StageRun(opened.name, stage, title, engine, count, tally, log)
+            finally:
+                engine.close()

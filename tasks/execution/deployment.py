@@ -6,8 +6,8 @@ from typing import Any, Final
 
 from vastflow.tasks.execution.description import label_of
 
-FLOW: Final = "run campaign"
-ENTRYPOINT: Final = "vastflow.flows.scheduled.run_scheduled"
+FLOW: Final = "campaign"
+ENTRYPOINT: Final = "vastflow.flows.campaign.campaign"
 """A module's function, found wherever vastflow is installed."""
 TAG: Final = "vastflow"
 
@@ -29,7 +29,7 @@ class Deployment:
     Attributes:
         name: Of the deployment.
         campaign: The campaign's own name.
-        parameters: Of the flow; what is left out has the flow's defaults.
+        request: What is asked of the flow, as fields of `RunRequest`; what is left out has its defaults.
         pool: Name of the work pool.
         folder: Working directory on the worker's machine or in the image; relative parameters are below it.
         description: Markdown.
@@ -40,7 +40,7 @@ class Deployment:
 
     name: str
     campaign: str
-    parameters: Mapping[str, Any]
+    request: Mapping[str, Any]
     pool: str
     folder: str
     description: str = ""
@@ -59,7 +59,7 @@ class Deployment:
             "description": self.description,
             "tags": [TAG, label_of(self.campaign) or "campaign"],
             "entrypoint": ENTRYPOINT,
-            "parameters": dict(self.parameters),
+            "parameters": {"request": dict(self.request)},
             "enforce_parameter_schema": True,
             "concurrency_limit": {"limit": 1, "collision_strategy": "ENQUEUE"},
             "schedules": schedules,

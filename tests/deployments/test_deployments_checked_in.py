@@ -14,9 +14,9 @@ import yaml
 from packaging.requirements import Requirement
 from prefect.cli.deploy._models import PrefectYamlModel, RawScheduleConfig
 
+from vastflow.flows.campaign import campaign
 from vastflow.flows.commands.deploy import IMAGE_FOLDER
 from vastflow.flows.pool.shard_flow import run_shard
-from vastflow.flows.scheduled import run_scheduled
 from vastflow.producers.campaign import load_campaign
 from vastflow.tasks import work
 from vastflow.tasks.execution import deployment, job
@@ -119,12 +119,12 @@ def test_prefect_reads_the_deployments():
 
 
 def test_the_deployments_run_the_flows_that_there_are_with_parameters_that_they_have():
-    flows = {deployment.ENTRYPOINT: run_scheduled, deployment.SHARD_ENTRYPOINT: run_shard}
+    flows = {deployment.ENTRYPOINT: campaign, deployment.SHARD_ENTRYPOINT: run_shard}
     for entrypoint, flow in flows.items():
         assert f"{flow.fn.__module__}.{flow.fn.__name__}" == entrypoint
     for each in entries():
         if each["entrypoint"] == deployment.ENTRYPOINT:
-            assert run_scheduled.validate_parameters(each["parameters"])["campaign"] == CAMPAIGN
+            assert campaign.validate_parameters(each["parameters"])["request"].campaign == CAMPAIGN
         else:
             assert each["entrypoint"] == deployment.SHARD_ENTRYPOINT
             assert each["parameters"] == {}
@@ -141,7 +141,7 @@ def test_the_deployments_are_what_the_command_makes_of_the_same_campaign():
             made = Deployment(
                 name=each["name"],
                 campaign="quickstart",
-                parameters=each["parameters"],
+                request=each["parameters"]["request"],
                 pool=pool,
                 folder=step[deployment.STEP]["directory"],
                 description=description_of("quickstart", CAMPAIGN, runs),

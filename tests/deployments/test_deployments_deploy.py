@@ -6,9 +6,9 @@ from prefect.cli.deploy._models import DeploymentConfig
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
+from vastflow.flows.campaign import campaign as campaign_flow
 from vastflow.flows.commands import deploy as deploy_command
 from vastflow.flows.commands.deploy import NO_API
-from vastflow.flows.scheduled import run_scheduled
 from vastflow.tasks.execution.job import PoolType, base_job_template
 
 
@@ -66,7 +66,7 @@ def test_the_parameters_are_those_of_the_flow_and_the_paths_are_absolute(file, t
         "https://lab.example",
     )
     deployment, _ = printed(called("rooms.vast", "--pool", "lab", *options, "--dry-run"))
-    assert deployment.parameters == {
+    assert deployment.parameters["request"] == {
         "campaign": str(tmp_path / "rooms.vast"),
         "runs": 2,
         "only": ["rooms"],
@@ -75,7 +75,7 @@ def test_the_parameters_are_those_of_the_flow_and_the_paths_are_absolute(file, t
         "workers": 1,
         "reports": "https://lab.example",
     }
-    run_scheduled.validate_parameters(deployment.parameters)
+    campaign_flow.validate_parameters(deployment.parameters)
 
 
 def test_without_a_schedule_it_runs_on_request_only(file):
@@ -93,7 +93,7 @@ def test_a_cluster_gets_the_resources_of_the_file_and_paths_of_the_image(file, t
         "cpu": "3",
         "memory": "6Gi",
     }
-    assert deployment.parameters == {"campaign": "rooms.vast", "results": "/data/results", "workers": 3}
+    assert deployment.parameters["request"] == {"campaign": "rooms.vast", "results": "/data/results", "workers": 3}
     assert pool["base_job_template"] == base_job_template(PoolType.kubernetes)
 
 
@@ -160,7 +160,7 @@ def test_shards_go_to_a_pool_of_their_own_where_one_is_named(file):
     assert result.exit_code == 0, result.output
     written, pool, farm = yaml.safe_load_all(result.stdout)
     campaign, shards = (DeploymentConfig.model_validate(each) for each in written["deployments"])
-    assert campaign.parameters["pool"] == "farm"
+    assert campaign.parameters["request"]["pool"] == "farm"
     assert "Workers of the work pool **farm** compute the runs." in campaign.description
     assert (shards.name, shards.work_pool.name, shards.parameters) == ("farm", "farm", {})
     assert (pool["name"], farm["name"]) == ("lab", "farm")

@@ -14,12 +14,13 @@ from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
+from vastflow.flows.request.run_request import RunRequest
 
 pytestmark = pytest.mark.timeout(900)
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
 WORKER_S = 180
-DEPLOYMENT = "run campaign/tiny"
+DEPLOYMENT = "campaign/tiny"
 CAMPAIGN = """\
 version: 1
 metadata: {name: tiny}
@@ -71,8 +72,9 @@ def work(api, place, deployed):
     assert deployed.exit_code == 0, deployed.output
     environment = {**os.environ, "PREFECT_API_URL": str(api.api_url), "PREFECT_HOME": str(place / "worker")}
 
-    def done(**parameters):
+    def done(**fields):
         deployment = api.read_deployment_by_name(DEPLOYMENT)
+        parameters = {"request": {**deployment.parameters["request"], **fields}}
         asked = api.create_flow_run_from_deployment(deployment.id, parameters=parameters)
         worker = (sys.executable, "-m", "prefect", "worker", "start", "--pool", "lab", "--limit", "1", "--run-once")
         subprocess.run(
@@ -113,7 +115,10 @@ def test_the_deployment_has_a_schedule_a_limit_and_parameters_that_a_form_can_sh
     assert deployment.schedules[0].schedule.cron == "0 2 * * *"
     assert (deployment.global_concurrency_limit.limit, deployment.tags) == (1, ["vastflow", "tiny"])
     assert deployment.concurrency_options.collision_strategy.value == "ENQUEUE"
-    properties = deployment.parameter_openapi_schema["properties"]
+    schema = deployment.parameter_openapi_schema
+    assert schema["required"] == ["request"]
+    properties = schema["definitions"]["RunRequest"]["properties"]
+    assert set(properties) == set(RunRequest.model_fields)
     assert all("description" in about for about in properties.values())
     assert deployment.enforce_parameter_schema
 
@@ -138,7 +143,7 @@ def test_deploying_again_changes_the_same_deployment(api, place, deployed, monke
     before = api.read_deployment_by_name(DEPLOYMENT)
     result = CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", "--name", "tiny", "--runs", "9"])
     after = api.read_deployment_by_name(DEPLOYMENT)
-    assert (result.exit_code, after.id, after.parameters["runs"]) == (0, before.id, 9)
+    assert (result.exit_code, after.id, after.parameters["request"]["runs"]) == (0, before.id, 9)
     assert (result.stdout.splitlines()[0].split()[0], after.schedules) == ("found", [])
     options = ("--workers", "2", "--store", str(place / "store"))
     assert CliRunner().invoke(app, ["deploy", "tiny.vast", "--pool", "lab", *options]).exit_code == 0
@@ -154,7 +159,7 @@ def test_a_pool_of_another_type_is_not_taken(api, place, deployed, monkeypatch):
 def test_parameters_that_make_no_sense_are_refused_before_they_run(api, deployed):
     deployment = api.read_deployment_by_name(DEPLOYMENT)
     with pytest.raises(Exception, match="0 is less than the minimum of 1"):
-        api.create_flow_run_from_deployment(deployment.id, parameters={"runs": 0})
+        api.create_flow_run_from_deployment(deployment.id, parameters={"request": {"campaign": "tiny.vast", "runs": 0}})
 
 
 def test_a_worker_runs_the_campaign_and_the_flow_run_is_completed_under_a_readable_name(first):
@@ -193,13 +198,13 @@ def test_the_log_on_the_flow_runs_page_is_short_and_tells_begin_stages_and_summa
     assert "report: " in own[-1]
 
 
-def test_the_stages_have_a_flow_run_of_their_own_with_tags_and_few_lines(api, first):
-    (inner,) = (run for run in api.read_flow_runs() if run.name.startswith("tiny 20"))
-    assert set(inner.tags) == {"vastflow", "tiny"}
-    assert artifacts(api, inner)["tiny-shards"]["data"] == 100
-    lines = logged(api, inner)
-    assert "execute: 2 shards, 0 of them known already" in lines
-    assert len(lines) < 10
+def test_the_stages_are_task_runs_of_the_one_flow_run(api, first):
+    assert [run.id for run in api.read_flow_runs() if run.state.name == "Completed"] == [first.id]
+    assert set(first.tags) == {"vastflow", "tiny"}
+    asked = {"flow_runs": {"id": {"any_": [str(first.id)]}}}
+    names = [each["name"] for each in api.request("POST", "/task_runs/filter", json=asked).json()]
+    stages = {f"{stage} {k} of room" for stage in ("execute", "observe", "judge") for k in (1, 2)}
+    assert sorted(names) == sorted(stages | {"instantiate room by ParameterVariationList"})
 
 
 def test_a_campaign_run_by_hand_has_a_page_of_its_own_with_progress_results_and_report(api, place, first):

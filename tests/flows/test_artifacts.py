@@ -16,6 +16,7 @@ from vastflow.flows.computing.artifacts import (
     Page,
     ProgressBar,
     key_of,
+    outcome_text,
     progress_text,
     publish,
     size_text,
@@ -24,6 +25,8 @@ from vastflow.flows.computing.artifacts import (
 from vastflow.flows.results.results import Results
 from vastflow.flows.results.summary import Summary
 from vastflow.tasks.progress import Progress
+
+FLOW_RUN = str(uuid4())
 
 
 class Client:
@@ -149,30 +152,32 @@ def test_a_page_is_shown_again_when_its_server_is_back(client, clock):
 @pytest.fixture
 def finished(monkeypatch):
     """A campaign directory that is not looked into."""
+    monkeypatch.setattr(artifacts, "flow_run", SimpleNamespace(id=FLOW_RUN))
+    monkeypatch.setattr(artifacts, "get_run_logger", lambda: artifacts.LOGGER)
     monkeypatch.setattr(artifacts, "result_rows", lambda found: [{"family": "room", "runs": 4}])
     summary = Summary(2, 0, 0, 4, 4, 0, 3, 1, 0, 10.0, 1.0, 1.0, "results/x-1", {})
     return Results(Path("results/x-1"), summary, (), ())
 
 
-def test_results_and_report_are_shown_on_the_page_of_a_flow_run_that_has_ended(client, finished):
-    of = str(uuid4())
-    outcome = publish(finished, "Two rooms", flow_run_id=of)
+def test_results_and_report_are_shown_on_the_page(client, finished):
+    publish(finished, "Two rooms")
+    outcome = outcome_text(finished)
     assert outcome == ("2 configurations × 2 runs: 3 passed, 1 failed, 0 not judged; 4 runs executed, 0 from the store")
     (_, table, rows, about), (_, link, text, _) = client.sent
     assert (table, json.loads(rows)) == ("two-rooms-results", [{"family": "room", "runs": 4}])
     assert about == f"**Two rooms**, {outcome}"
     assert (link, text) == ("two-rooms-report", f"[report.html]({Path('results/x-1/report.html').resolve().as_uri()})")
-    assert {str(flow_run_id) for flow_run_id in client.flow_runs} == {of}
+    assert {str(flow_run_id) for flow_run_id in client.flow_runs} == {FLOW_RUN}
 
 
 def test_the_link_to_the_report_goes_to_where_results_are_served(client, finished):
-    publish(finished, "x", "https://lab.example/results/", flow_run_id=str(uuid4()))
+    publish(finished, "x", "https://lab.example/results/")
     assert client.sent[1][2] == "[report.html](https://lab.example/results/x-1/report.html)"
 
 
 def test_a_campaign_is_not_lost_because_the_api_refuses_its_results(client, finished, caplog):
     client.error = RuntimeError("gone")
-    assert publish(finished, "x", flow_run_id=str(uuid4())).startswith("2 configurations")
+    publish(finished, "x")
     assert "does not show the campaign's progress or results: gone" in caplog.text
 
 

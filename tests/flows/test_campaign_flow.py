@@ -12,8 +12,8 @@ import sys
 import psutil
 import pytest
 
-from vastflow.flows import api, run_campaign
-from vastflow.flows.computing import computation
+from vastflow.flows import campaign_run, run_campaign
+from vastflow.flows.computing import flow_call
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.source import installed_tree
 
@@ -97,7 +97,7 @@ def place(tmp_path_factory, prefect_home):
         patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
         patch.delenv("PREFECT_API_URL", raising=False)
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
-        patch.setattr(api, "installed_tree", lambda: tree)
+        patch.setattr(campaign_run, "installed_tree", lambda: tree)
         yield folder
 
 
@@ -171,7 +171,7 @@ def no_prefect(monkeypatch):
     def refuse(*_):
         raise AssertionError("Prefect was started")
 
-    monkeypatch.setattr(computation, "ApiServer", refuse)
+    monkeypatch.setattr(flow_call, "ApiServer", refuse)
 
 
 def test_the_first_run_executes_everything(first):

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from vastflow.flows import api, run_campaign
+from vastflow.flows import campaign_run, run_campaign
 from vastflow.flows.__main__ import app
-from vastflow.flows.computing import computation
+from vastflow.flows.computing import flow_call
 from vastflow.flows.plan import dry_run as dry_runs
 from vastflow.flows.plan.dry_run import STAGES, dry_run
 from vastflow.flows.plan.dry_run_text import whys
@@ -103,7 +103,7 @@ def place(tmp_path_factory, prefect_home):
         patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
         patch.delenv("PREFECT_API_URL", raising=False)
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
-        patch.setattr(api, "installed_tree", lambda: tree)
+        patch.setattr(campaign_run, "installed_tree", lambda: tree)
         patch.setattr(dry_runs, "installed_tree", lambda: tree)
         yield folder
 
@@ -419,7 +419,7 @@ def test_a_run_executes_what_the_dry_run_said_of_an_edited_kernel_and_keeps_trac
 ):
     tree = kernel_edited(again)
     monkeypatch.setattr(dry_runs, "installed_tree", lambda: tree)
-    monkeypatch.setattr(api, "installed_tree", lambda: tree)
+    monkeypatch.setattr(campaign_run, "installed_tree", lambda: tree)
     said = computed(again.dry())
     before = again.counted()
     assert again.run().summary.executed == said["execute"] == 4
@@ -464,7 +464,7 @@ def called(*arguments):
 
 
 def test_the_command_prints_json_and_nothing_else_and_starts_no_prefect(again, first, monkeypatch):
-    monkeypatch.setattr(computation, "ApiServer", None)
+    monkeypatch.setattr(flow_call, "ApiServer", None)
     again.edit(NOISE)
     options = ("--store", again.store, "--results", again.place / "results", "--dry-run")
     result = called("run", again.folder / "dry.vast", *options, "--json")

@@ -10,7 +10,7 @@ import pytest
 from vastflow.flows.pool import driver as pool_driver
 from vastflow.flows.pool.driver import Driver
 from vastflow.flows.pool.service import Seen
-from vastflow.flows.pool.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
+from vastflow.flows.request.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.bundle_report import Report, ReportPart, read_part, write_part
 from vastflow.tasks.engine import Engine, MemberFault

@@ -12,7 +12,7 @@ from prefect.states import Cancelling, Completed, Crashed, Failed, Pending, Runn
 
 from vastflow.flows.pool import service as pool_service
 from vastflow.flows.pool.service import Asking, PoolService, Seen, pool_type
-from vastflow.flows.pool.work_pool import WorkPoolError
+from vastflow.flows.request.work_pool import WorkPoolError
 from vastflow.tasks import patience
 from vastflow.tasks.execution.deployment import ShardDeployment
 from vastflow.tasks.server import PrefectUnavailable

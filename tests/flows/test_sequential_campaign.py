@@ -12,8 +12,8 @@ from collections import Counter
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.flows import api, run_campaign
-from vastflow.flows.computing import computation
+from vastflow.flows import campaign_run, run_campaign
+from vastflow.flows.computing import flow_call
 from vastflow.flows.plan.dry_run import dry_run
 from vastflow.flows.plan.dry_run_text import dry_run_json, dry_run_text
 from vastflow.flows.results.past import past_of
@@ -78,7 +78,7 @@ def place(tmp_path_factory, prefect_home):
         patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
         patch.delenv("PREFECT_API_URL", raising=False)
         tree = installed_tree()  # an edit of the checkout while this runs is not what is tested
-        patch.setattr(api, "installed_tree", lambda: tree)
+        patch.setattr(campaign_run, "installed_tree", lambda: tree)
         yield folder
 
 
@@ -110,7 +110,7 @@ def no_prefect(monkeypatch):
     def refuse(*_):
         raise AssertionError("Prefect was started")
 
-    monkeypatch.setattr(computation.Computation, "run", refuse)
+    monkeypatch.setattr(flow_call.FlowCall, "run", refuse)
 
 
 def metadata_of(result):
@@ -183,7 +183,7 @@ def test_a_store_with_all_runs_of_a_fixed_campaign_gives_the_same(first, run, mo
     assert (fixed.summary.runs, fixed.summary.executed) == (80, 80)
     assert "sequential" not in metadata_of(fixed)
     with monkeypatch.context() as patch:
-        patch.setattr(computation.Computation, "run", lambda *_: pytest.fail("Prefect was started"))
+        patch.setattr(flow_call.FlowCall, "run", lambda *_: pytest.fail("Prefect was started"))
         ended = run(store="fixed")
     assert (ended.summary.executed, ended.summary.reused, ended.summary.runs) == (0, 58, 58)
     assert judgements_of(ended) == judgements_of(first)

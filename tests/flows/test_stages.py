@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
-from vastflow.flows.computing.computation import Computation
+from vastflow.flows.computing.flow_call import FlowCall
 from vastflow.flows.stages import api as stages
 from vastflow.flows.stages.configurations import UnknownConfiguration
 from vastflow.oracles.evidence.rates import Counts
@@ -114,7 +114,7 @@ def no_prefect(monkeypatch):
     def refuse(*_):
         raise AssertionError("Prefect was started")
 
-    monkeypatch.setattr(Computation, "__init__", refuse)
+    monkeypatch.setattr(FlowCall, "__init__", refuse)
 
 
 def count(place, stage):

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
-from vastflow.flows.pool.work_pool import WorkPool, WorkPoolError
+from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.remote_files import RemoteFiles
 from vastflow.tasks.store import open_store
 
@@ -318,7 +318,7 @@ def test_a_deployed_campaign_has_its_runs_computed_by_a_pool(api, worker, room, 
     result = CliRunner().invoke(app, ["deploy", str(room), *options])
     assert result.exit_code == 0, result.output
     assert result.stdout.splitlines()[0].endswith("prefect worker start --pool lab --limit 2")
-    deployment = api.read_deployment_by_name("run campaign/spread")
+    deployment = api.read_deployment_by_name("campaign/spread")
     asked = api.create_flow_run_from_deployment(deployment.id)
     wait_until(lambda: api.read_flow_run(asked.id).state.is_final())
     ended = api.read_flow_run(asked.id)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from vastflow.flows import api, run_campaign
-from vastflow.flows.computing import computation
+from vastflow.flows import campaign_run, run_campaign
+from vastflow.flows.computing import flow_call
 from vastflow.tasks.remote_files import RemoteFiles
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import StoreError, open_store
@@ -45,7 +45,7 @@ def file(tmp_path, monkeypatch, prefect_home):
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     tree = installed_tree()
-    monkeypatch.setattr(api, "installed_tree", lambda: tree)
+    monkeypatch.setattr(campaign_run, "installed_tree", lambda: tree)
     return tmp_path / "remote.vast"
 
 
@@ -85,7 +85,7 @@ def test_a_campaign_over_s3_goes_on_after_its_server_was_gone(file, tmp_path, st
     def refuse(*_):
         raise AssertionError("Prefect was started")
 
-    monkeypatch.setattr(computation, "ApiServer", refuse)
+    monkeypatch.setattr(flow_call, "ApiServer", refuse)
     again = run(200)
     assert (again.summary.executed, again.summary.reused) == (0, 200 * CONFIGURATIONS)
     recordings = [(result.directory / "recordings" / "room-1.parquet").read_bytes() for result in (found, again)]

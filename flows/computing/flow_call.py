@@ -1,19 +1,17 @@
-"""A computation: one run of a Prefect flow, with a pool of its own and, where none is configured, an API of its own."""
+"""A call of a Prefect flow, with an API of its own where none is configured, while the workers compute already."""
 
 import contextvars
-import functools
+import ctypes
 import logging
 import os
 import threading
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 from vastflow.tasks import chatter, ending, ledger
-from vastflow.tasks.engine import Engine, block_size
-from vastflow.tasks.index import Index, Member
-from vastflow.tasks.pool import Pool, PoolClosed
+from vastflow.tasks.engine import Engine
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import (
     SENDING_S,
@@ -24,18 +22,14 @@ from vastflow.tasks.server import (
     end_services,
     prefect_home,
 )
-from vastflow.tasks.store import StoreError
 from vastflow.tasks.surroundings import check_surroundings
 
-LOGGER: Final = logging.getLogger("vastflow.computation")
+LOGGER: Final = logging.getLogger("vastflow.flow_call")
 
 CONFIGURED: Final = "PREFECT_API_URL"
 
 FLOWS: Final = 3
 """As often a flow is begun at an embedded API that fails it; what it has computed stays."""
-
-WAVES: Final = 3
-"""As often what got lost from the store meanwhile is computed again before it is given up."""
 
 GONE_S: Final = 1.0
 """What Prefect's services may take to send what they have, to a server that has just failed the flow."""
@@ -43,70 +37,55 @@ GONE_S: Final = 1.0
 _JOIN_S: Final = 3.0
 
 
-class Computation:
-    """Server and pool start with the object, beside whatever its owner does next; `run` ends both.
+class FlowCall:
+    """One call of a flow. An embedded API starts with the object, beside whatever its owner does next; `run` ends it.
 
     Args:
-        oracles: The pickled oracles.
-        workers: Worker processes.
+        engine: What the flow computes with; an interrupt ends it.
         log: File for all that would be said on the terminal otherwise.
 
     Raises:
         SurroundingsError: this machine lacks something that a computation needs.
-
-    Attributes:
-        engine: What the flow's stages work with.
-        flow_run_id: Of the flow run that has ended, where an API is configured that outlives it and no other flow run is round it.
     """
 
-    def __init__(self, index: Index, oracles: bytes, workers: int, tally: Tally, log: Path) -> None:
+    def __init__(self, engine: Engine, tally: Tally, log: Path) -> None:
         check_surroundings()
         # Where one is configured it costs no processor time beside it; a profile of Prefect's says so only later.
         self._server = None if os.environ.get(CONFIGURED) else ApiServer(log)
-        self._pool = Pool(workers, log)
+        self._engine = engine
         self._log = log
         self._tally = tally
-        self.flow_run_id: str | None = None
-        self.engine = Engine(index, self._pool, tally, oracles)
 
-    def run(
-        self, flow: Callable[[Engine], Any], begin: Callable[[Engine], None] = lambda engine: None
-    ) -> BaseException | None:
+    def run(self, flow: Callable[[], Any], done: Callable[[], bool] = lambda: False) -> None:
         """Run a flow to its end.
 
         Args:
-            flow: Calls the flow with what its tasks take and gives its final state. It is called in a thread of its own and
-                with Prefect at hand, so that it may import modules that import Prefect.
-            begin: Lets workers begin while Prefect starts.
-
-        Returns:
-            What the flow raised; `PrefectUnavailable` where its API was gone, and tasks may have ended all the same.
+            flow: Calls the flow and gives its final state. It is called in a thread of its own and with Prefect at hand, so that it
+                may import modules that import Prefect.
+            done: Whether the flow has done all it is for, whatever becomes of Prefect's account of it.
 
         Raises:
-            StoreError: the store can't be used any more.
-            PrefectUnavailable: Prefect's API can't be started.
+            PrefectUnavailable: Prefect's API can't be started, or was gone before the flow had done all.
+            Exception: what the flow raised.
         """
-        flow_run = _Thread(lambda: self._run(flow))
+        self._tally.begin("starting Prefect")
+        flow_run = _Thread(lambda: self._run(flow, done))
         try:
-            begin(self.engine)
             flow_run.start()
-            try:
-                return flow_run.outcome()
-            finally:
-                if self.engine.store_error is not None:  # what else broke follows from it
-                    raise self.engine.store_error
+            flow_run.wait()
         except KeyboardInterrupt:
             bound = ending.bound(self._kill_server) if ending.owns_process() else None
             chatter.hush()
-            self._pool.close()
+            self._engine.close()
             if self._server is not None and not self._server.answers:
                 self._server.stop(0)  # the flow waits for it
+            if self._tally.progress().phase in ("reporting", "postprocessing"):
+                flow_run.interrupt()
             if flow_run.ended(_JOIN_S) and bound is not None:
                 bound.cancel()
             self._kill_server()
             raise
         finally:
-            self._pool.close()
             if self._server is not None:
                 self._server.stop()
 
@@ -114,7 +93,7 @@ class Computation:
         if self._server is not None:
             self._server.stop(0)
 
-    def _run(self, flow: Callable[[Engine], Any]) -> BaseException | None:
+    def _run(self, flow: Callable[[], Any], done: Callable[[], bool]) -> None:
         with ExitStack() as stack:
             stack.enter_context(chatter.prefect_log(self._log))
             from vastflow.tasks.patience import bounded
@@ -134,23 +113,47 @@ class Computation:
                 ended = False
                 try:
                     with ledger.announced(api):
-                        state = flow(self.engine)
+                        state = flow()
                     ended = True
                     break
                 except Exception as error:  # what a flow raises is in its state: this is of Prefect itself
                     LOGGER.warning("Prefect's API failed the flow", exc_info=True)
+                    unavailable = PrefectUnavailable(_refusal(configured, self._log, error))
+                    if done():
+                        self._tally.notice(f"all is computed, but Prefect's pages do not show the end: {unavailable}")
+                        return
                     if not tries_left:
-                        return PrefectUnavailable(_refusal(configured, self._log, error))
+                        raise unavailable from None
                     if self._server is not None:
                         self._server.url()  # killed before the flow had heard of it; it is back with this
                 finally:
                     end_services(SENDING_S if ended else GONE_S)
             if state.state_details.flow_run_id is not None:
                 ledger.leave(str(state.state_details.flow_run_id))
-            if configured and not inside_flow_run() and state.state_details.flow_run_id is not None:
-                self.flow_run_id = str(state.state_details.flow_run_id)
-        error: BaseException | None = None if state.is_completed() else state.result(raise_on_failure=False)
-        return error
+            if not state.is_completed() and not done():
+                raise state.result(raise_on_failure=False)
+
+
+@contextmanager
+def entered() -> Iterator[None]:
+    """Enter the flow run in the ledger, for its process may be killed.
+
+    One that no `FlowCall` has announced is run by a worker of Prefect's, which tells Prefect of its end; those of workers that are
+    gone are ended first.
+    """
+    from prefect.runtime import flow_run
+
+    api, identity = configured_url() or "", str(flow_run.id)
+    if ledger.is_announced():
+        with ledger.begun(identity, api):
+            yield
+        return
+    ledger.end_orphans(api)
+    try:
+        with ledger.begun(identity, api):
+            yield
+    finally:
+        ledger.leave(identity)
 
 
 def end_orphans(log: Path) -> None:
@@ -158,13 +161,6 @@ def end_orphans(log: Path) -> None:
     if any(entry.api.startswith("http") for entry in ledger.orphans()):
         with chatter.prefect_log(log):
             ledger.end_orphans(configured_url() or "")
-
-
-def inside_flow_run() -> bool:
-    """Whether this call comes from inside a flow run, whose page and artifacts are then not this call's business."""
-    from prefect.context import FlowRunContext
-
-    return FlowRunContext.get() is not None
 
 
 def _refusal(configured: str | None, log: Path, error: Exception) -> str:
@@ -177,12 +173,12 @@ def _refusal(configured: str | None, log: Path, error: Exception) -> str:
 class _Thread:
     """A call in a thread of its own: Prefect's flow must not find a notebook's event loop, nor Ctrl-C.
 
-    What the caller's context holds goes along, so that inside a flow run of Prefect's this one is its child.
+    What the caller's context holds goes along: so a flow finds what was opened for it, and inside a flow run of Prefect's this one is its child.
     """
 
-    def __init__(self, function: Callable[[], BaseException | None]) -> None:
-        self._function = functools.partial(contextvars.copy_context().run, function)
-        self._answer: BaseException | None = None
+    def __init__(self, function: Callable[[], None]) -> None:
+        self._function = function
+        self._context = contextvars.copy_context()
         self._error: BaseException | None = None
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._call, name="vastflow flow", daemon=True)
@@ -194,39 +190,24 @@ class _Thread:
         """Whether it ends within `timeout_s`."""
         return self._done.wait(timeout_s)
 
-    def outcome(self) -> BaseException | None:
-        """Wait for the end; gives what the function gave and raises what it raised."""
+    def interrupt(self) -> None:
+        """Raise `KeyboardInterrupt` in it, so that what it was writing is removed."""
+        if self._thread.ident is not None:
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                ctypes.c_ulong(self._thread.ident), ctypes.py_object(KeyboardInterrupt)
+            )
+
+    def wait(self) -> None:
+        """Wait for the end; raises what the function raised."""
         while not self._done.wait(1.0):  # with a time limit, so that Ctrl-C is heard on every system
             pass
         if self._error is not None:
             raise self._error
-        return self._answer
 
     def _call(self) -> None:
         try:
-            self._answer = self._function()
+            self._context.run(self._function)
         except BaseException as error:  # noqa: BLE001 - raised again in the thread that waits
             self._error = error
         finally:
             self._done.set()
-
-
-def begin_executing(engine: Engine, members: Sequence[Member], missing_runs: int, workers: int) -> None:
-    """Compile kernels where a robot drives, and hand the missing runs of members to the pool, while Prefect starts."""
-    if any(member.drives for member in members):
-        engine.warm_up()
-    engine.block_runs = block_size(missing_runs, workers)
-
-    def start_all() -> None:
-        with suppress(PoolClosed, StoreError):  # the flow meets the same
-            for member in members:
-                engine.start_executing(member)
-
-    threading.Thread(target=start_all, daemon=True).start()
-
-
-def cores() -> int:
-    """Processors this process may use: worker processes where nobody says how many."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -1,13 +1,16 @@
 """A flow whose API of Prefect's fails it: begun again where the API is embedded, told where it is the user's."""
 
 import pickle
+import re
 
 import pytest
 
-from vastflow.flows.computing import computation
-from vastflow.flows.computing.computation import FLOWS, Computation
+from vastflow.flows.computing import flow_call
+from vastflow.flows.computing.flow_call import FLOWS, FlowCall
+from vastflow.tasks.engine import Engine
 from vastflow.tasks.index import Index
 from vastflow.tasks.keys import Keys
+from vastflow.tasks.pool import Pool
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import PrefectUnavailable, import_prefect
 from vastflow.tasks.store import open_store
@@ -33,13 +36,14 @@ class Server:
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """A computation that has nothing to compute, at an embedded API."""
-    monkeypatch.setattr(computation, "ApiServer", Server)
+    """A call at an embedded API of a flow that has nothing to compute."""
+    monkeypatch.setattr(flow_call, "ApiServer", Server)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     index = Index(open_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
-    return Computation(index, pickle.dumps(()), 1, Tally(), tmp_path / "log")
+    tally = Tally()
+    return FlowCall(Engine(index, Pool(1), tally, pickle.dumps(())), tally, tmp_path / "log")
 
 
 class Flow:
@@ -49,7 +53,7 @@ class Flow:
         self.begun = 0
         self._failures = failures
 
-    def __call__(self, engine):
+    def __call__(self):
         from prefect.states import Completed
 
         self.begun += 1
@@ -60,23 +64,25 @@ class Flow:
 
 def test_a_flow_that_its_embedded_api_fails_is_begun_again(made):
     flow = Flow(FLOWS - 1)
-    assert made.run(flow) is None
+    made.run(flow)
     assert flow.begun == FLOWS
 
 
 def test_an_embedded_api_that_fails_again_and_again_is_told_with_the_log(made, tmp_path):
     flow = Flow(FLOWS)
-    error = made.run(flow)
-    assert isinstance(error, PrefectUnavailable)
-    assert str(error) == f"Prefect's embedded API failed (Failed to reach API); see {tmp_path / 'log'}"
+    words = f"Prefect's embedded API failed (Failed to reach API); see {tmp_path / 'log'}"
+    with pytest.raises(PrefectUnavailable, match=f"^{re.escape(words)}$"):
+        made.run(flow)
     assert flow.begun == FLOWS
 
 
 def test_an_api_of_the_users_that_fails_is_told_with_its_address_at_once(made, monkeypatch):
-    monkeypatch.setattr(computation, "configured_url", lambda: "http://lab:4200/api")
+    monkeypatch.setattr(flow_call, "configured_url", lambda: "http://lab:4200/api")
     flow = Flow(1)
-    error = made.run(flow)
-    assert str(error).startswith("Prefect's API at http://lab:4200/api failed (Failed to reach API); start it")
+    with pytest.raises(
+        PrefectUnavailable, match=r"^Prefect's API at http://lab:4200/api failed \(Failed to reach API\); start it"
+    ):
+        made.run(flow)
     assert flow.begun == 1
 
 
@@ -86,10 +92,18 @@ def test_with_a_server_configured_none_is_started_beside_it(tmp_path, monkeypatc
     def refused(log):
         raise AssertionError("an embedded API was started")
 
-    monkeypatch.setattr(computation, "ApiServer", refused)
+    monkeypatch.setattr(flow_call, "ApiServer", refused)
     monkeypatch.setenv("PREFECT_API_URL", "http://127.0.0.1:9/api")
-    monkeypatch.setattr(computation, "configured_url", lambda: "http://127.0.0.1:9/api")
+    monkeypatch.setattr(flow_call, "configured_url", lambda: "http://127.0.0.1:9/api")
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     index = Index(open_store(tmp_path / "store"), Keys("numeric", "e", "o", "j", 0, []))
-    made = Computation(index, pickle.dumps(()), 1, Tally(), tmp_path / "log")
-    assert made.run(Flow(0)) is None
+    tally = Tally()
+    FlowCall(Engine(index, Pool(1), tally, pickle.dumps(())), tally, tmp_path / "log").run(Flow(0))
+
+
+def test_a_flow_that_had_done_all_when_its_api_failed_is_not_begun_again_and_that_is_told(made):
+    flow = Flow(FLOWS)
+    made.run(flow, done=lambda: True)
+    assert flow.begun == 1
+    (notice,) = made._tally.progress().notices
+    assert notice.startswith("all is computed, but Prefect's pages do not show the end: ")

@@ -1,0 +1,69 @@
+"""The flow of a campaign: from a campaign file to evidence. Importing it imports Prefect.
+
+    instantiate ──▶ execute ──▶ observe ──▶ judge ──▶ assess ──▶ report
+
+It is the only one: `vastflow run` calls it, deployments and schedules run it, with a work pool it drives the pool's workers. Each stage
+maps a Prefect task over shards of what is missing in the store, and is chained shard by shard: nothing waits for a whole stage.
+"""
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from prefect import flow
+from prefect.client.schemas.objects import State
+from prefect.runtime import flow_run
+from prefect.states import Completed, Failed
+
+from vastflow.flows.campaign_run import opened_run, running
+from vastflow.flows.computing.artifacts import outcome_text, publish
+from vastflow.flows.computing.mapped import execute, instantiate, judge, observe
+from vastflow.flows.computing.task_runs import task_runs_of
+from vastflow.flows.pool.campaign import pool_of
+from vastflow.flows.reporting import assess, deliver, report
+from vastflow.flows.request.run_request import RunRequest
+from vastflow.flows.results.directory import new_directory
+from vastflow.tasks.execution.deployment import FLOW
+from vastflow.tasks.store import Lost
+
+
+def _title() -> str:
+    """The campaign's name and when it was asked for; the file's name where the campaign is not read yet."""
+    run = opened_run()
+    return run.title if run else Path(flow_run.parameters["request"].campaign).stem
+
+
+@flow(name=FLOW, flow_run_name=_title, persist_result=False)
+def campaign(request: RunRequest) -> State[Any]:
+    """Run a campaign and write its report. What the store has is not computed again.
+
+    Args:
+        request: The campaign file, and what of it is run, how and where.
+
+    Raises:
+        CampaignError: faults of the campaign file.
+        StoreError: the store can't be used.
+        WorkPoolError, WorkersFailed: the work pool that was asked can't compute it.
+    """
+    with running(request) as run, task_runs_of(run.name, run.engine, run.tally) as task_runs, pool_of(run) as pool:
+        for _ in run.attempts():
+            with suppress(Lost):  # a damaged artifact is found when it is read, and computed again by the next attempt
+                if run.instantiated is None:
+                    run.know(instantiate(task_runs, run.instantiator))
+                for wave in run.waves():
+                    if pool is not None:
+                        pool.compute(wave.members)
+                        continue
+                    recordings = execute(task_runs, wave.shards)
+                    traces = observe(task_runs, wave.shards, recordings)
+                    verdicts = judge(task_runs, wave.shards, traces)
+                    task_runs.wait(wave.shards, recordings, traces, verdicts)
+                with new_directory(run.delivery.folder, run.name, run.created) as directory:
+                    written = report(run, assess(run, directory))
+                found = deliver(run, written)
+                publish(found, run.name, request.reports)
+                break
+    if found.faults:
+        first = found.faults[0]
+        return Failed(message=f"{len(found.faults)} faults, the first in {first.stage}: {first.error}")
+    return Completed(message=outcome_text(found))

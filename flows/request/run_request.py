@@ -1,0 +1,127 @@
+"""The request: all that a run of a campaign is asked, in plain JSON values.
+
+One model behind the command `run`, `run_campaign`, the form on Prefect's pages, schedules and the flow runs of a work pool: an
+option is a field here, and the place that uses it.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from inspect import Parameter
+from typing import Annotated, Any, Final, Self, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
+
+from vastflow.flows.request.work_pool import WorkPool
+
+Text: TypeAlias = Annotated[str, StringConstraints(min_length=1)]
+Positive: TypeAlias = Annotated[int, Field(ge=1)]
+
+
+@dataclass(frozen=True, slots=True)
+class OnCommandLine:
+    """How a field of the request is called as an option, where that does not follow from its name.
+
+    Attributes:
+        metavar: Stands for the value in the help; None for one that follows from the type.
+        flag: Of the option; None for the field's name with hyphens.
+    """
+
+    metavar: str | None = None
+    flag: str | None = None
+
+
+class RunRequest(BaseModel):
+    """A run of a campaign."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    campaign: Annotated[Text, OnCommandLine("FILE")] = Field(description="Campaign file.")
+    runs: Positive | None = Field(None, description="Runs of each configuration, instead of the file's.")
+    results: Text = Field(
+        "results", description="Folder or address such as s3://bucket/prefix the campaign directory is made in."
+    )
+    store: Text | None = Field(
+        None, description="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder."
+    )
+    workers: Positive | None = Field(None, description="Worker processes; else one a core.")
+    only: Annotated[tuple[Text, ...], OnCommandLine("NAME")] = Field(
+        (), description="Only this family or configuration; may be repeated."
+    )
+    sample: Annotated[Positive | None, OnCommandLine("N")] = Field(
+        None, description="Only N distinct configurations of these, the same ones each time."
+    )
+    map_dir: Annotated[Text | None, OnCommandLine("FOLDER")] = Field(
+        None,
+        description="Where maps are looked for that are not beside the campaign file, by the same relative path.",
+    )
+    as_v1: bool = Field(
+        False, description="Place every obstacle as version 1 of RoboVAST does, whatever the file says."
+    )
+    pool: Annotated[Text | None, OnCommandLine("NAME")] = Field(
+        None, description="Work pool of Prefect whose workers compute what is missing; else this machine does."
+    )
+    shards: Annotated[Positive | None, OnCommandLine("N")] = Field(
+        None, description="With --pool: about how many shards; else one for 20 runs, at most 50."
+    )
+    pool_wait_s: Annotated[Annotated[float, Field(ge=1)] | None, OnCommandLine("SECONDS", "--pool-wait")] = Field(
+        None, description="With --pool: end if no worker takes anything for so long; else wait."
+    )
+    reports: Annotated[Text | None, OnCommandLine("URL")] = Field(
+        None, description="Where the results folder is served, for links to reports."
+    )
+
+    @field_validator("campaign", "results", "store", "map_dir", mode="before")
+    @classmethod
+    def _plain(cls, place: Any) -> Any:
+        return os.fspath(place) if isinstance(place, os.PathLike) else place
+
+    @field_validator("only", mode="before")
+    @classmethod
+    def _several(cls, names: Any) -> Any:
+        return () if names is None else (names,) if isinstance(names, str) else names
+
+    @model_validator(mode="after")
+    def _checked(self) -> Self:
+        given = {"--shards": self.shards, "--pool-wait": self.pool_wait_s}
+        if self.pool is None and (alone := next((name for name, value in given.items() if value is not None), None)):
+            raise ValueError(f"{alone}: only with --pool, whose shards it is about")
+        return self
+
+
+NAMES: Final = tuple(name for name in RunRequest.model_fields if name != "campaign")
+"""What beside the campaign file may be asked."""
+
+
+def request_of(campaign: "str | os.PathLike[str] | RunRequest", options: Mapping[str, Any]) -> RunRequest:
+    """The request for a campaign with options.
+
+    Raises:
+        ValueError: an option is out of its bounds, in words such as `runs is at least 1, got 0`.
+        TypeError: there is no such option.
+    """
+    if unknown := sorted(options.keys() - set(NAMES)):
+        raise TypeError(f"no option {unknown[0]!r}; those there are: {', '.join(NAMES)}")
+    if isinstance(pool := options.get("pool"), WorkPool):
+        options = {**options, "pool": pool.name, "shards": pool.shards, "pool_wait_s": pool.wait_s}
+    try:
+        if isinstance(campaign, RunRequest):
+            return RunRequest.model_validate({**campaign.model_dump(), **options})
+        return RunRequest.model_validate({"campaign": campaign, **options})
+    except ValidationError as error:
+        first = error.errors()[0]
+        name, found = ".".join(map(str, first["loc"])), first["input"]
+        if not name:
+            raise ValueError(first["msg"].removeprefix("Value error, ")) from None
+        bound = first.get("ctx", {}).get("ge")
+        said = f"is at least {bound:g}" if bound is not None else first["msg"].lower()
+        raise ValueError(f"{name} {said}, got {found!r}") from None
+
+
+def option_parameters() -> list[Parameter]:
+    """What beside the campaign file may be asked, as parameters of a function."""
+    return [
+        Parameter(name, Parameter.KEYWORD_ONLY, default=about.get_default(), annotation=about.annotation)
+        for name, about in RunRequest.model_fields.items()
+        if name in NAMES
+    ]

@@ -1,0 +1,75 @@
+"""The request of a run: one model behind the command line, Python, deployments and schedules."""
+
+import inspect
+
+import pytest
+from prefect.exceptions import ParameterTypeError
+from typer.testing import CliRunner
+
+from vastflow.flows import run_campaign
+from vastflow.flows.__main__ import app
+from vastflow.flows.campaign import campaign
+from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
+from vastflow.flows.request.work_pool import WorkPool
+from vastflow.flows.scheduled import DeployAgain, run_scheduled
+
+
+def test_a_request_goes_through_json_unchanged(tmp_path):
+    request = request_of(tmp_path / "x.vast", {"runs": 3, "only": "hall", "pool": WorkPool("lab", 4)})
+    assert RunRequest.model_validate_json(request.model_dump_json()) == request
+    assert (request.only, request.pool, request.shards) == (("hall",), "lab", 4)
+
+
+def test_every_field_says_what_it_is():
+    assert [name for name, about in RunRequest.model_fields.items() if not about.description] == []
+
+
+def test_the_command_has_an_option_for_each_field_with_the_words_of_the_field():
+    said = " ".join(CliRunner().invoke(app, ["run", "--help"], env={"COLUMNS": "400"}).output.split())
+    for name in NAMES:
+        if name != "reports":
+            flag = "--pool-wait" if name == "pool_wait_s" else f"--{name.replace('_', '-')}"
+            assert f"{flag} " in said
+            assert RunRequest.model_fields[name].description in said
+
+
+def test_the_python_call_takes_what_the_request_has():
+    assert [*inspect.signature(run_campaign).parameters] == ["campaign", "observer", *NAMES]
+
+
+def test_the_flow_takes_the_request_and_nothing_else():
+    assert [*campaign.parameters.properties] == ["request"]
+    with pytest.raises(ParameterTypeError, match=r"request\.runs_each: Extra inputs are not permitted"):
+        campaign.validate_parameters({"request": {"campaign": "x.vast", "runs_each": 3}})
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"runs": 0}, "^runs is at least 1, got 0$"),
+        ({"shards": 2}, "^--shards: only with --pool, whose shards it is about$"),
+        ({"pool": ""}, "^pool string should have at least 1 character, got ''$"),
+    ],
+)
+def test_an_option_out_of_bounds_is_told_with_what_was_found(options, words):
+    with pytest.raises(ValueError, match=words):
+        request_of("x.vast", options)
+
+
+def test_an_option_that_there_is_not_is_told_with_those_there_are():
+    with pytest.raises(TypeError, match="no option 'run'; those there are: runs, results, store"):
+        request_of("x.vast", {"run": 2})
+
+
+def test_a_deployment_of_an_earlier_version_is_refused_and_told_to_be_deployed_again():
+    assert f"{run_scheduled.fn.__module__}.{run_scheduled.fn.__name__}" == "vastflow.flows.scheduled.run_scheduled"
+    with pytest.raises(DeployAgain, match=r"deploy again: `vastflow deploy quickstart\.vast`"):
+        run_scheduled.fn(campaign="quickstart.vast", runs=3, results="results")
+
+
+def test_the_parameters_of_an_earlier_deployment_never_run_with_defaults():
+    old = {"campaign": "quickstart.vast", "runs": 3}
+    with pytest.raises(Exception, match=r"request|campaign"):
+        campaign.validate_parameters(old)
+    with pytest.raises(TypeError, match=r"unexpected keyword argument 'runs'|missing a required argument: 'request'"):
+        campaign(**old)
