@@ -33,7 +33,7 @@ from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
-from vastflow.tasks import chatter, ending
+from vastflow.tasks import campaign_log, ending
 from vastflow.tasks.engine import Engine, block_size
 from vastflow.tasks.garbage import few_collections
 from vastflow.tasks.index import Found, Index, Member
@@ -259,8 +259,8 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
         inputs = inputs_of(campaign, oracles)
         store = open_store(request.store)
         delivery = delivery_to(request.results, store)
-        log = chatter.new_log(store.local / "logs", directory_name(campaign_name(campaign)), created)
-        with chatter.own_log(log):
+        log = campaign_log.new_log(store.local / "logs", directory_name(campaign_name(campaign)), created)
+        with campaign_log.own_log(log):
             tree = installed_tree()
             keys = campaign_keys(tree, campaign.seed, oracles)
             stopping = _stopping(campaign) if request.runs is None else None

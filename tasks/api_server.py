@@ -10,16 +10,15 @@ import sys
 import threading
 from datetime import datetime
 
+from vastflow.tasks.prefect_adapter import SERVER_APPLICATION, database_url
 from vastflow.tasks.prefect_database import set_aside_if_damaged
 
 
 def main() -> None:
     """Serve until standard input ends."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    from prefect.settings import get_current_settings
-
-    connection_url = get_current_settings().server.database.connection_url
-    if connection_url and (found := set_aside_if_damaged(connection_url.get_secret_value(), datetime.now())):
+    connection_url = database_url()
+    if connection_url and (found := set_aside_if_damaged(connection_url, datetime.now())):
         print(found, flush=True)
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     if os.name == "posix":  # elsewhere this means that two may listen at once
@@ -31,7 +30,7 @@ def main() -> None:
     import uvicorn
 
     config = uvicorn.Config(
-        "prefect.server.api.server:create_app",
+        SERVER_APPLICATION,
         factory=True,
         log_level="error",
         lifespan="on",

@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING, Any, Final
 import platformdirs
 import psutil
 
+from vastflow.tasks.prefect_adapter import Route, current_tags, exact_tags, post
+
 if TYPE_CHECKING:
     from prefect.client.orchestration import SyncPrefectClient
     from prefect.client.schemas.objects import FlowRun
@@ -106,14 +108,12 @@ def begun(flow_run_id: str, api: str) -> Iterator[None]:
     Args:
         api: Of one that was not announced.
     """
-    from prefect.context import TagsContext
-
     enter(flow_run_id, _API.get(api))
-    tags = TagsContext.get().current_tags
+    tags = current_tags()
     marks = {tag for tag in tags if tag.startswith(MARK)}
     for mark in marks:
         leave(mark)
-    with TagsContext(current_tags=tags - marks):
+    with exact_tags(tags - marks):
         yield
 
 
@@ -197,23 +197,23 @@ def _call_off(client: "SyncPrefectClient", flow_run_id: str) -> None:
     What no worker has ended by then is ended here.
     """
 
-    def asked(what: str, *but: str, **values: Any) -> Any:
+    def asked(route: Route, *but: str, **values: Any) -> Any:
         some = {
             "parent_flow_run_id": {"any_": [flow_run_id]},
             "deployment_id": {"is_null_": False},
             "state": {"type": {"not_any_": ["COMPLETED", "FAILED", "CRASHED", "CANCELLED", *but]}},
         }
-        return client.request("POST", f"/flow_runs/{what}", json={"flow_runs": some, **values}).json()
+        return post(client, route, {"flow_runs": some, **values})
 
     deadline = time.monotonic() + CALLED_OFF_S
-    while asked("count", "CANCELLING") and time.monotonic() < deadline:
-        asked("bulk_set_state", "CANCELLING", state={"type": "CANCELLING"}, limit=_AT_A_TIME)
-    while asked("count") and time.monotonic() < deadline:
+    while asked("/flow_runs/count", "CANCELLING") and time.monotonic() < deadline:
+        asked("/flow_runs/bulk_set_state", "CANCELLING", state={"type": "CANCELLING"}, limit=_AT_A_TIME)
+    while asked("/flow_runs/count") and time.monotonic() < deadline:
         time.sleep(_POLL_S)
     for _ in range(_BATCHES):
-        if not asked("count"):
+        if not asked("/flow_runs/count"):
             return
-        asked("bulk_set_state", state={"type": "CANCELLED", "message": LATE}, force=True, limit=_AT_A_TIME)
+        asked("/flow_runs/bulk_set_state", state={"type": "CANCELLED", "message": LATE}, force=True, limit=_AT_A_TIME)
 
 
 def _file(flow_run_id: str) -> Path:

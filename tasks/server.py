@@ -4,7 +4,6 @@ import contextlib
 import contextvars
 import logging
 import os
-import queue
 import subprocess
 import sys
 import threading
@@ -12,24 +11,9 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-ANALYTICS: Final = "PREFECT_SERVER_ANALYTICS_ENABLED"
-
-SETTINGS: Final = {
-    ANALYTICS: "false",
-    # One row a transaction is Prefect's default; batches cost a quarter of the CPU time and lose fewer rows.
-    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_BATCH_SIZE": "200",
-    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_READ_BATCH_SIZE": "200",
-    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_FLUSH_INTERVAL": "1",
-    "PREFECT_SERVER_SERVICES_EVENT_PERSISTER_BATCH_SIZE": "500",
-    "PREFECT_SERVER_SERVICES_EVENT_PERSISTER_READ_BATCH_SIZE": "200",
-    "PREFECT_SERVER_LOGGING_LEVEL": "WARNING",
-    "PREFECT_UI_ENABLED": "0",
-    "PREFECT__SERVER_EPHEMERAL": "1",
-    "PREFECT__SERVER_FINAL": "1",
-}
-"""Of the embedded server; what the user has set in the environment goes before."""
+from vastflow.tasks.prefect_adapter import SERVER_SETTINGS, post
 
 STARTUP_S: Final = 120.0
 """A fresh database has to be made: 12 s on an idle machine, 35 s on a busy one."""
@@ -119,7 +103,7 @@ class ApiServer:
                 stdin=subprocess.PIPE,  # never written: it ends when this process does
                 stdout=subprocess.PIPE,
                 stderr=sink,
-                env={**SETTINGS, **os.environ},
+                env={**SERVER_SETTINGS, **os.environ},
                 start_new_session=True,  # a terminal's Ctrl-C is for the campaign, which then ends in order
             )
 
@@ -140,13 +124,6 @@ class ApiServer:
             if self._process.wait() >= 0:  # by itself: a second one would fare no better
                 break
         self.lost = True
-
-
-def import_prefect() -> None:
-    """Import Prefect; without an API of the user's it tells nobody of that (importing starts its analytics)."""
-    if "PREFECT_API_URL" not in os.environ:
-        os.environ.setdefault(ANALYTICS, SETTINGS[ANALYTICS])
-    import prefect.main  # noqa: F401
 
 
 def configured_url() -> str | None:
@@ -201,7 +178,7 @@ def drain(flow_run_id: str, task_runs: int, timeout_s: float = DRAIN_S) -> bool:
 def _drained(flow_run_id: str, task_runs: int, timeout_s: float) -> bool:
     from prefect.client.orchestration import get_client
 
-    from vastflow.tasks.patience import AT_THE_END_S, patiently
+    from vastflow.tasks.retry import AT_THE_END_S, retried
 
     states = {"type": {"any_": list(_FINAL_STATES)}}
     condition = {"task_runs": {"flow_run_id": {"any_": [flow_run_id]}, "state": states}}
@@ -209,8 +186,8 @@ def _drained(flow_run_id: str, task_runs: int, timeout_s: float) -> bool:
     recorded = 0
     with get_client(sync_client=True) as client:
         while True:
-            answer = patiently(lambda: client.request("POST", "/task_runs/count", json=condition), AT_THE_END_S)
-            before, recorded = recorded, answer.json()
+            answer = retried(lambda: post(client, "/task_runs/count", condition), AT_THE_END_S)
+            before, recorded = recorded, int(answer)
             if recorded >= task_runs:
                 return True
             now_s = time.monotonic()
@@ -219,27 +196,3 @@ def _drained(flow_run_id: str, task_runs: int, timeout_s: float) -> bool:
                 LOGGER.warning("Prefect recorded %s of %s task runs in %.0f s", recorded, task_runs, now_s - began_s)
                 return False
             time.sleep(3 * _POLL_S)
-
-
-def end_services(timeout_s: float = SENDING_S) -> None:
-    """Let Prefect's background threads of this process send what they have and end, before the server does.
-
-    What they can't send within `timeout_s` is forgotten: to a server that is gone they would try 7 s for each event,
-    and no process ends before they do.
-    """
-    from prefect.events.worker import EventsWorker
-    from prefect.logging.handlers import APILogWorker
-
-    for service in (EventsWorker, APILogWorker):
-        instances = tuple(service._instances.values())
-        service.drain_all(timeout=timeout_s, at_exit=False)
-        for instance in instances:
-            _forget(instance._queue)
-
-
-def _forget(waiting: "queue.Queue[Any]") -> None:
-    """Empty the queue of a service that has been told to end."""
-    with contextlib.suppress(queue.Empty):
-        while True:
-            waiting.get_nowait()
-    waiting.put_nowait(None)  # what tells it to end may have been among what was taken out

@@ -75,7 +75,7 @@ def deploy(
     from vastflow.flows.request.campaign_job import described, requested_cores
     from vastflow.producers.faults import CampaignError
     from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
-    from vastflow.tasks.server import import_prefect
+    from vastflow.tasks.prefect_adapter import import_prefect
 
     try:
         campaign, _ = read_campaign(file, map_dir, as_v1=as_v1)

@@ -10,8 +10,9 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.tasks import chatter, ending, ledger
+from vastflow.tasks import campaign_log, ending, ledger
 from vastflow.tasks.engine import Engine
+from vastflow.tasks.prefect_adapter import end_services
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.server import (
     SENDING_S,
@@ -19,7 +20,6 @@ from vastflow.tasks.server import (
     PrefectUnavailable,
     configured_url,
     embedded,
-    end_services,
     prefect_home,
 )
 from vastflow.tasks.surroundings import check_surroundings
@@ -75,7 +75,7 @@ class FlowCall:
             flow_run.wait()
         except KeyboardInterrupt:
             bound = ending.bound(self._kill_server) if ending.owns_process() else None
-            chatter.hush()
+            campaign_log.hush()
             self._engine.close()
             if self._server is not None and not self._server.answers:
                 self._server.stop(0)  # the flow waits for it
@@ -95,8 +95,8 @@ class FlowCall:
 
     def _run(self, flow: Callable[[], Any], done: Callable[[], bool]) -> None:
         with ExitStack() as stack:
-            stack.enter_context(chatter.prefect_log(self._log))
-            from vastflow.tasks.patience import bounded
+            stack.enter_context(campaign_log.prefect_log(self._log))
+            from vastflow.tasks.retry import bounded
 
             configured = configured_url()
             if configured:
@@ -159,7 +159,7 @@ def entered() -> Iterator[None]:
 def end_orphans(log: Path) -> None:
     """End flow runs of processes that are gone at an API that outlives its campaigns. Without any Prefect is not imported."""
     if any(entry.api.startswith("http") for entry in ledger.orphans()):
-        with chatter.prefect_log(log):
+        with campaign_log.prefect_log(log):
             ledger.end_orphans(configured_url() or "")
 
 

@@ -9,12 +9,11 @@ from prefect.client.schemas.actions import DeploymentScheduleCreate, WorkPoolCre
 from prefect.client.schemas.objects import ConcurrencyLimitStrategy, ConcurrencyOptions
 from prefect.client.schemas.schedules import CronSchedule
 from prefect.exceptions import ObjectNotFound
-from prefect.utilities.callables import parameter_schema
-from prefect.workers.process import ProcessWorker
 
 from vastflow.flows.pool.shard_flow import run_shard
 from vastflow.tasks.execution.deployment import ShardDeployment
 from vastflow.tasks.execution.job import PoolType, base_job_template
+from vastflow.tasks.prefect_adapter import flow_schema, process_pool_template
 
 
 class OtherPool(ValueError):
@@ -24,7 +23,7 @@ class OtherPool(ValueError):
 def pool_template(kind: PoolType) -> dict[str, Any]:
     """The base job template of a pool."""
     if kind is PoolType.process:
-        return dict(ProcessWorker.get_default_base_job_template())
+        return process_pool_template()
     return base_job_template(kind)
 
 
@@ -85,7 +84,7 @@ def register_flow(client: SyncPrefectClient, entry: Mapping[str, Any], flow: Flo
             tags=entry["tags"],
             entrypoint=entry["entrypoint"],
             parameters=entry["parameters"],
-            parameter_openapi_schema=parameter_schema(flow).model_dump(),
+            parameter_openapi_schema=flow_schema(flow),
             enforce_parameter_schema=entry["enforce_parameter_schema"],
             concurrency_limit=limit and limit["limit"],
             concurrency_options=options,

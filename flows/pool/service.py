@@ -31,7 +31,8 @@ from vastflow.sim.reading.names import did_you_mean
 from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.ledger import CALLED_OFF_S, LATE
-from vastflow.tasks.patience import IN_BETWEEN_S, is_away, patiently
+from vastflow.tasks.prefect_adapter import post
+from vastflow.tasks.retry import IN_BETWEEN_S, is_away, retried
 from vastflow.tasks.server import PrefectUnavailable
 
 _PAGE: Final = 200
@@ -81,7 +82,7 @@ class Asking:
             PrefectUnavailable: the API stayed away.
         """
         try:
-            return patiently(request, IN_BETWEEN_S, self.ended, self._missed)
+            return retried(request, IN_BETWEEN_S, self.ended, self._missed)
         except (httpx.TransportError, PrefectHTTPStatusError) as error:
             if not is_away(error):
                 raise
@@ -186,8 +187,7 @@ class PoolService:
         for begin in range(0, len(every), _AT_A_TIME):
             some = {"id": {"any_": every[begin : begin + _AT_A_TIME]}, "state": {"type": {"not_any_": ended}}}
             wanted = {"flow_runs": some, "state": {"type": "CANCELLING"}, "limit": _AT_A_TIME}
-            route: Any = "/flow_runs/bulk_set_state"  # Prefect's client has no method for it
-            self._client.request("POST", route, json=wanted)
+            post(self._client, "/flow_runs/bulk_set_state", wanted)
 
     def give_up(self, flow_run: str, why: str) -> None:
         """Say that a flow run has crashed which can't say so itself."""

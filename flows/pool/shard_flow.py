@@ -24,7 +24,7 @@ from vastflow.flows.computing.flow_call import entered
 from vastflow.flows.computing.processors import cores
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.oracles.oracle import OracleError
-from vastflow.tasks import chatter
+from vastflow.tasks import campaign_log
 from vastflow.tasks.bundle import Bundle, BundleError, differences, unpacked
 from vastflow.tasks.bundle_report import Report
 from vastflow.tasks.engine import Engine, MemberFault
@@ -75,8 +75,8 @@ def _computed(kept: Store, bundle: Bundle, workers: int) -> State[Any]:
     if others := differences(bundle.promise, own):
         right = "give all workers the campaign's own version of vastflow and its libraries, on one kind of machine"
         return _ended(OTHER_CODE, f"{platform.node()} differs in {', '.join(others)}; {right}")
-    log = chatter.new_log(kept.local / "logs", "shard", datetime.now())
-    with chatter.own_log(log):
+    log = campaign_log.new_log(kept.local / "logs", "shard", datetime.now())
+    with campaign_log.own_log(log):
         # No survey: of a store with 10,000s of artifacts these are few, and a fresh container has copies of no manifest.
         tally, pool = Tally(), Pool(workers, log)
         engine = Engine(Index(kept, own), pool, tally, pickle.dumps(bundle.oracles))

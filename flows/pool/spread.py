@@ -6,7 +6,7 @@ from typing import Any
 
 from vastflow.flows.request.work_pool import NO_API, WorkPoolError
 from vastflow.producers.campaign import Campaign
-from vastflow.tasks import chatter
+from vastflow.tasks import campaign_log
 from vastflow.tasks.execution.job import PoolType
 
 
@@ -18,7 +18,7 @@ def check_api(log: Path) -> None:
     """
     from vastflow.tasks.server import configured_url
 
-    with chatter.prefect_log(log):
+    with campaign_log.prefect_log(log):
         if configured_url() is None:
             raise WorkPoolError(NO_API)
 

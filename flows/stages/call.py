@@ -15,7 +15,7 @@ from vastflow.flows.request.opened import OpenCampaign
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.found import RunFault
 from vastflow.oracles.oracle import Oracle
-from vastflow.tasks import chatter, ending
+from vastflow.tasks import campaign_log, ending
 from vastflow.tasks.engine import Engine
 from vastflow.tasks.index import Index, Member
 from vastflow.tasks.keys import Keys
@@ -121,8 +121,8 @@ def stage_run(
     """
     created, tally = datetime.now(), Tally()
     with ending.terminable(), Reporter(tally, observer):
-        log = chatter.new_log(opened.store.local / "logs", f"{directory_name(opened.name)}-{stage}", created)
-        with chatter.own_log(log):
+        log = campaign_log.new_log(opened.store.local / "logs", f"{directory_name(opened.name)}-{stage}", created)
+        with campaign_log.own_log(log):
             title = f"{stage} {opened.name} {created:%Y-%m-%d %H:%M:%S}"
             count = workers or cores()
             engine = Engine(Index(opened.store, keys), Pool(count, log), tally, pickle.dumps(tuple(oracles)))

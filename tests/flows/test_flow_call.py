@@ -11,8 +11,9 @@ from vastflow.tasks.engine import Engine
 from vastflow.tasks.index import Index
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.pool import Pool
+from vastflow.tasks.prefect_adapter import import_prefect
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.server import PrefectUnavailable, import_prefect
+from vastflow.tasks.server import PrefectUnavailable
 from vastflow.tasks.store import open_store
 
 pytestmark = pytest.mark.timeout(900)

@@ -13,7 +13,7 @@ from prefect.states import Cancelling, Completed, Crashed, Failed, Pending, Runn
 from vastflow.flows.pool import service as pool_service
 from vastflow.flows.pool.service import Asking, PoolService, Seen, pool_type
 from vastflow.flows.request.work_pool import WorkPoolError
-from vastflow.tasks import patience
+from vastflow.tasks import retry
 from vastflow.tasks.execution.deployment import ShardDeployment
 from vastflow.tasks.server import PrefectUnavailable
 
@@ -83,7 +83,7 @@ def flow_run(identity, state):
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
-    monkeypatch.setattr(patience, "_PAUSE_S", 0.01)
+    monkeypatch.setattr(retry, "_PAUSE_S", 0.01)
     monkeypatch.setattr(pool_service, "IN_BETWEEN_S", 0.2)
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import psutil
 
-from vastflow.tasks.server import SETTINGS
+from vastflow.tasks.prefect_adapter import SERVER_SETTINGS
 
 WORKERS = 2
 CONFIGURATIONS = 30
@@ -349,7 +349,7 @@ class Api:
     def environment(self) -> dict[str, str]:
         """Of the server, and of workers that talk to it."""
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "VASTFLOW_"))}
-        return {**kept, **SETTINGS, "PREFECT_HOME": str(self._folder / "prefect")}
+        return {**kept, **SERVER_SETTINGS, "PREFECT_HOME": str(self._folder / "prefect")}
 
     def start(self) -> None:
         """Start it and wait until it answers."""

@@ -8,7 +8,7 @@ from datetime import datetime
 
 import pytest
 
-from vastflow.tasks.chatter import new_log, own_log, prefect_log
+from vastflow.tasks.campaign_log import new_log, own_log, prefect_log
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -39,7 +39,7 @@ def test_old_logs_are_removed(tmp_path):
 def test_nothing_that_prefect_or_a_library_says_reaches_the_terminal(tmp_path):
     script = textwrap.dedent(f"""
         import logging, pathlib, warnings
-        from vastflow.tasks.chatter import prefect_log
+        from vastflow.tasks.campaign_log import prefect_log
         with prefect_log(pathlib.Path({str(tmp_path / "log")!r})):
             logging.getLogger("prefect.flow_runs").error("from prefect")
             logging.getLogger("prefect._internal").error("from inside")

@@ -35,7 +35,7 @@ def bounded() -> Iterator[None]:
         yield
 
 
-def patiently(
+def retried(
     request: Callable[[], T],
     away_s: float,
     ended: Callable[[], bool] = lambda: False,

@@ -5,8 +5,8 @@ import pytest
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.settings import get_current_settings, temporary_settings
 
-from vastflow.tasks import patience
-from vastflow.tasks.patience import RETRIES, bounded, patiently
+from vastflow.tasks import retry
+from vastflow.tasks.retry import RETRIES, bounded, retried
 
 GONE = httpx.ConnectError("refused")
 
@@ -40,7 +40,7 @@ def server(monkeypatch):
 
     def made(*failures):
         found = Server(*failures)
-        monkeypatch.setattr(patience, "time", found)
+        monkeypatch.setattr(retry, "time", found)
         return found
 
     return made
@@ -48,28 +48,28 @@ def server(monkeypatch):
 
 def test_a_server_that_comes_back_is_not_missed(server):
     missed = []
-    assert patiently(server(GONE, answered(503), GONE), 5.0, missed=missed.append) == "answer"
+    assert retried(server(GONE, answered(503), GONE), 5.0, missed=missed.append) == "answer"
     assert missed == [GONE]
 
 
 def test_a_server_that_stays_away_is_given_up_after_the_time_that_is_given(server):
     away = server(*[GONE] * 100)
     with pytest.raises(httpx.ConnectError, match="refused"):
-        patiently(away, 5.0)
+        retried(away, 5.0)
     assert 5.0 < away.now_s <= 7.0
 
 
 def test_what_a_server_refuses_is_not_asked_again(server):
     there = server(answered(409))
     with pytest.raises(PrefectHTTPStatusError, match="no"):
-        patiently(there, 5.0)
+        retried(there, 5.0)
     assert there.now_s == 0.0
 
 
 def test_nobody_waits_once_the_campaign_was_ended(server):
     away = server(*[GONE] * 100)
     with pytest.raises(httpx.ConnectError, match="refused"):
-        patiently(away, 5.0, ended=lambda: True)
+        retried(away, 5.0, ended=lambda: True)
     assert away.now_s == 0.0
 
 

@@ -1,7 +1,6 @@
 """Logs of a campaign: what vastflow, Prefect and its services say goes to one file, not to the user's terminal."""
 
 import logging
-import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Final, TextIO
 
-from vastflow.tasks.server import import_prefect
+from vastflow.tasks.prefect_adapter import console_handlers, import_prefect
 
 FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 KEPT: Final = 50
@@ -51,18 +50,13 @@ def prefect_log(log: Path) -> Iterator[None]:
     handler on the root logger, of which the user knows nothing: it goes, and Prefect stays silent to the end
     of the process.
     """
-    imported_before = "prefect.main" in sys.modules
-    import_prefect()
-    from prefect.logging.handlers import PrefectConsoleHandler, _SafeStreamHandler
-
+    imported_before = import_prefect()
     handler = _handler(log)
     root = logging.getLogger()
     known = [logger for logger in logging.Logger.manager.loggerDict.values() if isinstance(logger, logging.Logger)]
     before = {logger: (list(logger.handlers), logger.propagate) for logger in [root, *known]}
     for logger in before:
-        for console in [
-            each for each in logger.handlers if isinstance(each, PrefectConsoleHandler | _SafeStreamHandler)
-        ]:
+        for console in console_handlers(logger):
             logger.removeHandler(console)
             if logger is not root:
                 logger.addHandler(handler)

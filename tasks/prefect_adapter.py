@@ -1,0 +1,148 @@
+"""All that vastflow uses of Prefect beyond what Prefect documents: private names, settings and routes of its API.
+
+No other module has any, so a new release of Prefect can break this one alone. `python tests/proofs/prefect_versions.py` runs its tests
+with the oldest and the newest release that are allowed. Prefect is imported inside the functions: it takes most of a second.
+"""
+
+import contextlib
+import logging
+import os
+import queue
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
+
+if TYPE_CHECKING:
+    from prefect import Flow
+    from prefect.client.orchestration import SyncPrefectClient
+
+ANALYTICS: Final = "PREFECT_SERVER_ANALYTICS_ENABLED"
+
+SERVER_APPLICATION: Final = "prefect.server.api.server:create_app"
+"""Makes the application of Prefect's API, as `uvicorn` takes it."""
+
+SERVER_SETTINGS: Final[Mapping[str, str]] = {
+    ANALYTICS: "false",
+    # One row a transaction is Prefect's default; batches cost a quarter of the CPU time and lose fewer rows.
+    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_BATCH_SIZE": "200",
+    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_READ_BATCH_SIZE": "200",
+    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_FLUSH_INTERVAL": "1",
+    "PREFECT_SERVER_SERVICES_EVENT_PERSISTER_BATCH_SIZE": "500",
+    "PREFECT_SERVER_SERVICES_EVENT_PERSISTER_READ_BATCH_SIZE": "200",
+    "PREFECT_SERVER_LOGGING_LEVEL": "WARNING",
+    "PREFECT_UI_ENABLED": "0",
+    # What Prefect's own temporary server sets: no services that only a server of many flows needs.
+    "PREFECT__SERVER_EPHEMERAL": "1",
+    "PREFECT__SERVER_FINAL": "1",
+}
+"""Of an embedded server; what the user has set in the environment goes before."""
+
+Route: TypeAlias = Literal["/flow_runs/bulk_set_state", "/flow_runs/count", "/task_runs/count"]
+"""Routes for which Prefect's client has no method, or none that takes all that the route does."""
+
+
+def import_prefect() -> bool:
+    """Import Prefect; without an API of the user's it tells nobody of that (importing starts its analytics).
+
+    Returns:
+        Whether somebody had imported it before.
+    """
+    imported_before = "prefect.main" in sys.modules
+    if "PREFECT_API_URL" not in os.environ:
+        os.environ.setdefault(ANALYTICS, SERVER_SETTINGS[ANALYTICS])
+    import prefect.main  # noqa: F401
+
+    return imported_before
+
+
+def post(client: "SyncPrefectClient", route: Route, content: Mapping[str, Any]) -> Any:
+    """What a route answers.
+
+    Raises:
+        httpx.TransportError, PrefectHTTPStatusError: the API is away, or refused the request.
+    """
+    return client.request("POST", route, json=content).json()
+
+
+def database_url() -> str | None:
+    """Of the database of this machine's own API; None where none is configured and Prefect chooses."""
+    from prefect.settings import get_current_settings
+
+    url = get_current_settings().server.database.connection_url
+    return url.get_secret_value() if url else None
+
+
+def current_tags() -> frozenset[str]:
+    """Tags that flow runs and task runs get which begin here."""
+    from prefect.context import TagsContext
+
+    return frozenset(TagsContext.get().current_tags)
+
+
+def exact_tags(tags: frozenset[str]) -> AbstractContextManager[Any]:
+    """Give runs that begin in this context these tags and no others; `prefect.tags` only adds some."""
+    from prefect.context import TagsContext
+
+    return TagsContext(current_tags=set(tags))
+
+
+def console_handlers(logger: logging.Logger) -> list[logging.Handler]:
+    """Handlers of a logger by which Prefect writes to the terminal."""
+    from prefect.logging.handlers import PrefectConsoleHandler, _SafeStreamHandler
+
+    return [each for each in logger.handlers if isinstance(each, PrefectConsoleHandler | _SafeStreamHandler)]
+
+
+@contextlib.contextmanager
+def sent_only(logger: str, worth_sending: Callable[[logging.LogRecord], bool]) -> Iterator[None]:
+    """Send of what a logger of Prefect's says to Prefect's API in this context only what is worth it."""
+    from prefect.logging.handlers import APILogHandler
+
+    handlers = [each for each in logging.getLogger(logger).handlers if isinstance(each, APILogHandler)]
+    for handler in handlers:
+        handler.addFilter(worth_sending)
+    try:
+        yield
+    finally:
+        for handler in handlers:
+            handler.removeFilter(worth_sending)
+
+
+def end_services(timeout_s: float) -> None:
+    """Let Prefect's background threads of this process send what they have and end, before the server does.
+
+    What they can't send within `timeout_s` is forgotten: to a server that is gone they would try 7 s for each event,
+    and no process ends before they do.
+    """
+    from prefect.events.worker import EventsWorker
+    from prefect.logging.handlers import APILogWorker
+
+    services: tuple[Any, ...] = (EventsWorker, APILogWorker)
+    for service in services:
+        instances = tuple(service._instances.values())
+        service.drain_all(timeout=timeout_s, at_exit=False)
+        for instance in instances:
+            _forget(instance._queue)
+
+
+def flow_schema(flow: "Flow[..., Any]") -> dict[str, Any]:
+    """Schema of a flow's parameters, from which Prefect's pages make a form."""
+    from prefect.utilities.callables import parameter_schema
+
+    return parameter_schema(flow).model_dump()
+
+
+def process_pool_template() -> dict[str, Any]:
+    """Base job template of a work pool of processes."""
+    from prefect.workers.process import ProcessWorker
+
+    return dict(ProcessWorker.get_default_base_job_template())
+
+
+def _forget(waiting: "queue.Queue[Any]") -> None:
+    """Empty the queue of a service that has been told to end."""
+    with contextlib.suppress(queue.Empty):
+        while True:
+            waiting.get_nowait()
+    waiting.put_nowait(None)  # what tells it to end may have been among what was taken out

@@ -1,0 +1,124 @@
+"""What vastflow uses of Prefect beyond its documents is in one module, and is there in the release that is installed.
+
+`python tests/proofs/prefect_versions.py` runs this with the oldest and the newest release allowed.
+"""
+
+import logging
+import re
+from pathlib import Path
+
+import pytest
+
+from vastflow.tasks import prefect_adapter as adapter
+
+ROOT = Path(__file__).parents[2]
+UNDOCUMENTED = re.compile(
+    r"""
+    from\ prefect[\w.]*\ import\ [^\n]*\b_\w               # a private name
+    | \bprefect\.(context|events\.worker|logging\.handlers|main|server|utilities|workers)\b
+    | \bPREFECT__
+    | \.request\(\s*"(GET|POST|PATCH|PUT|DELETE)"          # a route
+    | \b_instances\b | \._queue\b
+    """,
+    re.VERBOSE,
+)
+
+
+def test_no_other_module_touches_what_prefect_does_not_document():
+    modules = [file for folder in ("flows", "tasks", "deployments") for file in (ROOT / folder).rglob("*.py")]
+    assert len(modules) > 100
+    found = [
+        f"{file.relative_to(ROOT)}: {match.group()}"
+        for file in modules
+        if file.name != "prefect_adapter.py"
+        for match in UNDOCUMENTED.finditer(file.read_text(encoding="utf-8"))
+    ]
+    assert found == []
+
+
+def test_the_application_of_the_api_is_where_uvicorn_is_sent():
+    module, _, name = adapter.SERVER_APPLICATION.partition(":")
+    assert callable(getattr(__import__(module, fromlist=[name]), name))
+
+
+def test_every_setting_of_an_embedded_server_is_one_that_prefect_knows():
+    from prefect.settings import Settings
+    from prefect.settings.legacy import _get_valid_setting_names
+
+    named = {name for name in adapter.SERVER_SETTINGS if not name.startswith("PREFECT__")}
+    assert named - {"PREFECT_UI_ENABLED"} - set(_get_valid_setting_names(Settings)) == set()
+
+
+@pytest.fixture(scope="module")
+def client(started_api, tmp_path_factory):
+    """A client of an API that was started as vastflow starts one."""
+    folder = tmp_path_factory.mktemp("api")
+    with started_api(folder / "prefect", folder / "server.log") as client:
+        yield client
+
+
+@pytest.mark.timeout(280)
+def test_every_route_answers(client):
+    assert adapter.post(client, "/task_runs/count", {}) == 0
+    assert adapter.post(client, "/flow_runs/count", {}) == 0
+    cancelled = {"flow_runs": {"id": {"any_": []}}, "state": {"type": "CANCELLED"}, "limit": 2}
+    assert adapter.post(client, "/flow_runs/bulk_set_state", cancelled)["results"] == []
+
+
+@pytest.mark.timeout(280)
+def test_what_begins_under_exact_tags_has_no_others(client):
+    from prefect import flow, tags
+
+    @flow
+    def marked():
+        return sorted(adapter.current_tags())
+
+    with tags("one", "two"):
+        assert adapter.current_tags() == {"one", "two"}
+        with adapter.exact_tags(frozenset({"one"})):
+            assert adapter.current_tags() == {"one"}
+            state = marked(return_state=True)
+    assert client.read_flow_run(state.state_details.flow_run_id).tags == ["one"]
+
+
+@pytest.mark.timeout(280)
+def test_services_that_have_begun_end_and_may_begin_again(client):
+    from prefect import flow
+
+    for _ in range(2):
+        flow(lambda: None, name="nothing")()
+        adapter.end_services(5.0)
+
+
+def test_prefects_console_handlers_are_found_and_others_are_not():
+    from prefect.logging.handlers import PrefectConsoleHandler
+
+    logger, own = logging.getLogger("vastflow.test_adapter"), logging.NullHandler()
+    logger.addHandler(own)
+    logger.addHandler(PrefectConsoleHandler())
+    assert [type(each) for each in adapter.console_handlers(logger)] == [PrefectConsoleHandler]
+    logger.handlers.clear()
+
+
+def test_a_filter_of_what_is_sent_is_gone_afterwards():
+    from prefect.logging.handlers import APILogHandler
+
+    logger, handler = logging.getLogger("prefect.task_runs"), APILogHandler()
+    logger.addHandler(handler)
+    try:
+        with adapter.sent_only("prefect.task_runs", lambda record: False):
+            assert len(handler.filters) == 1
+        assert handler.filters == []
+    finally:
+        logger.removeHandler(handler)
+
+
+def test_a_flows_schema_and_a_process_pools_template_can_be_had():
+    from vastflow.flows.campaign import campaign
+
+    assert adapter.flow_schema(campaign)["required"] == ["request"]
+    assert {"job_configuration", "variables"} <= adapter.process_pool_template().keys()
+
+
+def test_without_a_database_of_the_users_its_address_is_prefects_own():
+    assert (adapter.database_url() or "sqlite+aiosqlite:///").startswith("sqlite+aiosqlite:///")
