@@ -170,7 +170,9 @@ def selected(instantiation: Instantiation, only: Sequence[str]) -> Instantiation
         UnknownName: nothing is called so.
     """
     families = {
-        each.family for each in (*instantiation.configurations, *instantiation.rejections, *instantiation.excluded)
+        *(each.family for each in instantiation.configurations),
+        *(each.family for each in instantiation.rejections),
+        *(each.family for each in instantiation.excluded),
     }
     names = {c.name for c in instantiation.configurations}
     for name in only:
