@@ -1,1 +1,1 @@
-"""Prefect's side of a campaign on this machine: the flow, its task runs, what its pages show."""
+"""Prefect's side of a campaign on this machine: the stages as task runs, how a flow is called, what its pages show."""
