@@ -94,7 +94,8 @@ class StageRun:
         def flow() -> Any:
             from vastflow.flows.stages.flow import stage_flow
 
-            return stage_flow(self, body)(return_state=True)
+            self.tally.begin("instantiating" if self.stage == "instantiate" else "running")
+            return stage_flow(self.stage, self.title, self.name, self.engine, body)(return_state=True)
 
         try:
             call.run(flow)

@@ -6,16 +6,21 @@ from typing import Any
 from prefect import Flow, flow
 
 from vastflow.flows.computing.task_runs import TaskRuns, task_runs_of
-from vastflow.flows.stages.call import StageRun
+from vastflow.tasks.engine import Engine
 
 
-def stage_flow(run: StageRun, body: Callable[[TaskRuns], None]) -> Flow[[], Any]:
-    """The flow that runs a stage alone: `body` maps it, by the function that the campaign's flow has for it."""
+def stage_flow(stage: str, title: str, name: str, engine: Engine, body: Callable[[TaskRuns], None]) -> Flow[[], Any]:
+    """The flow that runs a stage alone.
 
-    @flow(name=run.stage, flow_run_name=run.title, persist_result=False)
-    def stage() -> None:
-        with task_runs_of(run.name, run.engine) as task_runs:
-            run.tally.begin("instantiating" if run.stage == "instantiate" else "running")
+    Args:
+        title: The flow run's name.
+        name: The campaign's.
+        body: Maps the stage, by the function that the campaign's flow has for it.
+    """
+
+    @flow(name=stage, flow_run_name=title, persist_result=False)
+    def alone() -> None:
+        with task_runs_of(name, engine) as task_runs:
             body(task_runs)
 
-    return stage
+    return alone

@@ -293,7 +293,7 @@ def test_an_oracle_that_raises_breaks_no_campaign_and_its_verdicts_are_not_kept(
     judged = counted()["judge"]
     repaired = again(("own_oracle.py", "else 1 / 0", "else 1.0"))
     assert (repaired.summary.not_judged, repaired.faults) == (0, ())
-    assert counted()["judge"] == judged + CONFIGURATIONS
+    assert counted()["judge"] == judged + CONFIGURATIONS * RUNS
 
 
 SCRIPT = """
