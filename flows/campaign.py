@@ -19,6 +19,7 @@ from vastflow.flows.campaign_run import opened_run, running
 from vastflow.flows.computing.artifacts import outcome_text, publish
 from vastflow.flows.computing.mapped import execute, instantiate, judge, observe
 from vastflow.flows.computing.task_runs import task_runs_of
+from vastflow.flows.pool.bundle import compute_bundle
 from vastflow.flows.pool.campaign import pool_of
 from vastflow.flows.reporting import assess, deliver, report
 from vastflow.flows.request.run_request import RunRequest
@@ -29,13 +30,18 @@ from vastflow.tasks.store import Lost
 
 def _title() -> str:
     """The campaign's name and when it was asked for; the file's name where the campaign is not read yet."""
-    run = opened_run()
-    return run.title if run else Path(flow_run.parameters["request"].campaign).stem
+    run, request = opened_run(), flow_run.parameters["request"]
+    if request.bundle is not None:
+        return str(flow_run.name)
+    return run.title if run else Path(request.campaign).stem
 
 
 @flow(name=FLOW, flow_run_name=_title, persist_result=False)
 def campaign(request: RunRequest) -> State[Any]:
     """Run a campaign and write its report. What the store has is not computed again.
+
+    A request with a bundle is one of another run of this flow, to which this process's pool lends its workers: the bundle's
+    configurations go through the same stages, and their campaign's report is written there.
 
     Args:
         request: The campaign file, and what of it is run, how and where.
@@ -45,6 +51,8 @@ def campaign(request: RunRequest) -> State[Any]:
         StoreError: the store can't be used.
         WorkPoolError, WorkersFailed: the work pool that was asked can't compute it.
     """
+    if request.bundle is not None:
+        return compute_bundle(request, request.bundle)
     with running(request) as run, task_runs_of(run.name, run.engine, run.tally) as task_runs, pool_of(run) as pool:
         for _ in run.attempts():
             with suppress(Lost):  # a damaged artifact is found when it is read, and computed again by the next attempt

@@ -73,11 +73,12 @@ def chunks(digests: Sequence[str], most: int = MOST_TASK_RUNS) -> list[range]:
     return [*cuts, range(begin, len(digests))] if begin < len(digests) else cuts
 
 
-def missing_shards(members: Sequence[Member], incomplete: Container[str]) -> list[Shard]:
+def missing_shards(members: Sequence[Member], incomplete: Container[str], most: int = MOST_TASK_RUNS) -> list[Shard]:
     """Shards in which something is missing; where they are cut depends on all members, so that an edit moves one cut.
 
     Args:
         incomplete: Names of members of which something is missing.
+        most: Shards that are aimed at.
     """
-    parts = chunks([member.scenario.digest for member in members])
+    parts = chunks([member.scenario.digest for member in members], most)
     return [Shard([members[i] for i in part]) for part in parts if any(members[i].name in incomplete for i in part)]

@@ -205,13 +205,7 @@ def _register(
     from prefect.exceptions import PrefectHTTPStatusError
 
     from vastflow.flows.campaign import campaign
-    from vastflow.flows.pool.registration import (
-        OtherPool,
-        register_flow,
-        register_pool,
-        register_shards,
-        type_of_pool,
-    )
+    from vastflow.flows.pool.registration import OtherPool, register_flow, register_pool, type_of_pool
 
     try:
         with get_client(sync_client=True) as client:
@@ -223,7 +217,7 @@ def _register(
             if shards_in != deployment.pool:
                 new[shards_in] = register_pool(client, shards_in, theirs)
             found = register_flow(client, deployment.as_yaml(), campaign)
-            register_shards(client, shards(theirs))
+            register_flow(client, shards(theirs).as_yaml(), campaign)
     except OtherPool as error:
         print(f"--pool: {error}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT) from None

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 
 from prefect import get_run_logger
 from prefect.client.orchestration import get_client
+from prefect.context import FlowRunContext
 from prefect.runtime import flow_run
 
 from vastflow.flows.campaign_run import CampaignRun
@@ -12,6 +13,7 @@ from vastflow.flows.computing.artifacts import ProgressBar, key_of, tolerated
 from vastflow.flows.pool.driver import TAKEN_S, Driver
 from vastflow.flows.pool.service import Asking, PoolService, pool_type
 from vastflow.flows.pool.spread import asked_of
+from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.bundle import BundleError, Packer
 from vastflow.tasks.execution.job import PoolType
@@ -66,9 +68,14 @@ def pool_of(run: CampaignRun) -> Iterator[CampaignPool | None]:
     with get_client(sync_client=True) as client:
         asking = Asking(client, run.tally.notice, lambda: run.engine.closed)
         kind = pool_type(asking, pool.name)
-        job_variables, workers = asked_of(run.campaign, kind, asked.workers)
-        parameters = {"store": run.store.place} | ({} if workers is None else {"workers": workers})
-        service = PoolService(asking, pool.name, str(flow_run.id), key_of(run.name), parameters, job_variables)
+        job_variables, workers = asked_of(kind, run.campaign, asked.workers)
+        request = RunRequest(campaign=run.name, store=run.store.place, workers=workers).model_dump(
+            exclude_defaults=True
+        )
+        context = FlowRunContext.get()
+        assert context is not None and context.flow is not None, "called from inside a flow"
+        label = key_of(run.name)
+        service = PoolService(asking, pool.name, str(flow_run.id), label, context.flow, request, job_variables)
         packer = Packer(run.store, run.name, run.keys, run.oracles, run.campaign.path.parent)
         # In a queue of a cluster a flow run may be pending for days.
         taken_s = TAKEN_S if kind is PoolType.process else None

@@ -10,8 +10,6 @@ from prefect.client.schemas.objects import ConcurrencyLimitStrategy, Concurrency
 from prefect.client.schemas.schedules import CronSchedule
 from prefect.exceptions import ObjectNotFound
 
-from vastflow.flows.pool.shard_flow import run_shard
-from vastflow.tasks.execution.deployment import ShardDeployment
 from vastflow.tasks.execution.job import PoolType, base_job_template
 from vastflow.tasks.prefect_adapter import flow_schema, process_pool_template
 
@@ -61,11 +59,6 @@ def type_of_pool(client: SyncPrefectClient, name: str) -> PoolType | None:
     if found not in list(PoolType):
         raise OtherPool(f"the work pool {name!r} is of type {found!r}; one of {', '.join(PoolType)}")
     return PoolType(found)
-
-
-def register_shards(client: SyncPrefectClient, deployment: ShardDeployment) -> str:
-    """Make the deployment by which a pool computes shards, or change it; gives its id."""
-    return register_flow(client, deployment.as_yaml(), run_shard)
 
 
 def register_flow(client: SyncPrefectClient, entry: Mapping[str, Any], flow: Flow[..., Any]) -> str:

@@ -8,6 +8,7 @@ from typing import Any, Final, Literal, TypeAlias, TypeVar, cast
 from uuid import UUID
 
 import httpx
+from prefect import Flow
 from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.filters import (
     ArtifactFilter,
@@ -25,7 +26,7 @@ from prefect.deployments import run_deployment
 from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
 from prefect.states import Cancelled, Crashed
 
-from vastflow.flows.pool.registration import OtherPool, register_shards, type_of_pool
+from vastflow.flows.pool.registration import OtherPool, register_flow, type_of_pool
 from vastflow.flows.request.work_pool import WorkPoolError
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
@@ -122,7 +123,8 @@ class PoolService:
         pool: Name of the work pool.
         parent: Id of the flow run.
         label: The campaign's name, as the keys of its artifacts have it.
-        parameters: Of every shard beside its bundle.
+        flow: What a shard's flow run runs.
+        request: What every shard is asked beside its bundle.
         job_variables: What the campaign sets of the pool's template.
 
     Raises:
@@ -135,7 +137,8 @@ class PoolService:
         pool: str,
         parent: str,
         label: str,
-        parameters: Mapping[str, Any],
+        flow: Flow[..., Any],
+        request: Mapping[str, Any],
         job_variables: Mapping[str, Any],
     ) -> None:
         self._asking = asking
@@ -143,7 +146,8 @@ class PoolService:
         self._pool = pool
         self._parent = parent
         self._label = label
-        self._parameters = parameters
+        self._flow = flow
+        self._request = request
         self._job_variables = dict(job_variables)
         self._asked_for = 0
         self._deployment = asking(self._registered)
@@ -155,7 +159,7 @@ class PoolService:
         ask = partial(
             run_deployment,
             self._deployment,
-            parameters={**self._parameters, "bundle": bundle},
+            parameters={"request": {**self._request, "bundle": bundle}},
             flow_run_name=name,
             timeout=0,
             tags=[TAG, self._label],
@@ -204,7 +208,7 @@ class PoolService:
         try:
             return self._client.read_deployment_by_name(deployment.path).id
         except ObjectNotFound:
-            return UUID(register_shards(self._client, deployment))
+            return UUID(register_flow(self._client, deployment.as_yaml(), self._flow))
 
     def _end_cancelled(self) -> None:
         """End what an earlier campaign cancelled as it ended by itself: Prefect would show it as `Cancelling` for ever."""

@@ -70,6 +70,9 @@ class RunRequest(BaseModel):
     reports: Annotated[Text | None, OnCommandLine("URL")] = Field(
         None, description="Where the results folder is served, for links to reports."
     )
+    bundle: Text | None = Field(
+        None, description="Key of configurations in the store that are computed for another run; nobody has to give it."
+    )
 
     @field_validator("campaign", "results", "store", "map_dir", mode="before")
     @classmethod
@@ -89,8 +92,8 @@ class RunRequest(BaseModel):
         return self
 
 
-NAMES: Final = tuple(name for name in RunRequest.model_fields if name != "campaign")
-"""What beside the campaign file may be asked."""
+NAMES: Final = tuple(name for name in RunRequest.model_fields if name not in ("campaign", "bundle"))
+"""What beside the campaign file a user may ask."""
 
 
 def request_of(campaign: "str | os.PathLike[str] | RunRequest", options: Mapping[str, Any]) -> RunRequest:

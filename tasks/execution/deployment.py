@@ -11,8 +11,6 @@ ENTRYPOINT: Final = "vastflow.flows.campaign.campaign"
 """A module's function, found wherever vastflow is installed."""
 TAG: Final = "vastflow"
 
-SHARD_FLOW: Final = "vastflow-shard"
-SHARD_ENTRYPOINT: Final = "vastflow.flows.pool.shard_flow.run_shard"
 OTHER_CODE: Final = "OtherCode"
 STORE_AWAY: Final = "StoreAway"
 """Names of the states in which a shard's flow run ends where the worker can't compute it and another one might."""
@@ -73,7 +71,7 @@ class ShardDeployment:
     """What makes the workers of a pool compute shards; a pool needs one, whatever the campaigns.
 
     Attributes:
-        pool: Name of the work pool, and of the deployment.
+        pool: Name of the work pool.
         job_variables: What it sets of the pool's template; a campaign adds its own for each shard.
     """
 
@@ -83,15 +81,20 @@ class ShardDeployment:
     @property
     def path(self) -> str:
         """Flow and deployment, as Prefect names them together."""
-        return f"{SHARD_FLOW}/{self.pool}"
+        return f"{FLOW}/{self.name}"
+
+    @property
+    def name(self) -> str:
+        """Of the deployment."""
+        return f"{self.pool}-shards"
 
     def as_yaml(self) -> dict[str, Any]:
         """An entry of `deployments` in a `prefect.yaml`, as plain data. Workers need no folder: all is in the store."""
         return {
-            "name": self.pool,
+            "name": self.name,
             "description": "Computes shards of the campaigns that are run with this work pool. Nobody else has to run it.\n",
             "tags": [TAG],
-            "entrypoint": SHARD_ENTRYPOINT,
+            "entrypoint": ENTRYPOINT,
             "parameters": {},
             "enforce_parameter_schema": True,
             "schedules": [],

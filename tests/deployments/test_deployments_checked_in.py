@@ -16,7 +16,6 @@ from prefect.cli.deploy._models import PrefectYamlModel, RawScheduleConfig
 
 from vastflow.flows.campaign import campaign
 from vastflow.flows.commands.deploy import IMAGE_FOLDER
-from vastflow.flows.pool.shard_flow import run_shard
 from vastflow.producers.campaign import load_campaign
 from vastflow.tasks import work
 from vastflow.tasks.execution import deployment, job
@@ -112,29 +111,25 @@ def test_prefect_reads_the_deployments():
     read = PrefectYamlModel.model_validate({"deployments": entries()})
     assert {each.work_pool.name for each in read.deployments} == {"lab", "docker", "cluster"}
     for each in read.deployments:
-        if each.entrypoint == deployment.ENTRYPOINT:
+        if each.parameters:
             (schedule,) = each.schedules
             assert isinstance(schedule, RawScheduleConfig)
             assert (each.concurrency_limit.limit, each.concurrency_limit.collision_strategy) == (1, "ENQUEUE")
 
 
 def test_the_deployments_run_the_flows_that_there_are_with_parameters_that_they_have():
-    flows = {deployment.ENTRYPOINT: campaign, deployment.SHARD_ENTRYPOINT: run_shard}
-    for entrypoint, flow in flows.items():
-        assert f"{flow.fn.__module__}.{flow.fn.__name__}" == entrypoint
+    assert f"{campaign.fn.__module__}.{campaign.fn.__name__}" == deployment.ENTRYPOINT
     for each in entries():
-        if each["entrypoint"] == deployment.ENTRYPOINT:
+        assert each["entrypoint"] == deployment.ENTRYPOINT
+        if each["parameters"]:
             assert campaign.validate_parameters(each["parameters"])["request"].campaign == CAMPAIGN
-        else:
-            assert each["entrypoint"] == deployment.SHARD_ENTRYPOINT
-            assert each["parameters"] == {}
 
 
 def test_the_deployments_are_what_the_command_makes_of_the_same_campaign():
     runs = load_campaign(ROOT / CAMPAIGN).runs
     for each in entries():
         pool, variables = each["work_pool"]["name"], each["work_pool"]["job_variables"]
-        if each["entrypoint"] == deployment.SHARD_ENTRYPOINT:
+        if not each["parameters"]:
             assert each == ShardDeployment(pool, variables).as_yaml()
         else:
             (schedule,), (step,) = each["schedules"], each["pull"]
@@ -152,11 +147,11 @@ def test_the_deployments_are_what_the_command_makes_of_the_same_campaign():
 
 
 def test_each_pool_has_a_deployment_by_which_it_computes_shards():
-    shards = [each for each in entries() if each["entrypoint"] == deployment.SHARD_ENTRYPOINT]
+    shards = [each for each in entries() if not each["parameters"]]
     assert [(each["name"], each["work_pool"]["name"]) for each in shards] == [
-        ("lab", "lab"),
-        ("docker", "docker"),
-        ("cluster", "cluster"),
+        ("lab-shards", "lab"),
+        ("docker-shards", "docker"),
+        ("cluster-shards", "cluster"),
     ]
     assert all("concurrency_limit" not in each and each["schedules"] == [] for each in shards)
 

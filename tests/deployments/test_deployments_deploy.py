@@ -162,7 +162,7 @@ def test_shards_go_to_a_pool_of_their_own_where_one_is_named(file):
     campaign, shards = (DeploymentConfig.model_validate(each) for each in written["deployments"])
     assert campaign.parameters["request"]["pool"] == "farm"
     assert "Workers of the work pool **farm** compute the runs." in campaign.description
-    assert (shards.name, shards.work_pool.name, shards.parameters) == ("farm", "farm", {})
+    assert (shards.name, shards.work_pool.name, shards.parameters) == ("farm-shards", "farm", {})
     assert (pool["name"], farm["name"]) == ("lab", "farm")
 
 

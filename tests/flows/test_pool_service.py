@@ -10,6 +10,7 @@ from prefect.client.schemas.objects import FlowRun
 from prefect.exceptions import ObjectNotFound, PrefectHTTPStatusError
 from prefect.states import Cancelling, Completed, Crashed, Failed, Pending, Running, Scheduled
 
+from vastflow.flows.campaign import campaign
 from vastflow.flows.pool import service as pool_service
 from vastflow.flows.pool.service import Asking, PoolService, Seen, pool_type
 from vastflow.flows.request.work_pool import WorkPoolError
@@ -88,17 +89,19 @@ def impatient(monkeypatch):
     monkeypatch.setattr(pool_service, "IN_BETWEEN_S", 0.2)
 
 
-def service(client, monkeypatch, say=lambda line: None, ended=lambda: False, **parameters):
+def service(client, monkeypatch, say=lambda line: None, ended=lambda: False, **asked):
     monkeypatch.setattr(pool_service, "run_deployment", client.run)
     asking = Asking(client, say, ended)
-    return PoolService(asking, "lab", PARENT, "two-rooms", {"store": "s3://bucket/store", **parameters}, {"cpu": "3"})
+    return PoolService(
+        asking, "lab", PARENT, "two-rooms", campaign, {"store": "s3://bucket/store", **asked}, {"cpu": "3"}
+    )
 
 
 def test_a_shard_is_asked_for_by_name_tags_bundle_and_what_the_campaign_wants_of_its_container(monkeypatch):
     client = Client("kubernetes")
     assert service(client, monkeypatch, workers=3).submit("bundle/ab/abc", "12–15 of hall") == str(RUNS["a"])
     (asked,) = client.created
-    assert asked["parameters"] == {"store": "s3://bucket/store", "bundle": "bundle/ab/abc", "workers": 3}
+    assert asked["parameters"] == {"request": {"store": "s3://bucket/store", "bundle": "bundle/ab/abc", "workers": 3}}
     assert (asked["flow_run_name"], asked["tags"]) == ("12–15 of hall", ["vastflow", "two-rooms"])
     assert (asked["job_variables"], asked["timeout"]) == ({"cpu": "3"}, 0)
 

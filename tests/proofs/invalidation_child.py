@@ -22,7 +22,6 @@ from vastflow.tasks.index import Index
 from vastflow.tasks.instantiation import Instantiator
 from vastflow.tasks.pool import Pool
 from vastflow.tasks.progress import Tally
-from vastflow.tasks.shard_run import compute
 from vastflow.tasks.store import open_store
 
 
@@ -56,8 +55,12 @@ def main() -> None:
         print("keyed", flush=True)
         sys.stdin.readline()
     found = Instantiator(campaign, store, keys, tree).instantiated(evaluator)
-    faults = compute(engine, pool, members_of(found.instantiation, campaign.runs), 1)
-    print(json.dumps([*errors.values(), *(fault.error for fault in faults)]))
+    members = members_of(found.instantiation, campaign.runs)
+    try:
+        engine.judge(members, engine.observe(members, engine.execute(members).made).made)
+    finally:
+        pool.close()
+    print(json.dumps([*errors.values(), *(fault.error for fault in engine.faults)]))
 
 
 if __name__ == "__main__":
