@@ -65,7 +65,7 @@ def _found(run: CampaignRun) -> Results:
 def _computed(run: CampaignRun) -> Results:
     """Call the flow, and let the workers begin while Prefect starts."""
     if run.request.pool is not None:
-        from vastflow.flows.pool.spread import check_api
+        from vastflow.flows.request.work_pool import check_api
 
         check_api(run.log)
     call = FlowCall(run.engine, run.tally, run.log)

@@ -12,7 +12,7 @@ from vastflow.flows.campaign_run import CampaignRun
 from vastflow.flows.computing.artifacts import ProgressBar, key_of, tolerated
 from vastflow.flows.pool.driver import TAKEN_S, Driver
 from vastflow.flows.pool.service import Asking, PoolService, pool_type
-from vastflow.flows.pool.spread import asked_of
+from vastflow.flows.request.campaign_job import asked_of
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.bundle import BundleError, Packer

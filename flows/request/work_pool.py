@@ -1,6 +1,7 @@
 """A work pool of Prefect as the place where a campaign's shards are computed, and what can be wrong with it."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 NO_API: Final = (
@@ -41,6 +42,23 @@ class WorkPool:
             raise WorkPoolError("--pool: found an empty name; the name of a work pool")
         if self.shards is not None and self.shards < 1:
             raise WorkPoolError(f"--shards: found {self.shards}; 1 or more")
+
+
+def check_api(log: Path) -> None:
+    """See to it before anything is computed that there is an API whose workers could take shards.
+
+    Args:
+        log: File for what Prefect says when it is imported.
+
+    Raises:
+        WorkPoolError: none is configured.
+    """
+    from vastflow.tasks import campaign_log
+    from vastflow.tasks.server import configured_url
+
+    with campaign_log.prefect_log(log):
+        if configured_url() is None:
+            raise WorkPoolError(NO_API)
 
 
 def shard_count(pool: WorkPool, members: int, runs: int) -> int:
