@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from prefect import get_run_logger
 from prefect.client.orchestration import get_client
 from prefect.context import FlowRunContext
 from prefect.runtime import flow_run
@@ -28,7 +27,6 @@ class CampaignPool:
         self._driver = driver
         self._name = name
         self._bar = ProgressBar(f"{key_of(run.name)}-shards", str(flow_run.id))
-        self._log = get_run_logger()
         self._said = False
 
     def compute(self, members: Sequence[Member]) -> None:
@@ -41,9 +39,7 @@ class CampaignPool:
         def show(done: int, total: int) -> None:
             if not self._said:
                 self._said = True
-                said = f"{total} shard{'s'[: total != 1]} for the work pool {self._name}"
-                self._log.info("%d configurations; %s", len(members), said)
-                self._run.tally.notice(said)
+                self._run.tally.notice(f"{total} shard{'s'[: total != 1]} for the work pool {self._name}")
             with tolerated():
                 self._bar.show(done / total, f"{done} of {total} shards through")
 

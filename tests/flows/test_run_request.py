@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.campaign import campaign
+from vastflow.flows.pool.shard_flow import run_shard
 from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.request.work_pool import WorkPool
 from vastflow.flows.scheduled import DeployAgain, run_scheduled
@@ -65,6 +66,13 @@ def test_a_deployment_of_an_earlier_version_is_refused_and_told_to_be_deployed_a
     assert f"{run_scheduled.fn.__module__}.{run_scheduled.fn.__name__}" == "vastflow.flows.scheduled.run_scheduled"
     with pytest.raises(DeployAgain, match=r"deploy again: `vastflow deploy quickstart\.vast`"):
         run_scheduled.fn(campaign="quickstart.vast", runs=3, results="results")
+
+
+def test_a_shard_that_an_earlier_version_asks_for_is_refused_and_told_what_helps():
+    assert f"{run_shard.fn.__module__}.{run_shard.fn.__name__}" == "vastflow.flows.pool.shard_flow.run_shard"
+    assert run_shard.name == "vastflow-shard"
+    with pytest.raises(DeployAgain, match=r"deploy again: `vastflow deploy FILE --pool POOL`"):
+        run_shard.fn(store="s3://bucket/store", parcel="parcel/ab/abc", workers=2)
 
 
 def test_the_parameters_of_an_earlier_deployment_never_run_with_defaults():
