@@ -4,9 +4,7 @@ from typing import Any
 
 from prefect import flow
 
-
-class DeployAgain(RuntimeError):
-    """A deployment was made by an earlier version of vastflow."""
+from vastflow.flows.pool.shard_flow import DeployAgain
 
 
 @flow(name="run campaign", persist_result=False, validate_parameters=False)

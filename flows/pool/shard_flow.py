@@ -4,7 +4,9 @@ from typing import Any
 
 from prefect import flow
 
-from vastflow.flows.scheduled import DeployAgain
+
+class DeployAgain(RuntimeError):
+    """A deployment was made by an earlier version of vastflow."""
 
 
 @flow(name="vastflow-shard", persist_result=False, validate_parameters=False)
