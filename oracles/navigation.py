@@ -29,7 +29,7 @@ class NavigationParameters(Parameters):
 class Navigation(Oracle[NavigationParameters]):
     """Measures alone: it passes every run, so that it changes nothing of what the others say together.
 
-    l is the length of the reference path (`vastflow.oracles.reference`) and p the true way driven, in m; S is 1 where the mission
+    l is the length of the reference path (`vastflow.oracles.reference`) and p the true path driven, in m; S is 1 where the mission
     succeeded and gave no goal up, else 0.
 
     Metrics:
@@ -37,7 +37,7 @@ class Navigation(Oracle[NavigationParameters]):
       embodied navigation agents", arXiv:1807.06757, 2018.
     - `path_efficiency` (1): l / p of a run with S = 1; above 1 by as much as octile length is longer than the way a robot can take.
     - `time_to_goal` (s): simulated, from the run's start until the last goal was reached, with S = 1.
-    - `minimum_clearance` (m): from the robot's centre to the nearest wall or outline of an obstacle.
+    - `minimum_clearance` (m): from the robot's center to the nearest wall or outline of an obstacle.
     - `smoothness` (1): spectral arc length of the true speed |v| (`vastflow.oracles.smoothness`), negative; one movement has about -1.4
       and each stop and start lowers it.
     - `turning` (rad/m): Σ |Δyaw| / p, the mean absolute curvature of the way, turns on the spot included.

@@ -1,4 +1,4 @@
-"""Obs: a recording's derived signals, in whole millimetres.
+"""Obs: a recording's derived signals, in whole millimeters.
 
 Only what follows from recording and scenario together is stored; a trace is both joined
 (`vastflow.oracles.trace.trace_of`).
@@ -29,7 +29,7 @@ from vastflow.sim.scenario import Scenario
 from vastflow.sim.world.obstacle import Obstacle
 
 _CANDIDATES: Final = 9
-"""Cells looked at for the nearest wall: the nearest square is among the nine nearest centres, or at most a
+"""Cells looked at for the nearest wall: the nearest square is among the nine nearest centers, or at most a
 fifth of a cell nearer than the best of them."""
 
 STANDING_MPS: Final = 0.01
@@ -46,7 +46,7 @@ class Observer:
 
     Attributes:
         occupancy: The robot's map; None where the scenario has none.
-        wall_cells: Tree of the centres of occupied cells at the walls' surface, in cells (row, column).
+        wall_cells: Tree of the centers of occupied cells at the walls' surface, in cells (row, column).
         references: Remembers each path that it has found.
     """
 
@@ -61,11 +61,11 @@ class Observer:
         The path goes round the obstacles that were there in this run, where they stood first.
 
         `localization_error_mm`: distance of the estimated to the true position, at each row.
-        `wall_clearance_mm`: distance of the robot's centre to the nearest occupied cell's square (unknown cells
-        are no walls), 0 inside one. `deviation_mm`: distance of the robot's centre to the nearest point of
+        `wall_clearance_mm`: distance of the robot's center to the nearest occupied cell's square (unknown cells
+        are no walls), 0 inside one. `deviation_mm`: distance of the robot's center to the nearest point of
         the reference path, `NOWHERE_MM` without one. `stopped`: 1 where the robot stands, slower than `STANDING_MPS` and `STANDING_RADPS`.
         Of obstacles where each is at that row, and `NOWHERE_MM` where none is there: `separation_mm/<size class>` between the
-        centres of robot and nearest obstacle; `static_clearance_mm` and `appearing_clearance_mm` from the robot's centre to the
+        centers of robot and nearest obstacle; `static_clearance_mm` and `appearing_clearance_mm` from the robot's center to the
         nearest outline of those that are there from the run's start on, and of those that come later.
 
         Raises:
@@ -133,13 +133,13 @@ def observe_block(scenario: Scenario, recording_block: bytes) -> bytes:
 def _apart(
     obstacles: Sequence[ObstacleTrack], t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]
 ) -> dict[str, NDArray[np.int32]]:
-    """Clearances and separations of the robot's centre (N, 2), least over the obstacles of each kind and size class."""
+    """Clearances and separations of the robot's center (N, 2), least over the obstacles of each kind and size class."""
     apart_m: dict[str, list[NDArray[np.float64]]] = {}
     for track in obstacles:
         kind = "static" if track.was_there and track.appears_s is None else "appearing"
         apart_m.setdefault(f"{kind}_clearance_mm", []).append(track.clearance_m(t_ms, xy_m))
-        centres_m = np.hypot(*(xy_m - track.at(t_ms)).T)
-        apart_m.setdefault(f"separation_mm/{track.obstacle.size_class}", []).append(centres_m)
+        centers_m = np.hypot(*(xy_m - track.at(t_ms)).T)
+        apart_m.setdefault(f"separation_mm/{track.obstacle.size_class}", []).append(centers_m)
     return {name: _mm(np.min(apart_m[name], axis=0)) for name in sorted(apart_m, key=lambda name: ("/" in name, name))}
 
 
@@ -152,12 +152,12 @@ def _wall_cells(occupancy: OccupancyMap) -> cKDTree | None:
 def _clearance_m(
     occupancy: OccupancyMap, wall_cells: cKDTree, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Distances (N,) to the nearest occupied cell, taken as a square rather than by its centre."""
+    """Distances (N,) to the nearest occupied cell, taken as a square rather than by its center."""
     at = occupancy.in_cells(np.column_stack((x_m, y_m)))
     candidates = min(_CANDIDATES, wall_cells.n)
     _, nearest = wall_cells.query(at - 0.5, k=candidates)
-    centres = wall_cells.data[np.reshape(nearest, (len(at), candidates))] + 0.5
-    beyond = np.maximum(np.abs(centres - at[:, None, :]) - 0.5, 0.0)
+    centers = wall_cells.data[np.reshape(nearest, (len(at), candidates))] + 0.5
+    beyond = np.maximum(np.abs(centers - at[:, None, :]) - 0.5, 0.0)
     clearance = np.hypot(beyond[..., 0], beyond[..., 1]).min(axis=1)
     rows, columns = np.floor(at).astype(int).T
     on_grid = (rows >= 0) & (columns >= 0) & (rows < occupancy.shape[0]) & (columns < occupancy.shape[1])
@@ -170,5 +170,5 @@ def _line(points: NDArray[np.float64]) -> Any:
     return shapely.linestrings(points) if len(points) > 1 else shapely.points(points[0])
 
 
-def _mm(metres: NDArray[np.float64]) -> NDArray[np.int32]:
-    return np.rint(np.minimum(metres * 1000.0, NOWHERE_MM)).astype(np.int32)
+def _mm(meters: NDArray[np.float64]) -> NDArray[np.int32]:
+    return np.rint(np.minimum(meters * 1000.0, NOWHERE_MM)).astype(np.int32)

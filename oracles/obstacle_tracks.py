@@ -26,7 +26,7 @@ class ObstacleTrack:
     Attributes:
         obstacle: Its shape, and the pose at which it stands first.
         since_ms: (K >= 1,) from when on it is at each place, in order; the first is before the run.
-        xy_m: (K, 2) its centre; infinite where it is not there.
+        xy_m: (K, 2) its center; infinite where it is not there.
         yaw_rad: (K,)
     """
 
@@ -48,7 +48,7 @@ class ObstacleTrack:
         return bool(np.isfinite(self.xy_m).any())
 
     def at(self, t_ms: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Its centre (N, 2) at the times (N,) of rows; what happens at the time of a row has happened in it."""
+        """Its center (N, 2) at the times (N,) of rows; what happens at the time of a row has happened in it."""
         return np.asarray(self.xy_m[self._place(t_ms)])
 
     def clearance_m(self, t_ms: NDArray[np.int32], xy_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Oracle `performance`: how far the way driven is from the best one."""
+"""Oracle `performance`: how far the path driven is from the best one."""
 
 from collections.abc import Mapping
 from typing import ClassVar

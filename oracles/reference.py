@@ -1,4 +1,4 @@
-"""The reference path: the shortest way a robot of this size could have gone, had it known the obstacles."""
+"""The reference path: the shortest path a robot of this size could have gone, had it known the obstacles."""
 
 import itertools
 
@@ -16,11 +16,11 @@ from vastflow.sim.world.obstacle import Obstacle
 def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_m: float) -> MaybeReference:
     """The A* reference of the paper: shortest octile path through start and goals, loops repeated.
 
-    Cells not known to be free and cells whose centre lies in one of the situation's obstacles, at the pose where it stands
+    Cells not known to be free and cells whose center lies in one of the situation's obstacles, at the pose where it stands
     first, are blocked, and inflated by `radius_m`
     (paper: "the environment is inflated by the robot radius before planning"). A start or goal on a
     blocked cell, as drawn for a smaller robot, is taken at the nearest passable cell if that is at most `radius_m`
-    away. The path's ends are cell centres, so up to 0.71 cells from the poses.
+    away. The path's ends are cell centers, so up to 0.71 cells from the poses.
     """
     if occupancy is None:
         return NoReference("the scenario has no map")
@@ -52,7 +52,7 @@ def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_
 
 
 def _covered(occupancy: OccupancyMap, obstacles: tuple[Obstacle, ...]) -> NDArray[np.bool_]:
-    """(H, W), True where a cell's centre lies in an obstacle."""
+    """(H, W), True where a cell's center lies in an obstacle."""
     covered = np.zeros(occupancy.shape, dtype=np.bool_)
     frame, occupancy = occupancy.frame, occupancy.upright
     for obstacle in obstacles:
@@ -71,24 +71,24 @@ def _covered(occupancy: OccupancyMap, obstacles: tuple[Obstacle, ...]) -> NDArra
 def _nearest_passable(
     occupancy: OccupancyMap, free: NDArray[np.bool_], x_m: float, y_m: float, within_m: float
 ) -> tuple[float, float] | None:
-    """Centre of the pose's own cell if that is passable, else of the nearest passable one within `within_m`."""
+    """Center of the pose's own cell if that is passable, else of the nearest passable one within `within_m`."""
     row, column = occupancy.cell_of(x_m, y_m)
     if occupancy.contains(row, column) and free[row, column]:
-        return occupancy.centre_of(row, column)
+        return occupancy.center_of(row, column)
     reach = int(within_m / occupancy.resolution_m) + 1
     row0, column0 = max(row - reach, 0), max(column - reach, 0)
     window = free[row0 : max(row + reach + 1, 0), column0 : max(column + reach + 1, 0)]
     rows, columns = np.nonzero(window)
     if not rows.size:
         return None
-    centres = [occupancy.centre_of(int(r) + row0, int(c) + column0) for r, c in zip(rows, columns, strict=True)]
-    distances = np.hypot(*(np.array(centres) - (x_m, y_m)).T)
+    centers = [occupancy.center_of(int(r) + row0, int(c) + column0) for r, c in zip(rows, columns, strict=True)]
+    distances = np.hypot(*(np.array(centers) - (x_m, y_m)).T)
     nearest = int(np.argmin(distances))
-    return centres[nearest] if distances[nearest] <= within_m else None
+    return centers[nearest] if distances[nearest] <= within_m else None
 
 
 def _corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """`points` (N, 2) without repetitions and without those on a straight stretch, to the millimetre."""
+    """`points` (N, 2) without repetitions and without those on a straight stretch, to the millimeter."""
     points_mm = np.rint(points * 1000.0)
     moves = np.any(np.diff(points_mm, axis=0) != 0, axis=1)
     points, points_mm = points[np.r_[True, moves]], points_mm[np.r_[True, moves]]

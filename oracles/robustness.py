@@ -16,7 +16,7 @@ from vastflow.oracles.verdict import Verdict
 _WORDS: Final[Mapping[str, str]] = {
     "update": "summed localization error over {updates:.0f} updates of AMCL",
     "step": "summed localization error over time steps",
-    "metre": "summed localization error over metres driven",
+    "metre": "summed localization error over meters driven",
     "mean": "mean localization error",
     "maximum": "greatest localization error",
 }
@@ -43,10 +43,10 @@ class Robustness(Oracle[RobustnessParameters]):
     - `update` (default): Σ e over AMCL's updates. AMCL corrects the pose, and publishes it on `/amcl_pose`, only after 0.25 m or 0.2 rad
       of motion; that topic is the estimate among those that scenarios of this kind record.
     - `step`: Σ e over time steps, the recording's rows, one each 0.1 s. It grows with the rate of the samples.
-    - `metre`: Σ e over each full metre driven, at the first row at which it is full.
+    - `metre`: Σ e over each full meter driven, at the first row at which it is full.
     - `mean`, `maximum`: of e over time steps. They don't grow with the length of a run.
 
-    A sum equal to the threshold passes: all are compared to the micrometre, and a sum of millimetres is exact. The default was chosen for
+    A sum equal to the threshold passes: all are compared to the micrometre, and a sum of millimeters is exact. The default was chosen for
     what is published and not for what it gives. It is strict: with 100 updates a run passes up to a mean error of 3 mm.
 
     A run without a robot, rows, or a pose from AMCL is not judged.
@@ -79,7 +79,7 @@ class Robustness(Oracle[RobustnessParameters]):
         metrics: dict[str, float | None] = {
             "update": _total_m(trace.update_errors_m),
             "step": _total_m(error_m),
-            "metre": _total_m(error_m[full_metres(xy_m)]),
+            "metre": _total_m(error_m[full_meters(xy_m)]),
             "mean": round(float(error_m.mean()), 6),
             "maximum": float(error_m.max()),
             "updates": localized.size,
@@ -93,8 +93,8 @@ class Robustness(Oracle[RobustnessParameters]):
         return self.passed(trace, **metrics)
 
 
-def full_metres(xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Index of the first point of a way (N, 2) at which its first, second, … metre is full; empty for less than one."""
+def full_meters(xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Index of the first point of a way (N, 2) at which its first, second, … meter is full; empty for less than one."""
     along_m = np.round(arc_lengths_m(xy_m), 6)
     return np.searchsorted(along_m, np.arange(1, int(along_m[-1]) + 1))
 

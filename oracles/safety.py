@@ -43,8 +43,8 @@ class SafetyParameters(Parameters):
 class Safety(Oracle[SafetyParameters]):
     """Fails where the robot ever comes closer to an obstacle than it could stop within: the paper's criterion.
 
-    d_min = r_obstacle + r_robot + v²/(2a), all in m, between centres, with r_obstacle the greatest distance from
-    the obstacle's centre to its outline in the plane. 0.5 m cube: 0.354 + 0.15 + 0.05 = 0.554 m; 0.8 m cube:
+    d_min = r_obstacle + r_robot + v²/(2a), all in m, between centers, with r_obstacle the greatest distance from
+    the obstacle's center to its outline in the plane. 0.5 m cube: 0.354 + 0.15 + 0.05 = 0.554 m; 0.8 m cube:
     0.766 m. Separation is taken at the recording's rows, from where the obstacles are then; one that appears counts from
     then on, and one that is pushed where it was pushed to. Exactly d_min passes. A run without obstacles passes.
 
@@ -53,10 +53,10 @@ class Safety(Oracle[SafetyParameters]):
 
     How unsafe a run was is measured beside it, as the paper asks ("how close the robot comes to obstacles under safety
     violations"). The time of the safety response, which it names without defining it, is that from an obstacle's
-    appearance in the robot's way until the robot begins to brake (`vastflow.oracles.response`): until it loses `braking_mps` within
+    appearance on the robot's path until the robot begins to brake (`vastflow.oracles.response`): until it loses `braking_mps` within
     `braking_s`, or comes to a stop.
 
-    Metrics: `smallest_separation` (m), between centres; `margin` (m), the smallest of separation - d_min over
+    Metrics: `smallest_separation` (m), between centers; `margin` (m), the smallest of separation - d_min over
     all obstacles; `violation_time` (s), for how long any of them was below 0; `violation_clearance` (m), the smallest distance
     from the robot's rim to the outline of an obstacle during that time, negative where the disc of `robot_radius_m` overlaps it;
     `response_time` (s), the longest where several obstacles appeared; `unanswered` (1), those that appeared and that it came nearer
@@ -108,12 +108,12 @@ class Safety(Oracle[SafetyParameters]):
             metrics |= self._responses(trace, situation)
         if margins_m[worst].min() < 0:
             apart_m, required_m = float(there[worst].min()), self.required_m(closest[worst])
-            reason = f"{apart_m:.3f} m from the centre of a {worst}, less than {required_m:.3f} m"
+            reason = f"{apart_m:.3f} m from the center of a {worst}, less than {required_m:.3f} m"
             return self.failed(trace, reason, **metrics)
         return self._kept(trace, wrong, metrics)
 
     def required_m(self, obstacle: Obstacle) -> float:
-        """d_min (m) between the centres of robot and `obstacle`."""
+        """d_min (m) between the centers of robot and `obstacle`."""
         p = self.parameters
         return obstacle.circumradius_m + p.robot_radius_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
 

@@ -17,7 +17,7 @@ def spectral_arc_length(
     max_frequency_hz: float = MAX_FREQUENCY_HZ,
     amplitude: float = AMPLITUDE,
 ) -> float | None:
-    """Arc length of a speed profile's normalised magnitude spectrum, negative: the nearer to 0, the smoother.
+    """Arc length of a speed profile's normalized magnitude spectrum, negative: the nearer to 0, the smoother.
 
     SPARC of Balasubramanian, Melendez-Calderon, Roby-Brami and Burdet, "On the analysis of movement smoothness", Journal of
     NeuroEngineering and Rehabilitation 12:112, 2015: with V̂(f) = |V(f)| / |V(0)|,

@@ -14,7 +14,7 @@ class SuccessParameters(Parameters):
     """Parameters of `success`.
 
     Attributes:
-        allow_missed: Let a waypoint mission pass that gave goals up on its way. Nav2's own action succeeds then.
+        allow_missed: Let a waypoint mission pass that gave goals up under way. Nav2's own action succeeds then.
     """
 
     allow_missed: bool = False
@@ -26,7 +26,7 @@ class Success(Oracle[SuccessParameters]):
     The paper takes Nav2's action result as the initial criterion of success. A contact does not fail it.
 
     Metrics: `final_distance` (m), distance of the true final position, not the estimate, to the last goal;
-    `time` (s), simulated, from the run's start to the scenario's end; `distance` (m), true way driven; `recoveries` and
+    `time` (s), simulated, from the run's start to the scenario's end; `distance` (m), true path driven; `recoveries` and
     `missed_goals` (1), counted. Without a robot there is only `time`.
     """
 

@@ -31,8 +31,8 @@ class Reference:
     """The path a run is compared with.
 
     Attributes:
-        points_xy_m: (M >= 1, 2) its corners in the map frame, in order of travel, in whole millimetres.
-        length_m: Octile length on the grid (not of the rounded corners), in whole millimetres.
+        points_xy_m: (M >= 1, 2) its corners in the map frame, in order of travel, in whole millimeters.
+        length_m: Octile length on the grid (not of the rounded corners), in whole millimeters.
     """
 
     points_xy_m: NDArray[np.float64] = field(repr=False)
@@ -57,10 +57,10 @@ class Trace:
         run: How the run ended.
         columns: Name to (N,) float64. From the recording: `t_s x_m y_m yaw_rad estimated_x_m estimated_y_m
             estimated_yaw_rad speed_mps yaw_rate_radps command_speed_mps command_yaw_rate_radps localized`.
-            Derived: `localization_error_m`, `stopped` (1 where the robot stands), `wall_clearance_m` (robot centre to the nearest
+            Derived: `localization_error_m`, `stopped` (1 where the robot stands), `wall_clearance_m` (robot center to the nearest
             wall; absent without walls), `deviation_m` (to the reference path; absent without one). To obstacles, where they are at
-            that time and infinite while none is there: `separation_m/<size class>` (robot centre to the nearest centre),
-            `static_clearance_m` and `appearing_clearance_m` (robot centre to the nearest outline of those that stand there from the
+            that time and infinite while none is there: `separation_m/<size class>` (robot center to the nearest center),
+            `static_clearance_m` and `appearing_clearance_m` (robot center to the nearest outline of those that stand there from the
             start, and of those that come later; absent without any).
         reference: The path the mission should take at best, past the obstacles that this run had, see
             `vastflow.oracles.reference`.
@@ -101,7 +101,7 @@ class Trace:
 
     @property
     def xy_m(self) -> NDArray[np.float64]:
-        """(N, 2) true positions of the robot's centre."""
+        """(N, 2) true positions of the robot's center."""
         return np.column_stack((self["x_m"], self["y_m"]))
 
 

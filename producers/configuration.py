@@ -48,7 +48,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Partial:
-    """A configuration on its way through the producers.
+    """A configuration under way through the producers.
 
     Attributes:
         name: Child names append `-k` at each step, k from 1.

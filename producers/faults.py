@@ -83,7 +83,7 @@ def path_text(location: Location) -> str:
 
 
 def shown(value: object, limit: int = 60) -> str:
-    """`value` as a YAML author would recognise it, in at most `limit` characters."""
+    """`value` as a YAML author would recognize it, in at most `limit` characters."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

@@ -59,7 +59,7 @@ class Family(Protocol):
 
 
 class Growth(Protocol):
-    """A family on its way through its producers: `inputs` and `join` in turn for each, then `grown`."""
+    """A family under way through its producers: `inputs` and `join` in turn for each, then `grown`."""
 
     def inputs(self) -> dict[str, dict[str, Value]]:
         """Digest to restricted input of everything the next producer must be evaluated on.

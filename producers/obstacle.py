@@ -66,8 +66,8 @@ class ObstacleConfig(BaseModel):
 
     Attributes:
         amount: How many.
-        amount_per_m: How many per metre of path, rounded down; one value or several. This or `amount`.
-        max_distance: Greatest distance of a centre from the path (m), one value or several.
+        amount_per_m: How many per meter of path, rounded down; one value or several. This or `amount`.
+        max_distance: Greatest distance of a center from the path (m), one value or several.
         model: `box` or `cylinder`, or a model file whose name says which.
         xacro_arguments: The size, such as `width:=0.5, length:=0.5`; `args` for short.
     """
@@ -145,7 +145,7 @@ class ObstacleParameters(producer.Parameters):
             kind and over the kinds.
         count: Placements drawn of each combination.
         placement: `constructive`, clear of walls, of each other and of the robot; or `as_v1`, as version 1 of RoboVAST places
-            them: centres apart and a way left, but into walls and into each other.
+            them: centers apart and a way left, but into walls and into each other.
         robot_diameter: Of the robot that must stand at its stops and find a way (m).
         map_file: A map, in place of the configuration's own.
     """

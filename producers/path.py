@@ -75,7 +75,7 @@ class PathParameters(producer.Parameters):
         num_paths: Paths drawn for each length and number of goals.
         min_distance: Least straight distance (m) between a stop and the next.
         num_goal_poses: Number of goals; 1 where neither this nor `num_goal_poses_per_m` is given.
-        num_goal_poses_per_m: Goals per metre of `path_length`, rounded, at least one; one value or several.
+        num_goal_poses_per_m: Goals per meter of `path_length`, rounded, at least one; one value or several.
         robot_diameter: Of the disc that must fit all along the path (m).
         start_pose: Key of the start, or the start itself.
         goal_poses: Key of the goals, or the goals themselves. The key `goal_pose` holds one pose, any other a list.
@@ -109,7 +109,7 @@ class PathParameters(producer.Parameters):
 class PathVariationRandom(Producer[PathParameters]):
     """Start and goals, drawn uniformly from all that are the promised way apart.
 
-    The start is uniform over the cells that have such a goal, the goal over those goals; both are centres of
+    The start is uniform over the cells that have such a goal, the goal over those goals; both are centers of
     cells. With several goals each leg takes an equal share of the length and of the tolerance. The start's
     yaw is uniform; a goal's yaw is the direction in which the path arrives, so that the length is the task
     and not a turn on the spot. Start or goals that are given already are kept, and only the rest is drawn.
@@ -193,8 +193,8 @@ class PathVariationRandom(Producer[PathParameters]):
         self, inputs: Mapping[str, Value], task: "_Task", legs: Sequence[Leg], rng: np.random.Generator
     ) -> dict[str, Value]:
         ground, asked = task.ground, self.parameters
-        start = task.start or Pose(*centre_m(ground, legs[0].start), float(rng.uniform(-math.pi, math.pi)))
-        goals = task.goals or tuple(Pose(*centre_m(ground, leg.end), _arrival_rad(ground, leg)) for leg in legs)
+        start = task.start or Pose(*center_m(ground, legs[0].start), float(rng.uniform(-math.pi, math.pi)))
+        goals = task.goals or tuple(Pose(*center_m(ground, leg.end), _arrival_rad(ground, leg)) for leg in legs)
         values: dict[str, Value] = {}
         if isinstance(asked.map_file, FileContent) and MAP_KEY not in inputs:
             values[MAP_KEY] = asked.map_file
@@ -211,7 +211,7 @@ def way_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
     """The provenance of a path: where it begins, turns and ends (m), and its length (m)."""
     cells = np.concatenate([legs[0].cells, *(leg.cells[1:] for leg in legs[1:])])
     return {
-        PATH_KEY: [list(centre_m(ground, (int(row), int(column)))) for row, column in corners(cells)],
+        PATH_KEY: [list(center_m(ground, (int(row), int(column)))) for row, column in corners(cells)],
         PATH_LENGTH_KEY: sum(leg.length_m for leg in legs),
     }
 
@@ -336,7 +336,7 @@ def _arrival_rad(ground: Ground, leg: Leg) -> float:
     return math.remainder(math.atan2(row, column) + ground.occupancy.yaw_rad, math.tau)
 
 
-def centre_m(ground: Ground, cell: Cell) -> tuple[float, float]:
-    """A cell's centre to the micrometre: what a person would write."""
-    x_m, y_m = ground.occupancy.centre_of(*cell)
+def center_m(ground: Ground, cell: Cell) -> tuple[float, float]:
+    """A cell's center to the micrometre: what a person would write."""
+    x_m, y_m = ground.occupancy.center_of(*cell)
     return round(x_m, 6), round(y_m, 6)

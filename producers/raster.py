@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.path import centre_m, legs_text, length_text, way_values
+from vastflow.producers.path import center_m, legs_text, length_text, way_values
 from vastflow.producers.places.ground import (
     MAP_KEY,
     Ground,
@@ -141,8 +141,8 @@ class PathVariationRasterized(Producer[RasterParameters]):
         if isinstance(asked.map_file, FileContent) and MAP_KEY not in inputs:
             values[MAP_KEY] = asked.map_file
         if start_key(asked.start_pose) not in inputs:
-            values[start_key(asked.start_pose)] = (start or Pose(*centre_m(ground, legs[0].start))).value()
-        goals: list[Value] = [Pose(*centre_m(ground, leg.end)).value() for leg in legs]
+            values[start_key(asked.start_pose)] = (start or Pose(*center_m(ground, legs[0].start))).value()
+        goals: list[Value] = [Pose(*center_m(ground, leg.end)).value() for leg in legs]
         values[self._goal_key] = goals[0] if self._goal_key == GOAL_KEY else goals
         return {**values, **way_values(ground, legs)}
 

@@ -25,7 +25,7 @@ FRAGMENTS: Final = "fragments.json"
 
 @dataclass(frozen=True, slots=True)
 class PackedProducer:
-    """A producer on its way to a worker, where the snapshots of plug-ins have to be opened first."""
+    """A producer under way to a worker, where the snapshots of plug-ins have to be opened first."""
 
     plug_ins: tuple[Snapshot, ...]
     pickled: bytes

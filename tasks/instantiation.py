@@ -148,7 +148,7 @@ class Instantiator:
 
 
 class _Growing:
-    """A family on its way through its producers."""
+    """A family under way through its producers."""
 
     def __init__(self, family: Family, growth: Growth) -> None:
         self.family = family

@@ -133,7 +133,7 @@ class _Lane:
         self._in_flight += 1
         try:
             future = self._executor.submit(job.function, *job.arguments)
-        except BrokenProcessPool:  # what was on it is on its way here; this job wasn't
+        except BrokenProcessPool:  # what was on it is under way here; this job wasn't
             self._executor = self._new()
             future = self._executor.submit(job.function, *job.arguments)
         executor = self._executor

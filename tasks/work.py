@@ -94,7 +94,7 @@ def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) ->
 
 
 def compile_kernels() -> None:
-    """Drive a metre through an empty room, so that the compiled kernels are in their cache for the other workers."""
+    """Drive a meter through an empty room, so that the compiled kernels are in their cache for the other workers."""
     _log_plainly()
     from vastflow.sim.reading.map_file import map_content
     from vastflow.sim.run import run

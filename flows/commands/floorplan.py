@@ -40,7 +40,7 @@ def render(
     _check_out(out)
     for option, value in (("--resolution", resolution), ("--laser-height", laser_height)):
         if not math.isfinite(value):
-            _stop(f"{option}: found {value}; a number of metres")
+            _stop(f"{option}: found {value}; a number of meters")
     from vastflow.producers.floorplan.files import read_plan_file
     from vastflow.producers.floorplan.rendering import render as rendered
 
@@ -55,7 +55,7 @@ def render(
 def geometry(file: PlanArgument) -> None:
     """Print all polygons of a floor plan as JSON.
 
-    In the world's frame and in metres: spaces, walls, obstacles, openings.
+    In the world's frame and in meters: spaces, walls, obstacles, openings.
     """
     from vastflow.producers.floorplan.files import read_plan_file
     from vastflow.producers.floorplan.geometry import geometry_of

@@ -73,7 +73,7 @@ class Part:
 
 @dataclass(slots=True)
 class _Run:
-    """A part that is somewhere on its way.
+    """A part that is somewhere under way.
 
     Attributes:
         sign: Its last sign of life, at `beaten_s`.

@@ -13,8 +13,8 @@ from vastflow.sim.digest import FileContent
 from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.sim.reading.map_file import load_map
 
-_GREY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
-"""The grey values of ROS' map_saver."""
+_GRAY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
+"""The gray values of ROS' map_saver."""
 
 
 def write_environment(directory: Path, map_file: FileContent, maps: Mapping[str, OccupancyMap]) -> None:
@@ -40,19 +40,19 @@ def write_map(directory: Path, occupancy: OccupancyMap) -> None:
     """
     directory.mkdir(parents=True, exist_ok=True)
     cells = occupancy.cells[::-1]  # a picture's first row is at the top
-    trinary = bool(np.isin(cells, list(_GREY)).all())
+    trinary = bool(np.isin(cells, list(_GRAY)).all())
     if trinary:
-        grey = np.select([cells == value for value in _GREY], list(_GREY.values()))
+        gray = np.select([cells == value for value in _GRAY], list(_GRAY.values()))
     else:
-        grey = np.where(cells == UNKNOWN, 255, cells)
-    Image.fromarray(grey.astype(np.uint8)).save(directory / "map.pgm")
+        gray = np.where(cells == UNKNOWN, 255, cells)
+    Image.fromarray(gray.astype(np.uint8)).save(directory / "map.pgm")
     header = {
         "image": "map.pgm",
         "mode": "trinary" if trinary else "raw",
         "resolution": float(occupancy.resolution_m),
-        "origin": [*(float(metres) for metres in occupancy.origin_xy_m), float(occupancy.yaw_rad)],
+        "origin": [*(float(meters) for meters in occupancy.origin_xy_m), float(occupancy.yaw_rad)],
         "negate": 0,
         "occupied_thresh": 0.65,
-        "free_thresh": 0.196,  # just below the grey of unknown cells, which Nav2's 0.25 would read as free
+        "free_thresh": 0.196,  # just below the gray of unknown cells, which Nav2's 0.25 would read as free
     }
     (directory / "map.yaml").write_text(yaml.safe_dump(header, sort_keys=False), encoding="utf-8")

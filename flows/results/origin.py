@@ -57,7 +57,7 @@ def versions(metadata: Mapping[str, Any], same_origin: bool) -> str:
             )
     elif same_origin:
         words.append(
-            "source and numeric class are those of the recording, so the file was changed or this is a fault of ours"
+            "source and numeric class are those of the recording, so the file was changed or this is an internal error"
         )
     return "; ".join(words)
 

@@ -1,1 +1,1 @@
-"""What a campaign directory holds, read back: its tables, its scenarios, the ways that were driven."""
+"""What a campaign directory holds, read back: its tables, its scenarios, the paths that were driven."""

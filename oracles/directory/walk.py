@@ -1,4 +1,4 @@
-"""Walks: the true ways of recorded runs, read from a campaign directory a configuration at a time."""
+"""Walks: the true trajectories of recorded runs, read from a campaign directory a configuration at a time."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -9,7 +9,7 @@ MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}
 """Numbers that follow from how a configuration was drawn, and what they are called."""
 
 _DIGITS: Final = 2
-"""Of `MEASURED`: a centimetre, which is less than a cell of a map."""
+"""Of `MEASURED`: a centimeter, which is less than a cell of a map."""
 
 
 def varied_rows(

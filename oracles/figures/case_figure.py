@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.floor import DPI, draw_ends, draw_floor, draw_lines, draw_obstacles
-from vastflow.oracles.figures.palette import COLOURS, INK
+from vastflow.oracles.figures.palette import COLORS, INK
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.maps.occupancy import OccupancyMap
@@ -38,9 +38,9 @@ def case_figure(
     judgements: tuple[Judgement, ...] = ("pass", "not judged", "fail")
     for judgement in judgements:
         lines = [line for said, line in ways if said == judgement]
-        draw_lines(axes, lines, COLOURS[judgement], alpha=0.55 if len(lines) > 3 else 0.8)
+        draw_lines(axes, lines, COLORS[judgement], alpha=0.55 if len(lines) > 3 else 0.8)
     ends = np.array([line[-1] for said, line in ways if said == "fail"]).reshape(-1, 2)
-    axes.plot(*ends.T, "X", ms=8, color=COLOURS["fail"], mec="white", mew=0.9)
+    axes.plot(*ends.T, "X", ms=8, color=COLORS["fail"], mec="white", mew=0.9)
     if situation.start is not None:
         start = np.array([(situation.start.x_m, situation.start.y_m)])
         goals = np.array([(goal.x_m, goal.y_m) for goal in situation.goals]).reshape(-1, 2)
@@ -50,18 +50,18 @@ def case_figure(
         points = np.concatenate([np.zeros((0, 2)), *(line for _, line in ways)])
     if len(points):
         (x0, y0), (x1, y1) = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-        metres = max(x1 - x0, (y1 - y0) * _WIDTH_IN / _HEIGHT_IN, _LEAST_M)
+        meters = max(x1 - x0, (y1 - y0) * _WIDTH_IN / _HEIGHT_IN, _LEAST_M)
         x, y = (x0 + x1) / 2, (y0 + y1) / 2
-        axes.set_xlim(x - metres / 2, x + metres / 2)
-        axes.set_ylim(y - metres / 2 * _HEIGHT_IN / _WIDTH_IN, y + metres / 2 * _HEIGHT_IN / _WIDTH_IN)
-        _draw_scale(axes, metres)
+        axes.set_xlim(x - meters / 2, x + meters / 2)
+        axes.set_ylim(y - meters / 2 * _HEIGHT_IN / _WIDTH_IN, y + meters / 2 * _HEIGHT_IN / _WIDTH_IN)
+        _draw_scale(axes, meters)
     return figure
 
 
-def _draw_scale(axes: Axes, metres: float) -> None:
+def _draw_scale(axes: Axes, meters: float) -> None:
     """A bar of 1 m in the lower left corner."""
     pad: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "transform": axes.transAxes}
-    axes.add_patch(Rectangle((0.015, 0.02), max(1 / metres, 0.07) + 0.03, 0.115, zorder=4, **pad))
+    axes.add_patch(Rectangle((0.015, 0.02), max(1 / meters, 0.07) + 0.03, 0.115, zorder=4, **pad))
     look: dict[str, Any] = {"color": INK, "transform": axes.transAxes, "zorder": 5}
-    axes.plot([0.03, 0.03 + 1 / metres], [0.045, 0.045], linewidth=2.5, solid_capstyle="butt", **look)
+    axes.plot([0.03, 0.03 + 1 / meters], [0.045, 0.045], linewidth=2.5, solid_capstyle="butt", **look)
     axes.text(0.03, 0.062, "1 m", fontsize=8, va="bottom", **look)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vastflow.oracles.figures.palette import COLOURS, INK, LINE, RATES, SOFT_INK
+from vastflow.oracles.figures.palette import COLORS, INK, LINE, RATES, SOFT_INK
 from vastflow.oracles.statistics.effects import FactorEffect
 from vastflow.oracles.statistics.interactions import InteractionEffect
 
@@ -67,10 +67,10 @@ def _packed(heights_in: Sequence[float]) -> tuple[list[tuple[int, float]], float
 
 def _draw_factor(axes: Axes, factor: FactorEffect, most: float) -> None:
     ys = np.arange(len(factor.levels))
-    colour = COLOURS["fail"] if factor.significant else COLOURS["not judged"]
+    color = COLORS["fail"] if factor.significant else COLORS["not judged"]
     axes.hlines(
         ys, [level.interval.low for level in factor.levels], [level.interval.high for level in factor.levels],
-        color=colour, linewidth=4.5, alpha=0.45,
+        color=color, linewidth=4.5, alpha=0.45,
     )  # fmt: skip
     axes.plot(
         [level.rate for level in factor.levels], ys, "o", ms=6.5, mfc="none", mec=SOFT_INK, mew=0.9, clip_on=False

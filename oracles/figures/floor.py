@@ -13,7 +13,7 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 from PIL import Image
 
-from vastflow.oracles.figures.palette import GOAL_COLOUR, INK, LINE, OBSTACLE_COLOUR, OBSTACLE_EDGE, SOFT_INK
+from vastflow.oracles.figures.palette import GOAL_COLOR, INK, LINE, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK
 from vastflow.oracles.figures.scene import known_cells, known_extent_m
 from vastflow.sim.maps.occupancy import FREE, UNKNOWN, OccupancyMap
 from vastflow.sim.world.obstacle import Obstacle
@@ -63,12 +63,12 @@ def draw_floor(axes: Axes, occupancy: OccupancyMap) -> None:
 
 
 def draw_lines(
-    axes: Axes, paths: Sequence[NDArray[np.float64]], colour: str, *, alpha: float | None = None, width: float = 1.5
+    axes: Axes, paths: Sequence[NDArray[np.float64]], color: str, *, alpha: float | None = None, width: float = 1.5
 ) -> None:
     """Lines (N, 2) the fainter the more there are, so that what many share stands out."""
     if alpha is None:
         alpha = float(np.clip(4 / max(len(paths), 1) ** 0.5, 0.12, 0.8))
-    lines = LineCollection(paths, colors=colour, linewidths=width, alpha=alpha, capstyle="round")
+    lines = LineCollection(paths, colors=color, linewidths=width, alpha=alpha, capstyle="round")
     lines.set_rasterized(True)
     axes.add_collection(lines, autolim=False)
 
@@ -78,7 +78,7 @@ def draw_ends(axes: Axes, starts_xy_m: NDArray[np.float64], goals_xy_m: NDArray[
     shrink = 1.0 if len(starts_xy_m) + len(goals_xy_m) <= 60 else 0.6
     alone: dict[str, Any] = {"linestyle": "none"}
     start = {**alone, "marker": "o", "markersize": 6.5 * shrink, "color": "white", "markeredgecolor": INK}
-    goal = {**alone, "marker": "D", "markersize": 7.5 * shrink, "color": GOAL_COLOUR, "markeredgecolor": "white"}
+    goal = {**alone, "marker": "D", "markersize": 7.5 * shrink, "color": GOAL_COLOR, "markeredgecolor": "white"}
     axes.plot(*starts_xy_m.T, **start)
     axes.plot(*goals_xy_m.T, **goal)
     return [Line2D([], [], label="start", **start), Line2D([], [], label="goal", **goal)]
@@ -87,7 +87,7 @@ def draw_ends(axes: Axes, starts_xy_m: NDArray[np.float64], goals_xy_m: NDArray[
 def draw_obstacles(axes: Axes, obstacles: Sequence[Obstacle], *, alpha: float) -> None:
     """Fill the outlines of `obstacles`."""
     outlines = [np.asarray(obstacle.footprint().exterior.coords) for obstacle in obstacles]
-    shapes = PolyCollection(outlines, facecolors=OBSTACLE_COLOUR, edgecolors=OBSTACLE_EDGE, linewidths=0.8, alpha=alpha)
+    shapes = PolyCollection(outlines, facecolors=OBSTACLE_COLOR, edgecolors=OBSTACLE_EDGE, linewidths=0.8, alpha=alpha)
     axes.add_collection(shapes, autolim=False)
 
 
@@ -96,7 +96,7 @@ def obstacle_handle(n: int) -> list[Patch]:
     if not n:
         return []
     label = f"obstacle, not on the robot's map ({n})"
-    return [Patch(facecolor=OBSTACLE_COLOUR, edgecolor=OBSTACLE_EDGE, alpha=0.7, label=label)]
+    return [Patch(facecolor=OBSTACLE_COLOR, edgecolor=OBSTACLE_EDGE, alpha=0.7, label=label)]
 
 
 def legend(figure: Figure, handles: Sequence[Any]) -> None:

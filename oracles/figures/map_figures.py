@@ -1,4 +1,4 @@
-"""Map figures: where failed runs ended, the ways of failed and of passed runs, and how often a place is failed at.
+"""Map figures: where failed runs ended, the trajectories of failed and of passed runs, and how often a place is failed at.
 
 The first three are the rows of the figure that the paper has of each map.
 """
@@ -27,7 +27,7 @@ from vastflow.oracles.figures.floor import (
     map_figure,
     obstacle_handle,
 )
-from vastflow.oracles.figures.palette import COLOURS, INK, RATES, SOFT_INK
+from vastflow.oracles.figures.palette import COLORS, INK, RATES, SOFT_INK
 from vastflow.oracles.figures.scene import Scene, known_extent_m
 from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, Grid, grid_over
 from vastflow.oracles.verdict import Judgement
@@ -49,19 +49,19 @@ def final_poses_figure(scene: Scene) -> Figure:
     """Density of the places where failed runs ended, blurred with `BLUR_M`."""
     figure, axes = map_figure(scene.occupancy, legend_rows=3, width_in=_WIDTH_IN, dpi=_DPI)
     greatest = draw_final_poses(axes, scene)
-    _colour_bar(figure, axes, greatest, "failed runs that ended here, per m²")
+    _color_bar(figure, axes, greatest, "failed runs that ended here, per m²")
     legend(figure, _crosses(axes, scene))
     return figure
 
 
 def ways_figure(scene: Scene, judgement: Judgement) -> Figure:
-    """The true ways of failed or of passed runs, from circle to cross, with the obstacles."""
+    """The true trajectories of failed or of passed runs, from circle to cross, with the obstacles."""
     figure, axes = map_figure(scene.occupancy, legend_rows=1, width_in=_WIDTH_IN, dpi=_DPI)
     drawn = min(len(scene.obstacles), MAX_OBSTACLES)
     draw_obstacles(axes, scene.obstacles[:drawn], alpha=0.45 if drawn < 40 else 0.2)
     draw_ways(axes, scene, judgement)
     lines = scene.lines[CODES[judgement]]
-    handles: list[Any] = [Line2D([], [], color=COLOURS[judgement], linewidth=2.5, label=_lines_label(scene, judgement))]
+    handles: list[Any] = [Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=_lines_label(scene, judgement))]
     if len(lines) <= MAX_CROSSES:
         handles += draw_ends(axes, scene.starts_xy_m, scene.goals_xy_m)
     legend(figure, [*handles, *obstacle_handle(drawn)])
@@ -72,7 +72,7 @@ def failure_rate_figure(scene: Scene) -> Figure:
     """Failed runs over visits in each cell, the fainter the less sure; outlined where it is more than the map's mean."""
     figure, axes = map_figure(scene.occupancy, legend_rows=3, width_in=_WIDTH_IN, dpi=_DPI)
     most = draw_failure_rates(axes, scene)
-    _colour_bar(figure, axes, most, "share of the runs that came here and failed here", percent=True)
+    _color_bar(figure, axes, most, "share of the runs that came here and failed here", percent=True)
     handles = [
         Patch(facecolor=_NEVER, edgecolor="none", label="nobody failed"),
         Patch(facecolor=_SELDOM, edgecolor="none", label=f"fewer than {MINIMUM_VISITS} visits"),
@@ -132,7 +132,7 @@ def draw_final_poses(axes: Axes, scene: Scene) -> float:
 def draw_ways(axes: Axes, scene: Scene, judgement: Judgement, scale: float = 1.0) -> None:
     """Draw ways with a circle where they start and a cross where they end; `scale` of lines and marks."""
     lines = scene.lines[CODES[judgement]]
-    draw_lines(axes, lines, COLOURS[judgement], width=1.3 * scale)
+    draw_lines(axes, lines, COLORS[judgement], width=1.3 * scale)
     if lines:
         look: dict[str, Any] = {"linestyle": "none", "alpha": 0.7 if len(lines) <= MAX_CROSSES else 0.35}
         (starts,) = axes.plot(
@@ -146,7 +146,7 @@ def draw_ways(axes: Axes, scene: Scene, judgement: Judgement, scale: float = 1.0
 
 
 def draw_failure_rates(axes: Axes, scene: Scene) -> float:
-    """Draw the rate in each cell that enough runs visited; gives the rate that has the darkest colour."""
+    """Draw the rate in each cell that enough runs visited; gives the rate that has the darkest color."""
     found = scene.failures
     rate = found.rate()
     most = float(np.ceil(10 * max(np.nanmax(rate, initial=0.0), 0.1)) / 10)
@@ -212,7 +212,7 @@ def _lines_label(scene: Scene, judgement: Judgement) -> str:
     return f"{word} ({drawn})" if drawn == whole else f"{word} ({drawn} of {whole:,})"
 
 
-def _colour_bar(figure: Figure, axes: Axes, greatest: float, label: str, *, percent: bool = False) -> None:
+def _color_bar(figure: Figure, axes: Axes, greatest: float, label: str, *, percent: bool = False) -> None:
     """A bar below the axes from 0 to `greatest`."""
     width_in, height_in = figure.get_size_inches()
     bar = figure.add_axes(((width_in - 3.4) / width_in, 0.42 / height_in, 3.2 / width_in, 0.11 / height_in))

@@ -19,7 +19,7 @@ from vastflow.oracles.figures.floor import (
     legend,
     obstacle_handle,
 )
-from vastflow.oracles.figures.palette import COLOURS, INK
+from vastflow.oracles.figures.palette import COLORS, INK
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.maps.occupancy import OccupancyMap
@@ -39,7 +39,7 @@ class Side:
     """What one campaign's panel shows.
 
     Attributes:
-        ways: (N, 2) true ways with their judgement; the one at `chosen` is drawn strong.
+        ways: (N, 2) true trajectories with their judgement; the one at `chosen` is drawn strong.
     """
 
     title: str
@@ -76,10 +76,10 @@ def _draw(axes: Axes, side: Side) -> list[Line2D]:
     others = [way for k, way in enumerate(side.ways) if k != side.chosen]
     for judgement in _JUDGEMENTS:
         lines = [line for said, line in others if said == judgement]
-        draw_lines(axes, lines, COLOURS[judgement], alpha=0.22 if side.chosen is not None else None)
+        draw_lines(axes, lines, COLORS[judgement], alpha=0.22 if side.chosen is not None else None)
     if side.chosen is not None:
         said, line = side.ways[side.chosen]
-        draw_lines(axes, [line], COLOURS[said], alpha=1.0, width=2.6)
+        draw_lines(axes, [line], COLORS[said], alpha=1.0, width=2.6)
     marks = draw_ends(axes, *_stops(side.situation)) if side.situation.start is not None else []
     ends = np.array([line[-1] for said, line in side.ways if said == "fail"]).reshape(-1, 2)
     axes.plot(*ends.T, **_cross())
@@ -106,7 +106,7 @@ def _box(sides: Sequence[Side]) -> tuple[float, float, float, float]:
 
 
 def _look_at(axes: Axes, box: tuple[float, float, float, float], shape: float) -> None:
-    """Show the box in a panel of height / width `shape`, a metre as long in both directions."""
+    """Show the box in a panel of height / width `shape`, a meter as long in both directions."""
     x0, y0, x1, y1 = box
     half_x = max(x1 - x0, (y1 - y0) / shape) / 2
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
@@ -115,7 +115,7 @@ def _look_at(axes: Axes, box: tuple[float, float, float, float], shape: float) -
 
 
 def _cross() -> dict[str, Any]:
-    look: dict[str, Any] = {"marker": "X", "markersize": 8, "color": COLOURS["fail"], "markeredgecolor": "white"}
+    look: dict[str, Any] = {"marker": "X", "markersize": 8, "color": COLORS["fail"], "markeredgecolor": "white"}
     return {**look, "markeredgewidth": 0.9, "linestyle": "none"}
 
 
@@ -124,7 +124,7 @@ def _handles(sides: Sequence[Side]) -> list[Any]:
     words = {"pass": "passed", "fail": "failed", "not judged": "not judged"}
     for judgement in _JUDGEMENTS:
         if any(said == judgement for side in sides for said, _ in side.ways):
-            handles.append(Line2D([], [], color=COLOURS[judgement], linewidth=2.5, label=words[judgement]))
+            handles.append(Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=words[judgement]))
     if any(said == "fail" for side in sides for said, _ in side.ways):
         handles.append(Line2D([], [], label="where it failed", **_cross()))
     return handles + obstacle_handle(max(len(side.obstacles) for side in sides))

@@ -14,13 +14,13 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.floor import draw_ends, draw_obstacles, legend, map_figure, obstacle_handle
-from vastflow.oracles.figures.palette import INK, OBSTACLE_COLOUR, OBSTACLE_EDGE
+from vastflow.oracles.figures.palette import INK, OBSTACLE_COLOR, OBSTACLE_EDGE
 from vastflow.oracles.situation import Situation
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.obstacle import Obstacle
 
-PATH_COLOUR: Final = "#0072B2"
+PATH_COLOR: Final = "#0072B2"
 _DASHES: Final = (0, (4, 3))
 _TITLE_IN: Final = 0.36
 _ARROW_POINTS: Final = 16.0
@@ -48,8 +48,8 @@ def plan_view_figure(view: PlanView) -> Figure:
     )
     handles: list[Any] = []
     if len(view.path_xy_m) > 1:
-        axes.plot(*view.path_xy_m.T, color=PATH_COLOUR, linewidth=1.8, solid_capstyle="round", alpha=0.85)
-        handles.append(Line2D([], [], color=PATH_COLOUR, linewidth=1.8, label="path"))
+        axes.plot(*view.path_xy_m.T, color=PATH_COLOR, linewidth=1.8, solid_capstyle="round", alpha=0.85)
+        handles.append(Line2D([], [], color=PATH_COLOR, linewidth=1.8, label="path"))
     standing = [obstacle for obstacle in view.situation.obstacles if obstacle.trigger is None]
     appearing = [obstacle for obstacle in view.situation.obstacles if obstacle.trigger is not None]
     draw_obstacles(axes, standing, alpha=0.7)
@@ -65,7 +65,7 @@ def _draw_appearing(axes: Axes, obstacles: Sequence[Obstacle]) -> None:
     for obstacle in obstacles:
         outline = Path(np.asarray(obstacle.footprint().exterior.coords), closed=True)
         look: dict[str, Any] = {"edgecolor": OBSTACLE_EDGE, "linestyle": _DASHES}
-        axes.add_patch(PathPatch(outline, facecolor=OBSTACLE_COLOUR, alpha=0.45, linewidth=1.2, **look))
+        axes.add_patch(PathPatch(outline, facecolor=OBSTACLE_COLOR, alpha=0.45, linewidth=1.2, **look))
         if obstacle.trigger is not None:
             at = obstacle.trigger
             axes.add_patch(Circle((at.x_m, at.y_m), at.distance_m, facecolor="none", linewidth=1.0, **look))
@@ -99,6 +99,6 @@ def _obstacle_handles(standing: int, appearing: int) -> list[Any]:
     handles: list[Any] = [*obstacle_handle(standing)]
     if appearing:
         label = f"obstacle that appears when the robot enters the circle ({appearing})"
-        look: dict[str, Any] = {"facecolor": OBSTACLE_COLOUR, "edgecolor": OBSTACLE_EDGE, "linestyle": _DASHES}
+        look: dict[str, Any] = {"facecolor": OBSTACLE_COLOR, "edgecolor": OBSTACLE_EDGE, "linestyle": _DASHES}
         handles.append(Patch(alpha=0.45, label=label, **look))
     return handles

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.rates import Counts, Interval
-from vastflow.oracles.figures.palette import COLOURS, INK, LINE, SOFT_INK
+from vastflow.oracles.figures.palette import COLORS, INK, LINE, SOFT_INK
 
 MAX_RATE_ROWS: Final = 60
 """Rows of the rate figure; with more configurations it shows families alone, and with more families the worst of them."""
@@ -70,16 +70,16 @@ def _rate_rows(evidence: Evidence, families: Sequence[str]) -> Iterator[tuple[st
 
 
 def _draw_rates(axes: Axes, rows: Sequence[_Bars]) -> None:
-    colour = COLOURS["pass"]
+    color = COLORS["pass"]
     judged = [(y, row) for y, row in enumerate(rows) if row.counts.rate is not None]
     for group in (False, True):
         at = [y for y, row in judged if row.group == group]
         intervals = [row.counts.interval for _, row in judged if row.group == group]
         low, high = [i.low for i in intervals], [i.high for i in intervals]
-        axes.hlines(at, low, high, color=colour, linewidth=5.0 if group else 2.6, alpha=0.75 if group else 0.4)
+        axes.hlines(at, low, high, color=color, linewidth=5.0 if group else 2.6, alpha=0.75 if group else 0.4)
     others = [(y, row.others) for y, row in judged if row.others is not None]
     axes.hlines([y for y, _ in others], [i.low for _, i in others], [i.high for _, i in others], color=INK, linewidth=1)
-    for group, marker, fill in ((False, "o", colour), (True, "D", INK)):
+    for group, marker, fill in ((False, "o", color), (True, "D", INK)):
         points = [(r, y) for y, row in judged if row.group == group and (r := row.counts.rate) is not None]
         axes.plot(
             [rate for rate, _ in points], [y for _, y in points], marker, markersize=5, color=fill,

@@ -170,7 +170,7 @@ def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
             "",
             "Failure rate at each level of each factor, with intervals",
             "Diamond: failure rate adjusted for the other factors, with its 95 % interval; ring: the plain rate. "
-            "Orange: the factor matters at the stated error rate; grey: it has not been shown to.",
+            "Orange: the factor matters at the stated error rate; gray: it has not been shown to.",
             factor_figure(design.analysis.factors),
             drawn=True,
         )

@@ -56,7 +56,7 @@
   const PLACE = /^\((\S+), (\S+)\) m$/;
   const place = (value) => {
     const found = PLACE.exec(value);
-    return found && found.slice(1).map((metres) => Number(metres.replace("\u2212", "-")));
+    return found && found.slice(1).map((meters) => Number(meters.replace("\u2212", "-")));
   };
 
   // Nothing comes last, whichever way the rest goes.

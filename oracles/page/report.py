@@ -14,7 +14,7 @@ from vastflow.oracles.directory.tables import Tables, read_tables
 from vastflow.oracles.evidence.evidence import Evidence, evidence_json, evidence_of, spreads_of
 from vastflow.oracles.evidence.findings import Findings, findings_json, findings_of, shape_of, stopping_rule
 from vastflow.oracles.evidence.standstills import Standstills, standstills_of
-from vastflow.oracles.figures.palette import CLASS_COLOURS
+from vastflow.oracles.figures.palette import CLASS_COLORS
 from vastflow.oracles.figures.picture import plain_style
 from vastflow.oracles.figures.scene import MAX_SCENES, scenes_of
 from vastflow.oracles.page import reasons, rows
@@ -161,7 +161,7 @@ def _html(
         families=tables.families,
         findings=findings,
         stood=stood,
-        class_names=list(CLASS_COLOURS),
+        class_names=list(CLASS_COLORS),
         shape=shape_of(findings),
         most_runs=most_runs,
         shown_by={} if rule is not None or most_runs > _MOST_LISTED else passes_that_show(most_runs),

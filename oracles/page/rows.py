@@ -141,7 +141,7 @@ def environment_table(tables: Tables, names: Mapping[str, str]) -> DataTable:
 
 
 def place_table(scenes: Sequence[Scene], names: Mapping[str, str]) -> DataTable:
-    """The places that are shown to be failed at more than elsewhere, the worst first, neighbours of a worse one left out."""
+    """The places that are shown to be failed at more than elsewhere, the worst first, neighbors of a worse one left out."""
     rows: list[list[Any]] = []
     for scene in scenes:
         found = scene.failures

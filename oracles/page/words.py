@@ -53,7 +53,7 @@ def number(value: float | None) -> str:
 
 
 def position(x_m: float, y_m: float) -> str:
-    """Where something is on a map, in metres."""
+    """Where something is on a map, in meters."""
     return f"({x_m:.2f}, {y_m:.2f}) m".replace("-", "−")
 
 

@@ -18,16 +18,16 @@ from matplotlib.patches import Patch as Area
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.palette import GOAL_COLOUR, INK, OBSTACLE_COLOUR
+from vastflow.oracles.figures.palette import GOAL_COLOR, INK, OBSTACLE_COLOR
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.pose import Pose
 from vastflow.sim.replay.snapshot import Box, Patch, Snapshot
 from vastflow.sim.world.robot import Robot
 
-BELIEF_COLOUR: Final = "#E69F00"
-INTENT_COLOUR: Final = "#6A3D9A"
-SCAN_COLOUR: Final = "#000000"
+BELIEF_COLOR: Final = "#E69F00"
+INTENT_COLOR: Final = "#6A3D9A"
+SCAN_COLOR: Final = "#000000"
 _BELIEF: Final = (230, 159, 0)
 _WALL, _UNKNOWN, _FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)  # those of vastflow.oracles.figures.floor
 _INFLATED, _INSCRIBED, _MARKED = (86, 180, 233), (172, 208, 232), (0, 96, 150)
@@ -43,7 +43,7 @@ class Way:
     true_xy_m: NDArray[np.float64]
     estimated_xy_m: NDArray[np.float64]
     contacts_xy_m: NDArray[np.float64]
-    colour: str
+    color: str
 
 
 def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: Snapshot, way: Way, box: Box) -> None:
@@ -55,15 +55,15 @@ def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: Snapshot, way: 
     if snapshot.local_costs is not None:
         _draw_local(axes, snapshot.local_costs)
     _draw_obstacles(axes, snapshot.obstacles)
-    axes.plot(*way.estimated_xy_m.T, color=BELIEF_COLOUR, linewidth=0.9, linestyle=_DASHES, alpha=0.9)
-    axes.plot(*way.true_xy_m.T, color=way.colour, linewidth=1.8, alpha=0.9, solid_capstyle="round")
-    axes.plot(*snapshot.ahead_xy_m.T, color=GOAL_COLOUR, linewidth=4.5, alpha=0.35, solid_capstyle="round")
-    axes.plot(*snapshot.plan_xy_m.T, color=GOAL_COLOUR, linewidth=1.5)
-    axes.plot(*snapshot.intended_xy_m.T, color=INTENT_COLOUR, linewidth=2.2, solid_capstyle="round")
+    axes.plot(*way.estimated_xy_m.T, color=BELIEF_COLOR, linewidth=0.9, linestyle=_DASHES, alpha=0.9)
+    axes.plot(*way.true_xy_m.T, color=way.color, linewidth=1.8, alpha=0.9, solid_capstyle="round")
+    axes.plot(*snapshot.ahead_xy_m.T, color=GOAL_COLOR, linewidth=4.5, alpha=0.35, solid_capstyle="round")
+    axes.plot(*snapshot.plan_xy_m.T, color=GOAL_COLOR, linewidth=1.5)
+    axes.plot(*snapshot.intended_xy_m.T, color=INTENT_COLOR, linewidth=2.2, solid_capstyle="round")
     dots: dict[str, Any] = {"marker": ".", "markersize": 2.4, "markeredgewidth": 0, "alpha": 0.6}
-    axes.plot(*snapshot.particles[:, :2].T, linestyle="none", color=BELIEF_COLOUR, **dots)
+    axes.plot(*snapshot.particles[:, :2].T, linestyle="none", color=BELIEF_COLOR, **dots)
     size = float(np.clip(0.05 * points_per_m, 1.2, 3.0))
-    axes.plot(*snapshot.scan_xy_m.T, linestyle="none", marker="o", markersize=size, color=SCAN_COLOUR,
+    axes.plot(*snapshot.scan_xy_m.T, linestyle="none", marker="o", markersize=size, color=SCAN_COLOR,
               markeredgecolor="white", markeredgewidth=0.25 * size)  # fmt: skip
     axes.plot(*way.contacts_xy_m.T, linestyle="none", marker="X", markersize=8, color="#D55E00",
               markeredgecolor="white", markeredgewidth=0.8)  # fmt: skip
@@ -72,24 +72,24 @@ def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: Snapshot, way: 
     _draw_scale(axes, box)
 
 
-def legend_handles(colour: str) -> list[Any]:
-    """What the marks mean; `colour` is the trajectory's."""
+def legend_handles(color: str) -> list[Any]:
+    """What the marks mean; `color` is the trajectory's."""
     alone: dict[str, Any] = {"linestyle": "none"}
     believed: dict[str, Any] = {"linestyle": _DASHES, "linewidth": 1, "markerfacecolor": "none", "markeredgewidth": 1.6}
     return [
         Line2D([], [], label="robot", marker="o", markersize=8, color=INK, **alone),
-        Line2D([], [], label="way so far", color=colour, linewidth=2),
-        Line2D([], [], label="where it takes itself to be", marker="o", markersize=8, color=BELIEF_COLOUR, **believed),
-        Line2D([], [], label="particles", marker=".", markersize=4, color=BELIEF_COLOUR, **alone),
-        Line2D([], [], label="scan", marker="o", markersize=3, color=SCAN_COLOUR, **alone),
-        Line2D([], [], label="plan, and what of it the controller follows", color=GOAL_COLOUR, linewidth=1.5),
-        Line2D([], [], label="where MPPI's commands lead", color=INTENT_COLOUR, linewidth=2.2),
-        Line2D([], [], label="goal", marker="D", markersize=6, color=GOAL_COLOUR, **alone),
+        Line2D([], [], label="way so far", color=color, linewidth=2),
+        Line2D([], [], label="where it takes itself to be", marker="o", markersize=8, color=BELIEF_COLOR, **believed),
+        Line2D([], [], label="particles", marker=".", markersize=4, color=BELIEF_COLOR, **alone),
+        Line2D([], [], label="scan", marker="o", markersize=3, color=SCAN_COLOR, **alone),
+        Line2D([], [], label="plan, and what of it the controller follows", color=GOAL_COLOR, linewidth=1.5),
+        Line2D([], [], label="where MPPI's commands lead", color=INTENT_COLOR, linewidth=2.2),
+        Line2D([], [], label="goal", marker="D", markersize=6, color=GOAL_COLOR, **alone),
         Area(facecolor=_hex(_inflated(np.array([130], dtype=np.uint8))[0]), label="global costs"),
-        Area(facecolor=_hex(_INSCRIBED), label="no place for the robot's centre"),
+        Area(facecolor=_hex(_INSCRIBED), label="no place for the robot's center"),
         Area(facecolor=_hex(_MARKED), label="marked, not on the map"),
-        Area(facecolor=BELIEF_COLOUR, alpha=0.7, label="the same of the local costmap (dashed square)"),
-        Area(facecolor=OBSTACLE_COLOUR, edgecolor=_OBSTACLE_EDGE, alpha=0.7, label="obstacle"),
+        Area(facecolor=BELIEF_COLOR, alpha=0.7, label="the same of the local costmap (dashed square)"),
+        Area(facecolor=OBSTACLE_COLOR, edgecolor=_OBSTACLE_EDGE, alpha=0.7, label="obstacle"),
     ]
 
 
@@ -119,10 +119,10 @@ def _walls(occupancy: OccupancyMap, patch: Patch) -> NDArray[np.bool_]:
 
 
 def _inflated(costs: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Colours (N, 3) of costs 1 to 252, the stronger the nearer a wall."""
+    """Colors (N, 3) of costs 1 to 252, the stronger the nearer a wall."""
     share = (_FAINTEST + (_STRONGEST - _FAINTEST) * costs / 252.0)[:, None]
-    colours: NDArray[np.uint8] = np.rint((1.0 - share) * 255.0 + share * np.array(_INFLATED)).astype(np.uint8)
-    return colours
+    colors: NDArray[np.uint8] = np.rint((1.0 - share) * 255.0 + share * np.array(_INFLATED)).astype(np.uint8)
+    return colors
 
 
 def draw_patch(axes: Axes, patch: Patch, picture: NDArray[np.uint8]) -> None:
@@ -146,7 +146,7 @@ def _place(patch: Patch) -> Affine2D:
 
 
 def _draw_local(axes: Axes, patch: Patch) -> None:
-    """The local costmap over the global one: its marks, and a line round where the robot's centre may not be."""
+    """The local costmap over the global one: its marks, and a line round where the robot's center may not be."""
     limits = axes.get_xlim(), axes.get_ylim()
     costs = patch.costs
     picture = np.empty((*costs.shape, 4), dtype=np.uint8)
@@ -158,9 +158,9 @@ def _draw_local(axes: Axes, patch: Patch) -> None:
     if forbidden.any() and not forbidden.all():
         x, y = ((np.arange(n) + 0.5) * patch.resolution_m for n in (columns, rows))
         points = _place(patch).transform(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(rows, columns, 2)
-        axes.contour(points[..., 0], points[..., 1], forbidden, levels=[0.5], colors=BELIEF_COLOUR, linewidths=1.1)
+        axes.contour(points[..., 0], points[..., 1], forbidden, levels=[0.5], colors=BELIEF_COLOR, linewidths=1.1)
     edge = Rectangle((0, 0), columns * patch.resolution_m, rows * patch.resolution_m, fill=False, linewidth=1.0,
-                     edgecolor=BELIEF_COLOUR, linestyle=(0, (4, 3)))  # fmt: skip
+                     edgecolor=BELIEF_COLOR, linestyle=(0, (4, 3)))  # fmt: skip
     edge.set_transform(_place(patch) + axes.transData)
     axes.add_patch(edge)
     axes.set(xlim=limits[0], ylim=limits[1])  # which imshow has changed
@@ -169,7 +169,7 @@ def _draw_local(axes: Axes, patch: Patch) -> None:
 def _draw_obstacles(axes: Axes, obstacles: NDArray[np.float64]) -> None:
     outlines = [_outline(row) for row in obstacles if np.isfinite(row[:6]).all()]
     axes.add_collection(
-        PolyCollection(outlines, facecolors=OBSTACLE_COLOUR, edgecolors=_OBSTACLE_EDGE, linewidths=0.9, alpha=0.55),
+        PolyCollection(outlines, facecolors=OBSTACLE_COLOR, edgecolors=_OBSTACLE_EDGE, linewidths=0.9, alpha=0.55),
         autolim=False,
     )
 
@@ -192,10 +192,10 @@ def _draw_robot(axes: Axes, snapshot: Snapshot) -> None:
     axes.add_collection(LineCollection([_heading(true, radius_m)], colors="white", linewidths=1.6, zorder=5))
     c, s = math.cos(estimate.yaw_rad), math.sin(estimate.yaw_rad)
     footprint = snapshot.outline_m @ np.array([[c, s], [-s, c]]) + (estimate.x_m, estimate.y_m)
-    edge = {"edgecolor": BELIEF_COLOUR, "linewidth": 1.6, "fill": False}
+    edge = {"edgecolor": BELIEF_COLOR, "linewidth": 1.6, "fill": False}
     axes.add_patch(Polygon(footprint, closed=True, zorder=6, **edge))
     length_m = float(np.hypot(*snapshot.outline_m.T).max())
-    axes.add_collection(LineCollection([_heading(estimate, length_m)], colors=BELIEF_COLOUR, linewidths=1.2, zorder=6))
+    axes.add_collection(LineCollection([_heading(estimate, length_m)], colors=BELIEF_COLOR, linewidths=1.2, zorder=6))
     if snapshot.moment.stopped:
         stop = {"edgecolor": "#D55E00", "linewidth": 1.8, "fill": False, "linestyle": (0, (1.5, 1))}
         axes.add_patch(Circle((true.x_m, true.y_m), length_m + 0.12, zorder=6, **stop))
@@ -212,7 +212,7 @@ def _draw_goals(axes: Axes, snapshot: Snapshot, box: Box) -> None:
         now = index == snapshot.moment.goal
         if _inside(box, goal):
             axes.plot(goal.x_m, goal.y_m, marker="D", markersize=7.5 if now else 6, zorder=5, markeredgewidth=1.0,
-                      color=GOAL_COLOUR if now else "white", markeredgecolor="white" if now else GOAL_COLOUR)  # fmt: skip
+                      color=GOAL_COLOR if now else "white", markeredgecolor="white" if now else GOAL_COLOR)  # fmt: skip
         elif now:
             _draw_arrow(axes, goal, box)
 
@@ -225,10 +225,10 @@ def _draw_arrow(axes: Axes, goal: Pose, box: Box) -> None:
     reach = min(half_width / abs(dx) if dx else math.inf, half_height / abs(dy) if dy else math.inf)
     tail = (x + 0.86 * reach * dx, y + 0.86 * reach * dy)
     axes.annotate("", (x + 0.98 * reach * dx, y + 0.98 * reach * dy), tail,
-                  arrowprops={"arrowstyle": "-|>", "color": GOAL_COLOUR, "linewidth": 2})  # fmt: skip
+                  arrowprops={"arrowstyle": "-|>", "color": GOAL_COLOR, "linewidth": 2})  # fmt: skip
     away_m = math.hypot(dx, dy)
     axes.annotate(f"goal, {away_m:.0f} m", tail, (-32 * dx / away_m, -9 * dy / away_m), textcoords="offset points",
-                  color=GOAL_COLOUR, fontsize=8, ha="center", va="center", fontweight="bold", bbox=_PLATE)  # fmt: skip
+                  color=GOAL_COLOR, fontsize=8, ha="center", va="center", fontweight="bold", bbox=_PLATE)  # fmt: skip
 
 
 def _draw_scale(axes: Axes, box: Box) -> None:
@@ -249,5 +249,5 @@ def _points_per_m(axes: Axes, box: Box) -> float:
     return float(72.0 * inches / (box.x1 - box.x0))
 
 
-def _hex(colour: Sequence[int] | NDArray[np.uint8]) -> str:
-    return "#" + "".join(f"{int(part):02x}" for part in colour)
+def _hex(color: Sequence[int] | NDArray[np.uint8]) -> str:
+    return "#" + "".join(f"{int(part):02x}" for part in color)

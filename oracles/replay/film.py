@@ -9,8 +9,8 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from PIL import Image
 
-from vastflow.oracles.figures.palette import COLOURS, GOAL_COLOUR, INK, OBSTACLE_COLOUR
-from vastflow.oracles.replay.close_up import BELIEF_COLOUR, INTENT_COLOUR
+from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK, OBSTACLE_COLOR
+from vastflow.oracles.replay.close_up import BELIEF_COLOR, INTENT_COLOR
 from vastflow.oracles.replay.still import still_images
 from vastflow.oracles.replay.story import Story
 from vastflow.sim.replay.snapshot import Snapshot
@@ -20,12 +20,12 @@ FRAME_MS: Final = 100
 LAST_MS: Final = 2000
 
 _KEPT: Final = (
-    *COLOURS.values(),
-    GOAL_COLOUR,
+    *COLORS.values(),
+    GOAL_COLOR,
     INK,
-    OBSTACLE_COLOUR,
-    BELIEF_COLOUR,
-    INTENT_COLOUR,
+    OBSTACLE_COLOR,
+    BELIEF_COLOR,
+    INTENT_COLOR,
     "#000000",
     "#FFFFFF",
 )
@@ -43,12 +43,12 @@ def write_film(file: Path, story: Story, snapshots: Sequence[Snapshot]) -> None:
 
 
 def _palette(samples: Sequence[Image.Image]) -> Image.Image:
-    """256 colours for the whole film, so that nothing flickers: those of our marks on white, and what the samples have."""
+    """256 colors for the whole film, so that nothing flickers: those of our marks on white, and what the samples have."""
     kept = _blends()
     stack = Image.fromarray(np.concatenate([np.asarray(sample) for sample in samples]))
     found = stack.quantize(colors=256 - len(kept), dither=Image.Dither.NONE).getpalette() or []
     others = np.array(found, dtype=np.int64).reshape(-1, 3)
-    # Pillow looks colours up in coarse cells: with another near white in the palette, white would become that.
+    # Pillow looks colors up in coarse cells: with another near white in the palette, white would become that.
     far = np.abs(others[:, None] - kept).max(axis=2).min(axis=1) > _DISTINCT
     palette = Image.new("P", (1, 1))
     palette.putpalette([*kept.ravel().tolist(), *others[far].ravel().tolist()])
@@ -57,5 +57,5 @@ def _palette(samples: Sequence[Image.Image]) -> Image.Image:
 
 def _blends() -> NDArray[np.uint8]:
     """(N, 3): small marks that a palette made by area would lose, and what their edges blend to."""
-    blends = [share * np.array(to_rgb(colour)) + 1.0 - share for colour in _KEPT for share in _SHARES]
+    blends = [share * np.array(to_rgb(color)) + 1.0 - share for color in _KEPT for share in _SHARES]
     return np.unique(np.rint(255.0 * np.array(blends)).astype(np.uint8), axis=0)

@@ -8,14 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from vastflow.oracles.figures.palette import COLOURS, GOAL_COLOUR, INK
+from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.replay.close_up import draw_patch, ground, legend_handles
 from vastflow.oracles.replay.story import Story
 from vastflow.sim.replay.snapshot import Snapshot
 
 DPI: Final = 110
 HEAD_IN: Final = 1.0
-GREY: Final = "#6B7280"
+GRAY: Final = "#6B7280"
 _SAME_PLACE_M: Final = 0.45
 _PLATE: Final = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "boxstyle": "round,pad=0.1"}
 
@@ -37,10 +37,10 @@ def write(figure: Figure, left_in: float, top_in: float, text: str, **style: Any
 def write_head(figure: Figure, story: Story) -> None:
     """Which run, how it ended, and whether it is the recorded one; `HEAD_IN` high."""
     write(figure, 0.15, 0.12, story.title, fontsize=14, fontweight="bold")
-    write(figure, figure.get_figwidth() - 0.15, 0.16, story.subtitle, fontsize=9, color=GREY, ha="right")
-    write(figure, 0.15, 0.43, story.ending, fontsize=10, color=story.colour, fontweight="bold")
+    write(figure, figure.get_figwidth() - 0.15, 0.16, story.subtitle, fontsize=9, color=GRAY, ha="right")
+    write(figure, 0.15, 0.43, story.ending, fontsize=10, color=story.color, fontweight="bold")
     if story.warning:
-        box = {"facecolor": COLOURS["fail"], "edgecolor": "none", "boxstyle": "square,pad=0.25"}
+        box = {"facecolor": COLORS["fail"], "edgecolor": "none", "boxstyle": "square,pad=0.25"}
         write(figure, 0.2, 0.71, f"NOT THE RECORDED RUN: {story.warning}", fontsize=9, color="white", bbox=box)
 
 
@@ -48,7 +48,7 @@ def write_legend(figure: Figure, story: Story, columns: int, left_in: float, top
     """What the marks of a close-up mean."""
     page_width_in, page_height_in = figure.get_size_inches()
     figure.legend(
-        handles=legend_handles(story.colour),
+        handles=legend_handles(story.color),
         loc="upper left",
         bbox_to_anchor=(left_in / page_width_in, 1.0 - top_in / page_height_in),
         ncols=columns,
@@ -82,10 +82,10 @@ def draw_overview(axes: Axes, story: Story, snapshot: Snapshot, ticks: Sequence[
     axes.set(xlim=(known.x0, known.x1), ylim=(known.y0, known.y1), xticks=[], yticks=[], autoscale_on=False)
     axes.spines[:].set_visible(False)
     way = story.way_until(snapshot.moment.tick)
-    axes.plot(*snapshot.plan_xy_m.T, color=GOAL_COLOUR, linewidth=1.0)
-    axes.plot(*way.true_xy_m.T, color=way.colour, linewidth=1.6)
+    axes.plot(*snapshot.plan_xy_m.T, color=GOAL_COLOR, linewidth=1.0)
+    axes.plot(*way.true_xy_m.T, color=way.color, linewidth=1.6)
     for goal in snapshot.goals:
-        axes.plot(goal.x_m, goal.y_m, marker="D", markersize=5, color=GOAL_COLOUR, markeredgecolor="white")
+        axes.plot(goal.x_m, goal.y_m, marker="D", markersize=5, color=GOAL_COLOR, markeredgecolor="white")
     if ticks:
         _write_places(axes, story, ticks)
         return

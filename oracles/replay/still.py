@@ -10,12 +10,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from vastflow.oracles.figures.palette import COLOURS
+from vastflow.oracles.figures.palette import COLORS
 from vastflow.oracles.replay.caption import doing, numbers
 from vastflow.oracles.replay.close_up import draw_close_up
 from vastflow.oracles.replay.page import (
     DPI,
-    GREY,
+    GRAY,
     HEAD_IN,
     draw_overview,
     overview_size_in,
@@ -96,7 +96,7 @@ def _draw_moment(figure: Figure, layout: _Layout, story: Story, snapshot: Snapsh
     recent = story.happenings(moment.tick - RECENT_TICKS, moment.tick)
     write(figure, left_in, HEAD_IN - 0.05, f"{moment.t_s:.2f} s", fontsize=20, fontweight="bold")
     write(figure, left_in, HEAD_IN + 0.35, textwrap.fill(doing(moment, story.run), 46), fontsize=11)
-    write(figure, left_in, HEAD_IN + 0.77, numbers(moment), fontsize=9, color=GREY)
-    write(figure, left_in, HEAD_IN + 0.97, "\n".join(recent[-2:]), fontsize=9, color=COLOURS["fail"])
+    write(figure, left_in, HEAD_IN + 0.77, numbers(moment), fontsize=9, color=GRAY)
+    write(figure, left_in, HEAD_IN + 0.97, "\n".join(recent[-2:]), fontsize=9, color=COLORS["fail"])
     draw_overview(place(figure, left_in, HEAD_IN + _WORDS_IN, *layout.overview_in), story, snapshot, [])
     draw_now(place(figure, *layout.timeline_in), story.moments, moment.tick)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.palette import COLOURS
+from vastflow.oracles.figures.palette import COLORS
 from vastflow.oracles.replay.caption import happening
 from vastflow.oracles.replay.close_up import Way
 from vastflow.oracles.replay.highlights import tick_of
@@ -57,8 +57,8 @@ def view_of(moments: Sequence[Moment], goals: Sequence[Pose]) -> View:
     return View(_box((low + high) / 2, max(width, height * _NARROWEST), max(height, width / _WIDEST)))
 
 
-def _box(centre: NDArray[np.float64], width_m: float, height_m: float) -> Box:
-    x, y = centre.tolist()
+def _box(center: NDArray[np.float64], width_m: float, height_m: float) -> Box:
+    x, y = center.tolist()
     return Box(x - width_m / 2, y - height_m / 2, x + width_m / 2, y + height_m / 2)
 
 
@@ -84,9 +84,9 @@ class Story:
     view: View
 
     @property
-    def colour(self) -> str:
-        """The colour of its trajectory: that of the judgement on it."""
-        return COLOURS[self.judgement]
+    def color(self) -> str:
+        """The color of its trajectory: that of the judgement on it."""
+        return COLORS[self.judgement]
 
     @property
     def ending(self) -> str:
@@ -102,7 +102,7 @@ class Story:
             self._true_xy_m[: tick + 1],
             self._estimated_xy_m[: tick + 1],
             np.array(contacts, dtype=np.float64).reshape(-1, 2),
-            self.colour,
+            self.color,
         )
 
     def happenings(self, after: int, until: int) -> list[str]:
@@ -116,8 +116,8 @@ class Story:
         known = self.occupancy.cells != UNKNOWN
         rows, columns = (np.flatnonzero(known.any(axis=axis)) for axis in (1, 0))
         ends = [(row, column) for row in rows[[0, -1]] for column in columns[[0, -1]]]
-        centres = self.occupancy.centres_of(np.array(ends))
-        (x0, y0), (x1, y1) = centres.min(axis=0).tolist(), centres.max(axis=0).tolist()
+        centers = self.occupancy.centers_of(np.array(ends))
+        (x0, y0), (x1, y1) = centers.min(axis=0).tolist(), centers.max(axis=0).tolist()
         return Box(x0 - _EDGE_M, y0 - _EDGE_M, x1 + _EDGE_M, y1 + _EDGE_M)
 
     @cached_property

@@ -6,12 +6,12 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from vastflow.oracles.figures.palette import COLOURS
+from vastflow.oracles.figures.palette import COLORS
 from vastflow.oracles.replay.caption import doing, numbers
 from vastflow.oracles.replay.close_up import draw_close_up
 from vastflow.oracles.replay.page import (
     DPI,
-    GREY,
+    GRAY,
     HEAD_IN,
     draw_overview,
     overview_size_in,
@@ -69,9 +69,9 @@ def _write_caption(
     name = f"{number}   {moment.t_s:.2f} s"
     write(figure, left_in, top_in + 0.06, name, fontsize=10, fontweight="bold")
     write(figure, left_in + 0.2 + 0.083 * len(name), top_in + 0.075, _short(now, 44), fontsize=8.5)
-    write(figure, left_in, top_in + 0.25, numbers(moment), fontsize=7.5, color=GREY)
+    write(figure, left_in, top_in + 0.25, numbers(moment), fontsize=7.5, color=GRAY)
     news = "; ".join([text for text in happened if text != now][-2:])
-    write(figure, left_in, top_in + 0.41, _short(news, 70), fontsize=7.2, color=COLOURS["fail"])
+    write(figure, left_in, top_in + 0.41, _short(news, 70), fontsize=7.2, color=COLORS["fail"])
 
 
 def _short(text: str, width: int) -> str:

@@ -8,18 +8,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 
-from vastflow.oracles.figures.palette import COLOURS, INK
+from vastflow.oracles.figures.palette import COLORS, INK
 from vastflow.oracles.replay.caption import SLOW_S
-from vastflow.oracles.replay.close_up import BELIEF_COLOUR
+from vastflow.oracles.replay.close_up import BELIEF_COLOR
 from vastflow.sim.nav.state import TICK_S
 from vastflow.sim.replay.snapshot import Moment
 
-_GREY: Final = "#6B7280"
+_GRAY: Final = "#6B7280"
 _BANDS: Final[Mapping[str, tuple[str, float]]] = {
-    "following": (COLOURS["pass"], 0.18),
+    "following": (COLORS["pass"], 0.18),
     "no progress": ("#F0E442", 0.75),
     "no command": (INK, 0.7),
-    "stopped": (COLOURS["fail"], 0.95),
+    "stopped": (COLORS["fail"], 0.95),
     "spin": ("#CC79A7", 0.8),
     "wait": ("#8A8A8A", 0.55),
     "back up": ("#E69F00", 0.8),
@@ -46,15 +46,15 @@ def draw_timeline(axes: Axes, moments: Sequence[Moment], marks: Mapping[int, str
     top = max(0.55, 1.1 * max(error))
     axes.set(xlim=(0.0, end_s), ylim=(-0.36 * top, top))
     for first, last, kind in bands(moments):
-        colour, alpha = _BANDS[kind]
+        color, alpha = _BANDS[kind]
         width_s = (last - first + 1) * TICK_S
-        axes.broken_barh([(first * TICK_S, width_s)], (-0.33 * top, 0.25 * top), facecolor=to_rgba(colour, alpha))
+        axes.broken_barh([(first * TICK_S, width_s)], (-0.33 * top, 0.25 * top), facecolor=to_rgba(color, alpha))
         if width_s * points_per_s > 4.2 * len(kind) + 4.0:
             middle_s = first * TICK_S + width_s / 2
-            colour = "white" if kind in _NARROW else INK
-            axes.text(middle_s, -0.205 * top, kind, fontsize=7, ha="center", va="center", color=colour, clip_on=True)
-    axes.fill_between(times_s, 0.0, speed, color=COLOURS["pass"], alpha=0.3, linewidth=0)
-    axes.plot(times_s, error, color=BELIEF_COLOUR, linewidth=1.3)
+            color = "white" if kind in _NARROW else INK
+            axes.text(middle_s, -0.205 * top, kind, fontsize=7, ha="center", va="center", color=color, clip_on=True)
+    axes.fill_between(times_s, 0.0, speed, color=COLORS["pass"], alpha=0.3, linewidth=0)
+    axes.plot(times_s, error, color=BELIEF_COLOR, linewidth=1.3)
     height, before_s = 1.03, -math.inf
     for tick, label in marks.items():
         t_s = tick * TICK_S
@@ -94,15 +94,15 @@ def _kind(moment: Moment) -> str:
 
 def _label(axes: Axes, kinds: Collection[str]) -> None:
     """Names of the curves, and of the bands that are too narrow to be named inside."""
-    words = [("speed (m/s)", COLOURS["pass"]), ("localization error (m)", "#B77F00")]
+    words = [("speed (m/s)", COLORS["pass"]), ("localization error (m)", "#B77F00")]
     words += [(text, _BANDS[kind][0]) for kind, text in _NARROW.items() if kind in kinds]
     left = 0
-    for text, colour in words:
+    for text, color in words:
         axes.annotate(text, (0.0, 0.0), (left, -13), xycoords="axes fraction", textcoords="offset points", fontsize=7,
-                      va="top", color=colour)  # fmt: skip
+                      va="top", color=color)  # fmt: skip
         left += 4 * len(text) + 10
     axes.set_yticks([0.0, 0.25, 0.5])
-    axes.tick_params(labelsize=7, colors=_GREY, length=2)
+    axes.tick_params(labelsize=7, colors=_GRAY, length=2)
     axes.annotate("simulated time (s)", (1.0, 0.0), (0, -13), xycoords="axes fraction", textcoords="offset points",
-                  fontsize=7, va="top", ha="right", color=_GREY)  # fmt: skip
+                  fontsize=7, va="top", ha="right", color=_GRAY)  # fmt: skip
     axes.spines[:].set_visible(False)

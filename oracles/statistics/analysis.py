@@ -44,8 +44,8 @@ class FactorAnalysis:
     Attributes:
         factors: Most certain first, of equals the largest difference.
         interactions: Most certain first.
-        dropped: What varies and was not analysed.
-        configurations, blocks: That were analysed.
+        dropped: What varies and was not analyzed.
+        configurations, blocks: That were analyzed.
         error: Probability of even one false `significant`, at most.
     """
 
@@ -66,7 +66,7 @@ def factor_analysis(
     dropped: Iterable[Dropped] = (),
     error: float = 0.05,
 ) -> FactorAnalysis | None:
-    """Analyse how factors change the failure rate; None for fewer than two configurations with judged runs.
+    """Analyze how factors change the failure rate; None for fewer than two configurations with judged runs.
 
     The response is each configuration's share of failed runs, which counts once however many runs it has: the noise of repetition is
     averaged there, and what a factor is measured against are the differences of configurations alike in it (analysis of cluster

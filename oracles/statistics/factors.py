@@ -33,7 +33,7 @@ class Factor:
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """A key that is not analysed, and why."""
+    """A key that is not analyzed, and why."""
 
     name: str
     reason: str

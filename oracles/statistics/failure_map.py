@@ -49,7 +49,7 @@ class FailureMap:
     """Visits and failures of each cell of a grid, (H, W) each.
 
     A run that enters a cell visits it once, however often it comes back. A failed run is one failure in each cell of its last half
-    metre: the place where it ended, and a robot that struggles to and fro there fails there once. The rate of a cell is thus the
+    meter: the place where it ended, and a robot that struggles to and fro there fails there once. The rate of a cell is thus the
     share of its visitors that failed there.
 
     Runs of one configuration take the same way and fail together, so intervals have configurations as clusters: with the sums below

@@ -42,12 +42,12 @@ def wilson_intervals(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL)
     known = n > 0
     m = np.where(known, n, 1.0)
     p = x / m
-    centre = p + z * z / (2 * m)
+    center = p + z * z / (2 * m)
     half = z * np.sqrt(p * (1 - p) / m + z * z / (4 * m * m))
     scale = 1 + z * z / m
     # At p = 0 and p = 1 one end is exact; rounding must not push it inside or outside.
-    low = np.where(known & (x > 0), (centre - half) / scale, 0.0)
-    high = np.where(known & (x < n), (centre + half) / scale, 1.0)
+    low = np.where(known & (x > 0), (center - half) / scale, 0.0)
+    high = np.where(known & (x < n), (center + half) / scale, 1.0)
     return np.stack((low, high), axis=-1)
 
 

@@ -32,7 +32,7 @@ from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 MOST_MAPS: Final = 4
 """Maps whose distances are kept; the next one pushes the oldest out."""
 ROUNDING: Final = 9
-"""Decimals of a quantity in metres: 20.65 and not 20.650000000000002."""
+"""Decimals of a quantity in meters: 20.65 and not 20.650000000000002."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,13 +106,13 @@ class Quantities:
             from scipy import ndimage
 
             cells = ndimage.distance_transform_edt(~occupancy.occupied)
-            # From the centre of a cell to the near side of the wall's cell.
-            metres = np.maximum(cells - 0.5, 0.0) * occupancy.resolution_m
+            # From the center of a cell to the near side of the wall's cell.
+            meters = np.maximum(cells - 0.5, 0.0) * occupancy.resolution_m
             if not occupancy.occupied.any():
-                metres = np.full(metres.shape, math.inf)
+                meters = np.full(meters.shape, math.inf)
             while len(self._walls) >= MOST_MAPS:
                 del self._walls[next(iter(self._walls))]
-            self._walls[map_file.digest] = occupancy, metres
+            self._walls[map_file.digest] = occupancy, meters
         return self._walls[map_file.digest]
 
 
@@ -167,7 +167,7 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "clearance": "least distance from the path to a wall (m)",
     "start_clearance": "distance from the start to a wall (m)",
     "goal_clearance": "distance from the last goal to a wall (m)",
-    "obstacle_density": "obstacles for each metre of path",
+    "obstacle_density": "obstacles for each meter of path",
     "number_of_obstacles": "obstacles",
     "number_of_goals": "goals",
     "straight_distance": "distance from the start to the last goal (m)",

@@ -25,7 +25,7 @@ Cover: TypeAlias = dict[tuple[int, ...], NDArray[np.bool_]]
 
 
 class IncompleteDesign(RuntimeError):
-    """A fault of ours: a design that does not do what it promises."""
+    """An internal error: a design that does not do what it promises."""
 
 
 def covering_array(blocks: Sequence[Block], level_counts: Sequence[int], strength: int) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-"""The building a floor plan describes: every floor, wall, obstacle and opening in the world, in metres."""
+"""The building a floor plan describes: every floor, wall, obstacle and opening in the world, in meters."""
 
 import math
 from collections import Counter

@@ -69,13 +69,13 @@ def environment_of(building: Building, grid: Grid, text: str, provenance: Mappin
 def solid_digest(building: Building) -> str:
     """Digest of walls, obstacles and openings to the micrometre, without their names."""
 
-    def micrometres(outline: Outline) -> list[float]:
+    def micrometers(outline: Outline) -> list[float]:
         return [round(coordinate, 6) + 0.0 for point in outline for coordinate in point]
 
     return digest(
-        [[wall.height_m, micrometres(wall.outline)] for wall in building.walls],
-        [[obstacle.height_m, micrometres(obstacle.outline)] for obstacle in building.obstacles],
-        [[hole.depth_m, micrometres(hole.outline), micrometres(hole.shape)] for hole in building.holes],
+        [[wall.height_m, micrometers(wall.outline)] for wall in building.walls],
+        [[obstacle.height_m, micrometers(obstacle.outline)] for obstacle in building.obstacles],
+        [[hole.depth_m, micrometers(hole.outline), micrometers(hole.shape)] for hole in building.holes],
     )
 
 

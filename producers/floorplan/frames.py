@@ -8,7 +8,7 @@ from vastflow.producers.floorplan.outline import SHARPEST, edges
 from vastflow.producers.floorplan.plan import Outline, Point
 
 DECIMALS: Final = 9
-"""Of a coordinate in the world, in metres."""
+"""Of a coordinate in the world, in meters."""
 
 
 class Transform(NamedTuple):
@@ -34,7 +34,7 @@ class Transform(NamedTuple):
         return self.x_m + cos * x - sin * y, self.y_m + sin * x + cos * y
 
     def outline(self, points: Iterable[Point]) -> Outline:
-        """An outline of the inner frame in the outer one, to the nanometre: what touches, touches exactly."""
+        """An outline of the inner frame in the outer one, to the nanometer: what touches, touches exactly."""
         cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         placed = ((self.x_m + cos * x - sin * y, self.y_m + sin * x + cos * y) for x, y in points)
         # + 0.0 turns -0.0 into 0.0

@@ -1,4 +1,4 @@
-"""The building as plain values for JSON: world frame, metres."""
+"""The building as plain values for JSON: world frame, meters."""
 
 from typing import Any, Final
 

@@ -23,9 +23,9 @@ BORDER_CELLS: Final = 25
 
 MOST_CELLS: Final = 50_000_000
 
-GREY_UNKNOWN: Final = 200
-GREY_OCCUPIED: Final = 0
-GREY_FREE: Final = 255
+GRAY_UNKNOWN: Final = 200
+GRAY_OCCUPIED: Final = 0
+GRAY_FREE: Final = 255
 OCCUPIED_THRESHOLD: Final = 0.65
 FREE_THRESHOLD: Final = 0.196
 
@@ -38,11 +38,11 @@ class Grid:
     """An occupancy grid.
 
     Attributes:
-        grey: (H, W) uint8 as in the picture, row 0 at the top: 0 occupied, 255 free, 200 unknown.
+        gray: (H, W) uint8 as in the picture, row 0 at the top: 0 occupied, 255 free, 200 unknown.
         origin_xy_m: World position of the picture's lower left corner.
     """
 
-    grey: NDArray[np.uint8]
+    gray: NDArray[np.uint8]
     resolution_m: float
     origin_xy_m: tuple[float, float]
     laser_height_m: float
@@ -50,15 +50,15 @@ class Grid:
     @property
     def occupancy(self) -> OccupancyMap:
         """The map that `load_map` reads from the grid's files."""
-        cells = np.full(self.grey.shape, UNKNOWN, dtype=np.int8)
-        cells[self.grey == GREY_FREE] = FREE
-        cells[self.grey == GREY_OCCUPIED] = OCCUPIED
+        cells = np.full(self.gray.shape, UNKNOWN, dtype=np.int8)
+        cells[self.gray == GRAY_FREE] = FREE
+        cells[self.gray == GRAY_OCCUPIED] = OCCUPIED
         return OccupancyMap(np.ascontiguousarray(cells[::-1]), self.resolution_m, self.origin_xy_m)
 
     def picture(self) -> bytes:
         """The picture as PGM (P5)."""
-        rows, columns = self.grey.shape
-        return b"P5\n%d %d\n255\n" % (columns, rows) + self.grey.tobytes()
+        rows, columns = self.gray.shape
+        return b"P5\n%d %d\n255\n" % (columns, rows) + self.gray.tobytes()
 
     def header(self, image: str) -> bytes:
         """The map's YAML file; `image` is the picture's place relative to it."""
@@ -92,31 +92,31 @@ def grid_of(building: Building, resolution_m: float = RESOLUTION_M, laser_height
     if rows * columns > MOST_CELLS:
         what = f"{high_x - low_x:g} m × {high_y - low_y:g} m at {resolution_m:g} m are {rows * columns:,} cells"
         complain(building.file, START, f"Floor plan {building.name}", what, f"at most {MOST_CELLS:,}")
-    picture = Image.new("L", (columns, rows), GREY_UNKNOWN)
+    picture = Image.new("L", (columns, rows), GRAY_UNKNOWN)
     draw = ImageDraw.Draw(picture)
 
-    def fill(outline: Outline, grey: int) -> None:
+    def fill(outline: Outline, gray: int) -> None:
         corners = [
             (_cells((x - low_x) / resolution_m + border), _cells((y - low_y) / resolution_m + border))
             for x, y in outline
         ]
-        draw.polygon(corners, fill=grey)
+        draw.polygon(corners, fill=gray)
 
     for room in building.rooms:
-        fill(room.outline, GREY_FREE)
+        fill(room.outline, GRAY_FREE)
     columns_first = sorted(building.obstacles, key=lambda obstacle: obstacle.kind)
     solids: list[Wall | Obstacle] = [*building.walls, *columns_first]
     for solid in solids:
         if laser_height_m <= solid.height_m:
-            fill(solid.outline, GREY_OCCUPIED)
+            fill(solid.outline, GRAY_OCCUPIED)
     for hole in building.holes:
         if hole.kind == "Entryway":
             for x0, x1 in hole.section(laser_height_m):
-                fill(hole.footprint(x0, x1, resolution_m), GREY_FREE)
+                fill(hole.footprint(x0, x1, resolution_m), GRAY_FREE)
     # To the micrometre: the map's digest must not hang on the last bit of a C library's cosine.
     origin_m = (round(low_x - border * resolution_m, 6), round(low_y - border * resolution_m, 6))
-    grey = np.asarray(picture, dtype=np.uint8)[::-1]
-    return Grid(np.ascontiguousarray(grey), resolution_m, origin_m, laser_height_m)
+    gray = np.asarray(picture, dtype=np.uint8)[::-1]
+    return Grid(np.ascontiguousarray(gray), resolution_m, origin_m, laser_height_m)
 
 
 def _cells(value: float) -> int:

@@ -37,7 +37,7 @@ Solid = Wall | Obstacle
 def mesh_of(building: Building) -> NDArray[np.float32]:
     """Triangles (N, 3, 3) of everything solid, corners counter-clockwise seen from outside (m).
 
-    Every edge belongs to two triangles, which run along it in opposite directions. Neighbouring walls are fused; rooms
+    Every edge belongs to two triangles, which run along it in opposite directions. Neighboring walls are fused; rooms
     have no floor and no ceiling.
     """
     for grid_m in GRIDS_M:

@@ -44,7 +44,7 @@ MEASURE: Final = "#77736a"
 
 
 def picture_of(building: Building) -> bytes:
-    """A PNG of the plan from above, in metres."""
+    """A PNG of the plan from above, in meters."""
     low_x, low_y, high_x, high_y = building.bounds
     width_m, height_m = high_x - low_x, high_y - low_y
     inches_a_m = (LONG_SIDE_IN - 2 * MARGIN_IN) / max(width_m, height_m)
@@ -53,9 +53,9 @@ def picture_of(building: Building) -> bytes:
     FigureCanvasAgg(figure)
     left, bottom = MARGIN_IN / size_in[0], MARGIN_IN / size_in[1]
     axes = figure.add_axes((left, bottom, 1 - 2 * left, 1 - 2 * bottom))
-    for outlines, colour, order in _layers(building):
+    for outlines, color, order in _layers(building):
         corners = [np.array(outline) for outline in outlines]
-        axes.add_collection(PolyCollection(corners, facecolors=colour, edgecolors=colour, linewidths=0.2, zorder=order))
+        axes.add_collection(PolyCollection(corners, facecolors=color, edgecolors=color, linewidths=0.2, zorder=order))
     scale_pt_a_m = inches_a_m * POINTS_AN_INCH
     halo = [withStroke(linewidth=2.0, foreground=FLOOR)]
     for room, floor in zip(building.rooms, _own_floors(building), strict=True):
@@ -69,14 +69,14 @@ def picture_of(building: Building) -> bytes:
         for hole in building.holes:
             x, y = _inside(hole)
             axes.text(
-                x, y, f"{_metres(_width(hole))} m", fontsize=DOOR_PT, ha="center", va="center", color=MEASURE, zorder=7
+                x, y, f"{_meters(_width(hole))} m", fontsize=DOOR_PT, ha="center", va="center", color=MEASURE, zorder=7
             )
     axes.set(xlim=(low_x, high_x), ylim=(low_y, high_y), aspect="equal")
     axes.tick_params(labelsize=7, colors=MEASURE, length=2)
     for spine in axes.spines.values():
         spine.set_visible(False)
     area_m2 = shapely.union_all([shapely.Polygon(room.outline) for room in building.rooms]).area
-    title = f"{building.name}   {_metres(width_m)} × {_metres(height_m)} m, {area_m2:,.0f} m² of floor"
+    title = f"{building.name}   {_meters(width_m)} × {_meters(height_m)} m, {area_m2:,.0f} m² of floor"
     axes.set_title(title, fontsize=10, color=INK, loc="left")
     content = io.BytesIO()
     figure.savefig(content, format="png", metadata={"Software": None})
@@ -109,7 +109,7 @@ def _label(
     sides = [math.dist(*edge) for edge in edges(room.outline)]
     area_m2 = shapely.Polygon(room.outline).area
     rectangular = len(sides) == 4 and math.isclose(area_m2, sides[0] * sides[1], rel_tol=1e-6)
-    measure = f"{_metres(sides[0])} × {_metres(sides[1])} m" if rectangular else f"{area_m2:.1f} m²"
+    measure = f"{_meters(sides[0])} × {_meters(sides[1])} m" if rectangular else f"{area_m2:.1f} m²"
     if rectangular and math.isclose(floor.area, area_m2, rel_tol=1e-6):
         place, (across_m, high_m), turn_deg = (floor.centroid.x, floor.centroid.y), *_stretch(room)
     else:
@@ -152,6 +152,6 @@ def _width(hole: Hole) -> float:
     return max(x for x, _ in hole.shape) - min(x for x, _ in hole.shape)
 
 
-def _metres(length_m: float) -> str:
-    """A length to the centimetre, without needless zeros."""
+def _meters(length_m: float) -> str:
+    """A length to the centimeter, without needless zeros."""
     return f"{length_m:.2f}".rstrip("0").rstrip(".")

@@ -1,4 +1,4 @@
-"""A floor plan as what it says: spaces, features and openings in their own frames, in metres and radians."""
+"""A floor plan as what it says: spaces, features and openings in their own frames, in meters and radians."""
 
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias

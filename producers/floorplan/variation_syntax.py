@@ -39,7 +39,7 @@ PROBABILITY_ROUNDING: Final = 1e-8
 """What the probabilities of a choice may miss 1 by; numpy allows 1.5e-8."""
 
 DECIMALS: Final = 2
-"""Draws of a normal distribution are rounded to centimetres, or hundredths of their unit."""
+"""Draws of a normal distribution are rounded to centimeters, or hundredths of their unit."""
 
 Path: TypeAlias = tuple[Token, ...]
 """Names that are joined by dots."""

@@ -8,16 +8,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.places.cells import centred_cells
+from vastflow.producers.places.cells import centerd_cells
 from vastflow.producers.places.ground import Ground
 from vastflow.producers.places.outline import Line
 from vastflow.producers.places.placement import MAX_ATTEMPTS, Site, Wanted, is_connected
 from vastflow.sim.world.obstacle import Obstacle
 
 FROM_STOPS: Final = 2.0
-"""Least distance of a centre from start and goals, in diameters of the robot."""
+"""Least distance of a center from start and goals, in diameters of the robot."""
 FROM_EACH_OTHER: Final = 1.5
-"""Least distance of two centres, in diameters of the robot."""
+"""Least distance of two centers, in diameters of the robot."""
 TRIES_FOR_EACH: Final = 100
 """Places tried for one kind of obstacle, for each that is wanted of it."""
 
@@ -25,8 +25,8 @@ TRIES_FOR_EACH: Final = 100
 def place_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> list[Obstacle] | str:
     """Draw a place for every obstacle in turn; or say why version 1 would find none.
 
-    Places are drawn as `vastflow.producers.places.placement.place` draws them. One will do where the centre is far enough
-    from the stops and from other centres. A whole set will do where a way remains: it is drawn `MAX_ATTEMPTS` times at most.
+    Places are drawn as `vastflow.producers.places.placement.place` draws them. One will do where the center is far enough
+    from the stops and from other centers. A whole set will do where a way remains: it is drawn `MAX_ATTEMPTS` times at most.
     """
     total = sum(each.amount for each in wanted)
     if total == 0:
@@ -51,19 +51,19 @@ def _drawn(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> It
     """One set, as far as places are found."""
     line = Line.along(site.path_xy_m)
     diameter_m = site.ground.robot_diameter_m
-    centres: list[tuple[float, float]] = []
+    centers: list[tuple[float, float]] = []
     for each in wanted:
         left = each.amount
         for _ in range(TRIES_FOR_EACH * each.amount):
             if not left:
                 break
             pose = line.draw(each.max_distance_m, rng)
-            centre = pose.x_m, pose.y_m
-            if any(math.dist(centre, stop) < FROM_STOPS * diameter_m for stop in site.stops_xy_m):
+            center = pose.x_m, pose.y_m
+            if any(math.dist(center, stop) < FROM_STOPS * diameter_m for stop in site.stops_xy_m):
                 continue
-            if any(math.dist(centre, other) < FROM_EACH_OTHER * diameter_m for other in centres):
+            if any(math.dist(center, other) < FROM_EACH_OTHER * diameter_m for other in centers):
                 continue
-            centres.append(centre)
+            centers.append(center)
             left -= 1
             yield replace(each.pattern, pose=pose)
 
@@ -74,6 +74,6 @@ def _around(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
     for obstacle in obstacles:
         length_m, width_m = (side_m + ground.robot_diameter_m for side_m in (obstacle.length_m, obstacle.width_m))
         grown = replace(obstacle, length_m=length_m, width_m=width_m)
-        cells = centred_cells(ground.occupancy, grown.footprint())
+        cells = centerd_cells(ground.occupancy, grown.footprint())
         passable[cells[:, 0], cells[:, 1]] = False
     return passable

@@ -13,13 +13,13 @@ def touched_cells(occupancy: OccupancyMap, footprint: Polygon) -> NDArray[np.int
     return _cells(occupancy, footprint, 0.5)
 
 
-def centred_cells(occupancy: OccupancyMap, area: Polygon) -> NDArray[np.int64]:
-    """(K, 2) row and column of the map's cells whose centre lies in a convex `area`."""
+def centerd_cells(occupancy: OccupancyMap, area: Polygon) -> NDArray[np.int64]:
+    """(K, 2) row and column of the map's cells whose center lies in a convex `area`."""
     return _cells(occupancy, area, 0.0)
 
 
 def _cells(occupancy: OccupancyMap, area: Polygon, half: float) -> NDArray[np.int64]:
-    """Those that a convex area touches with the square of 2 × `half` cells round their centre."""
+    """Those that a convex area touches with the square of 2 × `half` cells round their center."""
     outline = occupancy.frame.points_to_grid(np.array(orient(area).exterior.coords))
     occupancy = occupancy.upright
     (left, bottom), (right, top) = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
@@ -29,9 +29,9 @@ def _cells(occupancy: OccupancyMap, area: Polygon, half: float) -> NDArray[np.in
         return np.empty((0, 2), dtype=np.int64)
     rows, columns = np.mgrid[first[0] : last[0] + 1, first[1] : last[1] + 1]
     cells = np.column_stack((rows.ravel(), columns.ravel()))
-    centres = (cells[:, ::-1] + 0.5) * occupancy.resolution_m + occupancy.origin_xy_m
+    centers = (cells[:, ::-1] + 0.5) * occupancy.resolution_m + occupancy.origin_xy_m
     sides = np.diff(outline, axis=0)
     normals = np.column_stack((sides[:, 1], -sides[:, 0]))
     # Separating axes: the grid's own are the bounds above. A tenth of the time of one shapely box a cell.
-    beyond = centres @ normals.T - np.sum(outline[:-1] * normals, axis=1)
+    beyond = centers @ normals.T - np.sum(outline[:-1] * normals, axis=1)
     return np.asarray(cells[~np.any(beyond > np.abs(normals).sum(axis=1) * occupancy.resolution_m * half, axis=1)])

@@ -21,12 +21,12 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.reading.map_file import MapError, MissingMap, load_map
 
 MAP_KEY: Final = "map_file"
-EIGHT_NEIGHBOURS: Final = np.ones((3, 3), dtype=np.int8)
+EIGHT_NEIGHBORS: Final = np.ones((3, 3), dtype=np.int8)
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The cells of a map on which a robot's centre may be.
+    """The cells of a map on which a robot's center may be.
 
     Attributes:
         room_m: How far from walls its center is wherever it begins or ends.
@@ -81,7 +81,7 @@ def ground_of(map_file: FileContent, robot_diameter_m: float, room_m: float = 0.
     occupancy = occupancy_of(map_file)
     radius_cells = octile.whole_cells(robot_diameter_m / 2, occupancy.resolution_m)
     passable = octile.inflated_free(occupancy.free, radius_cells)
-    labels, _ = ndimage.label(passable, EIGHT_NEIGHBOURS)
+    labels, _ = ndimage.label(passable, EIGHT_NEIGHBORS)
     component = labels[passable].astype(np.int64)
     component_cells = np.bincount(component)[component]
     stops = passable & ~_near(occupancy.occupied, room_m / occupancy.resolution_m)

@@ -21,7 +21,7 @@ Position: TypeAlias = tuple[float, float]
 ROUNDING_M: Final = 1e-9
 """How near to a bound the polygons are asked."""
 POLYGON: Final = 0.998
-"""Least distance from the centre to the outline of a cylinder's polygon, in radii: cos(pi / 64) and some."""
+"""Least distance from the center to the outline of a cylinder's polygon, in radii: cos(pi / 64) and some."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Outline:
     obstacle: Obstacle
 
     @cached_property
-    def centre_m(self) -> Position:
-        """Its centre."""
+    def center_m(self) -> Position:
+        """Its center."""
         return self.obstacle.pose.x_m, self.obstacle.pose.y_m
 
     @cached_property
@@ -42,12 +42,12 @@ class Outline:
 
     @cached_property
     def least_m(self) -> float:
-        """Least distance from the centre to the outline, or a little less."""
+        """Least distance from the center to the outline, or a little less."""
         return min(self.obstacle.length_m, self.obstacle.width_m) / 2 * POLYGON
 
     def nearer_to(self, point: Position, distance_m: float) -> bool:
         """Whether the area is nearer to a point than `distance_m`, which is more than 0."""
-        apart_m = math.dist(self.centre_m, point)
+        apart_m = math.dist(self.center_m, point)
         if apart_m - self.least_m < distance_m - ROUNDING_M:
             return True
         if apart_m - self.obstacle.circumradius_m > distance_m + ROUNDING_M:
@@ -56,7 +56,7 @@ class Outline:
 
     def nearer_than(self, distance_m: float, other: "Outline") -> bool:
         """Whether two areas are nearer to each other than `distance_m`, which is more than 0."""
-        apart_m = math.dist(self.centre_m, other.centre_m)
+        apart_m = math.dist(self.center_m, other.center_m)
         if apart_m - self.least_m - other.least_m < distance_m - ROUNDING_M:
             return True
         if apart_m - self.obstacle.circumradius_m - other.obstacle.circumradius_m > distance_m + ROUNDING_M:
@@ -64,7 +64,7 @@ class Outline:
         return bool(self.footprint.distance(other.footprint) < distance_m)
 
     def leaves(self, occupancy: OccupancyMap) -> bool:
-        """Whether its centre, corners or middles of sides are off the free cells; if not, other parts may be."""
+        """Whether its center, corners or middles of sides are off the free cells; if not, other parts may be."""
         rows, columns = occupancy.shape
         for x_m, y_m in self._marks:
             row, column = occupancy.cell_of(x_m, y_m)
@@ -75,7 +75,7 @@ class Outline:
     @property
     def _marks(self) -> list[Position]:
         """The corners first, for they are off the free cells most often."""
-        obstacle, (x_m, y_m) = self.obstacle, self.centre_m
+        obstacle, (x_m, y_m) = self.obstacle, self.center_m
         if obstacle.shape == "cylinder":
             r_m = self.least_m
             return [(x_m, y_m), (x_m + r_m, y_m), (x_m - r_m, y_m), (x_m, y_m + r_m), (x_m, y_m - r_m)]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
 from vastflow.producers.places.cells import touched_cells
-from vastflow.producers.places.ground import EIGHT_NEIGHBOURS, Ground
+from vastflow.producers.places.ground import EIGHT_NEIGHBORS, Ground
 from vastflow.producers.places.outline import ROUNDING_M, Line, Outline
 from vastflow.sim.world.obstacle import Obstacle
 
@@ -22,7 +22,7 @@ MAX_TRIES: Final = 100
 """Places tried for an obstacle before the whole set is drawn again."""
 MAX_ATTEMPTS: Final = 10
 """Sets drawn before a placement is given up."""
-NEIGHBOURHOOD_M: Final = 5.0
+NEIGHBORHOOD_M: Final = 5.0
 """How far round the path a way is looked for before the whole map is."""
 
 
@@ -35,7 +35,7 @@ class Site:
         length_m: Octile length of the whole path.
         stops_xy_m: Start and goals, which stay clear and connected.
         standing: Obstacles that are there already.
-        from_start_m: How far from the start a centre must be, at least.
+        from_start_m: How far from the start a center must be, at least.
     """
 
     ground: Ground
@@ -52,7 +52,7 @@ class Wanted:
 
     Attributes:
         pattern: One of them, wherever it stands.
-        max_distance_m: Greatest distance of a centre from the path.
+        max_distance_m: Greatest distance of a center from the path.
     """
 
     amount: int
@@ -63,7 +63,7 @@ class Wanted:
 def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> list[Obstacle] | str:
     """Draw a place for every obstacle in turn; or say why there is no room.
 
-    A centre lies uniformly along the path and uniformly to its left or right, its yaw is uniform. Places that
+    A center lies uniformly along the path and uniformly to its left or right, its yaw is uniform. Places that
     won't do are drawn again, `MAX_TRIES` times for each obstacle and `MAX_ATTEMPTS` times for the whole set.
     """
     refusals: Counter[str] = Counter()
@@ -116,7 +116,7 @@ class _Layout:
         clear_m = max(ground.robot_diameter_m / 2 + MARGIN_M, ground.room_m + ROUNDING_M)
         if any(outline.nearer_to(stop, clear_m) for stop in stops):
             return "left no room for the robot at its start or goals"
-        if math.dist(outline.centre_m, stops[0]) < self._site.from_start_m:
+        if math.dist(outline.center_m, stops[0]) < self._site.from_start_m:
             return f"lay within {self._site.from_start_m:g} m of the start"
         if any(outline.nearer_than(MARGIN_M, other) for other in self._outlines):
             return "came too close to another obstacle"
@@ -135,7 +135,7 @@ def is_connected(site: Site, passable: NDArray[np.bool_]) -> bool:
     """Whether a robot that can be on `passable` cells (H, W) gets from the start to every goal."""
     occupancy = site.ground.occupancy
     stops = np.array([occupancy.cell_of(*stop) for stop in site.stops_xy_m])
-    margin = math.ceil(NEIGHBOURHOOD_M / occupancy.resolution_m)
+    margin = math.ceil(NEIGHBORHOOD_M / occupancy.resolution_m)
     near = np.array([occupancy.cell_of(*point) for point in site.path_xy_m.tolist()])
     corner = np.maximum(np.minimum(near.min(axis=0), stops.min(axis=0)) - margin, 0)
     far_corner = np.maximum(near.max(axis=0), stops.max(axis=0)) + margin
@@ -146,7 +146,7 @@ def is_connected(site: Site, passable: NDArray[np.bool_]) -> bool:
 def _joined(passable: NDArray[np.bool_], cells: NDArray[np.int64]) -> bool:
     from scipy import ndimage
 
-    labels, _ = ndimage.label(passable, EIGHT_NEIGHBOURS)
+    labels, _ = ndimage.label(passable, EIGHT_NEIGHBORS)
     numbers = labels[cells[:, 0], cells[:, 1]]
     return bool(numbers[0] > 0 and np.all(numbers == numbers[0]))
 

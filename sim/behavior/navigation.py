@@ -85,7 +85,7 @@ class Navigate(Action):
 
 
 class OdometryDistance(Action):
-    """`odometry_distance_traveled`: until the wheels have counted so many metres since it began."""
+    """`odometry_distance_traveled`: until the wheels have counted so many meters since it began."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation

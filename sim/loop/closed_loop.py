@@ -90,7 +90,7 @@ class ClosedLoop:
     @property
     def placed(self) -> bool:
         """Whether AMCL was ever given an initial pose."""
-        return bool(self.stack.m[0]["initialised"])
+        return bool(self.stack.m[0]["initialized"])
 
     @property
     def recoveries(self) -> int:
@@ -105,7 +105,7 @@ class ClosedLoop:
     @property
     def localized(self) -> bool:
         """Whether AMCL has given a pose since the last `localize`."""
-        return bool(self.stack.m[0]["initialised"]) and not self.stack.m[0]["first_scan"]
+        return bool(self.stack.m[0]["initialized"]) and not self.stack.m[0]["first_scan"]
 
     @property
     def true_pose(self) -> Pose:

@@ -39,7 +39,7 @@ class GridFrame:
         return Turn(math.cos(self.yaw_rad), math.sin(self.yaw_rad))
 
     def to_grid(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """A position of the map in the grid's frame, to the nanometre."""
+        """A position of the map in the grid's frame, to the nanometer."""
         if self.yaw_rad == 0.0:
             return x_m, y_m
         (ox, oy), (c, s) = self.corner_xy_m, self.turn

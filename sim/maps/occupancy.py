@@ -66,19 +66,19 @@ class OccupancyMap:
             math.floor((x_m - self.origin_xy_m[0]) / self.resolution_m),
         )
 
-    def centre_of(self, row: int, column: int) -> tuple[float, float]:
-        """Map position (x, y) in metres of a cell's centre."""
+    def center_of(self, row: int, column: int) -> tuple[float, float]:
+        """Map position (x, y) in meters of a cell's center."""
         return self.frame.to_map(
             self.origin_xy_m[0] + (column + 0.5) * self.resolution_m,
             self.origin_xy_m[1] + (row + 0.5) * self.resolution_m,
         )
 
-    def centres_of(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Map positions (N, 2) of the centres of cells (N, 2), given as row and column."""
+    def centers_of(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Map positions (N, 2) of the centers of cells (N, 2), given as row and column."""
         return self.frame.points_to_map((cells[:, ::-1] + 0.5) * self.resolution_m + np.asarray(self.origin_xy_m))
 
     def corners_of(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-        """As `centres_of`, of the cells' lower left corners."""
+        """As `centers_of`, of the cells' lower left corners."""
         return self.frame.points_to_map(cells[:, ::-1] * self.resolution_m + np.asarray(self.origin_xy_m))
 
     def in_cells(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -22,9 +22,9 @@ ROUNDING_CELLS: Final = 1e-9
 
 
 def passable(occupancy: OccupancyMap, radius_m: float) -> NDArray[np.bool_]:
-    """(H, W), True where the centre of a robot of `radius_m` may be.
+    """(H, W), True where the center of a robot of `radius_m` may be.
 
-    A cell is blocked where the distance from its centre to that of the nearest cell not known to be free
+    A cell is blocked where the distance from its center to that of the nearest cell not known to be free
     is at most `radius_m`, rounded up to whole cells; the grid's outside counts as not free.
     """
     return inflated_free(occupancy.free, whole_cells(radius_m, occupancy.resolution_m))
@@ -71,14 +71,14 @@ def descend(field: NDArray[np.float32], row: int, column: int) -> NDArray[np.int
 
 
 def path_xy_m(occupancy: OccupancyMap, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Map positions (N, 2) in metres of the centres of (row, column) cells."""
-    return occupancy.centres_of(cells)
+    """Map positions (N, 2) in meters of the centers of (row, column) cells."""
+    return occupancy.centers_of(cells)
 
 
 def shortest_path(
     occupancy: OccupancyMap, free: NDArray[np.bool_], stops_xy_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float] | None:
-    """Shortest path through `stops_xy_m` (N >= 2, 2) in order: its points (M, 2) and octile length, in metres.
+    """Shortest path through `stops_xy_m` (N >= 2, 2) in order: its points (M, 2) and octile length, in meters.
 
     None where a stop is not on a passable cell or two of them are not connected.
     """
@@ -127,7 +127,7 @@ def _flood(free: Any, row: int, column: int, limit: float, out: Any) -> None:
                 for near_c in range(max(c - 1, 0), min(c + 2, columns)):
                     near = near_r * columns + near_c
                     there = np.float32(here + (sqrt2 if near_r != r and near_c != c else 1.0))
-                    # Most neighbours were reached before: this comparison first.
+                    # Most neighbors were reached before: this comparison first.
                     if there < field[near] and passable[near] and there <= limit:
                         field[near] = there
                         if there < level + 2:

@@ -61,7 +61,7 @@ def weight(
     sigma_hit_m: float = 0.2,
     likelihood_max_dist_m: float = 2.0,
 ) -> float:
-    """AMCL's unnormalised weight of one pose under a scan: 1 + Σ pz³ over the beams it uses (likelihood_field).
+    """AMCL's unnormalized weight of one pose under a scan: 1 + Σ pz³ over the beams it uses (likelihood_field).
 
     Args:
         pose_xyt: The robot's pose in the map.

@@ -31,7 +31,7 @@ def observe(
 
     Args:
         q: Parameters of the obstacle layer.
-        place: x, y of the layer's lower left corner and its resolution, metres.
+        place: x, y of the layer's lower left corner and its resolution, meters.
         sensor: x, y of the scanner in the layer's frame, and the robot's yaw.
         directions: (B, 2) beams in the robot's frame.
     """
@@ -133,8 +133,8 @@ def merge_window(
     static_costs: Any,
     layer: Any,
     stamp: Any,
-    centre_column: int,
-    centre_row: int,
+    center_column: int,
+    center_row: int,
     reach: int,
     costs: Any,
 ) -> Any:
@@ -152,8 +152,8 @@ def merge_window(
     """
     rows, columns = static.shape
     margin = stamp.shape[0] // 2
-    row0, row1 = max(0, centre_row - reach), min(rows, centre_row + reach + 1)
-    col0, col1 = max(0, centre_column - reach), min(columns, centre_column + reach + 1)
+    row0, row1 = max(0, center_row - reach), min(rows, center_row + reach + 1)
+    col0, col1 = max(0, center_column - reach), min(columns, center_column + reach + 1)
     if row0 >= row1 or col0 >= col1:
         return 0, 0, 0, 0  # the robot is, or takes itself to be, far off the map
     for row in range(row0, row1):

@@ -22,7 +22,7 @@ def cost_stamp(
 ) -> NDArray[np.uint8]:
     """Cost (2R+1, 2R+1) round one lethal cell, R = ceil(inflation radius / resolution) cells.
 
-    254 at the centre, 253 within the inscribed radius, floor(252 exp(-k (d - r_inscribed))) beyond, 0 past R cells.
+    254 at the center, 253 within the inscribed radius, floor(252 exp(-k (d - r_inscribed))) beyond, 0 past R cells.
     """
     reach = math.ceil(inflation_radius_m / resolution_m)
     offsets = np.arange(-reach, reach + 1)

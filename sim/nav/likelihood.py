@@ -58,10 +58,10 @@ def likelihood_cubed(
 def squared_distances(occupied: NDArray[np.bool_], radius_cells: int) -> NDArray[np.int32]:
     """Squared distance in cells (H, W) to a near wall, UNREACHED beyond `radius_cells`, as AMCL finds it.
 
-    A wavefront of edge neighbours takes each wall's cells along, nearest first, and a cell keeps the wall of the
-    neighbour that touches it first. That is not always the nearest one: on maps with ragged walls up to half of the
+    A wavefront of edge neighbors takes each wall's cells along, nearest first, and a cell keeps the wall of the
+    neighbor that touches it first. That is not always the nearest one: on maps with ragged walls up to half of the
     cells within 0.6 m of a wall get a distance that is too large, by 0.03 m in the mean and up to 0.17 m (measured).
-    Which neighbour is first among equals follows from the order of walls in the queue (column by column) and from the
+    Which neighbor is first among equals follows from the order of walls in the queue (column by column) and from the
     binary heap of C++'s standard library, so the heap here moves its entries as that one does.
     """
     squares = np.full(occupied.shape, UNREACHED, dtype=np.int32)

@@ -7,7 +7,7 @@ from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.streams import AMCL
 from vastflow.sim.nav.particles import Cloud, gate, move, spread
 from vastflow.sim.nav.resampling import covariance, heaviest_cluster, resample
-from vastflow.sim.nav.sensor import normalise, weigh
+from vastflow.sim.nav.sensor import normalize, weigh
 from vastflow.sim.world.robot import wrapped
 
 
@@ -48,7 +48,7 @@ def update(p: Any, m: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cl
         x, y, yaw = heaviest_cluster(cloud, m.bins)
         m.pose_xx, m.pose_xy, m.pose_yy, m.pose_aa = covariance(cloud.sums, m.bins)
     else:
-        normalise(cloud.weights, m.particles)
+        normalize(cloud.weights, m.particles)
         if not first:
             return
         initial = p.initial_covariance

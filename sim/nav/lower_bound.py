@@ -27,7 +27,7 @@ BOUND: Final = np.dtype(
     [(name, np.float64) for name in ("reach", "detour")]
     + [(name, np.int64) for name in ("column", "row", "goal_column", "goal_row", "row0", "row1", "column0", "column1")]
 )
-"""What is known of one leg: on ways of at most `reach` from (column, row) to (goal_column, goal_row) all cells have a bound.
+"""What is known of one leg: on paths of at most `reach` from (column, row) to (goal_column, goal_row) all cells have a bound.
 
 Rows row0..row1 and columns column0..column1 hold them all. By `detour` the leg's last plan was dearer than its bound.
 """
@@ -67,7 +67,7 @@ def bound_below(
     potential: Any,
     scratch: Any,
 ) -> int:
-    """Put the least costs to a goal into `to_goal` (H, W), on all ways of at most `reach` from a cell, and of that cell itself.
+    """Put the least costs to a goal into `to_goal` (H, W), on all paths of at most `reach` from a cell, and of that cell itself.
 
     Cells that are out of reach or out of the way have 0, the bound that always holds. `reach` is a wish: it is more where the
     cell would have no bound. Overwrites `potential`. Returns the number of floods.
@@ -94,7 +94,7 @@ def bound_below(
 
 @inner
 def covers(b: Any, column: int, row: int, bound: float) -> bool:
-    """Whether all cells on ways of at most `bound` from a cell are known."""
+    """Whether all cells on paths of at most `bound` from a cell are known."""
     return bool(bound + straight(column, row, b.column, b.row) <= b.reach)
 
 

@@ -98,7 +98,7 @@ def propagate(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, o
     """Fill `out` (H, W) float32 from the root until the stop cell has a value; whether it has one.
 
     Args:
-        travel: (H, W) uint8 travel costs; the outermost cells are obstacles, so that none has a neighbour missing.
+        travel: (H, W) uint8 travel costs; the outermost cells are obstacles, so that none has a neighbor missing.
         out: From `new_potential`, and written by this function and its two variants alone.
         scratch: From `new_scratch`, always the same for one `out`.
     """
@@ -184,7 +184,7 @@ def _propagate(
             low, high = min(low, cell), max(high, cell)
             x = cell % columns
             low_x, high_x = min(low_x, x), max(high_x, x)
-            # NavFn's A* takes what is left for a part of the value, even where it asks whether a neighbour gains.
+            # NavFn's A* takes what is left for a part of the value, even where it asks whether a neighbor gains.
             rank = value
             if astar:
                 rank += np.float32(NEUTRAL * math.hypot(x - stop_x, cell // columns - stop_y))

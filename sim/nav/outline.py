@@ -24,7 +24,7 @@ def padded(vertices: NDArray[np.float64], padding_m: float) -> NDArray[np.float6
 
 
 def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
-    """Radius of the largest circle round the robot's centre inside the outline (0.225498 m for 0.22 m and 0.01 m)."""
+    """Radius of the largest circle round the robot's center inside the outline (0.225498 m for 0.22 m and 0.01 m)."""
     ends = np.roll(outline, -1, axis=0)
     edges = ends - outline
     areas = outline[:, 0] * ends[:, 1] - outline[:, 1] * ends[:, 0]
@@ -32,5 +32,5 @@ def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
 
 
 def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
-    """Radius of the smallest circle round the robot's centre that holds the outline (0.234142 m for 0.22 m and 0.01 m)."""
+    """Radius of the smallest circle round the robot's center that holds the outline (0.234142 m for 0.22 m and 0.01 m)."""
     return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))

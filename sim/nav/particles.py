@@ -26,7 +26,7 @@ class Cloud(NamedTuple):
     Attributes:
         particles, resampled: (3, N) float64 of x, y, yaw; yaw is not wrapped.
         headings: (2, N) float64: cos and sin of each yaw, from weighting.
-        weights: (N,) float64, normalised; `cumulative` their running sum.
+        weights: (N,) float64, normalized; `cumulative` their running sum.
         guide: (GUIDE + 1,) int32: for each of GUIDE equal shares of weight, a particle at or before the first in it.
         frames: (4, N) x, y in cells of the likelihood table, cos and sin of each particle; float32 in the loop.
         likelihoods: (N,) of the same type: 1 + Σ pz³.

@@ -187,7 +187,7 @@ def _flood_within_bounds(
 
 @inner
 def _to_map(p: Any, leg: Any, n: int, end_x_m: float, end_y_m: float, out: Any, at: int) -> int:
-    """Put `leg`, turned round, behind `out[:at]` in metres, ending at the exact goal; the number of points then there."""
+    """Put `leg`, turned round, behind `out[:at]` in meters, ending at the exact goal; the number of points then there."""
     resolution = p.resolution
     for i in range(n):
         out[at + i, 0] = p.origin_x + leg[n - 1 - i, 0] * resolution

@@ -21,8 +21,8 @@ _HASH: Final = np.uint64(0x9E3779B97F4A7C15)
 _STEPS: Final = np.arange(3, dtype=np.uint64)
 
 
-NEIGHBOURS: Final = np.array([i * _X + j * _Y + k * _YAW for i in _STEPS for j in _STEPS for k in _STEPS])
-"""What to add to the key of a bin's lowest neighbour for each of the 27."""
+NEIGHBORS: Final = np.array([i * _X + j * _Y + k * _YAW for i in _STEPS for j in _STEPS for k in _STEPS])
+"""What to add to the key of a bin's lowest neighbor for each of the 27."""
 
 
 @inner
@@ -154,7 +154,7 @@ def heaviest_cluster(cloud: Cloud, bins: int) -> Any:
             s += sums[k, 4]
             corner = keys[k] - _X - _Y - _YAW
             for step in range(27):
-                slot = _slot(slots, corner + NEIGHBOURS[step])
+                slot = _slot(slots, corner + NEIGHBORS[step])
                 entry = np.uint32(entries[slot])
                 if slots[slot] != 0 and labels[entry] < 0:
                     labels[entry] = label

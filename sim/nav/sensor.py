@@ -16,7 +16,7 @@ OFF_MAP: Final = 1e7
 def weigh(p: Any, n: int, ranges_m: Any, directions: Any, cubed: Any, cloud: Cloud) -> None:
     """Multiply the weights of `n` particles by 1 + Σ pz³ over the beams that AMCL uses.
 
-    The cell of an end point is found by rounding: AMCL takes the map's origin as the centre of cell 0.
+    The cell of an end point is found by rounding: AMCL takes the map's origin as the center of cell 0.
 
     Args:
         ranges_m, directions: (B,) readings and (B, 2) unit vectors of their beams in the robot's frame.
@@ -31,7 +31,7 @@ def weigh(p: Any, n: int, ranges_m: Any, directions: Any, cubed: Any, cloud: Clo
 
 
 @inner
-def normalise(weights: Any, n: int) -> None:
+def normalize(weights: Any, n: int) -> None:
     """Scale the first `n` weights to a sum of 1."""
     total = 0.0
     for k in range(n):

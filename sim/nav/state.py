@@ -63,7 +63,7 @@ COLUMNS: Final = (
 )
 
 _REAL: Final = (
-    # True pose, true motion of the last tick, true way driven.
+    # True pose, true motion of the last tick, true path driven.
     *("true_x", "true_y", "true_yaw", "true_v", "true_w", "distance"),
     # Odometry: pose in the odom frame, reported twist, limited wheel command of the last step.
     *("odom_x", "odom_y", "odom_yaw", "odom_v", "odom_w", "wheel_v", "wheel_w"),
@@ -81,7 +81,7 @@ _REAL: Final = (
 )
 _WHOLE: Final = (
     *("tick", "status", "events", "rows"),
-    *("initialised", "localized", "first_scan", "particles", "bins", "filter_updates"),
+    *("initialized", "localized", "first_scan", "particles", "bins", "filter_updates"),
     *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
     *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
     *("path_n", "path_i", "floods"),
@@ -166,7 +166,7 @@ class Local(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Goals (G, 3) x, y, yaw, and points (M, 2): the path and the one being planned in metres, a leg of it in cells.
+    """Goals (G, 3) x, y, yaw, and points (M, 2): the path and the one being planned in meters, a leg of it in cells.
 
     Attributes:
         bounds: Of the legs of a path.
@@ -256,7 +256,7 @@ def set_pose(stack: Stack, pose: Pose) -> None:
     c, s = math.cos(m["map_odom_yaw"]), math.sin(m["map_odom_yaw"])
     m["map_odom_x"] = pose.x_m - (c * m["odom_x"] - s * m["odom_y"])
     m["map_odom_y"] = pose.y_m - (s * m["odom_x"] + c * m["odom_y"])
-    m["initialised"], m["first_scan"] = 1, 1
+    m["initialized"], m["first_scan"] = 1, 1
 
 
 def give(stack: Stack, mission: Mission) -> Stack:

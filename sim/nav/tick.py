@@ -83,10 +83,10 @@ def advance(
             lap(m, profile.LIDAR)
             gather_near_points(p, m)
             lap(m, profile.COMMAND_PATH)
-            if m.initialised == 1:
+            if m.initialized == 1:
                 localize(p, m, g.cubed, cloud)
             lap(m, profile.AMCL)
-        if m.initialised == 1:
+        if m.initialized == 1:
             _navigate(p, m, g, local, route, controller)
         _send(p, m)
         lap(m, profile.COMMAND_PATH)

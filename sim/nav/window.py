@@ -12,7 +12,7 @@ class Window(NamedTuple):
 
     Attributes:
         costs: (R, C) uint8.
-        place: (3,) float64: x, y of the lower left corner in the odom frame, and the resolution, in metres.
+        place: (3,) float64: x, y of the lower left corner in the odom frame, and the resolution, in meters.
     """
 
     costs: Any

@@ -98,16 +98,16 @@ class ProcessLogCheck(RunAction):
     def enter(self, arguments: Mapping[str, Any]) -> None:
         self._label = arguments["process_name"]
         self._values = [value.encode() for value in arguments["values"]]
-        self._group = self.run.labelled(self._label)
+        self._group = self.run.labeled(self._label)
         self._offset = 0
         if self._group is not None and not arguments.get("from_start", True):
             self._offset = self._group.log.path.stat().st_size
 
     def update(self) -> Status:
         if self._group is None:
-            self._group = self.run.labelled(self._label)
+            self._group = self.run.labeled(self._label)
             if self._group is None:
-                self.message = f"no run_process labelled {self._label!r} has begun"
+                self.message = f"no run_process labeled {self._label!r} has begun"
                 return Status.RUNNING
         log = self._group.log
         over = log.complete.is_set() or log.cut

@@ -133,7 +133,7 @@ class ProcessRun:
             self._news.wait(timeout_s)
         self._news.clear()
 
-    def labelled(self, label: str) -> ProcessGroup | None:
+    def labeled(self, label: str) -> ProcessGroup | None:
         """The command that was started under `label` last."""
         return next((group for group in reversed(self._groups) if group.label == label), None)
 

@@ -18,7 +18,7 @@ MOST_HEADER_BYTES: Final = 1_000_000
 LEAST_CELL_M: Final = 1e-4
 LARGEST_CELL_M: Final = 100.0
 FARTHEST_M: Final = 1e7
-"""Of the origin: farther away a millimetre gets lost in rounding, and at last cells do."""
+"""Of the origin: farther away a millimeter gets lost in rounding, and at last cells do."""
 
 MODES: Final = ("trinary", "scale", "raw")
 
@@ -36,7 +36,7 @@ class MissingMap(MapError):
 
 
 def load_map(path: str | Path) -> OccupancyMap:
-    """Read a map as Nav2's map_server does: modes trinary, scale and raw, negate, thresholds, colours as grey.
+    """Read a map as Nav2's map_server does: modes trinary, scale and raw, negate, thresholds, colors as gray.
 
     The origin's yaw turns the grid about it. As many quarter turns as it has are done to the cells, so that a map turned by
     90° is the map that is drawn turned; what is left of the yaw is the grid's. (Nav2's AMCL and static layer ignore it.)
@@ -48,7 +48,7 @@ def load_map(path: str | Path) -> OccupancyMap:
     header = _header(path)
     resolution_m = _number(header, "resolution", path)
     if not LEAST_CELL_M <= resolution_m <= LARGEST_CELL_M:
-        right = f"metres per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
+        right = f"meters per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
         raise MapError(f"{path}: resolution: found {resolution_m!r}; {right}")
     occupied_threshold = _number(header, "occupied_thresh", path, default=0.65)
     free_threshold = _number(header, "free_thresh", path, default=0.25)
@@ -56,8 +56,8 @@ def load_map(path: str | Path) -> OccupancyMap:
     if mode.lower() not in MODES:
         raise MapError(f"{path}: mode: found {mode!r}; trinary, scale or raw")
     x_m, y_m, yaw_rad = _origin(header, path)
-    grey, opaque = _picture(path, str(header["image"]))
-    cells = _occupancy(grey, opaque, mode.lower(), _flag(header, "negate", path), occupied_threshold, free_threshold)
+    gray, opaque = _picture(path, str(header["image"]))
+    cells = _occupancy(gray, opaque, mode.lower(), _flag(header, "negate", path), occupied_threshold, free_threshold)
     return _placed(cells[::-1], resolution_m, (x_m, y_m), yaw_rad)
 
 
@@ -122,7 +122,7 @@ def _origin(header: Mapping[str, Any], path: Path) -> tuple[float, float, float]
             if max(abs(x_m), abs(y_m)) > FARTHEST_M:
                 raise MapError(f"{path}: origin: found {origin!r}; at most {FARTHEST_M:,.0f} m from zero")
             return x_m, y_m, yaw_rad
-    raise MapError(f"{path}: origin: found {origin!r}; [x, y, yaw] in metres and radians")
+    raise MapError(f"{path}: origin: found {origin!r}; [x, y, yaw] in meters and radians")
 
 
 def _placed(
@@ -145,7 +145,7 @@ def _placed(
 
 
 def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
-    """Grey values (H, W), row 0 at the top, and whether each pixel is opaque; None where all are."""
+    """Gray values (H, W), row 0 at the top, and whether each pixel is opaque; None where all are."""
     file = path.parent / image
     try:
         picture = read_picture(file)
@@ -164,14 +164,14 @@ def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool
 
 
 def _luma(bands: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Grey values (H, W) of red, green and blue by Rec. 601, as GraphicsMagick has them: to 16 bits, of which 8 are kept."""
+    """Gray values (H, W) of red, green and blue by Rec. 601, as GraphicsMagick has them: to 16 bits, of which 8 are kept."""
     red, green, blue = (bands[..., k].astype(np.int32) for k in range(3))
     sixteen_bits = (257 * (299 * red + 587 * green + 114 * blue) + 500) // 1000
     return np.asarray(sixteen_bits // 257, dtype=np.uint8)
 
 
 def _occupancy(
-    grey: NDArray[np.uint8],
+    gray: NDArray[np.uint8],
     opaque: NDArray[np.bool_] | None,
     mode: str,
     negate: bool,
@@ -180,11 +180,11 @@ def _occupancy(
 ) -> NDArray[np.int8]:
     """Cells (H, W) by map_server's arithmetic, which is in single precision."""
     if mode == "raw":
-        return np.where(grey <= OCCUPIED, grey.astype(np.int8), np.int8(UNKNOWN))
-    shade = grey.astype(np.float32) / np.float32(255)
+        return np.where(gray <= OCCUPIED, gray.astype(np.int8), np.int8(UNKNOWN))
+    shade = gray.astype(np.float32) / np.float32(255)
     probability = shade if negate else np.float32(1) - shade
     free, occupied = probability <= np.float32(free_threshold), probability >= np.float32(occupied_threshold)
-    cells = np.full(grey.shape, UNKNOWN, dtype=np.int8)
+    cells = np.full(gray.shape, UNKNOWN, dtype=np.int8)
     if mode == "scale":
         between = ~free & ~occupied
         span = np.float32(occupied_threshold - free_threshold)

@@ -25,7 +25,7 @@ class Event:
         kind: `contact`, `recovery`, `goal_reached`, `goal_missed`, `plan_failed`, `control_failed`, `stopped_by_monitor`;
             `stood_still` where the robot was sent and never moved (`vastflow.sim.loop.standstill`);
             of an obstacle `spawned`, `deleted`, and `obstacle_moved` at each row at which it stands elsewhere than before.
-        x_m, y_m: True position of the robot's centre; of the obstacle's where the event is one of an obstacle.
+        x_m, y_m: True position of the robot's center; of the obstacle's where the event is one of an obstacle.
         what: The partner of a contact, the recovery's name, the number of a goal, the code of a failure, the obstacle, the cause of
             a standstill.
         value: Closing speed of a contact (m/s), yaw of an obstacle (rad); 0 where there is nothing to measure.
@@ -63,7 +63,7 @@ class Run:
         error_code: Nav2's code of the last failure, 0 for a success.
         reason: In words, with the contacts there were; empty for a success without any.
         simulated_s: Simulated time from the start of the run to the scenario's end.
-        distance_m: True way driven.
+        distance_m: True path driven.
         missed_goals: Goals of a waypoint mission that were given up.
         entities: What the scenario itself put into the world, in order.
     """

@@ -57,7 +57,7 @@ def scan(
 
     Args:
         skips: Of the map's walls.
-        obstacles: (K, 6) float64 rows x, y, cos yaw, sin yaw, half length, half width in metres; a half width
+        obstacles: (K, 6) float64 rows x, y, cos yaw, sin yaw, half length, half width in meters; a half width
             of 0 makes a cylinder of radius half length. An x of `inf` stands for an obstacle that is not there.
         sensor_xyt: (3,) sensor position in the map and the robot's yaw.
         directions: (B, 2) beams in the robot's frame, evenly spaced counter-clockwise over one turn at the most.

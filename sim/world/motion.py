@@ -1,6 +1,6 @@
 """Where the robot's body is, and its motion while nothing solid is in the way: then no physics engine is needed.
 
-A free body moves on exact arcs. It is free for certain when no wall and no obstacle comes within a millimetre of it at the end
+A free body moves on exact arcs. It is free for certain when no wall and no obstacle comes within a millimeter of it at the end
 of any physics step, which is when the engine would find a contact; otherwise the engine makes the step.
 """
 

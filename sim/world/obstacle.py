@@ -47,12 +47,12 @@ class Obstacle:
 
     @property
     def circumradius_m(self) -> float:
-        """Greatest distance from the centre to the outline in the plane (paper: centre to corner)."""
+        """Greatest distance from the center to the outline in the plane (paper: center to corner)."""
         return self.length_m / 2 if self.shape == "cylinder" else math.hypot(self.length_m, self.width_m) / 2
 
     @property
     def mean_radius_m(self) -> float:
-        """Mean distance of its floor area's points from the centre: the lever of friction against turning."""
+        """Mean distance of its floor area's points from the center: the lever of friction against turning."""
         if self.shape == "cylinder":
             return self.length_m / 3
         a, b = self.length_m / 2, self.width_m / 2

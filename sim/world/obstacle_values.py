@@ -108,7 +108,7 @@ def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, V
 def _trigger_of(point: Value, distance: Value, point_where: str, distance_where: str) -> Trigger:
     at = pose_of(point, point_where)
     if isinstance(distance, bool) or not isinstance(distance, int | float) or not 0 <= distance < math.inf:
-        raise ValueError(f"{distance_where}: found {distance!r}; a distance in metres, 0 or more")
+        raise ValueError(f"{distance_where}: found {distance!r}; a distance in meters, 0 or more")
     return Trigger(at.x_m, at.y_m, float(distance))
 
 

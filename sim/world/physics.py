@@ -43,7 +43,7 @@ class World:
 
     Attributes:
         events: `contact` of the robot with a wall or an obstacle (value: closing speed, m/s), `spawned`, `obstacle_moved` and
-            `deleted` at an obstacle's centre (value: its yaw, rad), in the order they happened.
+            `deleted` at an obstacle's center (value: its yaw, rad), in the order they happened.
     """
 
     def __init__(self, robot: Robot, walls: WallIndex, obstacles: Sequence[Obstacle]) -> None:

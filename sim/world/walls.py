@@ -9,7 +9,7 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 
 
 def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
-    """Rectangles (N, 4) as x0, y0, x1, y1 in metres whose union borders the map's occupied cells.
+    """Rectangles (N, 4) as x0, y0, x1, y1 in meters whose union borders the map's occupied cells.
 
     Cells that touch nothing but occupied cells are left out, since nothing can reach them. Runs of cells in a row are
     merged with equal runs in the rows above.
@@ -29,7 +29,7 @@ def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:
 
 
 def _shell(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Occupied cells with a neighbour among the eight that is not; beyond the map everything counts as occupied."""
+    """Occupied cells with a neighbor among the eight that is not; beyond the map everything counts as occupied."""
     framed = np.pad(occupied, 1, constant_values=True)
     across = framed[:, :-2] & framed[:, 1:-1] & framed[:, 2:]
     return np.asarray(occupied & ~(across[:-2] & across[1:-1] & across[2:]))
@@ -58,7 +58,7 @@ class WallIndex:
         return math.floor(x_m / self.TILE_M), math.floor(y_m / self.TILE_M)
 
     def around(self, tile: tuple[int, int]) -> list[int]:
-        """Rectangles in a tile and its eight neighbours, in increasing order."""
+        """Rectangles in a tile and its eight neighbors, in increasing order."""
         x, y = tile
         near = {index for dx in (-1, 0, 1) for dy in (-1, 0, 1) for index in self._tiles.get((x + dx, y + dy), ())}
         return sorted(near)

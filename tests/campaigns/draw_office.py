@@ -2,7 +2,7 @@
 
     python tests/campaigns/draw_office.py campaigns/quickstart/maps/office.pgm
 
-All lengths are in metres, x to the right and y up, from the south-west corner of the building.
+All lengths are in meters, x to the right and y up, from the south-west corner of the building.
 """
 
 import sys
@@ -75,35 +75,35 @@ FURNITURE: Final[tuple[Rectangle, ...]] = (
     (9.5, 3.7, 1.5, 0.4),
 )
 COLUMNS: Final[tuple[tuple[float, float, float], ...]] = ((6.4, 2.6, 0.2), (10.4, 5.9, 0.2))
-"""Round columns: x and y of the centre, radius."""
+"""Round columns: x and y of the center, radius."""
 
 
 def office() -> NDArray[np.uint8]:
-    """The map's grey values (H, W), row 0 in the north."""
+    """The map's gray values (H, W), row 0 in the north."""
     width_m, depth_m = (size + 2 * MARGIN_M for size in BUILDING_M)
-    grey = np.full((_cells(depth_m), _cells(width_m)), UNKNOWN, dtype=np.uint8)
-    _fill(grey, (0.0, 0.0, *BUILDING_M), FREE)
+    gray = np.full((_cells(depth_m), _cells(width_m)), UNKNOWN, dtype=np.uint8)
+    _fill(gray, (0.0, 0.0, *BUILDING_M), FREE)
     for rectangles, value in ((WALLS, WALL), (OPENINGS, FREE), (FURNITURE, WALL)):
         for rectangle in rectangles:
-            _fill(grey, rectangle, value)
+            _fill(gray, rectangle, value)
     for x, y, width, depth in FURNITURE:  # a lidar that drew the map saw the outside alone
-        _fill(grey, (x + SHELL_M, y + SHELL_M, width - 2 * SHELL_M, depth - 2 * SHELL_M), UNKNOWN)
-    y_m, x_m = (np.indices(grey.shape) + 0.5) * RESOLUTION_M - MARGIN_M
-    for centre_x_m, centre_y_m, radius_m in COLUMNS:
-        grey[np.hypot(x_m - centre_x_m, y_m - centre_y_m) <= radius_m] = WALL
-    return grey[::-1]
+        _fill(gray, (x + SHELL_M, y + SHELL_M, width - 2 * SHELL_M, depth - 2 * SHELL_M), UNKNOWN)
+    y_m, x_m = (np.indices(gray.shape) + 0.5) * RESOLUTION_M - MARGIN_M
+    for center_x_m, center_y_m, radius_m in COLUMNS:
+        gray[np.hypot(x_m - center_x_m, y_m - center_y_m) <= radius_m] = WALL
+    return gray[::-1]
 
 
-def pgm(grey: NDArray[np.uint8]) -> bytes:
-    """`grey` as a binary PGM file."""
-    height, width = grey.shape
-    return b"P5\n%d %d\n255\n" % (width, height) + grey.tobytes()
+def pgm(gray: NDArray[np.uint8]) -> bytes:
+    """`gray` as a binary PGM file."""
+    height, width = gray.shape
+    return b"P5\n%d %d\n255\n" % (width, height) + gray.tobytes()
 
 
-def _fill(grey: NDArray[np.uint8], rectangle: Rectangle, value: int) -> None:
+def _fill(gray: NDArray[np.uint8], rectangle: Rectangle, value: int) -> None:
     x, y, width, depth = rectangle
     columns = slice(_cells(x + MARGIN_M), _cells(x + width + MARGIN_M))
-    grey[_cells(y + MARGIN_M) : _cells(y + depth + MARGIN_M), columns] = value
+    gray[_cells(y + MARGIN_M) : _cells(y + depth + MARGIN_M), columns] = value
 
 
 def _cells(length_m: float) -> int:

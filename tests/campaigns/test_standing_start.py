@@ -24,9 +24,9 @@ execution: {{timeout: 25}}
 @pytest.fixture
 def made(tmp_path):
     """The instantiation of a start `x_m` from the wall of a room of 8 m x 6 m."""
-    grey = np.zeros((160, 200), dtype=np.uint8)
-    grey[20:-20, 20:-20] = 254
-    Image.fromarray(grey).save(tmp_path / "room.pgm")
+    gray = np.zeros((160, 200), dtype=np.uint8)
+    gray[20:-20, 20:-20] = 254
+    Image.fromarray(gray).save(tmp_path / "room.pgm")
     (tmp_path / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [-1.0, -1.0, 0.0]}\n")
 
     def make(check, x_m, yaw_rad):

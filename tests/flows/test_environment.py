@@ -12,7 +12,7 @@ from vastflow.flows.results.environment import write_map
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.reading.map_file import LARGEST_CELL_M, LEAST_CELL_M, load_map
 
-METRES = st.floats(-1e3, 1e3, allow_nan=False)
+METERS = st.floats(-1e3, 1e3, allow_nan=False)
 RESOLUTIONS = st.sampled_from([0.05, 0.025, 0.1, 1.0, LEAST_CELL_M, LARGEST_CELL_M, 1 / 3])
 
 
@@ -21,7 +21,7 @@ def test_a_map_written_anew_is_the_same_map(tmp_path_factory, values):
     @given(
         arrays(np.int8, array_shapes(min_dims=2, max_dims=2, max_side=12), elements=st.sampled_from(values)),
         RESOLUTIONS,
-        st.tuples(METRES, METRES),
+        st.tuples(METERS, METERS),
         st.sampled_from([0.0, 0.3, -math.pi / 4, math.pi / 4, 1e-4]),
     )
     def check(cells, resolution_m, origin_xy_m, yaw_rad):
@@ -33,6 +33,6 @@ def test_a_map_written_anew_is_the_same_map(tmp_path_factory, values):
     check()
 
 
-def test_a_trinary_map_has_the_grey_values_of_map_saver(tmp_path):
+def test_a_trinary_map_has_the_gray_values_of_map_saver(tmp_path):
     write_map(tmp_path / "e", OccupancyMap(np.array([[0, 100, -1]], dtype=np.int8), 0.05, (0.0, 0.0)))
     assert (tmp_path / "e/map.pgm").read_bytes().endswith(bytes([254, 0, 205]))

@@ -123,7 +123,7 @@ def test_other_mistakes_are_one_message_each(plan, tmp_path):
     out = ("--out", tmp_path / "out")
     missing = tmp_path / "none.fpm"
     assert refused("geometry", missing).startswith(f"{missing}:1:1: file: no such file")
-    assert "--resolution: found inf; a number of metres" in refused("render", plan, *out, "--resolution", "inf")
+    assert "--resolution: found inf; a number of meters" in refused("render", plan, *out, "--resolution", "inf")
     for wrong in ("0", "nan", "fine"):
         assert "Invalid value for '--resolution'" in refused("render", plan, *out, "--resolution", wrong)
     assert "cells; at most" in refused("render", OFFICE_WING, *out, "--resolution", "0.001")

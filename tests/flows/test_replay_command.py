@@ -138,7 +138,7 @@ def rewritten(results, **content):
     (results / "metadata.json").write_text(json.dumps({**metadata_of(results), **content}))
 
 
-def add_a_millimetre(columns):
+def add_a_millimeter(columns):
     columns["x_mm"][12] += 1
 
 
@@ -164,7 +164,7 @@ def test_with_json_standard_output_says_what_was_found_and_where_the_pictures_ar
 
 
 def test_a_tampered_recording_is_reported_with_its_row_and_column_and_pictures_are_made(results):
-    tampered(results, add_a_millimetre)
+    tampered(results, add_a_millimeter)
     done = called(results, "room-2", 1, "--at", "1.0", "--json")
     said = json.loads(done.stdout)
     assert (done.exit_code, said["equal"]) == (1, False)
@@ -176,7 +176,7 @@ def test_a_tampered_recording_is_reported_with_its_row_and_column_and_pictures_a
 
 
 def test_the_other_runs_of_a_tampered_file_are_still_what_was_recorded(results):
-    tampered(results, add_a_millimetre)
+    tampered(results, add_a_millimeter)
     assert called(results, "room-2", 0, "--at", "1.0").exit_code == 0
 
 
@@ -376,7 +376,7 @@ def test_a_result_of_other_code_is_said_so_before_it_is_replayed_and_may_be_equa
 
 def test_a_result_of_another_numeric_class_says_what_of_it_differs(results):
     rewritten(results, numeric_class="riscv64; glibc 2.36; ; ")
-    tampered(results, add_a_millimetre)
+    tampered(results, add_a_millimeter)
     done = called(results, "room-2", 1, "--at", "1.0", "--json")
     before, _, after = done.stderr.partition("NOT THE RECORDED RUN: row 12")
     assert done.exit_code == 1

@@ -29,8 +29,8 @@ RESOLUTION_M = 0.05
 def write_map(directory: Path, cells: np.ndarray, origin_xy_m: tuple[float, float] = (0.0, 0.0)) -> Path:
     """A trinary map of (H, W) cells, row 0 at the lowest y: 0 free, 100 occupied, -1 unknown."""
     directory.mkdir(parents=True, exist_ok=True)
-    grey = np.select([cells == 0, cells == 100], [254, 0], 205).astype(np.uint8)
-    Image.fromarray(grey[::-1]).save(directory / "map.pgm")
+    gray = np.select([cells == 0, cells == 100], [254, 0], 205).astype(np.uint8)
+    Image.fromarray(gray[::-1]).save(directory / "map.pgm")
     x, y = origin_xy_m
     (directory / "map.yaml").write_text(
         f"image: map.pgm\nresolution: {RESOLUTION_M}\norigin: [{x}, {y}, 0.0]\n"

@@ -172,7 +172,7 @@ def test_the_worst_obstacle_is_the_one_with_the_smallest_margin_not_the_nearest(
     # 0.60 - 0.554 > 0 for the small cube, 0.70 - 0.766 < 0 for the large one.
     verdict = judged("safety", passing({box(0.5): 0.60, box(0.8): 0.70}), box(0.5), box(0.8))
     assert verdict.judgement == "fail"
-    assert verdict.reason == "0.700 m from the centre of a box 0.8 x 0.8 m, less than 0.766 m"
+    assert verdict.reason == "0.700 m from the center of a box 0.8 x 0.8 m, less than 0.766 m"
     assert value(verdict, "smallest_separation") == pytest.approx(0.60)
 
 

@@ -68,11 +68,11 @@ def test_localization_error_is_the_distance_of_estimate_and_truth(scenario_on, r
         ((1.0, 2.0), 0.95),  # the wall's inner face is at x = 0.05
         ((3.0, 3.95), 0.0),  # touching the face
         ((3.0, 3.97), 0.0),  # inside the wall
-        ((3.017, 3.5), 0.45),  # not on a cell's centre: straight up all the same
+        ((3.017, 3.5), 0.45),  # not on a cell's center: straight up all the same
         ((3.0, 2.0), 1.95),
     ],
 )
-def test_wall_clearance_is_exact_to_the_millimetre(scenario_on, room, build, xy_m, clearance_m) -> None:
+def test_wall_clearance_is_exact_to_the_millimeter(scenario_on, room, build, xy_m, clearance_m) -> None:
     trace = observed(scenario_on(room), build.a_recording([xy_m, xy_m]))
     np.testing.assert_allclose(trace["wall_clearance_m"], clearance_m, atol=5e-4)
 
@@ -98,7 +98,7 @@ def test_a_map_without_walls_has_no_clearance(scenario_on, tmp_path, build) -> N
     assert "wall_clearance_m" not in observed(scenario_on(field), build.a_recording([(1, 2), (2, 2)])).columns
 
 
-def test_separation_is_from_centre_to_nearest_centre_of_a_size_class(scenario_on, room, build) -> None:
+def test_separation_is_from_center_to_nearest_center_of_a_size_class(scenario_on, room, build) -> None:
     obstacles = [build.box_at(2.0, 3.0), build.box_at(4.0, 3.0), build.box_at(3.0, 0.8, edge_m=0.8)]
     trace = observed(scenario_on(room, obstacles=obstacles), build.a_recording([(2, 2), (4, 1.6), (3, 2)]))
     np.testing.assert_allclose(trace["separation_m/box 0.5 x 0.5 m"], [1.0, 1.4, 2**0.5], atol=5e-4)
@@ -106,7 +106,7 @@ def test_separation_is_from_centre_to_nearest_centre_of_a_size_class(scenario_on
 
 
 def appearing(box: Mapping[str, Any]) -> dict[str, Any]:
-    """`box` as one that the robot sets off within a metre."""
+    """`box` as one that the robot sets off within a meter."""
     return {**box, "spawn_trigger": {"point": {"x": 3.0, "y": 2.0}, "threshold": 1.0}}
 
 

@@ -140,7 +140,7 @@ def test_the_papers_figures_are_consistent():
 
 
 def test_a_way_that_is_not_there_stands_for_all_that_would_have_followed():
-    """The rooms of the paper's safety campaign: 3 of 9 ways, 24 settings, 2 radii; 6 placements find no room."""
+    """The rooms of the paper's safety campaign: 3 of 9 paths, 24 settings, 2 radii; 6 placements find no room."""
     factors = (("start_pose, goal_pose", 9), ("static_objects", 24), (RADIUS, 2))
     rooms = family(
         rows=132,

@@ -222,7 +222,7 @@ def test_every_basis_of_robustness_is_tabulated_beside_the_one_that_judges(synth
     write_report(directory)
     page = Page((directory / "report.html").read_text(encoding="utf-8"))
     assert "maximum, judged by" in page.text
-    assert "sum over metres driven" in page.text
+    assert "sum over meters driven" in page.text
 
 
 def test_rejections_are_shown_with_their_reason_and_how_often(page: Page) -> None:
@@ -338,7 +338,7 @@ def test_an_interval_whose_ends_would_look_the_same_has_more_digits() -> None:
 @pytest.mark.parametrize(
     ("value", "text"), [(None, "–"), (1e-15, "0"), (-1e-15, "0"), (0.0582, "0.058"), (1234.5, "1,234")]
 )
-def test_a_number_is_rounded_to_the_millimetre(value: float | None, text: str) -> None:
+def test_a_number_is_rounded_to_the_millimeter(value: float | None, text: str) -> None:
     assert number(value) == text
 
 

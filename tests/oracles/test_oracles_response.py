@@ -132,7 +132,7 @@ def test_what_appears_after_the_last_row_has_no_response() -> None:
 
 
 def test_a_violation_has_a_time_and_a_distance_from_rim_to_outline() -> None:
-    # Centres 0.60, 0.55, 0.50, 0.50, 0.50 m apart: two steps and a half.
+    # Centers 0.60, 0.55, 0.50, 0.50, 0.50 m apart: two steps and a half.
     verdict = judged([0.5, 0.5, 0.5, 0.0, 0.0], [carton(0.6, appears=False)], {})
     assert verdict.judgement == "fail"
     assert value(verdict, "violation_time") == pytest.approx(0.35)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vastflow.oracles.oracle import OracleError, oracle_of
-from vastflow.oracles.robustness import full_metres
+from vastflow.oracles.robustness import full_meters
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import NoReference, Trace
 from vastflow.oracles.verdict import Verdict
@@ -34,7 +34,7 @@ def measured(verdict: Verdict) -> dict[str, float | None]:
 
 
 def test_every_basis_is_measured_beside_the_one_that_judges() -> None:
-    # Updates at rows 1 and 3; metres are full at rows 2 (1.2 m) and 4 (2.0 m); row 0 is before AMCL's first pose.
+    # Updates at rows 1 and 3; meters are full at rows 2 (1.2 m) and 4 (2.0 m); row 0 is before AMCL's first pose.
     verdict = judged([900, 10, 20, 40, 80], [0, 1, 0, 1, 0], x_m=[0, 0.5, 1.7, 2.4, 2.5])
     assert measured(verdict) == pytest.approx(
         {
@@ -55,7 +55,7 @@ def test_every_basis_is_measured_beside_the_one_that_judges() -> None:
     [
         ("update", "summed localization error over 2 updates of AMCL 0.050 m, more than 0.01 m"),
         ("step", "summed localization error over time steps 0.150 m, more than 0.01 m"),
-        ("metre", "summed localization error over metres driven 0.100 m, more than 0.01 m"),
+        ("metre", "summed localization error over meters driven 0.100 m, more than 0.01 m"),
         ("mean", "mean localization error 0.037 m, more than 0.01 m"),
         ("maximum", "greatest localization error 0.080 m, more than 0.01 m"),
     ],
@@ -75,7 +75,7 @@ def test_a_sum_of_exactly_the_threshold_passes(last_mm: int, judgement: str) -> 
 @pytest.mark.parametrize(("error_mm", "judgement"), [(300, "pass"), (301, "fail")])
 def test_a_single_sample_is_its_own_sum_mean_and_maximum(basis: str, error_mm: int, judgement: str) -> None:
     verdict = judged([0, error_mm], [0, 1], x_m=[0, 0], basis=basis)
-    expected = "pass" if basis == "metre" else judgement  # no metre is full
+    expected = "pass" if basis == "metre" else judgement  # no meter is full
     assert verdict.judgement == expected
 
 
@@ -107,7 +107,7 @@ def test_a_basis_that_does_not_exist_is_refused() -> None:
         oracle_of("robustness", {"basis": "second"})
 
 
-def test_full_metres_are_counted_along_the_way() -> None:
+def test_full_meters_are_counted_along_the_way() -> None:
     xy_m = np.column_stack(([0.0, 0.6, 0.6, 0.6, 0.6], [0.0, 0.0, 0.4, 0.4, 2.6]))
-    np.testing.assert_array_equal(full_metres(xy_m), [2, 4, 4])  # lengths 0, 0.6, 1.0, 1.0, 3.2
-    assert full_metres(xy_m[:2]).size == 0
+    np.testing.assert_array_equal(full_meters(xy_m), [2, 4, 4])  # lengths 0, 0.6, 1.0, 1.0, 3.2
+    assert full_meters(xy_m[:2]).size == 0

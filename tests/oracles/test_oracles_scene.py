@@ -105,7 +105,7 @@ def test_maps_of_one_floor_plan_are_numbered(synthetic_campaign, tmp_path, build
 
 
 def test_a_turned_map_is_drawn_where_it_lies(tmp_path, build):
-    """Every cell of the map has its colour on the figure at its place in the map's frame."""
+    """Every cell of the map has its color on the figure at its place in the map's frame."""
     file = build.write_map(tmp_path / "room", build.walled_room(4.0, 3.0), origin_xy_m=(1.0, -2.0))
     file.write_text(file.read_text().replace("-2.0, 0.0]", "-2.0, 0.5]"))
     occupancy = load_map(file)
@@ -118,7 +118,7 @@ def test_a_turned_map_is_drawn_where_it_lies(tmp_path, build):
     canvas.draw()
     picture = np.asarray(canvas.buffer_rgba())
     for cell, dark in (((0, 40), True), ((59, 3), True), ((30, 0), True), ((30, 40), False), ((10, 70), False)):
-        column, up = axes.transData.transform(occupancy.centre_of(*cell))
+        column, up = axes.transData.transform(occupancy.center_of(*cell))
         assert (picture[picture.shape[0] - 1 - int(up), int(column), 0] < 128) == dark, cell
     column, up = axes.transData.transform((x0 + 0.1, y0 + 0.1))  # in the bounds, and off the turned map
     assert tuple(picture[picture.shape[0] - 1 - int(up), int(column), :3]) != (255, 255, 255)

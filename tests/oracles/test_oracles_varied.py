@@ -19,7 +19,7 @@ def test_a_map_is_called_by_its_name_and_another_file_by_the_beginning_of_its_di
     assert rows({"map_file": {"file": MAP}, "mesh": other}, {}) == [{"map_file": "office", "mesh": "cdcdcdcd"}]
 
 
-def test_the_length_of_the_path_is_a_factor_to_the_centimetre():
+def test_the_length_of_the_path_is_a_factor_to_the_centimeter():
     assert rows({"noise": 0.1}, {"_path_length": 5.031370849898476}) == [{"noise": 0.1, "path length (m)": 5.03}]
 
 

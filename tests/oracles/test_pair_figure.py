@@ -24,7 +24,7 @@ def drawn(*sides):
     return content, np.asarray(Image.open(io.BytesIO(content)).convert("RGB")).astype(int)
 
 
-def coloured(pixels, rgb):
+def colored(pixels, rgb):
     return int((np.abs(pixels - rgb).sum(axis=2) < 30).sum())
 
 
@@ -33,8 +33,8 @@ def test_both_sides_are_drawn_and_failures_stand_out(build, tmp_path):
     _, pixels = drawn(*sides)
     left, right = pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
     blue, vermilion = (0, 114, 178), (213, 94, 0)
-    assert coloured(left, blue) > 200 and coloured(right, vermilion) > 200
-    assert coloured(right[:-90], blue) < coloured(left[:-90], blue)
+    assert colored(left, blue) > 200 and colored(right, vermilion) > 200
+    assert colored(right[:-90], blue) < colored(left[:-90], blue)
 
 
 def test_equal_sides_give_equal_bytes(build, tmp_path):

@@ -1,4 +1,4 @@
-"""Pictures of a replay: what stands where, in which colour, on strips, stills and films."""
+"""Pictures of a replay: what stands where, in which color, on strips, stills and films."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from vastflow.oracles.figures.palette import COLOURS, GOAL_COLOUR, INK
-from vastflow.oracles.replay.close_up import BELIEF_COLOUR, draw_close_up, ground
+from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK
+from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, ground
 from vastflow.oracles.replay.film import FRAME_MS, LAST_MS, write_film
 from vastflow.oracles.replay.page import ranges_text
 from vastflow.oracles.replay.still import _image, still_images
@@ -80,20 +80,20 @@ def pixels(figure):
 
 @pytest.fixture
 def close_up(occupancy):
-    """The colour at a place of the map in a close-up of 4 m × 4 m."""
+    """The color at a place of the map in a close-up of 4 m × 4 m."""
     figure = Figure(figsize=(8, 8), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1))
     draw_close_up(axes, occupancy, a_snapshot(50), a_story(occupancy).way_until(50), BOX)
     drawn = pixels(figure)
 
-    def colour_at(x_m, y_m):
+    def color_at(x_m, y_m):
         return tuple(drawn[799 - int(y_m * 200), int(x_m * 200)].tolist())
 
-    return colour_at
+    return color_at
 
 
-def rgb(colour):
-    return tuple(round(255 * part) for part in to_rgb(colour))
+def rgb(color):
+    return tuple(round(255 * part) for part in to_rgb(color))
 
 
 def near(one, other, by=3):
@@ -105,10 +105,10 @@ def test_the_true_body_is_dark_where_the_robot_is(close_up):
 
 
 def test_the_goal_is_a_green_mark(close_up):
-    assert near(close_up(GOAL.x_m, GOAL.y_m), rgb(GOAL_COLOUR))
+    assert near(close_up(GOAL.x_m, GOAL.y_m), rgb(GOAL_COLOR))
 
 
-def test_the_way_has_the_colour_of_the_judgement(close_up):
+def test_the_way_has_the_color_of_the_judgement(close_up):
     red, green, blue = close_up(1.15, 2.0)
     assert red > green + 50 > blue + 50
 
@@ -126,10 +126,10 @@ def test_an_obstacle_stands_where_it_is_and_one_that_has_not_appeared_is_nowhere
 
 def test_a_mark_of_the_local_costmap_is_where_the_turned_window_puts_it(close_up):
     c, s, x, y = np.cos(0.3), np.sin(0.3), 40.5 * 0.05, 20.5 * 0.05
-    assert near(close_up(1.0 + c * x - s * y, 0.5 + s * x + c * y), rgb(BELIEF_COLOUR), by=20)
+    assert near(close_up(1.0 + c * x - s * y, 0.5 + s * x + c * y), rgb(BELIEF_COLOR), by=20)
 
 
-def test_costs_have_colours_of_their_own_and_walls_lie_over_them(occupancy):
+def test_costs_have_colors_of_their_own_and_walls_lie_over_them(occupancy):
     picture = ground(occupancy, a_snapshot(0).global_costs)
     assert tuple(picture[0, 5]) == WALL
     assert tuple(picture[75, 5]) == UNKNOWN
@@ -216,11 +216,11 @@ def test_a_film_shows_all_pictures_and_the_last_one_longest(film):
     assert shown == [FRAME_MS] * 3 + [LAST_MS]
 
 
-def test_a_film_keeps_white_white_and_the_colours_of_small_marks(film):
+def test_a_film_keeps_white_white_and_the_colors_of_small_marks(film):
     with Image.open(film) as picture:
-        colours = {colour for _, colour in picture.convert("RGB").getcolors(maxcolors=1024)}
-    assert FREE in colours
-    assert {rgb(GOAL_COLOUR), rgb(COLOURS["fail"])} <= colours
+        colors = {color for _, color in picture.convert("RGB").getcolors(maxcolors=1024)}
+    assert FREE in colors
+    assert {rgb(GOAL_COLOR), rgb(COLORS["fail"])} <= colors
 
 
 def test_a_small_run_is_shown_whole_from_beginning_to_end(occupancy):

@@ -8,7 +8,7 @@ from vastflow.oracles.statistics.contrast import contrasts_of
 from vastflow.oracles.statistics.factors import factors_of
 
 
-def analysed(rows, failed, runs=20, blocks=None) -> FactorAnalysis:
+def analyzed(rows, failed, runs=20, blocks=None) -> FactorAnalysis:
     failed = np.asarray(failed)
     found = factor_analysis(factors_of(rows)[0], runs - failed, np.full(len(rows), runs), blocks)
     assert found is not None
@@ -25,7 +25,7 @@ def test_holm_multiplies_by_the_tests_that_are_left() -> None:
 
 def test_rates_and_differences_of_levels_are_those_of_the_table() -> None:
     failed = [10 if row["a"] else 2 for row in GRID]
-    (effect,) = analysed([{"a": row["a"]} for row in GRID], [f + (k % 3) - 1 for k, f in enumerate(failed)]).factors
+    (effect,) = analyzed([{"a": row["a"]} for row in GRID], [f + (k % 3) - 1 for k, f in enumerate(failed)]).factors
     assert (effect.name, effect.highest, effect.lowest) == ("a", "1", "0")
     assert [level.rate for level in effect.levels] == pytest.approx([0.1, 0.5])
     assert effect.difference == pytest.approx(0.4)
@@ -37,7 +37,7 @@ def test_rates_and_differences_of_levels_are_those_of_the_table() -> None:
 def test_unbalanced_levels_are_adjusted_for_the_other_factors() -> None:
     # b alone acts, by 0.5; a = 1 has b = 1 more often, so its plain rate is higher.
     rows = [{"a": a, "b": b} for a, b, n in ((0, 0, 9), (0, 1, 3), (1, 0, 3), (1, 1, 9)) for _ in range(n)]
-    found = analysed(rows, [2 + 10 * row["b"] for row in rows])
+    found = analyzed(rows, [2 + 10 * row["b"] for row in rows])
     by_name = {effect.name: effect for effect in found.factors}
     assert by_name["a"].levels[1].rate - by_name["a"].levels[0].rate == pytest.approx(0.25)
     assert by_name["a"].difference == pytest.approx(0.0, abs=1e-9)
@@ -47,7 +47,7 @@ def test_unbalanced_levels_are_adjusted_for_the_other_factors() -> None:
 def test_an_interaction_has_cells_that_do_not_add_up() -> None:
     rng = np.random.default_rng(3)
     rows = [{"a": a, "b": b} for a, b in product((0, 1), (0, 1)) for _ in range(25)]
-    found = analysed(rows, rng.binomial(20, [0.1 + 0.4 * (row["a"] == row["b"]) for row in rows]))
+    found = analyzed(rows, rng.binomial(20, [0.1 + 0.4 * (row["a"] == row["b"]) for row in rows]))
     (pair,) = found.interactions
     assert pair.significant
     assert not any(effect.significant for effect in found.factors)
@@ -57,13 +57,13 @@ def test_an_interaction_has_cells_that_do_not_add_up() -> None:
 
 @pytest.mark.parametrize("failed", [0, 20])
 def test_where_all_runs_end_alike_no_factor_matters(failed: int) -> None:
-    found = analysed(GRID, [failed] * len(GRID))
+    found = analyzed(GRID, [failed] * len(GRID))
     assert {effect.p_value for effect in (*found.factors, *found.interactions)} == {1.0}
     assert found.factors[0].levels[0].interval.high - found.factors[0].levels[0].interval.low < 0.35
 
 
 def test_a_level_that_always_fails_breaks_nothing_and_is_found() -> None:
-    found = analysed(GRID, [20 * row["a"] for row in GRID])
+    found = analyzed(GRID, [20 * row["a"] for row in GRID])
     effect = found.factors[0]
     assert (effect.name, effect.difference, effect.significant) == ("a", pytest.approx(1.0), True)
     low, high = effect.difference_interval
@@ -72,7 +72,7 @@ def test_a_level_that_always_fails_breaks_nothing_and_is_found() -> None:
 
 def test_two_configurations_of_each_level_show_nothing_however_often_they_run() -> None:
     rows = [{"a": k // 2} for k in range(4)]
-    assert not analysed(rows, [0, 0, 2000, 2000], runs=2000).factors[0].significant
+    assert not analyzed(rows, [0, 0, 2000, 2000], runs=2000).factors[0].significant
 
 
 def test_one_judged_configuration_is_no_analysis() -> None:
@@ -90,14 +90,14 @@ def test_a_level_without_judged_runs_drops_out() -> None:
 
 def test_a_factor_that_comes_with_another_alone_can_not_be_told_from_it() -> None:
     rows = [{"a": k % 3, "b": (k % 3 > 0) * 1} for k in range(12)]
-    by_name = {effect.name: effect for effect in analysed(rows, range(12)).factors}
+    by_name = {effect.name: effect for effect in analyzed(rows, range(12)).factors}
     assert (by_name["b"].p_value, by_name["b"].note) == (None, "can't be told from other factors")
     assert by_name["a"].p_value is not None
 
 
 def test_levels_of_factors_that_never_meet_are_no_interaction() -> None:
     rows = [{"a": k % 2} for k in range(6)] + [{"b": k % 2} for k in range(6)]
-    (pair,) = analysed(rows, range(12)).interactions
+    (pair,) = analyzed(rows, range(12)).interactions
     assert (pair.p_value, pair.cells) == (None, ())
 
 
@@ -108,7 +108,7 @@ def test_configurations_on_one_path_do_not_count_as_many_where_paths_are_compare
     path = np.repeat(np.arange(6), 20)
     rates = np.array([0.9, 0.1, 0.5, 0.1, 0.2, 0.1])[path]
     failed = rng.binomial(20, rates)
-    blocked, alone = analysed(rows, failed, blocks=path), analysed(rows, failed)
+    blocked, alone = analyzed(rows, failed, blocks=path), analyzed(rows, failed)
     maps = [next(effect for effect in found.factors if effect.name == "map") for found in (blocked, alone)]
     assert alone.blocks == 120 and blocked.blocks == 6
     assert maps[1].significant and not maps[0].significant
@@ -120,14 +120,14 @@ def test_the_variance_of_outcomes_is_divided_without_remainder() -> None:
     rng = np.random.default_rng(5)
     rows = [{"a": k % 2} for k in range(400)]
     # Var of a run: p(1 - p) with p = 0.4; of which 0.2² = 0.04 is the factor's.
-    found = analysed(rows, rng.binomial(20, [0.2 + 0.4 * row["a"] for row in rows])).variance
+    found = analyzed(rows, rng.binomial(20, [0.2 + 0.4 * row["a"] for row in rows])).variance
     assert found.repetition + found.factors + found.interactions + found.unexplained == pytest.approx(1.0)
     assert found.factors == pytest.approx(0.04 / 0.24, abs=0.02)
     assert found.unexplained == pytest.approx(0.0, abs=0.02)
 
 
 def test_permutations_of_few_values_give_the_exact_p_value() -> None:
-    # Of the 20 ways to choose 3 of 6, two are as extreme: Fisher's exact test says 0.1.
+    # Of the 20 paths to choose 3 of 6, two are as extreme: Fisher's exact test says 0.1.
     found = contrasts_of(np.array([0.0, 0, 0, 1, 1, 1]), np.arange(6), draws=4000).test(
         np.array([[0.0], [0], [0], [1], [1], [1]]), np.ones((6, 1))
     )
@@ -147,4 +147,4 @@ def test_the_p_value_of_many_configurations_is_that_of_analysis_of_variance() ->
 
 def test_the_same_data_give_the_same_p_values() -> None:
     failed = np.random.default_rng(8).binomial(20, 0.3, len(GRID))
-    assert analysed(GRID, failed).factors == analysed(GRID, failed).factors
+    assert analyzed(GRID, failed).factors == analyzed(GRID, failed).factors

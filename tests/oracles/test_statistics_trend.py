@@ -11,7 +11,7 @@ ONE = np.ones((40, 1))
 ALONE = np.arange(40)
 
 
-def analysed(lengths, failed, runs=20, blocks=None, **others) -> FactorAnalysis:
+def analyzed(lengths, failed, runs=20, blocks=None, **others) -> FactorAnalysis:
     rows = [{"length": float(v), **{name: values[k] for name, values in others.items()}} for k, v in enumerate(lengths)]
     found = factor_analysis(factors_of(rows)[0], runs - np.asarray(failed), np.full(len(rows), runs), blocks)
     assert found is not None
@@ -33,7 +33,7 @@ def test_the_slope_is_that_of_least_squares_and_its_interval_about_as_wide() -> 
 
 
 def test_a_slope_beside_another_factor_is_that_within_its_levels() -> None:
-    # Long ways on map B, which is harder by 0.3; a metre costs 0.01 on either.
+    # Long ways on map B, which is harder by 0.3; a meter costs 0.01 on either.
     lengths = np.r_[np.linspace(5, 15, 20), np.linspace(10, 20, 20)]
     b = np.repeat([0.0, 1.0], 20)
     found = trend_of(contrasts_of(0.3 * b + 0.01 * lengths, ALONE, 999), lengths, np.column_stack((ONE, b)), 0.05)
@@ -65,7 +65,7 @@ def test_configurations_without_the_number_are_in_no_trend() -> None:
 
 @pytest.mark.parametrize("failed", [0, 20])
 def test_where_all_runs_end_alike_the_trend_is_flat(failed: int) -> None:
-    (factor,) = analysed(np.linspace(5, 20, 24), [failed] * 24).factors
+    (factor,) = analyzed(np.linspace(5, 20, 24), [failed] * 24).factors
     assert factor.trend is not None
     assert factor.trend.interval == pytest.approx((0.0, 0.0))
     assert (factor.p_value, factor.significant) == (1.0, False)
@@ -76,7 +76,7 @@ def test_a_rise_over_eight_paths_is_found_where_their_lengths_are_all_different(
     rng = np.random.default_rng(2)
     lengths = np.repeat(np.linspace(5, 26, 8), 3)
     failed = rng.binomial(20, np.clip((lengths - 4) / 25, 0, 1))
-    found = analysed(lengths, failed, blocks=np.repeat(np.arange(8), 3), setting=[0, 1, 2] * 8)
+    found = analyzed(lengths, failed, blocks=np.repeat(np.arange(8), 3), setting=[0, 1, 2] * 8)
     length = next(factor for factor in found.factors if factor.name == "length")
     assert length.significant
     assert length.trend is not None and length.trend.interval[0] < 1 / 25 < length.trend.interval[1]
@@ -85,7 +85,7 @@ def test_a_rise_over_eight_paths_is_found_where_their_lengths_are_all_different(
 def test_the_tests_of_levels_and_of_the_trend_share_the_error() -> None:
     rng = np.random.default_rng(5)
     lengths, failed = np.repeat([5.0, 10.0, 15.0, 20.0], 10), rng.binomial(20, 0.3, 40)
-    (factor,) = analysed(lengths, failed).factors
+    (factor,) = analyzed(lengths, failed).factors
     levels = (lengths[:, None] == [10.0, 15.0, 20.0]).astype(float)
     of_levels = contrasts_of(failed / 20, ALONE, 999).test(levels, ONE).p_value
     assert factor.trend is not None and factor.trend.p_value is not None and of_levels is not None

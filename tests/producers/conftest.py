@@ -10,7 +10,7 @@ from PIL import Image
 from vastflow.sim.digest import FileContent
 from vastflow.sim.reading.map_file import map_content
 
-GREY = {".": 254, "#": 0, "?": 205}
+GRAY = {".": 254, "#": 0, "?": 205}
 
 SHARED_MAPS = Path(__file__).parents[3] / "shared" / "maps"
 
@@ -21,8 +21,8 @@ def drawn_map(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., FileCon
 
     def write(*rows: str, cells: int = 1, resolution_m: float = 0.05) -> FileContent:
         folder = tmp_path_factory.mktemp("map")
-        grey = np.array([[GREY[letter] for letter in row] for row in rows], dtype=np.uint8)
-        Image.fromarray(np.kron(grey, np.ones((cells, cells), dtype=np.uint8))).save(folder / "map.pgm")
+        gray = np.array([[GRAY[letter] for letter in row] for row in rows], dtype=np.uint8)
+        Image.fromarray(np.kron(gray, np.ones((cells, cells), dtype=np.uint8))).save(folder / "map.pgm")
         (folder / "map.yaml").write_text(
             f"image: map.pgm\nresolution: {resolution_m}\norigin: [-1.0, -2.0, 0.0]\n"
             "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

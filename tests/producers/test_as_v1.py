@@ -59,7 +59,7 @@ def narrow(drawn_map):
     seed=st.integers(0, 99),
 )
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_centres_are_apart_near_the_path_and_off_the_stops_and_a_path_remains(
+def test_centers_are_apart_near_the_path_and_off_the_stops_and_a_path_remains(
     wide, amount, max_distance, side, shape, seed
 ):
     size = f"width:={side}, length:={side}" if shape == "box" else f"radius:={side / 2}"
@@ -69,20 +69,20 @@ def test_centres_are_apart_near_the_path_and_off_the_stops_and_a_path_remains(
         assert item.reason.startswith("as version 1 places them")
         return
     placed = obstacles_of({"static_objects": item.values["static_objects"]})
-    centres = [(each.pose.x_m, each.pose.y_m) for each in placed]
+    centers = [(each.pose.x_m, each.pose.y_m) for each in placed]
     assert len(placed) == amount
     path = LineString(wide["_path"])
-    assert all(path.distance(Point(centre)) <= max_distance + 1e-5 for centre in centres)
-    assert all(math.dist(one, other) >= 1.5 * DIAMETER_M for one, other in itertools.combinations(centres, 2))
+    assert all(path.distance(Point(center)) <= max_distance + 1e-5 for center in centers)
+    assert all(math.dist(one, other) >= 1.5 * DIAMETER_M for one, other in itertools.combinations(centers, 2))
     stops = [tuple(wide[key]["position"].values()) for key in ("start_pose", "goal_pose")]
-    assert all(math.dist(centre, stop) >= 2 * DIAMETER_M for centre in centres for stop in stops)
+    assert all(math.dist(center, stop) >= 2 * DIAMETER_M for center in centers for stop in stops)
     occupancy = load_map(wide["map_file"].path)
     passable = octile.inflated_free(occupancy.free, math.ceil(DIAMETER_M / 2 / occupancy.resolution_m))
     # A box grown by the radius has the corners of a box: cap and join are square.
     grown = [each.footprint().buffer(DIAMETER_M / 2, join_style="mitre") for each in placed]
-    centres_m = octile.path_xy_m(occupancy, np.argwhere(np.ones(occupancy.shape)))
+    centers_m = octile.path_xy_m(occupancy, np.argwhere(np.ones(occupancy.shape)))
     for each in grown:
-        passable &= ~contains_xy(each.buffer(-1e-6), *centres_m.T).reshape(occupancy.shape)
+        passable &= ~contains_xy(each.buffer(-1e-6), *centers_m.T).reshape(occupancy.shape)
     assert octile.shortest_path(occupancy, passable, np.array(stops)) is not None
 
 
@@ -103,7 +103,7 @@ def test_a_set_that_leaves_no_path_is_drawn_ten_times_and_then_rejected(narrow):
     assert item.reason == "as version 1 places them, 10 of 10 sets of 1 obstacles left no way to the goals"
 
 
-def test_more_centres_than_the_path_holds_are_rejected_with_how_many_it_held(wide):
+def test_more_centers_than_the_path_holds_are_rejected_with_how_many_it_held(wide):
     (item,) = evaluate(obstacles(obstacle_configs=boxes(60, max_distance=0.0, side=0.05)), wide)
     assert item.reason.startswith("as version 1 places them, at most ")
     assert item.reason.endswith(" of 60 obstacles found room in 10 attempts")

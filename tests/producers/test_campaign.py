@@ -164,8 +164,8 @@ def test_lists_of_obstacles_among_the_parameters_belong_to_the_environment(load:
 
 
 def test_the_file_overrides_a_dimension(load: Load) -> None:
-    campaign = load(FIXED + "  - colour: red\n  dimensions: {colour: environment}\n")
-    assert campaign.families[0].dimensions == {"colour": "environment"}
+    campaign = load(FIXED + "  - color: red\n  dimensions: {color: environment}\n")
+    assert campaign.families[0].dimensions == {"color": "environment"}
 
 
 def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, folder: Path) -> None:
@@ -209,11 +209,11 @@ def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
 
 
 def test_a_parameter_that_nothing_reads_is_a_warning(load: Load) -> None:
-    (note,) = load(FIXED + "  - robot_colour: red\n").notes
+    (note,) = load(FIXED + "  - robot_color: red\n").notes
     assert (note.kind, note.line, note.what) == (
         "warning",
         7,
-        "nothing in this version's simulator reads 'robot_colour'",
+        "nothing in this version's simulator reads 'robot_color'",
     )
 
 
@@ -355,8 +355,8 @@ def test_an_action_that_nothing_here_can_do_is_a_fault_before_anything_runs(load
             "2:9: configuration[0].name: a navigation mission needs goal_pose or goal_poses, which nothing writes; ",
         ),
         (
-            FIXED.replace("parameters:", "variations:\n  - PathVariationRandom: {path_length: 1}\n  parametres:"),
-            "5:3: configuration[0]: unknown key 'parametres'; did you mean 'parameters'?",
+            FIXED.replace("parameters:", "variations:\n  - PathVariationRandom: {path_length: 1}\n  parameters:"),
+            "5:3: configuration[0]: unknown key 'parameters'; did you mean 'parameters'?",
         ),
         ("configuration:\n", "1:1: configuration: an empty campaign; a list of families, '- name: ...'"),
         ("configuration: []\n", "1:1: configuration: an empty campaign; "),

@@ -95,7 +95,7 @@ def test_a_mutated_plan_gives_a_building_or_clean_faults(file):
             continue
         built += 1
         assert geometry_of(building)["spaces"]
-        assert set(grid.grey.ravel().tolist()) <= {0, 200, 255}
+        assert set(grid.gray.ravel().tolist()) <= {0, 200, 255}
         if built % 5 == 0:
             assert is_closed(mesh_of(building)), text
     assert BUDGET / 20 < built < BUDGET  # neither are all refused nor is all accepted

@@ -119,7 +119,7 @@ def test_a_name_with_wall_in_it_changes_nothing():
     first, second = (geometry(text) for text in texts)
     assert first["obstacles"] == second["obstacles"]
     assert first["spaces"]["b"] == second["spaces"]["b"]
-    assert first["obstacles"]["c"]["polygon"][0] == pytest.approx((0, 2.3))  # in b, half a metre from its south wall
+    assert first["obstacles"]["c"]["polygon"][0] == pytest.approx((0, 2.3))  # in b, half a meter from its south wall
 
 
 def test_features_of_one_name_in_two_rooms_are_told_apart():
@@ -128,12 +128,12 @@ def test_features_of_one_name_in_two_rooms_are_told_apart():
     assert list(names) == ["a.c", "b.c"]
 
 
-metres = st.floats(-50, 50)
+meters = st.floats(-50, 50)
 turns = st.floats(-7, 7)
-transforms = st.builds(Transform, metres, metres, turns)
+transforms = st.builds(Transform, meters, meters, turns)
 
 
-@given(transforms, transforms, st.tuples(metres, metres))
+@given(transforms, transforms, st.tuples(meters, meters))
 def test_transforms_compose_and_undo_each_other(outer, inner, point):
     assert outer.then(inner).apply(point) == pytest.approx(outer.apply(inner.apply(point)), abs=1e-9)
     assert outer.inverse().apply(outer.apply(point)) == pytest.approx(point, abs=1e-9)
@@ -197,7 +197,7 @@ def test_the_walls_round_a_convex_room_fill_its_mitred_offset(outline, thickness
 @given(polygons(), st.floats(0.05, 0.4))
 @settings(max_examples=150)
 def test_walls_leave_no_gap_round_a_room_of_any_shape_whose_walls_are_longer_than_thick(outline, thickness):
-    """Beside a notch of shorter walls a sliver of up to a hundred square centimetres can stay open.
+    """Beside a notch of shorter walls a sliver of up to a hundred square centimeters can stay open.
 
     Long enough is a wall that is two thicknesses longer than what the mitres at its ends take of it.
     """

@@ -35,7 +35,7 @@ def at(found, x, y):
 
 def test_the_example_has_the_documented_size_and_origin():
     found = grid(EXAMPLE)
-    assert found.grey.shape == (int(2.25 / 0.05) + 50, int(9.5 / 0.05) + 50)
+    assert found.gray.shape == (int(2.25 / 0.05) + 50, int(9.5 / 0.05) + 50)
     assert found.origin_xy_m == (-3.25, -0.5)
     assert (found.resolution_m, found.laser_height_m) == (0.05, 0.193)
 
@@ -86,7 +86,7 @@ def test_the_slice_of_a_round_door_is_as_wide_as_the_door_at_that_height():
 def test_a_door_opens_a_cell_beyond_both_faces():
     text = ROOM + "Entryway d: shape: Rectangle width=1 m, height=2 m location: in: a.walls[0] translation: z: 1 m\n"
     closed = text.replace("Entryway", "Window")
-    opened = (grid(text).grey != grid(closed).grey).any(axis=1).sum()
+    opened = (grid(text).gray != grid(closed).gray).any(axis=1).sum()
     assert opened == pytest.approx(0.2 / 0.05 + 2, abs=1)
 
 
@@ -94,24 +94,24 @@ def test_a_plan_away_from_the_origin_has_its_origin_where_it_is():
     moved = ROOM.replace("of: this", "of: this translation: x: 30 m, y: 20 m")
     here, there = grid(ROOM), grid(moved)
     assert there.origin_xy_m == (30 - 2 - 1.25, 20 - 1.5 - 1.25)
-    assert np.array_equal(here.grey, there.grey)
+    assert np.array_equal(here.gray, there.gray)
 
 
 def test_every_wall_fits_into_the_picture_however_thick():
     found = grid(ROOM.replace("0.2 m", "2.0 m"))
     assert at(found, 0, 3.4) == at(found, -3.9, 0) == OCCUPIED
-    assert (found.grey[[0, -1]] == 200).all()
+    assert (found.gray[[0, -1]] == 200).all()
 
 
 def test_the_border_is_25_cells_on_each_side_at_any_resolution():
-    assert grid(ROOM, resolution_m=0.02).grey.shape == (150 + 50, 200 + 50)
+    assert grid(ROOM, resolution_m=0.02).gray.shape == (150 + 50, 200 + 50)
 
 
 def test_rounding_noise_does_not_choose_the_cells_of_walls_on_the_grid():
     # 0.1 + 0.2 and 0.3 are apart in the last bit; corners on the border of cells must not hang on it.
     moved = ROOM.replace("of: this", "of: this translation: x: 0.30000000000000004 m")
     same = ROOM.replace("of: this", "of: this translation: x: 0.3 m")
-    assert np.array_equal(grid(moved).grey, grid(same).grey)
+    assert np.array_equal(grid(moved).gray, grid(same).gray)
     assert grid(moved).origin_xy_m == grid(same).origin_xy_m
 
 

@@ -104,7 +104,7 @@ def test_a_variable_is_a_length_or_an_angle_wherever_one_can_stand_and_may_be_ne
     assert room(text)[0] == (-3.5, 2.5)
 
 
-def test_an_angle_without_a_unit_is_in_radians_and_a_length_in_metres():
+def test_an_angle_without_a_unit_is_in_radians_and_a_length_in_meters():
     assert room(changed("of: this", "of: this translation: x: 1 rotation: z: 3.141592653589793"))[0] == (3, -1.5)
 
 

@@ -86,7 +86,7 @@ def test_every_obstacle_stands_free_near_the_path_and_a_way_remains(
     for footprint in footprints:
         first, last = occupancy.cell_of(*footprint.bounds[:2]), occupancy.cell_of(*footprint.bounds[2:])
         for row, column in itertools.product(range(first[0], last[0] + 1), range(first[1], last[1] + 1)):
-            x, y = occupancy.centre_of(row, column)
+            x, y = occupancy.center_of(row, column)
             if footprint.intersects(box(x - 0.025, y - 0.025, x + 0.025, y + 0.025)):
                 assert occupancy.free[row, column]
                 free[row, column] = False
@@ -109,7 +109,7 @@ def test_covered_cells_are_those_whose_square_meets_the_footprint(drawn_map, x, 
     footprint = obstacle_of(entry).footprint()
     found = {tuple(cell) for cell in covered_cells(ground, footprint).tolist()}
     for row, column in np.ndindex(ground.occupancy.shape):
-        x0, y0 = ground.occupancy.centre_of(row, column)
+        x0, y0 = ground.occupancy.center_of(row, column)
         square = box(x0 - 0.05, y0 - 0.05, x0 + 0.05, y0 + 0.05)
         if footprint.distance(square) > 1e-9:
             assert (row, column) not in found

@@ -38,7 +38,7 @@ def lengths(path):
 
 
 def passable_by_hand(occupancy, robot_diameter):
-    """Cells whose centre is farther than the radius, in whole cells, from every centre of a cell that is not free, one by one."""
+    """Cells whose center is farther than the radius, in whole cells, from every center of a cell that is not free, one by one."""
     rows, columns = occupancy.shape
     blocked = [
         (r, c)
@@ -157,7 +157,7 @@ def test_a_straight_distance_that_no_path_of_this_length_spans_is_rejected(hall)
 
 
 def test_a_search_that_ends_without_a_proof_says_so(drawn_map):
-    # No sum of steps of 0.05 m and 0.0707 m is 3.01 m to the nanometre, but many come close.
+    # No sum of steps of 0.05 m and 0.0707 m is 3.01 m to the nanometer, but many come close.
     producer = path_variation(path_length=3.01, path_length_tolerance=0, num_paths=2)
     items = evaluate(producer, {"map_file": drawn_map(".", cells=100)})
     assert [item.reason for item in items] == [items[0].reason] * 2
@@ -196,7 +196,7 @@ def test_starts_are_spread_over_the_whole_map(hall):
     items = evaluate(path_variation(path_length=3, num_paths=200), {"map_file": hall})
     starts = np.array([(pose.x_m, pose.y_m) for pose in (pose_of(item.values["start_pose"]) for item in items)])
     quarters = {(bool(x), bool(y)): 0 for x, y in itertools.product((0, 1), repeat=2)}
-    for x, y in starts > np.array([7.0, 6.0]):  # the hall's centre
+    for x, y in starts > np.array([7.0, 6.0]):  # the hall's center
         quarters[bool(x), bool(y)] += 1
     assert all(30 <= n <= 70 for n in quarters.values())
 

@@ -77,12 +77,12 @@ def test_exactly_the_pairs_of_the_promised_length_are_there_in_order(
     assert all(passable[point] for point in points)
     expected = {length: [] for length in lengths}
     for start in points:
-        metres = (
+        meters = (
             MCP_Geometric(np.where(passable, 1.0, -1.0), fully_connected=True).find_costs([start])[0] * RESOLUTION_M
         )
         for length, goal in itertools.product(lengths, points):
-            if goal != start and abs(metres[goal] - length) <= tolerance + 1e-9:
-                expected[length].append((start, goal, metres[goal]))
+            if goal != start and abs(meters[goal] - length) <= tolerance + 1e-9:
+                expected[length].append((start, goal, meters[goal]))
     producer = rasterized(
         path_length=lengths,
         path_length_tolerance=tolerance,
@@ -94,11 +94,11 @@ def test_exactly_the_pairs_of_the_promised_length_are_there_in_order(
     wanted = [pair for length in lengths for pair in expected[length]]
     ends = [tuple(tuple(occupancy.cell_of(pose.x_m, pose.y_m)) for pose in stops(item)) for item in paths]
     assert ends == [(start, goal) for start, goal, _ in wanted]
-    for item, (_, _, metres) in zip(paths, wanted, strict=True):
+    for item, (_, _, meters) in zip(paths, wanted, strict=True):
         path = item.values["_path"]
         assert [tuple(path[0]), tuple(path[-1])] == places(item)
-        assert item.values["_path_length"] == pytest.approx(metres)
-        assert sum(math.dist(one, other) for one, other in itertools.pairwise(path)) == pytest.approx(metres)
+        assert item.values["_path_length"] == pytest.approx(meters)
+        assert sum(math.dist(one, other) for one, other in itertools.pairwise(path)) == pytest.approx(meters)
         for (x0, y0), (x1, y1) in itertools.pairwise(path):
             for t in np.linspace(0.0, 1.0, round(max(abs(x1 - x0), abs(y1 - y0)) / RESOLUTION_M) + 1):
                 assert passable[occupancy.cell_of(x0 + t * (x1 - x0), y0 + t * (y1 - y0))]
@@ -120,7 +120,7 @@ def test_a_raster_finer_than_the_map_has_every_cell_once(drawn_map):
     assert points.tolist() == [[1, 1], [1, 2], [1, 3], [2, 1], [2, 2], [2, 3]]
 
 
-def test_stops_are_the_centres_of_the_points_cells_and_look_along_x(hall):
+def test_stops_are_the_centers_of_the_points_cells_and_look_along_x(hall):
     asked = {"raster_size": 2, "raster_offset_x": 1, "raster_offset_y": 1}
     items, _ = split(evaluate(rasterized(path_length=4, path_length_tolerance=0.1, **asked), {"map_file": hall}))
     left, right = Pose(0.025, -0.975), Pose(4.025, -0.975)

@@ -250,10 +250,10 @@ def test_a_stop_is_as_far_from_every_wall_as_was_asked(drawn_map, walls, room_m)
     ground = ground_of(drawn_map(*("".join(row) for row in rows)), 0.05, room_m)
     squares = [
         box(x - 0.025, y - 0.025, x + 0.025, y + 0.025)
-        for x, y in (ground.occupancy.centre_of(int(r), int(c)) for r, c in np.argwhere(ground.occupancy.occupied))
+        for x, y in (ground.occupancy.center_of(int(r), int(c)) for r, c in np.argwhere(ground.occupancy.occupied))
     ]
     for row, column in np.argwhere(ground.passable):
-        x, y = ground.occupancy.centre_of(int(row), int(column))
+        x, y = ground.occupancy.center_of(int(row), int(column))
         nearest = min(
             math.dist((x, y), (min(max(x, s.bounds[0]), s.bounds[2]), min(max(y, s.bounds[1]), s.bounds[3])))
             for s in squares
@@ -312,7 +312,7 @@ def test_editors_know_the_key():
 def test_the_outline_is_a_polygon_of_the_map(room):
     """The room of this file is what the numbers above say."""
     occupancy = load_map(room.path)
-    free = [occupancy.centre_of(int(r), int(c)) for r, c in np.argwhere(occupancy.free)]
+    free = [occupancy.center_of(int(r), int(c)) for r, c in np.argwhere(occupancy.free)]
     area = Polygon([(LEFT_M, LOW_M), (LEFT_M + 8, LOW_M), (LEFT_M + 8, LOW_M + 6), (LEFT_M, LOW_M + 6)])
     assert len(free) == 8 * 6 * 400
     assert area.bounds == pytest.approx(

@@ -76,20 +76,20 @@ def test_it_appears_off_the_stops_and_beyond_the_triggers_distance_and_leaves_a_
     assert len(footprints) == amount_static + 1
     assert all(one.distance(other) >= 0.05 for one, other in itertools.combinations(footprints, 2))
     stops = [(p["position"]["x"], p["position"]["y"]) for p in (site["start_pose"], *site["goal_poses"])]
-    centre = (late.pose.x_m, late.pose.y_m)
+    center = (late.pose.x_m, late.pose.y_m)
     assert all(late.footprint().distance(Point(stop)) >= 0.35 / 2 + 0.05 for stop in stops)
-    assert math.dist(centre, stops[0]) >= distance
+    assert math.dist(center, stops[0]) >= distance
     path = LineString(site["_path"])
     assert (
         LineString(path.segmentize(0.01).coords[int(distance / 0.01) :] if distance < path.length else []).distance(
-            Point(centre)
+            Point(center)
         )
         <= max_distance + 0.02
     )
     occupancy = load_map(site["map_file"].path)
     free = occupancy.free.copy()
     for row, column in np.argwhere(free):
-        x, y = occupancy.centre_of(row, column)
+        x, y = occupancy.center_of(row, column)
         near = [abs(x - o.pose.x_m) < 0.4 and abs(y - o.pose.y_m) < 0.4 for o in obstacles]
         if any(n and f.distance(Point(x, y)) < 0.03 for n, f in zip(near, footprints, strict=True)):
             free[row, column] = False

@@ -77,5 +77,5 @@ def test_obstacles_are_placed_on_free_cells_of_the_turned_map_and_leave_a_way(ma
             point = footprint.exterior.interpolate(share * 0.999, normalized=True)
             assert occupancy.free[occupancy.cell_of(point.x, point.y)]
     cells = np.argwhere(~occupancy.free)
-    walls = shapely.points(occupancy.centres_of(cells))
+    walls = shapely.points(occupancy.centers_of(cells))
     assert shapely.distance(shapely.union_all(footprints), walls).min() > 0.0

@@ -18,7 +18,7 @@ from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.reading.map_file import load_map
 
 COLLISION_M: Final = inscribed_radius_m(padded_outline(LOCAL_RADIUS_M, LOCAL_PADDING_M))
-"""Distance of the robot's centre from a wall up to which the wall reaches into its padded footprint (m)."""
+"""Distance of the robot's center from a wall up to which the wall reaches into its padded footprint (m)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class _Maps:
         self._known: dict[str, tuple[OccupancyMap, NDArray[np.float64]]] = {}
 
     def clearance_m(self, environment: str, pose: Mapping[str, Any]) -> float:
-        """Distance from the centre of the pose's cell to the near side of the nearest wall's; 0 off the map."""
+        """Distance from the center of the pose's cell to the near side of the nearest wall's; 0 off the map."""
         if environment not in self._known:
             occupancy = load_map(self._environments / environment / "map.yaml")
             cells = ndimage.distance_transform_edt(~occupancy.occupied)

@@ -144,7 +144,7 @@ def a_campaign(
     return rows, planted, rng.binomial(10, rates), block
 
 
-def analysed(rows: list[dict[str, Any]], failed: NDArray[np.int64], block: NDArray[np.int64]) -> FactorAnalysis:
+def analyzed(rows: list[dict[str, Any]], failed: NDArray[np.int64], block: NDArray[np.int64]) -> FactorAnalysis:
     found = factor_analysis(factors_of(rows)[0], 10 - failed, np.full(len(rows), 10), block)
     assert found is not None
     return found
@@ -156,7 +156,7 @@ def factors(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     harmful = interacting = false = held = 0
     for _ in range(campaigns):
         rows, truth, failed, block = a_campaign(rng, harm=0.25, together=0.35, spread=0.2)
-        found = analysed(rows, failed, block)
+        found = analyzed(rows, failed, block)
         significant = {effect.name: effect for effect in found.factors if effect.significant}
         pairs = [set(effect.names) for effect in found.interactions if effect.significant]
         harmful += "obstacles" in significant
@@ -173,7 +173,7 @@ def factors(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
         nothing = 0
         for _ in range(campaigns):
             rows, _, failed, block = a_campaign(rng, harm=0.0, together=0.0, spread=spread)
-            found = analysed(rows, failed, block)
+            found = analyzed(rows, failed, block)
             nothing += any(effect.significant for effect in (*found.factors, *found.interactions))
         yield Finding(
             f"factors: anything is found where nothing is, configurations {words}", nothing, campaigns, most=0.05
@@ -186,18 +186,18 @@ def lengths(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
         found = held = other = 0
         for _ in range(campaigns):
             wanted = np.tile([5.0, 10.0, 15.0], 8)
-            metres = wanted + rng.uniform(-0.3, 0.3, 24)
-            planted = np.clip(0.05 + rise * metres, 0.0, 1.0)
+            meters = wanted + rng.uniform(-0.3, 0.3, 24)
+            planted = np.clip(0.05 + rise * meters, 0.0, 1.0)
             of_path = rng.beta(planted * 6, (1 - planted) * 6)
             rows = [
-                {"map": "ABC"[k // 8], "setting": s, "path length (m)": float(metres[k])}
+                {"map": "ABC"[k // 8], "setting": s, "path length (m)": float(meters[k])}
                 for k in range(24)
                 for s in range(4)
             ]
             path = np.repeat(np.arange(24), 4)
             rates = np.clip(of_path, 1e-3, 1 - 1e-3)[path]
             failed = rng.binomial(10, rng.beta(rates * 20, (1 - rates) * 20))
-            effects = {effect.name: effect for effect in analysed(rows, failed, path).factors}
+            effects = {effect.name: effect for effect in analyzed(rows, failed, path).factors}
             length = effects["path length (m)"]
             assert length.trend is not None
             found += length.significant
@@ -215,7 +215,7 @@ def rare(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     false = 0
     for _ in range(campaigns):
         failed = np.where(rng.random(len(rows)) < 0.015, rng.integers(1, 11, len(rows)), 0)
-        found = analysed(rows, failed, np.arange(len(rows)))
+        found = analyzed(rows, failed, np.arange(len(rows)))
         false += any(effect.significant for effect in (*found.factors, *found.interactions))
     yield Finding(
         "factors: anything is found where failures are rare and a level is small", false, campaigns, most=0.05

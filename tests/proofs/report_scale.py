@@ -49,7 +49,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Way:
-    """A way on a map, (N, 2) in metres, a point every 2 cm."""
+    """A way on a map, (N, 2) in meters, a point every 2 cm."""
 
     xy_m: np.ndarray
 

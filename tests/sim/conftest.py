@@ -17,7 +17,7 @@ from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.scenario import Scenario, scenario_of
 
 CELLS = {".": 0, "#": 100, "?": -1}
-GREY = {0: 254, 100: 0, -1: 205}
+GRAY = {0: 254, 100: 0, -1: 205}
 RESOLUTION_M = 0.05
 SHARED_MAPS = Path(__file__).parents[3] / "shared" / "maps"
 
@@ -39,8 +39,8 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Callable[[OccupancyMap], 
 
     def save(occupancy: OccupancyMap) -> FileContent:
         folder = tmp_path_factory.mktemp("map")
-        grey = np.select([occupancy.cells == value for value in GREY], list(GREY.values())).astype(np.uint8)
-        Image.fromarray(grey[::-1]).save(folder / "map.pgm")
+        gray = np.select([occupancy.cells == value for value in GRAY], list(GRAY.values())).astype(np.uint8)
+        Image.fromarray(gray[::-1]).save(folder / "map.pgm")
         x, y = occupancy.origin_xy_m
         (folder / "map.yaml").write_text(
             f"image: map.pgm\nresolution: {occupancy.resolution_m}\norigin: [{x}, {y}, 0.0]\n"

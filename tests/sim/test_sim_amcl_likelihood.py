@@ -39,7 +39,7 @@ def test_round_one_wall_distances_are_euclidean():
 
 
 def test_a_cell_belongs_to_the_wall_whose_cells_touch_it_first_and_not_to_the_nearest():
-    """The upper left cell is √8 from the wall on the right, and its lower neighbour belongs to the wall 3 below it."""
+    """The upper left cell is √8 from the wall on the right, and its lower neighbor belongs to the wall 3 below it."""
     occupied = walls("....", "....", "..#.", "#...")
     expected = nearest(occupied)
     assert expected[3, 0] == 8
@@ -69,7 +69,7 @@ def test_a_distance_is_that_to_some_wall_and_never_less_than_that_to_the_nearest
     every = (y[..., None] - rows) ** 2 + (x[..., None] - columns) ** 2
     assert (every == found[..., None]).any(axis=2).all()
     assert (found >= every.min(axis=2)).all()
-    # An edge neighbour of a wall can't be reached later than by it.
+    # An edge neighbor of a wall can't be reached later than by it.
     assert (found[every.min(axis=2) <= 1] == every.min(axis=2)[every.min(axis=2) <= 1]).all()
 
 

@@ -95,7 +95,7 @@ def test_after_resampling_all_particles_weigh_the_same():
 @given(st.lists(st.floats(1.0, 10.0), min_size=1, max_size=300), st.integers(0, 2**32))
 @settings(deadline=None, max_examples=20)
 def test_particles_are_drawn_by_their_weight(weights, seed):
-    """Whatever the shape of the weights: particle k stands at k metres, and its share of draws is its weight's."""
+    """Whatever the shape of the weights: particle k stands at k meters, and its share of draws is its weight's."""
     n, draws = len(weights), 20_000
     cloud = new_cloud(draws)
     cloud.particles[0, :n], cloud.weights[:n] = np.arange(n), weights

@@ -90,7 +90,7 @@ def test_a_plan_after_a_clearing_waits_for_the_costmap_s_next_update(hopeless):
     assert all(0.0 < wait <= 1.05 for wait in waits)
 
 
-def test_the_spin_turns_a_quarter_and_the_backup_drives_thirty_centimetres(hopeless):
+def test_the_spin_turns_a_quarter_and_the_backup_drives_thirty_centimeters(hopeless):
     t = hopeless.columns["t_ms"]
     recoveries = {event.what: event.t_s for event in reversed(hopeless.run.events) if event.kind == "recovery"}
     spin = (t > 1e3 * recoveries["spin"]) & (t < 1e3 * recoveries["spin"] + 4500)

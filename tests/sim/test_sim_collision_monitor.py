@@ -53,7 +53,7 @@ def factor(ranges, v_mps, w_radps=0.0, moved=(0.0, 0.0, 0.0), **monitor):
 
 
 def wall_ahead(distance_m):
-    """Ranges to a wall across the robot's way, `distance_m` before its centre; nothing else is seen."""
+    """Ranges to a wall across the robot's way, `distance_m` before its center; nothing else is seen."""
     directions = Lidar().directions()
     with np.errstate(divide="ignore"):
         ranges = (distance_m + 0.04) / directions[:, 0]

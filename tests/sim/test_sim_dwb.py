@@ -24,7 +24,7 @@ CELLS = 60
 RESOLUTION_M = 0.05
 OUTLINE = padded_outline(0.22, 0.01)
 CORNER = (10.0 / 3.0, -20.0 / 7.0)
-CENTRE = (CORNER[0] + 1.512, CORNER[1] + 1.493)
+CENTER = (CORNER[0] + 1.512, CORNER[1] + 1.493)
 HUMBLE = DwbParameters()
 FAST = HUMBLE.with_values(max_vel_x=0.5, max_speed_xy=0.5, min_vel_x=-0.1)
 
@@ -76,7 +76,7 @@ def walls(*boxes):
     return window(inflate(costs, RESOLUTION_M, 0.22549849971227903, 0.55, 3.0))
 
 
-def straight(bearing=0.0, start=CENTRE, length_m=1.45, spacing_m=0.025):
+def straight(bearing=0.0, start=CENTER, length_m=1.45, spacing_m=0.025):
     s = np.arange(0.0, length_m, spacing_m)
     return np.column_stack([start[0] + s * math.cos(bearing), start[1] + s * math.sin(bearing)])
 
@@ -86,7 +86,7 @@ def bent(seed, length=58):
     rng = np.random.default_rng(seed)
     heading = rng.uniform(-np.pi, np.pi) + np.cumsum(rng.normal(0.0, 0.08, length))
     steps = 0.025 * np.column_stack([np.cos(heading), np.sin(heading)])
-    return np.array(CENTRE) + rng.normal(0.0, 0.05, 2) + np.cumsum(steps, axis=0)
+    return np.array(CENTER) + rng.normal(0.0, 0.05, 2) + np.cumsum(steps, axis=0)
 
 
 def chosen(parameters, w, pose, twist, plan, goal, memory=None):
@@ -252,8 +252,8 @@ situation = {
 def test_every_sample_has_the_score_of_the_plain_reading(seed, yaw, v, turn, parameters):
     rng = np.random.default_rng(seed)
     boxes = [(r, r + 5, c, c + 5) for r, c in rng.integers(0, 55, (3, 2))]
-    pose, plan = (*CENTRE, yaw), bent(seed)
-    goal = (CENTRE[0] + rng.uniform(-3.0, 3.0), CENTRE[1] + rng.uniform(-3.0, 3.0), rng.uniform(-3.0, 3.0))
+    pose, plan = (*CENTER, yaw), bent(seed)
+    goal = (CENTER[0] + rng.uniform(-3.0, 3.0), CENTER[1] + rng.uniform(-3.0, 3.0), rng.uniform(-3.0, 3.0))
     plain, kernel, _ = both(parameters, walls(*boxes), pose, (v, turn), plan, goal)
     assert [kernel[v, turn] for v, turn, _ in plain] == pytest.approx([score for *_, score in plain], abs=1e-9)
     assert sum(score < math.inf for score in kernel.values()) == sum(score < math.inf for *_, score in plain)
@@ -264,7 +264,7 @@ def test_every_sample_has_the_score_of_the_plain_reading(seed, yaw, v, turn, par
 def test_the_command_is_the_first_legal_sample_with_the_lowest_score(seed, yaw, v, turn, parameters):
     rng = np.random.default_rng(seed)
     boxes = [(r, r + 6, c, c + 6) for r, c in rng.integers(0, 54, (4, 2))]
-    pose, plan = (*CENTRE, yaw), bent(seed)
+    pose, plan = (*CENTER, yaw), bent(seed)
     plain, _, command = both(parameters, walls(*boxes), pose, (v, turn), plan, (9.0, 2.0, 0.0))
     legal = [sample for sample in plain if sample[2] < math.inf]
     if legal:
@@ -280,9 +280,9 @@ def test_the_command_is_the_first_legal_sample_with_the_lowest_score(seed, yaw, 
 @pytest.mark.parametrize("seed", range(3))
 def test_at_the_goal_every_sample_has_the_score_of_the_plain_reading(speed, seed):
     # With seed 0 within 0.1 m of the goal, where PathAlign is not asked any more.
-    goal = (CENTRE[0] + 0.07 * (seed + 1), CENTRE[1] + 0.05 * seed, 1.0)
-    plan = np.array([CENTRE, [CENTRE[0] + 0.02, CENTRE[1] + 0.01], goal[:2]])
-    plain, kernel, _ = both(HUMBLE, window(), (*CENTRE, -0.7), (speed, 0.4), plan, goal)
+    goal = (CENTER[0] + 0.07 * (seed + 1), CENTER[1] + 0.05 * seed, 1.0)
+    plan = np.array([CENTER, [CENTER[0] + 0.02, CENTER[1] + 0.01], goal[:2]])
+    plain, kernel, _ = both(HUMBLE, window(), (*CENTER, -0.7), (speed, 0.4), plan, goal)
     assert [kernel[v, turn] for v, turn, _ in plain] == pytest.approx([score for *_, score in plain], abs=1e-9)
 
 
@@ -292,7 +292,7 @@ def test_at_the_goal_every_sample_has_the_score_of_the_plain_reading(speed, seed
 @pytest.mark.parametrize("current", [-0.4, 0.0, 0.13, 0.9])
 def test_samples_reach_both_ends_and_hold_zero(current):
     memory = dwb.new_memory(HUMBLE, CELLS, CELLS)
-    scored(record_of(HUMBLE), memory, window(), (*CENTRE, 0.0), (0.1, current), straight(), 50, (9.0, 0.0, 0.0))
+    scored(record_of(HUMBLE), memory, window(), (*CENTER, 0.0), (0.1, current), straight(), 50, (9.0, 0.0, 0.0))
     turns = memory.turns
     assert turns[[0, -1]] == pytest.approx([-1.0, 1.0])
     assert 0.0 in turns
@@ -303,7 +303,7 @@ def test_samples_reach_both_ends_and_hold_zero(current):
 def test_samples_are_what_the_accelerations_reach_within_the_roll_outs_time():
     slow = HUMBLE.with_values(acc_lim_x=0.02, decel_lim_x=-0.05)
     memory = dwb.new_memory(slow, CELLS, CELLS)
-    scored(record_of(slow), memory, window(), (*CENTRE, 0.0), (0.15, 0.0), straight(), 50, (9.0, 0.0, 0.0))
+    scored(record_of(slow), memory, window(), (*CENTER, 0.0), (0.15, 0.0), straight(), 50, (9.0, 0.0, 0.0))
     assert memory.speeds[[0, 19]] == pytest.approx([0.15 - 0.05 * 1.7, 0.15 + 0.02 * 1.7])
 
 
@@ -313,7 +313,7 @@ def test_a_robot_that_cannot_turn_has_one_yaw_rate():
         record_of(stiff),
         dwb.new_memory(stiff, CELLS, CELLS),
         window(),
-        (*CENTRE, 0.0),
+        (*CENTER, 0.0),
         (0.1, 0.0),
         straight(),
         50,
@@ -325,7 +325,7 @@ def test_a_robot_that_cannot_turn_has_one_yaw_rate():
 def test_samples_slower_than_both_least_speeds_are_left_out():
     lively = HUMBLE.with_values(min_speed_xy=0.1, min_speed_theta=0.5)
     memory = dwb.new_memory(lively, CELLS, CELLS)
-    table = scored(record_of(lively), memory, window(), (*CENTRE, 0.0), (0.1, 0.0), straight(), 50, (9.0, 0.0, 0.0))
+    table = scored(record_of(lively), memory, window(), (*CENTER, 0.0), (0.1, 0.0), straight(), 50, (9.0, 0.0, 0.0))
     slow = (memory.speeds[: len(table), None] ** 2 < 0.01 - 1e-5) & (np.abs(memory.turns) < 0.5 - 1e-5)
     assert np.isinf(table[slow]).all()
     assert np.isfinite(table[~slow]).all()
@@ -394,7 +394,7 @@ def test_a_nose_outside_the_window_is_the_last_point_on_the_way_there():
 
 
 def test_no_sample_is_legal_where_the_robot_stands_in_inscribed_cost():
-    assert chosen(HUMBLE, walls((0, CELLS, 34, 36)), (*CENTRE, 0.0), (0.0, 0.0), straight(), (9.0, 0.0, 0.0)) == (
+    assert chosen(HUMBLE, walls((0, CELLS, 34, 36)), (*CENTER, 0.0), (0.0, 0.0), straight(), (9.0, 0.0, 0.0)) == (
         False,
         0.0,
         0.0,
@@ -404,25 +404,25 @@ def test_no_sample_is_legal_where_the_robot_stands_in_inscribed_cost():
 def test_without_base_obstacle_a_wall_is_driven_through():
     blind = HUMBLE.with_values(BaseObstacle=HUMBLE.BaseObstacle.with_values(enabled=False))
     wall = walls((0, CELLS, 34, 36))
-    valid, v, _ = chosen(blind, wall, (*CENTRE, 0.0), (0.26, 0.0), straight(), (9.0, CENTRE[1], 0.0))
+    valid, v, _ = chosen(blind, wall, (*CENTER, 0.0), (0.26, 0.0), straight(), (9.0, CENTER[1], 0.0))
     assert (valid, v) == (True, pytest.approx(0.26))
 
 
 def test_a_plan_outside_the_window_leaves_no_legal_sample():
-    plan = straight(start=(CENTRE[0] + 5.0, CENTRE[1]))
-    assert not chosen(HUMBLE, window(), (*CENTRE, 0.0), (0.0, 0.0), plan, (9.0, 0.0, 0.0))[0]
+    plan = straight(start=(CENTER[0] + 5.0, CENTER[1]))
+    assert not chosen(HUMBLE, window(), (*CENTER, 0.0), (0.0, 0.0), plan, (9.0, 0.0, 0.0))[0]
 
 
 def test_near_the_goal_a_fast_robot_may_only_slow_down():
-    goal = (CENTRE[0] + 0.1, CENTRE[1], 1.5)
-    valid, v, _ = chosen(HUMBLE, window(), (*CENTRE, 0.0), (0.26, 0.0), np.array([CENTRE, goal[:2]]), goal)
+    goal = (CENTER[0] + 0.1, CENTER[1], 1.5)
+    valid, v, _ = chosen(HUMBLE, window(), (*CENTER, 0.0), (0.26, 0.0), np.array([CENTER, goal[:2]]), goal)
     assert valid
     assert v < 0.26
 
 
 def test_at_the_goal_a_slow_robot_turns_to_the_goals_heading():
-    goal = (CENTRE[0] + 0.1, CENTRE[1], 1.5)
-    valid, v, w = chosen(HUMBLE, window(), (*CENTRE, 0.0), (0.1, 0.0), np.array([CENTRE, goal[:2]]), goal)
+    goal = (CENTER[0] + 0.1, CENTER[1], 1.5)
+    valid, v, w = chosen(HUMBLE, window(), (*CENTER, 0.0), (0.1, 0.0), np.array([CENTER, goal[:2]]), goal)
     assert (valid, v) == (True, 0.0)
     assert w > 0.5
 

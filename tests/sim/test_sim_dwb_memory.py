@@ -16,7 +16,7 @@ from vastflow.sim.nav.window import Window
 CELLS = 60
 RESOLUTION_M = 0.05
 OUTLINE = padded_outline(0.22, 0.01)
-CENTRE = (1.512, 1.493)
+CENTER = (1.512, 1.493)
 HUMBLE = DwbParameters()
 
 
@@ -38,7 +38,7 @@ def window():
 
 def straight(bearing=0.0):
     s = np.arange(0.0, 1.45, 0.025)
-    return np.column_stack([CENTRE[0] + s * math.cos(bearing), CENTRE[1] + s * math.sin(bearing)])
+    return np.column_stack([CENTER[0] + s * math.cos(bearing), CENTER[1] + s * math.sin(bearing)])
 
 
 def chosen(parameters, w, pose, twist, plan, goal, memory):
@@ -47,17 +47,17 @@ def chosen(parameters, w, pose, twist, plan, goal, memory):
 
 def test_that_the_goal_was_reached_holds_until_a_reset():
     memory = dwb.new_memory(HUMBLE, CELLS, CELLS)
-    near = (CENTRE[0] + 0.1, CENTRE[1], 1.5)
-    far = (CENTRE[0] + 3.0, CENTRE[1], 1.5)
-    chosen(HUMBLE, window(), (*CENTRE, 0.0), (0.0, 0.0), straight(), near, memory)
-    assert chosen(HUMBLE, window(), (*CENTRE, 0.0), (0.0, 0.0), straight(), far, memory)[1] == 0.0
+    near = (CENTER[0] + 0.1, CENTER[1], 1.5)
+    far = (CENTER[0] + 3.0, CENTER[1], 1.5)
+    chosen(HUMBLE, window(), (*CENTER, 0.0), (0.0, 0.0), straight(), near, memory)
+    assert chosen(HUMBLE, window(), (*CENTER, 0.0), (0.0, 0.0), straight(), far, memory)[1] == 0.0
     renewed(memory)
-    assert chosen(HUMBLE, window(), (*CENTRE, 0.0), (0.0, 0.0), straight(), far, memory)[1] == pytest.approx(0.26)
+    assert chosen(HUMBLE, window(), (*CENTER, 0.0), (0.0, 0.0), straight(), far, memory)[1] == pytest.approx(0.26)
 
 
 def turning_about(memory, parameters, moved_m=0.0, turned_rad=0.0):
     """Turn left, then right as the plan flips, then see what comes when it flips back."""
-    x, y = CENTRE
+    x, y = CENTER
     left, right = straight(2.0), straight(-2.0)
     commands = []
     for plan, pose in (
@@ -103,10 +103,10 @@ def test_without_oscillation_a_turn_may_be_reversed_at_once():
 
 def test_yaw_rates_of_a_robot_that_drives_are_free():
     memory = dwb.new_memory(HUMBLE, CELLS, CELLS)
-    goals = [(CENTRE[0] + 3.0, CENTRE[1] + y, 0.0) for y in (2.0, -2.0, 2.0)]
-    plans = [straight(math.atan2(goal[1] - CENTRE[1], 3.0)) for goal in goals]
+    goals = [(CENTER[0] + 3.0, CENTER[1] + y, 0.0) for y in (2.0, -2.0, 2.0)]
+    plans = [straight(math.atan2(goal[1] - CENTER[1], 3.0)) for goal in goals]
     turns = [
-        chosen(HUMBLE, window(), (*CENTRE, 0.0), (0.26, 0.0), p, g, memory) for p, g in zip(plans, goals, strict=True)
+        chosen(HUMBLE, window(), (*CENTER, 0.0), (0.26, 0.0), p, g, memory) for p, g in zip(plans, goals, strict=True)
     ]
     assert all(v > 0.05 for _, v, _ in turns)
     assert [math.copysign(1, w) for *_, w in turns] == [1, -1, 1]

@@ -47,10 +47,10 @@ CONTROLLERS = pytest.mark.parametrize("controller", [dwb_controller, rpp_control
 
 
 def window_at(x, y, lethal):
-    """The rolling window round a position: cells whose centre (x, y) `lethal` says are so, inflated."""
+    """The rolling window round a position: cells whose center (x, y) `lethal` says are so, inflated."""
     corner = [(math.floor(v / RESOLUTION_M) - CELLS // 2) * RESOLUTION_M for v in (x, y)]
-    centres = (np.arange(CELLS) + 0.5) * RESOLUTION_M
-    xs, ys = np.meshgrid(corner[0] + centres, corner[1] + centres)
+    centers = (np.arange(CELLS) + 0.5) * RESOLUTION_M
+    xs, ys = np.meshgrid(corner[0] + centers, corner[1] + centers)
     costs = np.where(lethal(xs, ys), 254, 0).astype(np.uint8)
     return Window(inflate(costs, RESOLUTION_M, INSCRIBED_M, 0.55, 3.0), np.array([*corner, RESOLUTION_M]))
 
@@ -83,14 +83,14 @@ def line(length_m):
 
 
 def bend():
-    """Three metres along x, a quarter circle of 0.6 m to the left, two metres along y."""
+    """Three meters along x, a quarter circle of 0.6 m to the left, two meters along y."""
     turn = np.arange(0.0, np.pi / 2, 0.025 / 0.6)
     curve = np.column_stack([3.0 + 0.6 * np.sin(turn), 0.6 - 0.6 * np.cos(turn)])
     return np.concatenate([line(3.0), curve, line(2.0)[:, ::-1] + [3.6, 0.6]])
 
 
 @CONTROLLERS
-def test_ten_metres_straight_are_driven_at_full_speed_and_close_to_the_line(controller):
+def test_ten_meters_straight_are_driven_at_full_speed_and_close_to_the_line(controller):
     rows = drive(controller(), line(10.0), 0.0, (0.0, 0.03, 0.05), 40.0)
     assert len(rows) < 20 * 26
     assert np.abs(rows[40:, 1]).max() < 0.05

@@ -10,24 +10,24 @@ from hypothesis import strategies as st
 from vastflow.sim.maps.grid_frame import GridFrame
 from vastflow.sim.pose import Pose
 
-metres = st.floats(-1e3, 1e3)
-frames = st.builds(GridFrame, st.tuples(metres, metres), st.floats(-math.pi / 4, math.pi / 4))
+meters = st.floats(-1e3, 1e3)
+frames = st.builds(GridFrame, st.tuples(meters, meters), st.floats(-math.pi / 4, math.pi / 4))
 
 
-@given(frames, metres, metres, st.floats(-3, 3))
-def test_a_pose_in_the_grid_s_frame_and_back_is_the_pose_to_the_nanometre(frame, x, y, yaw):
+@given(frames, meters, meters, st.floats(-3, 3))
+def test_a_pose_in_the_grid_s_frame_and_back_is_the_pose_to_the_nanometer(frame, x, y, yaw):
     back = frame.pose_to_map(frame.pose_to_grid(Pose(x, y, yaw)))
     assert (back.x_m, back.y_m, back.yaw_rad) == pytest.approx((x, y, yaw), abs=2e-9)
 
 
-@given(metres, metres, st.tuples(metres, metres), st.floats(-3, 3))
+@given(meters, meters, st.tuples(meters, meters), st.floats(-3, 3))
 def test_a_frame_that_is_not_turned_gives_every_number_back(x, y, corner, yaw):
     frame, points = GridFrame(corner), np.array([[x, y]])
     assert frame.pose_to_grid(Pose(x, y, yaw)) == frame.pose_to_map(Pose(x, y, yaw)) == Pose(x, y, yaw)
     assert frame.points_to_grid(points) is frame.points_to_map(points) is points
 
 
-@given(frames, st.lists(st.tuples(metres, metres), min_size=1, max_size=5))
+@given(frames, st.lists(st.tuples(meters, meters), min_size=1, max_size=5))
 def test_points_go_where_they_go_one_by_one(frame, points):
     xy_m = np.array(points)
     np.testing.assert_allclose(frame.points_to_grid(xy_m), [frame.to_grid(*point) for point in points], atol=2e-9)

@@ -192,7 +192,7 @@ def test_the_first_and_the_last_beam_nearly_coincide():
     assert np.arccos(directions[0] @ directions[-1]) == pytest.approx(2 * math.pi - 6.28)
 
 
-def test_the_scanner_turns_with_the_robot_and_sits_behind_its_centre(room):
+def test_the_scanner_turns_with_the_robot_and_sits_behind_its_center(room):
     ranges = scanned(room, (5.0, 4.0, math.pi / 2))
     assert ranges[0] == pytest.approx(5.0 - 0.1)  # to the robot's left, west
     assert ranges[180] == pytest.approx(9.9 - 5.0, abs=1e-3)

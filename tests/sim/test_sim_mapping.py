@@ -143,7 +143,7 @@ def test_particles_begin_at_the_start_without_spread(after_a_tick):
     np.testing.assert_allclose(stack.cloud.particles[:, :2000].T, np.tile([2.98, 2.42, 0.0], (2000, 1)))
 
 
-def test_a_path_lies_on_navfn_s_points_half_a_cell_off_the_costmap_s_centres(after_a_tick):
+def test_a_path_lies_on_navfn_s_points_half_a_cell_off_the_costmap_s_centers(after_a_tick):
     """Nav2's planner rounds where the costmap truncates: x 2.98 is column 60, whose point is 3.00."""
     stack = after_a_tick(obstacles=())
     assert stack.m[0]["path_n"] > 100

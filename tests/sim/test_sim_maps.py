@@ -25,11 +25,11 @@ HEADER = {
 
 @pytest.fixture
 def write(tmp_path: Path):
-    """Write a YAML file with `changes` (None leaves a key out) beside `map.pgm` of the given grey values."""
+    """Write a YAML file with `changes` (None leaves a key out) beside `map.pgm` of the given gray values."""
 
-    def write(grey=((254, 0), (205, 254)), **changes):
-        if grey is not None:
-            Image.fromarray(np.array(grey, dtype=np.uint8)).save(tmp_path / "map.pgm")
+    def write(gray=((254, 0), (205, 254)), **changes):
+        if gray is not None:
+            Image.fromarray(np.array(gray, dtype=np.uint8)).save(tmp_path / "map.pgm")
         header = {key: value for key, value in {**HEADER, **changes}.items() if value is not None}
         (tmp_path / "map.yaml").write_text("".join(f"{key}: {value}\n" for key, value in header.items()))
         return tmp_path / "map.yaml"
@@ -51,7 +51,7 @@ def test_a_cell_s_corner_lies_at_the_origin(write):
     assert occupancy.cell_of(-1.0 + 1e-9, -2.0 + 1e-9) == (0, 0)
     assert occupancy.cell_of(-0.96, -1.94) == (1, 0)
     assert occupancy.cell_of(-1.01, -2.01) == (-1, -1)
-    assert occupancy.centre_of(1, 0) == pytest.approx((-0.975, -1.925))
+    assert occupancy.center_of(1, 0) == pytest.approx((-0.975, -1.925))
 
 
 def test_an_origin_may_leave_its_yaw_out(write):
@@ -59,7 +59,7 @@ def test_an_origin_may_leave_its_yaw_out(write):
 
 
 @pytest.mark.parametrize(("free_thresh", "cell"), [(0.196, -1), (0.25, 0)])
-def test_grey_205_is_unknown_to_the_old_threshold_and_free_to_the_new_one(write, free_thresh, cell):
+def test_gray_205_is_unknown_to_the_old_threshold_and_free_to_the_new_one(write, free_thresh, cell):
     assert cells(write([[205]], free_thresh=free_thresh)) == [[cell]]
 
 
@@ -67,11 +67,11 @@ def test_thresholds_default_to_those_of_map_server(write):
     assert cells(write([[205, 89, 90]], free_thresh=None, occupied_thresh=None)) == [[0, 100, -1]]
 
 
-def by_map_server(grey, mode, negate, free_thresh, occupied_thresh):
+def by_map_server(gray, mode, negate, free_thresh, occupied_thresh):
     """A cell by the formula of Nav2's map_io, in single precision as there; one pixel at a time."""
     if mode == "raw":
-        return grey if grey <= 100 else -1
-    one, shade = np.float32(1.0), np.float32(grey) / np.float32(255.0)
+        return gray if gray <= 100 else -1
+    one, shade = np.float32(1.0), np.float32(gray) / np.float32(255.0)
     p = shade if negate else one - shade
     low, high = np.float32(free_thresh), np.float32(occupied_thresh)
     if p <= low:
@@ -90,13 +90,13 @@ def by_map_server(grey, mode, negate, free_thresh, occupied_thresh):
     negate=st.booleans(),
     mode=st.sampled_from(["trinary", "scale", "raw"]),
 )
-@example(25, 40, False, "scale")  # 37.5 % at grey 153, which is rounded up
+@example(25, 40, False, "scale")  # 37.5 % at gray 153, which is rounded up
 @example(10, 80, False, "scale")
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_every_grey_value_is_read_by_the_formula_of_map_server(write, free, span, negate, mode):
+def test_every_gray_value_is_read_by_the_formula_of_map_server(write, free, span, negate, mode):
     thresholds = {"free_thresh": free / 100, "occupied_thresh": min(free + span, 99) / 100}
     path = write([list(range(256))], mode=mode, negate=int(negate), **thresholds)
-    assert cells(path) == [[by_map_server(grey, mode, negate, **thresholds) for grey in range(256)]]
+    assert cells(path) == [[by_map_server(gray, mode, negate, **thresholds) for gray in range(256)]]
 
 
 @pytest.mark.parametrize("mode", ["Trinary", "SCALE", "rAw"])
@@ -127,7 +127,7 @@ def test_a_transparent_pixel_is_unknown(write, tmp_path, mode):
     assert cells(write(None, image="map.png", mode=mode)) == [[100, -1, 0, -1]]
 
 
-def test_grey_with_alpha_is_read_as_grey(write, tmp_path):
+def test_gray_with_alpha_is_read_as_gray(write, tmp_path):
     pixels = np.array([[[0, 255], [254, 255], [0, 7]]], dtype=np.uint8)
     Image.fromarray(pixels, "LA").save(tmp_path / "map.png")
     assert cells(write(None, image="map.png")) == [[100, 0, -1]]
@@ -145,23 +145,23 @@ def test_a_pgm_of_sixteen_bits_a_pixel_is_as_good_as_one_of_eight(write, tmp_pat
 
 
 def luma(red, green, blue):
-    """Grey as GraphicsMagick has it: Rec. 601 at 16 bits a channel, of which the upper 8 are kept."""
+    """Gray as GraphicsMagick has it: Rec. 601 at 16 bits a channel, of which the upper 8 are kept."""
     return int(Fraction(257 * (299 * red + 587 * green + 114 * blue), 1000) + Fraction(1, 2)) // 257
 
 
 @given(st.lists(st.tuples(*[st.integers(0, 255)] * 3), min_size=1, max_size=50))
 @example([(255, 255, 0), (255, 0, 0), (0, 255, 0), (0, 0, 255), (10, 20, 30), (100, 100, 100)])
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_colour_is_read_by_its_luma(write, tmp_path, colours):
-    Image.fromarray(np.array([colours], dtype=np.uint8), "RGB").save(tmp_path / "map.png")
-    greys = [luma(*colour) for colour in colours]
-    assert cells(write(None, image="map.png", mode="raw")) == [[grey if grey <= 100 else -1 for grey in greys]]
+def test_color_is_read_by_its_luma(write, tmp_path, colors):
+    Image.fromarray(np.array([colors], dtype=np.uint8), "RGB").save(tmp_path / "map.png")
+    grays = [luma(*color) for color in colors]
+    assert cells(write(None, image="map.png", mode="raw")) == [[gray if gray <= 100 else -1 for gray in grays]]
 
 
 def test_luma_is_that_of_graphicsmagick(write, tmp_path):
     """Values that `gm convert -type Grayscale` (1.3.40, 16 bits) gives."""
-    colours = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (1, 2, 3), (99, 99, 98), (40, 90, 200)]
-    assert [luma(*colour) for colour in colours] == [76, 149, 29, 225, 1, 98, 87]
+    colors = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (1, 2, 3), (99, 99, 98), (40, 90, 200)]
+    assert [luma(*color) for color in colors] == [76, 149, 29, 225, 1, 98, 87]
 
 
 def test_a_blue_wall_is_a_wall_and_a_yellow_floor_is_free(write, tmp_path):
@@ -186,11 +186,11 @@ def test_a_picture_may_be_named_by_an_absolute_path(write, tmp_path):
 def test_transparency_makes_unknown_in_all_modes_but_raw(write, tmp_path, mode):
     pixels = np.array([[[50, 50, 50, 255], [50, 50, 50, 254], [50, 50, 50, 0]]], dtype=np.uint8)
     Image.fromarray(pixels, "RGBA").save(tmp_path / "map.png")
-    grey = by_map_server(50, mode, False, 0.196, 0.65)
-    assert cells(write(None, image="map.png", mode=mode)) == [[grey, *((50, 50) if mode == "raw" else (-1, -1))]]
+    gray = by_map_server(50, mode, False, 0.196, 0.65)
+    assert cells(write(None, image="map.png", mode=mode)) == [[gray, *((50, 50) if mode == "raw" else (-1, -1))]]
 
 
-def test_a_palette_is_read_by_its_colours(write, tmp_path):
+def test_a_palette_is_read_by_its_colors(write, tmp_path):
     Image.fromarray(np.array([[0, 254, 205]], dtype=np.uint8)).convert("P").save(tmp_path / "map.png")
     assert cells(write(None, image="map.png")) == [[100, 0, -1]]
 
@@ -234,8 +234,8 @@ def test_numbers_may_be_written_with_an_exponent(write):
         ({"resolution": None}, "no key 'resolution'"),
         ({"origin": None}, "no key 'origin'"),
         ({"resolution": "1" + "0" * 400}, "resolution: found 10+; a number"),
-        ({"resolution": 1e-300}, "resolution: found 1e-300; metres per cell, greater than 0: 0.0001 to 100"),
-        ({"resolution": 1e300}, "resolution: found 1e.300; metres per cell"),
+        ({"resolution": 1e-300}, "resolution: found 1e-300; meters per cell, greater than 0: 0.0001 to 100"),
+        ({"resolution": 1e300}, "resolution: found 1e.300; meters per cell"),
         ({"origin": f"[{'9' * 400}, 0]"}, "origin: found "),
         ({"origin": "[1.0e+300, 0]"}, "origin: found .*; at most 10,000,000 m from zero"),
         ({"image": "none.pgm"}, "image: no file '.*none.pgm'; the picture lies relative to the YAML file"),
@@ -245,7 +245,7 @@ def test_numbers_may_be_written_with_an_exponent(write):
         ({"origin": "[0]"}, r"origin: found \[0\]; \[x, y, yaw\]"),
         ({"origin": "[0, .nan, 0]"}, r"origin: found \[0, nan, 0\]"),
         ({"origin": "here"}, "origin: found 'here'"),
-        ({"resolution": 0}, "resolution: found 0.0; metres per cell, greater than 0"),
+        ({"resolution": 0}, "resolution: found 0.0; meters per cell, greater than 0"),
         ({"resolution": -0.05}, "greater than 0"),
         ({"resolution": "fine"}, "resolution: found 'fine'; a number"),
         ({"resolution": ".inf"}, "resolution: found inf; a number"),
@@ -290,7 +290,7 @@ def test_the_digest_is_of_the_grid_and_not_of_the_files(write, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"grey": [[254, 0], [254, 254]]}, {"resolution": 0.1}, {"origin": "[-1.0, -2.5, 0.0]"}]
+    "changes", [{"gray": [[254, 0], [254, 254]]}, {"resolution": 0.1}, {"origin": "[-1.0, -2.5, 0.0]"}]
 )
 def test_another_grid_or_frame_has_another_digest(write, changes):
     first = map_content(write())
@@ -315,9 +315,9 @@ def test_an_origin_s_yaw_turns_the_grid_about_it(write):
     c, s = math.cos(0.3), math.sin(0.3)
     for row, column in ((0, 0), (2, 1), (-4, 7)):
         x, y = (column + 0.5) * 0.05, (row + 0.5) * 0.05
-        centre = occupancy.centre_of(row, column)
-        assert centre == pytest.approx((1.0 + c * x - s * y, 2.0 + s * x + c * y), abs=1e-12)
-        assert occupancy.cell_of(*centre) == (row, column)
+        center = occupancy.center_of(row, column)
+        assert center == pytest.approx((1.0 + c * x - s * y, 2.0 + s * x + c * y), abs=1e-12)
+        assert occupancy.cell_of(*center) == (row, column)
 
 
 @pytest.mark.parametrize(
@@ -357,8 +357,8 @@ def test_whatever_the_yaw_a_place_on_the_picture_is_where_the_turned_picture_has
 def test_many_places_are_the_same_as_one_by_one(write):
     occupancy = load_map(write(TALL, origin="[1.0, 2.0, -0.4]"))
     some = np.array([(0, 0), (2, 1), (-3, 5)])
-    assert [tuple(centre) for centre in occupancy.centres_of(some)] == [occupancy.centre_of(*cell) for cell in some]
-    places = occupancy.centres_of(some)
+    assert [tuple(center) for center in occupancy.centers_of(some)] == [occupancy.center_of(*cell) for cell in some]
+    places = occupancy.centers_of(some)
     assert np.floor(occupancy.in_cells(places)).astype(int).tolist() == some.tolist()
 
 

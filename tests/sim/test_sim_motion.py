@@ -38,7 +38,7 @@ def free_motion(occupancy, pose, velocities, obstacles=(), hold=FREE):
 
 
 def ends(pose, velocities):
-    """The body's centre after each step."""
+    """The body's center after each step."""
     for v, w in velocities:
         pose = arc(*pose, v, w, DT_S)
         yield pose[:2]
@@ -53,7 +53,7 @@ def away_from_walls(occupancy, pose, velocities):
 
 @given(GRIDS, POSES, STEPS)
 @settings(max_examples=200, deadline=None)
-def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimetre_of_a_wall(grid, pose, velocities):
+def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_a_wall(grid, pose, velocities):
     occupancy = OccupancyMap(grid, RESOLUTION_M, ORIGIN)
     free, after = free_motion(occupancy, pose, velocities)
     away = away_from_walls(occupancy, pose, velocities)
@@ -82,7 +82,7 @@ OBSTACLES = st.tuples(st.sampled_from(["box", "cylinder"]), POSES, st.floats(0.0
 
 @given(OBSTACLES, POSES, STEPS)
 @settings(max_examples=200, deadline=None)
-def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimetre_of_an_obstacle(obstacle, pose, velocities):
+def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_an_obstacle(obstacle, pose, velocities):
     empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
     free, _ = free_motion(empty, pose, velocities, (obstacle,))
     away = min(obstacle.footprint().distance(Point(*at)) for at in ends(pose, velocities))

@@ -120,7 +120,7 @@ def test_an_obstacle_in_no_place_is_refused_by_its_place_in_the_list():
 
 
 @given(NUMBERS, NUMBERS, st.floats(-7, 7), st.floats(0.01, 5), st.floats(0.01, 5))
-def test_a_box_s_footprint_has_its_area_its_centre_and_its_direction(x, y, yaw, length, width):
+def test_a_box_s_footprint_has_its_area_its_center_and_its_direction(x, y, yaw, length, width):
     box = Obstacle("b", "box", Pose(x, y, yaw), length, width)
     footprint = box.footprint()
     assert footprint.area == pytest.approx(length * width, rel=1e-6)
@@ -149,7 +149,7 @@ def test_mass_and_friction_are_those_of_the_arguments_or_of_a_carton():
 
 
 @given(st.floats(0.05, 3.0), st.floats(0.05, 3.0))
-def test_the_mean_radius_is_the_mean_distance_of_the_floor_area_s_points_from_its_centre(length_m, width_m):
+def test_the_mean_radius_is_the_mean_distance_of_the_floor_area_s_points_from_its_center(length_m, width_m):
     box = Obstacle("it", "box", Pose(0, 0), length_m, width_m)
     x, y = np.meshgrid((np.arange(200) + 0.5) / 200 - 0.5, (np.arange(200) + 0.5) / 200 - 0.5)
     assert box.mean_radius_m == pytest.approx(np.hypot(x * length_m, y * width_m).mean(), rel=1e-3)
@@ -192,7 +192,7 @@ def test_an_entry_s_own_trigger_is_written_as_values_or_as_keys_of_the_environme
 @pytest.mark.parametrize(
     ("environment", "message"),
     [
-        ({"spawn_trigger_point": POINT}, "spawn_trigger_threshold: found None; a distance in metres, 0 or more"),
+        ({"spawn_trigger_point": POINT}, "spawn_trigger_threshold: found None; a distance in meters, 0 or more"),
         ({"spawn_trigger_point": POINT, "spawn_trigger_threshold": -1}, "spawn_trigger_threshold: found -1; a dist"),
         ({"spawn_trigger_point": [1, 2], "spawn_trigger_threshold": 1}, r"spawn_trigger_point: found \[1, 2\]; a pose"),
         (

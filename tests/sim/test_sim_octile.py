@@ -114,7 +114,7 @@ def test_unknown_cells_are_not_passable(drawn):
     assert passable(drawn("..?", "...", "..."), 0.0).tolist() == [[True] * 3, [True] * 3, [True, True, False]]
 
 
-def test_a_radius_is_taken_in_metres(drawn):
+def test_a_radius_is_taken_in_meters(drawn):
     field = drawn(*["." * 9] * 5, cells=1, resolution_m=0.1)
     assert int(passable(field, 0.1).sum()) == 3 * 7
     assert int(passable(field, 0.2).sum()) == 1 * 5
@@ -171,6 +171,6 @@ def test_there_is_no_path_to_what_is_walled_off_blocked_or_outside(drawn, stops)
     assert shortest_path(occupancy, occupancy.free, np.array(stops)) is None
 
 
-def test_cells_are_written_as_their_centres_in_metres():
+def test_cells_are_written_as_their_centers_in_meters():
     occupancy = OccupancyMap(np.zeros((4, 4), dtype=np.int8), 0.5, (-1.0, 2.0))
     np.testing.assert_allclose(path_xy_m(occupancy, np.array([[0, 3], [1, 0]])), [(0.75, 2.25), (-0.75, 2.75)])

@@ -190,8 +190,8 @@ def test_literals(text, type_, plain):
 
 
 def test_an_enumeration_counts_on_from_the_numbers_that_are_given():
-    colours = "enum colour: [red, green = 5, blue]\n"
-    assert value("colour!blue", "colour", colours).value == EnumValue("colour", "blue", 6)
+    colors = "enum color: [red, green = 5, blue]\n"
+    assert value("color!blue", "color", colors).value == EnumValue("color", "blue", 6)
 
 
 def test_names_in_bars_may_hold_anything():

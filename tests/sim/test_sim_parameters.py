@@ -323,7 +323,7 @@ def test_another_key_is_checked_though_the_system_has_a_fault():
 
 def test_one_more_key_says_whether_it_stands_for_anything():
     assert check_key({}, "robot_radius", 0.3)
-    assert not check_key({}, "robot_colour", "red")
+    assert not check_key({}, "robot_color", "red")
 
 
 def test_the_default_document_has_the_names_of_nav2_jazzys_file():

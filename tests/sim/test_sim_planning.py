@@ -52,7 +52,7 @@ def planned(parameters, memory, grids, route):
 
 
 class Desk:
-    """A planner whose costs and place are set by hand; points are (x, y) in metres."""
+    """A planner whose costs and place are set by hand; points are (x, y) in meters."""
 
     def __init__(self, cells, *goals, kind="navigate_to_pose", start=(1.0, 3.0), use_astar=False):
         parameters = NavParameters(planner=NavFn(use_astar=use_astar))
@@ -100,7 +100,7 @@ LOWER, UPPER = (slice(20, 40), slice(80, 82)), (slice(80, 100), slice(80, 82))
 
 
 def at_the_wall(way):
-    """y in metres where a path passes the wall between the rooms."""
+    """y in meters where a path passes the wall between the rooms."""
     return float(way[np.argmax(way[:, 0] > 80.0), 1] * RESOLUTION_M)
 
 

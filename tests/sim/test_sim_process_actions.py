@@ -55,7 +55,7 @@ def outcome(action):
 
 
 def until_printed(run, label):
-    while b"ready" not in run.labelled(label).log.read():
+    while b"ready" not in run.labeled(label).log.read():
         time.sleep(0.005)
 
 
@@ -92,8 +92,8 @@ def test_what_a_shell_could_not_start_is_the_shells_exit_code(entered, code):
 
 def test_quotes_keep_blanks_in_a_word_and_no_shell_reads_the_command(entered, run):
     outcome(entered("run_process", "echo", command="""echo 'a  b' "$HOME" > c"""))
-    run.labelled("echo").stop()
-    assert run.labelled("echo").log.read() == b"a  b $HOME > c\n"
+    run.labeled("echo").stop()
+    assert run.labeled("echo").log.read() == b"a  b $HOME > c\n"
 
 
 def test_a_program_nobody_waits_for_succeeds_at_once_and_runs_on(entered, run):
@@ -111,7 +111,7 @@ def test_a_program_that_is_given_up_gets_the_signal_of_its_call(entered, run):
     assert action.update() is Status.RUNNING
     until_printed(run, "sim")
     action.cancel()
-    assert run.labelled("sim").poll().code == 7
+    assert run.labeled("sim").poll().code == 7
 
 
 def test_a_program_that_ignores_its_signal_is_killed_after_the_timeout_of_its_call(entered, run):
@@ -119,7 +119,7 @@ def test_a_program_that_ignores_its_signal_is_killed_after_the_timeout_of_its_ca
     action = entered("run_process", "sim", command=python(text), shutdown_timeout=0.2)
     until_printed(run, "sim")
     action.cancel()
-    assert run.labelled("sim").poll().reason == "did not end within 0.2 s of SIGTERM and was killed"
+    assert run.labeled("sim").poll().reason == "did not end within 0.2 s of SIGTERM and was killed"
 
 
 def test_an_action_that_is_repeated_starts_its_program_again(entered, run):
@@ -134,7 +134,7 @@ def test_an_action_that_is_repeated_starts_its_program_again(entered, run):
 def test_a_log_check_succeeds_when_one_of_the_values_is_printed(entered, run):
     check = entered("process_log_check", process_name="sim", values=["never", "rea"])
     assert check.update() is Status.RUNNING
-    assert check.message == "no run_process labelled 'sim' has begun"
+    assert check.message == "no run_process labeled 'sim' has begun"
     entered("run_process", "sim", command=python(SLEEPS))
     assert outcome(check) == (Status.SUCCESS, "'sim' printed 'rea'")
 

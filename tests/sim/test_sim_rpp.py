@@ -23,7 +23,7 @@ OUTLINE = padded_outline(0.22, 0.01)
 INSCRIBED_M = 0.22549849971227903
 CIRCUMSCRIBED_M = 0.23414213562373096
 PLACE = np.array([0.0, 0.0, RESOLUTION_M])
-CENTRE = (1.512, 1.493)
+CENTER = (1.512, 1.493)
 DEFAULT = RppParameters()
 FREE = np.zeros((CELLS, CELLS), dtype=np.uint8)
 
@@ -51,7 +51,7 @@ def walls(*boxes):
     return inflate(costs, RESOLUTION_M, INSCRIBED_M, 0.7, 3.0)
 
 
-def straight(bearing=0.0, start=CENTRE, length_m=1.4, spacing_m=0.025):
+def straight(bearing=0.0, start=CENTER, length_m=1.4, spacing_m=0.025):
     s = np.arange(0.0, length_m, spacing_m)
     return np.column_stack([start[0] + s * math.cos(bearing), start[1] + s * math.sin(bearing)])
 
@@ -59,10 +59,10 @@ def straight(bearing=0.0, start=CENTRE, length_m=1.4, spacing_m=0.025):
 def arc(radius_m, length_m=1.4):
     """A plan on a circle that begins in the window's middle, along x; to the left for a positive radius."""
     turn = np.arange(0.0, length_m, 0.025) / radius_m
-    return np.array(CENTRE) + radius_m * np.column_stack([np.sin(turn), 1.0 - np.cos(turn)])
+    return np.array(CENTER) + radius_m * np.column_stack([np.sin(turn), 1.0 - np.cos(turn)])
 
 
-def command(plan, costs=FREE, yaw=0.0, twist=(0.5, 0.0), parameters=DEFAULT, memory=None, end_yaw=0.0, at=CENTRE):
+def command(plan, costs=FREE, yaw=0.0, twist=(0.5, 0.0), parameters=DEFAULT, memory=None, end_yaw=0.0, at=CENTER):
     memory = rpp.new_memory(0.25) if memory is None else memory
     w, goal = Window(costs, PLACE), (*plan[-1], end_yaw)
     return commanded(
@@ -165,9 +165,9 @@ def test_the_command_is_that_of_the_plain_reading(seed, yaw, end_yaw, v, w, poin
     heading = yaw + rng.normal(0.0, 0.6) + np.cumsum(rng.normal(0.0, 0.1, points))
     # A spacing of which no multiple is a threshold: there rounding decides.
     steps = 0.0247 * np.column_stack([np.cos(heading), np.sin(heading)])
-    plan = np.array(CENTRE) + rng.normal(0.0, 0.03, 2) + np.cumsum(steps, axis=0)
+    plan = np.array(CENTER) + rng.normal(0.0, 0.03, 2) + np.cumsum(steps, axis=0)
     costs = walls(*((r, r + 3, c, c + 3) for r, c in rng.integers(0, 57, (2, 2))))
-    expected = plain_command(parameters, costs, (*CENTRE, yaw), (v, w), plan, end_yaw, 0.25)
+    expected = plain_command(parameters, costs, (*CENTER, yaw), (v, w), plan, end_yaw, 0.25)
     got = command(plan, costs, yaw, (v, w), parameters, end_yaw=end_yaw)
     assert got == pytest.approx(expected, abs=1e-9)
 
@@ -270,7 +270,7 @@ def test_turning_in_place_is_checked_in_steps_of_a_cell_at_the_farthest_vertex()
     for row, column in np.add(np.argwhere(np.ones((11, 11))), [24, 25]):
         costs[row, column] = 254
         found.append(command(straight(3.0), costs, twist=(0.0, 1.7))[0])
-        expected = not plain_collision(DEFAULT, costs, (*CENTRE, 0.0), 0.0, 1.8, 0.6)
+        expected = not plain_collision(DEFAULT, costs, (*CENTER, 0.0), 0.0, 1.8, 0.6)
         assert found[-1] == expected, (row, column)
         costs[row, column] = 0
     assert 20 < found.count(False) < 60

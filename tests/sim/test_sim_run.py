@@ -307,7 +307,7 @@ def test_a_run_tick_by_tick_is_the_run_in_one_go(wide):
 
 
 def appearing(distance_m, x=3.0, y=2.4):
-    """A carton that appears when the robot, which starts at (1, 1), comes that near; by default on its way to the door."""
+    """A carton that appears when the robot, which starts at (1, 1), comes that near; by default under way to the door."""
     return {
         "entity_name": "carton",
         "model": "box",
@@ -359,7 +359,7 @@ def test_an_obstacle_whose_distance_the_robot_starts_within_is_there_from_the_fi
 
 
 def test_a_box_that_appears_right_before_the_robot_is_struck_pushed_and_told(scenario):
-    """At 0.5 m/s and 0.38 m from its centre there is no stopping, nor time for a scan."""
+    """At 0.5 m/s and 0.38 m from its center there is no stopping, nor time for a scan."""
     recording = run(scenario(obstacles=[appearing(0.38)]), 0)
     (spawned,) = happened(recording, "spawned")
     contact = happened(recording, "contact")[0]

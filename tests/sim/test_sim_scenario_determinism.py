@@ -44,7 +44,7 @@ MIXED = f"""
         delete_entity('crate')
         robot.nav_to_pose(above)
 """
-"""Timers, draws, variables, a cancelled mission, one that gives way to a way driven, something spawned and deleted."""
+"""Timers, draws, variables, a cancelled mission, one that gives way to a path driven, something spawned and deleted."""
 
 TEXTS = {
     "mixed": MIXED,

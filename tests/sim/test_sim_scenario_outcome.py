@@ -207,7 +207,7 @@ def test_a_bag_whose_topics_only_a_run_knows_keeps_everything(staged):
 
 
 def test_what_follows_a_bag_goes_on_while_it_records(staged):
-    """A recorder that began to record has succeeded, and records on: the robot is sent on its way behind it."""
+    """A recorder that began to record has succeeded, and records on: the robot is sent under way behind it."""
     recording = run(staged("bag_record(['/tf', '/local_costmap/costmap'])\nrobot.nav_to_pose(near)\nemit end"), 0)
     assert recording.run.outcome == "succeeded"
     assert recording.run.distance_m > 1.0

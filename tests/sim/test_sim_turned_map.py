@@ -94,7 +94,7 @@ def test_a_run_on_a_turned_map_is_the_run_on_the_map_turned(trip, yaw_rad):
     assert plain.run.outcome == "succeeded"
     for prefix in ("", "estimated_"):
         xy_mm = np.column_stack([turned.columns[f"{prefix}x_mm"], turned.columns[f"{prefix}y_mm"]])
-        # Half a millimetre of rounding on either side, one of them turned.
+        # Half a millimeter of rounding on either side, one of them turned.
         assert np.abs(xy_mm - turned_mm(plain.columns, yaw_rad, prefix)).max() <= 0.5 + math.sqrt(0.5) + 1e-6
         yaws = (turned.columns[f"{prefix}yaw_mrad"], plain.columns[f"{prefix}yaw_mrad"])
         apart_rad = si(yaws[0] - yaws[1]) - yaw_rad

@@ -33,7 +33,7 @@ def test_the_rectangles_cover_each_wall_cell_that_anything_can_reach_once_and_no
     np.testing.assert_array_equal(covered(rectangles, cells.shape), occupancy.occupied & ~buried)
 
 
-def test_a_straight_wall_is_one_rectangle_in_metres():
+def test_a_straight_wall_is_one_rectangle_in_meters():
     cells = np.zeros((10, 10), dtype=np.int8)
     cells[2:4, 1:9] = 100
     rectangles = wall_rectangles(OccupancyMap(cells, 0.5, (-1.0, 3.0)))

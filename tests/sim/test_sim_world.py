@@ -238,7 +238,7 @@ def test_a_struck_box_slides_as_far_as_friction_lets_it():
     assert driven.world.hold == FREE
 
 
-def test_a_box_struck_off_its_centre_turns():
+def test_a_box_struck_off_its_center_turns():
     driven = Driven(Pose(1.0, 2.15), [carton()])
     driven.appear()
     driven.drive(0.5, 0.0, 5.0)

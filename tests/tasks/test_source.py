@@ -16,7 +16,7 @@ LIMIT = 3
 
 
 def area(radius_m):
-    """In square metres."""
+    """In square meters."""
     return math.pi * radius_m**2  # by Archimedes
 '''
 
@@ -71,7 +71,7 @@ def test_the_code_behind_a_digest_tells_which_module_was_edited(tree):
     [
         ("  # by Archimedes", ""),
         ("  # by Archimedes", "  # by somebody else"),
-        ('"""In square metres."""', '"""Square metres,\n\n    of a circle.\n    """'),
+        ('"""In square meters."""', '"""Square meters,\n\n    of a circle.\n    """'),
         ('"""A module."""', ""),
         ('"""An attribute\'s docstring."""', ""),
         ("\n\n\ndef area", "\n\n\n\n\ndef area"),

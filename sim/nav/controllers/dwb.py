@@ -162,7 +162,7 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
     if away_m > 0.0:
         nose_x, nose_y = plan[n - 1, 0] + reach_m * dx / away_m, plan[n - 1, 1] + reach_m * dy / away_m
     goal_cell, nose_cell = lay(memory.grid, window, plan, n, nose_x, nose_y)
-    # The critics of the grids count metres, and only half of each.
+    # The critics of the grids count meters, and only half of each.
     half_m = 0.5 * window.place[2]
     path_align = half_m * q.PathAlign.scale * q.PathAlign.enabled
     if away_m <= q.PathAlign.forward_point_distance:

@@ -89,7 +89,7 @@ def splat(typing: Any, value: Any) -> Any:
 
 @intrinsic
 def load(typing: Any, floats: Any, start: Any) -> Any:
-    """Lanes from eight neighbours among float32 numbers."""
+    """Lanes from eight neighbors among float32 numbers."""
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
         return builder.load(_place(builder, values, _FLOATS), align=4)
@@ -99,7 +99,7 @@ def load(typing: Any, floats: Any, start: Any) -> Any:
 
 @intrinsic
 def store(typing: Any, floats: Any, start: Any, lanes: Any) -> Any:
-    """Write lanes to eight neighbours among float32 numbers."""
+    """Write lanes to eight neighbors among float32 numbers."""
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
         builder.store(values[2], _place(builder, values, _FLOATS), align=4)
@@ -181,7 +181,7 @@ def whole(typing: Any, a: Any) -> Any:
 
 @intrinsic
 def store_whole(typing: Any, numbers: Any, start: Any, lanes: Any) -> Any:
-    """Write lanes without what is behind the point to eight neighbours among uint16 numbers."""
+    """Write lanes without what is behind the point to eight neighbors among uint16 numbers."""
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
         words = builder.fptosi(values[2], _WORDS)
@@ -193,7 +193,7 @@ def store_whole(typing: Any, numbers: Any, start: Any, lanes: Any) -> Any:
 
 @intrinsic
 def store_cells(typing: Any, numbers: Any, start: Any, x: Any, y: Any, columns: Any, rows: Any) -> Any:
-    """Write the numbers of the cells that hold points to eight neighbours among uint16 numbers.
+    """Write the numbers of the cells that hold points to eight neighbors among uint16 numbers.
 
     Cell (0, 0) is number 0, a row has `columns` of them and there are `rows` of rows: no more than 65,536 cells in all.
     A point outside counts as in the nearest cell of the border.
@@ -219,7 +219,7 @@ def store_cells(typing: Any, numbers: Any, start: Any, x: Any, y: Any, columns: 
 
 @intrinsic
 def gather(typing: Any, table: Any, numbers: Any, start: Any) -> Any:
-    """Entries of a float32 table under the numbers of eight neighbours among uint16 numbers."""
+    """Entries of a float32 table under the numbers of eight neighbors among uint16 numbers."""
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
         table, numbers, start = values

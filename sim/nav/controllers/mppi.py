@@ -64,7 +64,7 @@ class MppiMemory(NamedTuple):
     lengths: Any
     free: Any
     line: Any
-    centre: Any
+    center: Any
     gains: Any
     controls: Any
     track: Any
@@ -100,7 +100,7 @@ def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64]) -> MppiMe
         lengths=np.zeros(PLAN_POINTS),
         free=np.zeros(PLAN_POINTS, dtype=np.bool_),
         line=np.zeros(steps + 8),
-        centre=rows(2 * steps),
+        center=rows(2 * steps),
         gains=rows(2 * steps),
         controls=rows(2 * steps),
         track=rows(2 * steps),
@@ -136,7 +136,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     sequence, history, free, lengths = memory.sequence, memory.history, memory.free, memory.lengths
     space = Space(
         data_of(memory.noise),
-        data_of(memory.centre),
+        data_of(memory.center),
         data_of(memory.gains),
         data_of(memory.controls),
         data_of(memory.track),
@@ -193,7 +193,7 @@ def _sample(
 ) -> bool:
     """Draw and follow all samples, and judge them by everything but the plan: False when every one collides."""
     steps, dt_s = sequence.shape[1], q.model_dt
-    _centre(q, space, sequence)
+    _center(q, space, sequence)
     x_m, y_m = (
         pose[0] + twist[0] * math.cos(pose[2]) * dt_s,
         pose[1] + twist[0] * math.sin(pose[2]) * dt_s,
@@ -287,13 +287,13 @@ def _judge_plan(
 
 
 @inner
-def _centre(q: Any, space: Space, sequence: Any) -> None:
+def _center(q: Any, space: Space, sequence: Any) -> None:
     """Write the sequence and the gains of γ in rows."""
     gain_v, gain_w = q.gamma / (q.vx_std * q.vx_std), q.gamma / (q.wz_std * q.wz_std)
     for t in range(sequence.shape[1]):
         v, w = sequence[0, t], sequence[1, t]
         for k in range(t * STEP, t * STEP + ROW):
-            space.centre[k], space.centre[k + ROW] = v, w
+            space.center[k], space.center[k + ROW] = v, w
             space.gains[k], space.gains[k + ROW] = gain_v * v, gain_w * w
 
 

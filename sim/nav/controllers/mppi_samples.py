@@ -29,7 +29,7 @@ class Space(NamedTuple):
 
     Attributes:
         noise: Standard normal numbers.
-        centre: T times a row of v, one of ω: the sequence, each number eight times over.
+        center: T times a row of v, one of ω: the sequence, each number eight times over.
         gains: T times a row for v, one for ω: what 1 m/s and 1 rad/s cost by γ.
         controls, track: T times a row of v, one of ω, or of x and y: of the samples at hand.
         ends: G times a row of x, y, cosine and sine of the heading.
@@ -43,7 +43,7 @@ class Space(NamedTuple):
     """
 
     noise: Any
-    centre: Any
+    center: Any
     gains: Any
     controls: Any
     track: Any
@@ -127,7 +127,7 @@ def draw(space: Space, first: int, steps: int, noise_at: int, twist: Any, spread
 
     The last control moves nothing any more and is not limited, as in Nav2.
     """
-    centre, numbers, controls = space.centre, space.noise, space.controls
+    center, numbers, controls = space.center, space.noise, space.controls
     spread_v, spread_w = splat(spread[0]), splat(spread[1])
     rise, fall, turn, none = splat(limits.rise), splat(limits.fall), splat(limits.turn), splat(0.0)
     v, w = splat(twist[0]), splat(twist[1])
@@ -135,22 +135,22 @@ def draw(space: Space, first: int, steps: int, noise_at: int, twist: Any, spread
     last = (steps - 1) * STEP
     if limits.rise == limits.fall:
         for k in range(0, last, STEP):
-            wish_v = load(centre, k) + spread_v * load(numbers, noise_at + k)
-            wish_w = load(centre, k + ROW) + spread_w * load(numbers, noise_at + k + ROW)
+            wish_v = load(center, k) + spread_v * load(numbers, noise_at + k)
+            wish_w = load(center, k + ROW) + spread_w * load(numbers, noise_at + k + ROW)
             v, w = lower(higher(wish_v, v - rise), v + rise), lower(higher(wish_w, w - turn), w + turn)
             store(controls, k, v)
             store(controls, k + ROW, w)
     else:
         for k in range(0, last, STEP):
-            wish_v = load(centre, k) + spread_v * load(numbers, noise_at + k)
-            wish_w = load(centre, k + ROW) + spread_w * load(numbers, noise_at + k + ROW)
+            wish_v = load(center, k) + spread_v * load(numbers, noise_at + k)
+            wish_w = load(center, k + ROW) + spread_w * load(numbers, noise_at + k + ROW)
             # Backwards, speeding up and slowing down change places.
             slower, faster = either(none, v, fall, rise), either(none, v, rise, fall)
             v, w = lower(higher(wish_v, v - slower), v + faster), lower(higher(wish_w, w - turn), w + turn)
             store(controls, k, v)
             store(controls, k + ROW, w)
-    store(controls, last, load(centre, last) + spread_v * load(numbers, noise_at + last))
-    store(controls, last + ROW, load(centre, last + ROW) + spread_w * load(numbers, noise_at + last + ROW))
+    store(controls, last, load(center, last) + spread_v * load(numbers, noise_at + last))
+    store(controls, last + ROW, load(center, last + ROW) + spread_w * load(numbers, noise_at + last + ROW))
 
 
 @inner

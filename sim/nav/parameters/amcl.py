@@ -9,7 +9,7 @@ from vastflow.sim.nav.parameters.parameter import ParameterError, ParameterGroup
 
 
 class AmclParameters(ParameterGroup):
-    """Node `amcl`: lengths in metres, angles in radians.
+    """Node `amcl`: lengths in meters, angles in radians.
 
     A `laser_max_range` of 0 or less stands for the scanner's own limit, as a `laser_min_range` below 0 does.
     """

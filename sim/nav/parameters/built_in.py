@@ -237,7 +237,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "enforce_path_inversion": only(False),
     },
     "MPPI critic": {
-        # A disc collides where its centre is inscribed, so the costs short of a collision never come to count.
+        # A disc collides where its center is inscribed, so the costs short of a collision never come to count.
         **_any("near_collision_cost", "critical_cost", "inflation_layer_name"),
         "cost_power": only(1),
         "consider_footprint": only(False),

@@ -4,7 +4,7 @@ from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 
 
 class InflationLayer(ParameterGroup):
-    """Inflation: radius in metres, scaling per metre."""
+    """Inflation: radius in meters, scaling per meter."""
 
     enabled: bool = parameter(True)
     inflation_radius: float = parameter(0.70, 0.0, 3.0, code=0.55)
@@ -18,7 +18,7 @@ class StaticLayer(ParameterGroup):
 
 
 class ObstacleLayer(ParameterGroup):
-    """What the scan marks and clears, in metres.
+    """What the scan marks and clears, in meters.
 
     Attributes:
         short_clearing_cells: A beam clears to its end but for these cells: 2 in a VoxelLayer, 0 in an ObstacleLayer.
@@ -35,7 +35,7 @@ class ObstacleLayer(ParameterGroup):
 
 
 class Costmap(ParameterGroup):
-    """One costmap: rates in Hz, lengths in metres.
+    """One costmap: rates in Hz, lengths in meters.
 
     `width`, `height`, `resolution` and `publish_frequency` count in the rolling window; the global costmap takes its size
     and its cells from the map.

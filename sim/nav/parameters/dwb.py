@@ -59,7 +59,7 @@ class GoalDistCritic(ParameterGroup):
 
 
 class DwbParameters(ParameterGroup):
-    """dwb_core with StandardTrajectoryGenerator on a differential drive: metres, seconds, radians.
+    """dwb_core with StandardTrajectoryGenerator on a differential drive: meters, seconds, radians.
 
     Nav2's code defaults of the kinematic limits are 0: a file that leaves one of them out has a robot that does not
     move that way.

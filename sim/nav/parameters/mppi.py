@@ -11,7 +11,7 @@ class ConstraintParameters(ParameterGroup):
 
 
 class CostParameters(ParameterGroup):
-    """The local costmap under every `trajectory_point_step`-th point; distances in metres."""
+    """The local costmap under every `trajectory_point_step`-th point; distances in meters."""
 
     enabled: bool = parameter(True)
     cost_weight: float = parameter(3.81, 0.0, 1e6)
@@ -81,7 +81,7 @@ class PreferForwardParameters(ParameterGroup):
 
 
 class MppiParameters(ParameterGroup):
-    """The optimiser's parameters: metres, seconds, radians. `vy_max` serves ConstraintCritic alone, as in Jazzy."""
+    """The optimiser's parameters: meters, seconds, radians. `vy_max` serves ConstraintCritic alone, as in Jazzy."""
 
     time_steps: int = parameter(56, 2, 1000)
     model_dt: float = parameter(0.05, 0.05, 1.0)

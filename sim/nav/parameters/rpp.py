@@ -4,7 +4,7 @@ from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 
 
 class RppParameters(ParameterGroup):
-    """nav2_regulated_pure_pursuit_controller of Jazzy: metres, seconds, radians."""
+    """nav2_regulated_pure_pursuit_controller of Jazzy: meters, seconds, radians."""
 
     desired_linear_vel: float = parameter(0.5, 0.01, 10.0)
     lookahead_dist: float = parameter(0.6, 0.05, 10.0)

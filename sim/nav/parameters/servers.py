@@ -13,7 +13,7 @@ Deceleration: TypeAlias = Annotated[float, Field(ge=-1000.0, le=0.0)]
 
 
 class NavFn(ParameterGroup):
-    """NavfnPlanner; tolerance in metres."""
+    """NavfnPlanner; tolerance in meters."""
 
     tolerance: float = parameter(0.5, 0.0, 100.0)
     allow_unknown: bool = parameter(True)
@@ -29,14 +29,14 @@ class ControllerServer(ParameterGroup):
 
 
 class ProgressChecker(ParameterGroup):
-    """SimpleProgressChecker: metres and seconds."""
+    """SimpleProgressChecker: meters and seconds."""
 
     required_movement_radius: float = parameter(0.5, 0.0, 100.0)
     movement_time_allowance: float = parameter(10.0, 0.1, 1e6)
 
 
 class GoalChecker(ParameterGroup):
-    """SimpleGoalChecker: metres and radians."""
+    """SimpleGoalChecker: meters and radians."""
 
     xy_goal_tolerance: float = parameter(0.25, 0.001, 100.0)
     yaw_goal_tolerance: float = parameter(0.25, 0.001, 7.0)
@@ -86,7 +86,7 @@ class Perturbation(ParameterGroup):
     """What lies between the simulated sensors and Nav2: the relay of the paper's study, and odometry noise.
 
     Attributes:
-        laserscan_gaussian_noise_std_deviation: Of every beam, metres.
+        laserscan_gaussian_noise_std_deviation: Of every beam, meters.
         laserscan_random_drop_percentage: Share of beams lost, a fraction 0..1 in spite of its name.
         odometry_noise_std_deviation: Of each step's way and turn, as a share of them.
         initial_pose_covariance_xx, initial_pose_covariance_yy, initial_pose_covariance_yaw: Of the initial pose (m², rad²).
