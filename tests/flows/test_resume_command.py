@@ -96,9 +96,10 @@ def asked_again(monkeypatch):
     """What a campaign was run with, instead of running it."""
     calls = []
 
-    def run_campaign(path, *, observer, **options):
-        campaign, _ = read_campaign(path)
-        calls.append({"digests": [c.scenario.digest for c in instantiate(campaign).configurations], **options})
+    def run_campaign(request, *, observer):
+        campaign, _ = read_campaign(Path(request.campaign))
+        digests = [c.scenario.digest for c in instantiate(campaign).configurations]
+        calls.append({"digests": digests, **request.model_dump()})
         raise KeyboardInterrupt
 
     monkeypatch.setattr(api, "run_campaign", run_campaign)
@@ -119,13 +120,13 @@ def test_a_campaign_runs_again_from_its_own_inputs_with_the_runs_that_were_asked
     assert f"small_room of 2026-11-21 06:05:04 from the inputs in {directory}, 3 runs of each" in result.stderr
     (call,) = asked_again
     assert call["digests"] == digests
-    assert (call["runs"], call["results"], call["only"], call["workers"]) == (3, directory.parent, [], 2)
+    assert (call["runs"], call["results"], call["only"], call["workers"]) == (3, str(directory.parent), (), 2)
 
 
 def test_the_selection_that_was_asked_is_kept(small_room, tmp_path, tree, asked_again):
     result = resumed(written(small_room, tmp_path / "results", tree, only=["room-1"]))
     assert "3 runs of each configuration, only room-1" in result.stderr
-    assert asked_again[0]["only"] == ["room-1"]
+    assert asked_again[0]["only"] == ("room-1",)
 
 
 def test_the_sample_that_was_asked_is_kept(small_room, tmp_path, tree, asked_again):
