@@ -26,7 +26,7 @@ class Leaf(Node):
         super().__init__(name)
         self.belongs(place, state)
 
-    def initialize(self) -> None:
+    def initialise(self) -> None:
         self.state.moved = True
         self.feedback_message = ""
         self.enter()

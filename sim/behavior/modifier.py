@@ -24,7 +24,7 @@ class Modifier(decorators.Decorator, Node):
         self.belongs(modified.place, state)
         self._arguments: Mapping[str, Expression] = modified.arguments
 
-    def initialize(self) -> None:
+    def initialise(self) -> None:
         self.state.moved = True
         self.feedback_message = ""
         self.enter()
