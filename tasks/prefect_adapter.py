@@ -74,6 +74,20 @@ def database_url() -> str | None:
     return url.get_secret_value() if url else None
 
 
+def current_flow() -> Any:
+    """The flow whose run this code is in.
+
+    Raises:
+        RuntimeError: it is in none.
+    """
+    from prefect.context import FlowRunContext
+
+    context = FlowRunContext.get()
+    if context is None or context.flow is None:
+        raise RuntimeError("called outside of a flow run")
+    return context.flow
+
+
 def current_tags() -> frozenset[str]:
     """Tags that flow runs and task runs get which begin here."""
     from prefect.context import TagsContext

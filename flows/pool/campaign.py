@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from prefect.client.orchestration import get_client
-from prefect.context import FlowRunContext
 from prefect.runtime import flow_run
 
 from vastflow.flows.campaign_run import CampaignRun
@@ -17,6 +16,7 @@ from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.bundle import BundleError, Packer
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.index import Member
+from vastflow.tasks.prefect_adapter import current_flow
 
 
 class CampaignPool:
@@ -68,10 +68,8 @@ def pool_of(run: CampaignRun) -> Iterator[CampaignPool | None]:
         request = RunRequest(campaign=run.name, store=run.store.place, workers=workers).model_dump(
             exclude_defaults=True
         )
-        context = FlowRunContext.get()
-        assert context is not None and context.flow is not None, "called from inside a flow"
         label = key_of(run.name)
-        service = PoolService(asking, pool.name, str(flow_run.id), label, context.flow, request, job_variables)
+        service = PoolService(asking, pool.name, str(flow_run.id), label, current_flow(), request, job_variables)
         packer = Packer(run.store, run.name, run.keys, run.oracles, run.campaign.path.parent)
         # In a queue of a cluster a flow run may be pending for days.
         taken_s = TAKEN_S if kind is PoolType.process else None

@@ -53,4 +53,4 @@ def test_a_deployment_has_it_among_its_parameters_where_it_is_asked(file):
     for option, given in (([], None), (["--as-v1"], True)):
         result = called("deploy", file, "--pool", "p", "--dry-run", *option)
         deployment, _ = yaml.safe_load(result.stdout.split("---")[0])["deployments"]
-        assert deployment["parameters"].get("as_v1") is given
+        assert deployment["parameters"]["request"].get("as_v1") is given

@@ -63,4 +63,7 @@ def test_a_deployment_has_the_folder_of_maps_and_the_sample_among_its_parameters
     file, maps = apart
     result = called("deploy", file, "--pool", "p", "--map-dir", maps, "--sample", 3, "--dry-run")
     deployment, _ = yaml.safe_load(result.stdout.split("---")[0])["deployments"]
-    assert (deployment["parameters"]["map_dir"], deployment["parameters"]["sample"]) == (str(maps), 3)
+    assert (deployment["parameters"]["request"]["map_dir"], deployment["parameters"]["request"]["sample"]) == (
+        str(maps),
+        3,
+    )

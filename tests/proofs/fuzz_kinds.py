@@ -312,7 +312,6 @@ def _directory_command(file: Path, rng: random.Random) -> list[str]:
             ["compare", str(directory), str(directory)],
             ["explain", str(directory), "rooms-1-1-1"],
             ["coverage", str(directory)],
-            ["paper", str(directory)],
             ["replay", str(directory), "rooms-1-1-1", "1"],
             ["run", "--dry-run", "--since", str(directory), str(directory.parents[1] / "probes" / "every.vast")],
         )
