@@ -44,6 +44,7 @@ from vastflow.tasks.progress import Observer, Reporter, Tally
 from vastflow.tasks.shards import Shard, missing_shards
 from vastflow.tasks.source import SourceTree, installed_tree
 from vastflow.tasks.store import Lost, Store, open_store
+from vastflow.tasks.surroundings import check_surroundings
 
 if TYPE_CHECKING:
     from vastflow.flows.request.stopping import Stopping
@@ -266,6 +267,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             stopping = _stopping(campaign) if request.runs is None else None
             asked = _asked(request, campaign, inputs)
             rule = {} if stopping is None else {SEQUENTIAL: stopping.as_json}
+            check_surroundings()
             engine = Engine(
                 Index(store, keys),
                 Pool(request.workers or cores(), log),

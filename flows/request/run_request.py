@@ -58,7 +58,7 @@ class RunRequest(BaseModel):
     as_v1: bool = Field(
         False, description="Place every obstacle as version 1 of RoboVAST does, whatever the file says."
     )
-    pool: Annotated[Text | None, OnCommandLine("NAME")] = Field(
+    pool: Annotated[str | None, OnCommandLine("NAME")] = Field(
         None, description="Work pool of Prefect whose workers compute what is missing; else this machine does."
     )
     shards: Annotated[Positive | None, OnCommandLine("N")] = Field(
@@ -86,6 +86,8 @@ class RunRequest(BaseModel):
 
     @model_validator(mode="after")
     def _checked(self) -> Self:
+        if self.pool == "":
+            raise ValueError("--pool: found an empty name; the name of a work pool")
         given = {"--shards": self.shards, "--pool-wait": self.pool_wait_s}
         if self.pool is None and (alone := next((name for name, value in given.items() if value is not None), None)):
             raise ValueError(f"{alone}: only with --pool, whose shards it is about")

@@ -49,7 +49,7 @@ def test_the_flow_takes_the_request_and_nothing_else():
     [
         ({"runs": 0}, "^runs is at least 1, got 0$"),
         ({"shards": 2}, "^--shards: only with --pool, whose shards it is about$"),
-        ({"pool": ""}, "^pool string should have at least 1 character, got ''$"),
+        ({"pool": ""}, "^--pool: found an empty name; the name of a work pool$"),
     ],
 )
 def test_an_option_out_of_bounds_is_told_with_what_was_found(options, words):
