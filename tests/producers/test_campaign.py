@@ -355,8 +355,8 @@ def test_an_action_that_nothing_here_can_do_is_a_fault_before_anything_runs(load
             "2:9: configuration[0].name: a navigation mission needs goal_pose or goal_poses, which nothing writes; ",
         ),
         (
-            FIXED.replace("parameters:", "variations:\n  - PathVariationRandom: {path_length: 1}\n  parameters:"),
-            "5:3: configuration[0]: unknown key 'parameters'; did you mean 'parameters'?",
+            FIXED.replace("parameters:", "variations:\n  - PathVariationRandom: {path_length: 1}\n  parametres:"),
+            "5:3: configuration[0]: unknown key 'parametres'; did you mean 'parameters'?",
         ),
         ("configuration:\n", "1:1: configuration: an empty campaign; a list of families, '- name: ...'"),
         ("configuration: []\n", "1:1: configuration: an empty campaign; "),
