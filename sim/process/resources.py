@@ -42,7 +42,7 @@ class ResourceSampler:
         self._period_s = period_s
         self._start_s = time.monotonic()
         self._cpu_s: dict[psutil.Process, float] = {}
-        self._rows: list[Use] = []
+        self._rows = [self._sample()]  # here, not in the thread: a run of milliseconds has a row too
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._sample_on, name="resources", daemon=True)
         self._thread.start()
@@ -65,10 +65,10 @@ class ResourceSampler:
 
     def _sample_on(self) -> None:
         while True:
-            self._rows.append(self._sample())
             next_s = self._start_s + len(self._rows) * self._period_s
             if self._stopped.wait(max(0.0, next_s - time.monotonic())):
                 return
+            self._rows.append(self._sample())
 
     def _sample(self) -> Use:
         t_s, rss_bytes, processes = time.monotonic() - self._start_s, 0, 0
