@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vastflow.sim.kernels.streams import CONTROLLER, SUBSYSTEMS
 from vastflow.sim.loop.prepared import PreparedMap
 from vastflow.sim.nav.controllers.binding import RunningController, running
+from vastflow.sim.nav.controllers.built_in import controller_of
 from vastflow.sim.nav.controllers.controller import Setting
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.mission import Mission
@@ -242,7 +243,9 @@ def new_stack(
         local=local,
         cloud=new_cloud(parameters.amcl.max_particles),
         route=_route(prepared.least, (), 0),
-        controller=running(parameters.controller, _setting(parameters, local.window, streams[CONTROLLER].copy())),
+        controller=running(
+            controller_of(parameters.controller), _setting(parameters, local.window, streams[CONTROLLER].copy())
+        ),
         obstacles=obstacles,
         rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(COLUMNS)), dtype=np.int32),
     )
@@ -303,7 +306,7 @@ def _parameter_record(parameters: NavParameters, lidar: Lidar, robot: Robot, pre
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),
         "circumscribed_radius": circumscribed_radius_m(outline),
-        "plan_ahead": parameters.controller.plan_ahead_m,
+        "plan_ahead": controller_of(parameters.controller).plan_ahead_m,
         "resolution": prepared.occupancy.resolution_m,
         "origin_x": prepared.occupancy.origin_xy_m[0],
         "origin_y": prepared.occupancy.origin_xy_m[1],

@@ -57,7 +57,7 @@ def scenarios_of(file: Path):
 
 
 def test_a_key_of_the_campaign_file_chooses_it(campaign_file):
-    assert controllers(scenarios_of(campaign_file)) == ["Rpp", "PurePursuit"]
+    assert controllers(scenarios_of(campaign_file)) == ["RppParameters", "PurePursuit"]
 
 
 def test_an_unknown_one_is_refused_with_the_nearest_name(campaign_file):
@@ -89,7 +89,7 @@ def test_workers_elsewhere_get_it_as_it_was_read(campaign_file, tmp_path):
     key = Packer(store, "x", keys, oracles, campaign_file.parent).packed(members)
     shutil.rmtree(campaign_file.parent)
     found = unpacked(store, key, tmp_path / "elsewhere")
-    assert controllers(member.scenario for member in found.members) == ["Rpp", "PurePursuit"]
+    assert controllers(member.scenario for member in found.members) == ["RppParameters", "PurePursuit"]
 
 
 def test_what_it_takes_from_the_environment_is_warned_of(campaign_file):

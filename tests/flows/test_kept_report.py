@@ -172,11 +172,10 @@ def test_where_nothing_is_missing_the_report_comes_from_the_store_and_nothing_is
 
     campaign, store = tmp_path / "nothing.vast", tmp_path / "store"
     first = run_campaign(campaign, results=tmp_path / "results", store=store, workers=1)
-    # numba and scipy are loaded by now with the classes of controllers, whose fields are the models of Nav2's parameters.
     script = (
         "import sys; from vastflow.flows import run_campaign; "
         f"print(run_campaign({str(campaign)!r}, results={str(tmp_path / 'again')!r}, store={str(store)!r}).directory); "
-        "print(*{'prefect', 'matplotlib', 'pandas', 'jinja2', 'pymunk'} & sys.modules.keys())"
+        "print(*{'prefect', 'numba', 'scipy', 'matplotlib', 'pandas', 'jinja2', 'pymunk'} & sys.modules.keys())"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True)
     directory, loaded = done.stdout.splitlines()

@@ -1,6 +1,8 @@
 """Controllers as plug-ins: found by name or file, checked by the conformance suite, driven at full speed."""
 
 import re
+import subprocess
+import sys
 import textwrap
 from pathlib import Path
 
@@ -11,9 +13,15 @@ from vastflow.sim.loop.drive import drive
 from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.controllers import conformance, registry
+from vastflow.sim.nav.controllers.built_in import controller_of
 from vastflow.sim.nav.controllers.conformance import CHECKS, check_controller, check_time, sample_situations
 from vastflow.sim.nav.controllers.controller import Controller, Setting
-from vastflow.sim.nav.controllers.registry import UnknownController, find_controller, known_controllers, short_names
+from vastflow.sim.nav.controllers.registry import (
+    UnknownController,
+    find_controller,
+    known_controllers,
+    short_names,
+)
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.nav.parameters.document import DocumentError
@@ -306,7 +314,7 @@ def test_the_key_controller_takes_a_plug_in_that_the_file_lists(tmp_path, folder
         "    Own: {plugin: 'my_pursuit.py:PurePursuit', lookahead_dist: 0.9}\n"
     )
     system = {"nav2_params": nav2_file(tmp_path / "both.yaml")}
-    assert type(parameters_of(system).controller).__name__ == "Rpp"
+    assert type(parameters_of(system).controller).__name__ == "RppParameters"
     chosen = parameters_of({**system, "controller": "my_pursuit.py:PurePursuit"}).controller
     assert (type(chosen).__name__, chosen.lookahead_dist) == ("PurePursuit", 0.9)
     with pytest.raises(DocumentError, match=r"did you mean 'my_pursuit.py:PurePursuit'\? one of dwb, mppi, rpp"):
@@ -328,3 +336,21 @@ def test_an_install_whose_metadata_is_older_than_its_source_says_to_install_agai
         RuntimeError, match=r"its metadata is older than its source; install it again: pip install -e \."
     ):
         known_controllers.__wrapped__()
+
+
+def test_the_parameters_of_built_in_controllers_are_read_without_numba_and_scipy():
+    script = (
+        "import sys; from vastflow.sim.nav.parameters.chosen import parameters_of; "
+        "print([type(parameters_of({'controller': name}).controller).__name__ for name in ('dwb', 'mppi', 'rpp')]); "
+        "print(*{'numba', 'scipy', 'llvmlite'} & sys.modules.keys())"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.splitlines() == ["['DwbParameters', 'MppiParameters', 'RppParameters']", ""]
+
+
+@pytest.mark.parametrize("name", ["dwb", "mppi", "rpp"])
+def test_a_built_in_controller_has_the_parameters_that_were_read(name):
+    parameters = parameters_of({"controller": name}).controller
+    controller = controller_of(parameters)
+    assert type(controller) is find_controller(short_names()[name])
+    assert dict(controller) == dict(parameters)

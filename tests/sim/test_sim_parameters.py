@@ -3,8 +3,6 @@
 import pytest
 
 from vastflow.sim.digest import FileContent, canonical
-from vastflow.sim.nav.controllers.dwb import Dwb
-from vastflow.sim.nav.controllers.rpp import Rpp
 from vastflow.sim.nav.parameters.chosen import (
     PERTURBATION_KEYS,
     check_key,
@@ -13,8 +11,10 @@ from vastflow.sim.nav.parameters.chosen import (
     unread,
 )
 from vastflow.sim.nav.parameters.document import DocumentError
+from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.parameter import ParameterError
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.servers import Perturbation
 from vastflow.sim.nav.parameters.stack import NavParameters
 
@@ -166,7 +166,7 @@ def test_the_initial_covariance_is_a_list_of_three():
     assert covariances == (0.25, 0.2, 0.0685)
 
 
-@pytest.mark.parametrize(("name", "default"), [("dwb", Dwb()), ("rpp", Rpp())])
+@pytest.mark.parametrize(("name", "default"), [("dwb", DwbParameters()), ("rpp", RppParameters())])
 def test_a_controller_by_name_has_its_own_default_parameters(name, default):
     assert parameters_of({"controller": name}) == NavParameters().with_values(controller=default)
 
@@ -198,7 +198,7 @@ def test_a_file_is_rewritten_like_the_default(content):
 def test_a_file_without_a_controller_server_still_gets_the_controller_asked_for(tmp_path):
     (tmp_path / "nav2.yaml").write_text("amcl: {ros__parameters: {pf_err: 0.1}}")
     found = parameters_of({"nav2_params": nav2_file(tmp_path / "nav2.yaml"), "controller": "rpp"})
-    assert (found.amcl.pf_err, found.controller) == (0.1, Rpp())
+    assert (found.amcl.pf_err, found.controller) == (0.1, RppParameters())
     assert found.goal_checker == NavParameters().goal_checker
 
 

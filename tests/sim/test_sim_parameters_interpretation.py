@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.sim.nav.controllers.dwb import Dwb
-from vastflow.sim.nav.controllers.mppi import Mppi
-from vastflow.sim.nav.controllers.rpp import Rpp
 from vastflow.sim.nav.parameters.costmap import Costmap, InflationLayer, ObstacleLayer, StaticLayer
 from vastflow.sim.nav.parameters.document import DocumentError, dotted, parse, read_document
+from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.findings import findings
 from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, OF_THE_MAP, critics_of, interpretation
+from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, range_of
+from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.parameters.servers import CollisionMonitor, NavFn, VelocitySmoother
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.parameters.written import document_of
@@ -69,12 +69,12 @@ def test_the_shipped_file_of_jazzy_is_what_the_stack_has_by_default():
 
 
 def test_the_shipped_file_with_rpp_differs_from_it_in_the_controller_alone():
-    assert shipped("rpp.yaml").parameters == NavParameters(controller=Rpp())
+    assert shipped("rpp.yaml").parameters == NavParameters(controller=RppParameters())
 
 
 def test_the_shipped_file_with_dwb_is_a_turtlebot_4_under_humble():
     found = shipped("dwb.yaml").parameters
-    assert found.controller == Dwb()
+    assert found.controller == DwbParameters()
     assert (found.global_costmap.robot_radius, found.local_costmap.inflation_layer.inflation_radius) == (0.175, 0.45)
     assert found.local_costmap.static_layer.enabled
     assert not found.collision_monitor.enabled
@@ -95,7 +95,7 @@ def test_what_a_file_leaves_out_is_as_in_nav2s_code():
 
 def test_the_minimal_example_selects_its_controller():
     found = parameters(MINIMAL)
-    assert isinstance(found.controller, Mppi)
+    assert isinstance(found.controller, MppiParameters)
     assert found.controller.batch_size == 1500
 
 
@@ -238,7 +238,7 @@ planner_server:
     GridBased: {plugin: "nav2_navfn_planner/NavfnPlanner", tolerance: 0.75, use_astar: true}
 """
     found = read(text).parameters
-    assert (type(found.controller), found.planner) == (Rpp, NavFn(tolerance=0.75, use_astar=True))
+    assert (type(found.controller), found.planner) == (RppParameters, NavFn(tolerance=0.75, use_astar=True))
     assert statuses(text)["Other.gain"] == "no effect"
 
 
@@ -394,7 +394,7 @@ def values_of(value, low, high):
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.data(), st.sampled_from([Mppi(), Dwb(), Rpp()]))
+@given(st.data(), st.sampled_from([MppiParameters(), DwbParameters(), RppParameters()]))
 def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
     default = NavParameters(controller=controller)
     parts = {name: data.draw(varied(group)) for name, group in default}

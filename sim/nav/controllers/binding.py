@@ -273,6 +273,8 @@ def _kernel(kind: type[Controller], name: str, arguments: tuple[Any, ...]) -> An
         ControllerError: it can't be, or returns another type.
     """
     kernel = getattr(kind, name, None)
+    if kernel is None and name != "compute_velocity":
+        kernel = _change_nothing
     where = f"{line_of(getattr(kernel, 'py_func', kind))}: {kind.__name__}.{name}"
     if not isinstance(kernel, Dispatcher):
         raise ControllerError(f"{where} is no compiled function; put @kernel above it")
@@ -287,6 +289,11 @@ def _kernel(kind: type[Controller], name: str, arguments: tuple[Any, ...]) -> An
     if name == "compute_velocity" and not _is_command(found):
         raise ControllerError(f"{where} returns {found}; (valid, v, ω): a flag and two numbers")
     return compiled
+
+
+@unkept
+def _change_nothing(memory: Any) -> None:
+    pass
 
 
 def _is_command(found: Any) -> bool:

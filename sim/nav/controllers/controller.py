@@ -4,15 +4,16 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Final, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.numeric import unkept
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
-from vastflow.sim.nav.window import Window
 from vastflow.sim.plug_ins.loading import snapshot_behind
+
+if TYPE_CHECKING:
+    from vastflow.sim.nav.window import Window
 
 PERIOD_S: Final = 0.05
 """The controller server's period: 20 Hz."""
@@ -40,7 +41,7 @@ class ControllerInput(NamedTuple):
         dt_s: Time to the next cycle.
     """
 
-    window: Window
+    window: "Window"
     outline: Any
     inscribed_radius_m: float
     pose: Any
@@ -74,12 +75,9 @@ class Setting:
 
 def kernel(function: Function) -> Function:
     """Compile a function as the simulator's own kernels are compiled: for the same processor, with IEEE arithmetic."""
+    from vastflow.sim.kernels.numeric import unkept  # who only reads parameters does without numba
+
     return unkept(function)
-
-
-@unkept
-def _forget_nothing(memory: Any) -> None:
-    pass
 
 
 class Controller(ParameterGroup):
@@ -88,13 +86,13 @@ class Controller(ParameterGroup):
     Attributes:
         compute_velocity: Kernel (parameters, memory, `ControllerInput`) to (valid, v, ω): whether there is a command, and what it
             is in m/s and rad/s. `parameters.name` is a field's value: a flag is 0 or 1, a tuple an array.
-        reset: Kernel (memory): a FollowPath action has ended.
-        set_plan: Kernel (memory): the path is a new one, as once a second.
+        reset: Kernel (memory): a FollowPath action has ended. None where nothing is to be forgotten.
+        set_plan: Kernel (memory): the path is a new one, as once a second. None where that changes nothing.
     """
 
     compute_velocity: ClassVar[Callable[..., Any]]
-    reset: ClassVar[Callable[..., Any]] = _forget_nothing
-    set_plan: ClassVar[Callable[..., Any]] = _forget_nothing
+    reset: ClassVar[Callable[..., Any] | None] = None
+    set_plan: ClassVar[Callable[..., Any] | None] = None
 
     def memory(self, setting: Setting) -> Any:
         """State and working space of a run: a NamedTuple of arrays, and of such again; kernels change them in place."""

@@ -8,6 +8,10 @@ from typing import Final
 
 from vastflow.sim.files import is_file
 from vastflow.sim.nav.controllers.controller import Controller
+from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.parameters.parameter import ParameterGroup
+from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.plug_ins.loading import module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
@@ -18,6 +22,14 @@ FILE: Final = ".py:"
 """In the name of a controller in a file, `my_pursuit.py:PurePursuit`."""
 
 OWN: Final = "file.py:Class for one of your own, relative to the parameter file"
+
+
+_APART: Final[Mapping[str, type[ParameterGroup]]] = {
+    "vastflow.sim.nav.controllers.dwb:Dwb": DwbParameters,
+    "vastflow.sim.nav.controllers.mppi:Mppi": MppiParameters,
+    "vastflow.sim.nav.controllers.rpp:Rpp": RppParameters,
+}
+"""Entry points of controllers whose parameters stand apart from their kernels: who only reads a campaign needs no numba."""
 
 
 class UnknownController(LookupError):
@@ -50,15 +62,32 @@ def short_names() -> Mapping[str, str]:
     return dict(sorted((entry.attr.lower(), name) for name, entry in known_controllers().items()))
 
 
-def name_of(kind: type[Controller]) -> str:
-    """The name of an installed controller in the group."""
-    value = f"{kind.__module__}:{kind.__qualname__}"
+def short_name(name: str) -> str:
+    """What the key `controller` calls an installed controller; the class of one in a file."""
+    entry = known_controllers().get(name)
+    return name.rpartition(":")[2] if entry is None else entry.attr.lower()
+
+
+def name_of(kind: type[ParameterGroup]) -> str:
+    """The name in the group of an installed controller, or of the one whose parameters these are."""
+    own = f"{kind.__module__}:{kind.__qualname__}"
+    value = next((value for value, parameters in _APART.items() if parameters is kind), own)
     return next(name for name, entry in known_controllers().items() if entry.value == value)
 
 
 def file_of(name: str, base: Path) -> Path:
     """The file in the name of a controller; a relative one lies below `base`."""
     return base / name.rpartition(":")[0]
+
+
+def find_parameters(name: str, base: Path = Path(), snapshot: Snapshot | None = None) -> type[ParameterGroup]:
+    """The parameters of the controller called `name`: a class of their own, or the controller's.
+
+    Args and errors are those of `find_controller`.
+    """
+    entry = known_controllers().get(name)
+    apart = None if entry is None else _APART.get(entry.value)
+    return apart or find_controller(name, base, snapshot)
 
 
 def find_controller(name: str, base: Path = Path(), snapshot: Snapshot | None = None) -> type[Controller]:

@@ -8,7 +8,7 @@ from typing import Final
 from pydantic import BaseModel
 
 from vastflow.sim.digest import FileContent, Value, canonical
-from vastflow.sim.nav.controllers.registry import FILE, find_controller, known_controllers, short_names
+from vastflow.sim.nav.controllers.registry import FILE, find_parameters, known_controllers, short_names
 from vastflow.sim.nav.parameters.document import (
     PARAMETERS,
     Document,
@@ -149,7 +149,7 @@ def with_controller(document: Document, name: Value) -> Document:
         near = nearest(str(name), known)
         right = f"{f'did you mean {near!r}? ' if near else ''}one of {', '.join(known)}"
         raise DocumentError([ParameterFault(CONTROLLER_KEY, f"found {shown(name)}", right)])
-    block = controller_block(node, find_controller(meant)())
+    block = controller_block(node, find_parameters(meant)())
     kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}
     return replace(document, values={**kept, **block})
 

@@ -5,8 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeAlias, TypeGuard
 
-from vastflow.sim.nav.controllers.controller import Controller
-from vastflow.sim.nav.controllers.registry import FILE, OWN, UnknownController, find_controller, known_controllers
+from vastflow.sim.nav.controllers.registry import (
+    FILE,
+    OWN,
+    UnknownController,
+    find_parameters,
+    known_controllers,
+    short_name,
+)
 from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.parameters.costmap import Costmap, InflationLayer, ObstacleLayer, StaticLayer, global_costmap
 from vastflow.sim.nav.parameters.document import Document, DocumentError, Location
@@ -188,13 +194,13 @@ def _controller(reader: Reader, place: Location, listed: Location) -> Parts:
         reader.fault(path, f"{name} is not modelled", f"a controller that is: {known}; {OWN}")
         return {}
     try:
-        kind = find_controller(name, Path(document.file).parent, document.plug_ins.get(name))
+        kind = find_parameters(name, Path(document.file).parent, document.plug_ins.get(name))
     except UnknownController as error:
         reader.fault(path, error.what, error.right)
         return {}
     if not kind.__module__.startswith("vastflow."):
         return {"controller": _own_parameters(reader, kind, place, {path})}
-    algorithm = kind.__name__.upper()
+    algorithm = short_name(name).upper()
     reader.kinds[place] = algorithm
     return {"controller": reader.group(kind, place, given=_critics(reader, place, algorithm, kind()))}
 
@@ -216,12 +222,12 @@ def _is_group(annotation: object) -> TypeGuard[type[ParameterGroup]]:
     return isinstance(annotation, type) and issubclass(annotation, ParameterGroup)
 
 
-def critics_of(controller: Controller) -> Mapping[str, Any]:
+def critics_of(controller: ParameterGroup) -> Mapping[str, Any]:
     """The groups of a controller's critics by name, those that are not enabled too; none of RPP's."""
     return {name: value for name, value in controller if isinstance(value, ParameterGroup)}
 
 
-def _critics(reader: Reader, place: Location, algorithm: str, default: Controller) -> Parts:
+def _critics(reader: Reader, place: Location, algorithm: str, default: ParameterGroup) -> Parts:
     """The critics that the list `critics` names; all others are not enabled."""
     critics = critics_of(default)
     if not critics:

@@ -2,10 +2,9 @@
 
 from pydantic import SerializeAsAny
 
-from vastflow.sim.nav.controllers.controller import Controller
-from vastflow.sim.nav.controllers.mppi import Mppi
 from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.parameters.costmap import Costmap, global_costmap, local_costmap
+from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.servers import (
     BehaviorServer,
@@ -21,7 +20,12 @@ from vastflow.sim.nav.parameters.servers import (
 
 
 class NavParameters(ParameterGroup):
-    """What the stack in the loop is set to; the values of Nav2 Jazzy's default file where nothing is given."""
+    """What the stack in the loop is set to; the values of Nav2 Jazzy's default file where nothing is given.
+
+    Attributes:
+        controller: Parameters of the controller; a plug-in is its own, see
+            `vastflow.sim.nav.controllers.registry.find_parameters`.
+    """
 
     perturbation: Perturbation = Perturbation()
     amcl: AmclParameters = AmclParameters()
@@ -35,4 +39,4 @@ class NavParameters(ParameterGroup):
     waypoint_follower: WaypointFollower = WaypointFollower()
     velocity_smoother: VelocitySmoother = VelocitySmoother()
     collision_monitor: CollisionMonitor = CollisionMonitor()
-    controller: SerializeAsAny[Controller] = Mppi()
+    controller: SerializeAsAny[ParameterGroup] = MppiParameters()

@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from vastflow.sim.digest import Value
-from vastflow.sim.nav.controllers.controller import Controller
-from vastflow.sim.nav.controllers.dwb import Dwb
 from vastflow.sim.nav.controllers.registry import name_of
 from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.document import PARAMETERS, Document, Location
+from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.interpretation import OF_THE_MAP, critics_of
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
@@ -44,7 +43,7 @@ def document_of(parameters: NavParameters) -> Document:
     return Document(values | _waypoint_follower(parameters) | _velocity_smoother(parameters) | _monitor(parameters))
 
 
-def controller_block(node: Location, controller: Controller) -> Values:
+def controller_block(node: Location, controller: ParameterGroup) -> Values:
     """The list `controller_plugins` with one controller, and its parameters."""
     name = CONTROLLERS.used
     values: Values = {
@@ -58,7 +57,7 @@ def controller_block(node: Location, controller: Controller) -> Values:
         for group, critic in critics.items():
             if critic.enabled:
                 values |= _below((*place, group), critic)
-                if isinstance(controller, Dwb):  # where the list alone says which critics there are
+                if isinstance(controller, DwbParameters):  # where the list alone says which critics there are
                     del values[(*place, group, "enabled")]
     return values
 
