@@ -205,7 +205,8 @@ def tolerated() -> Iterator[list[Exception]]:
 
 def _row(name: str, group: Group) -> dict[str, Any]:
     counts = group.counts
-    interval = f"{100 * counts.interval.low:.1f} – {100 * counts.interval.high:.1f} %" if counts.judged else "–"
+    low, high = counts.interval.thousandths
+    interval = f"{low / 10:.1f} – {high / 10:.1f} %" if counts.judged else "–"
     return {
         "family": name,
         "configurations": group.configurations,

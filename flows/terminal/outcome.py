@@ -83,8 +83,8 @@ def rate_text(counts: Counts) -> str:
     """`93.3 %  [82.1, 97.7]`; `not judged`, or a dash where there are no runs."""
     if counts.rate is None:
         return "not judged" if counts.not_judged else "–"
-    interval = counts.interval
-    return f"{100 * counts.rate:.1f} %  [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
+    low, high = counts.interval.thousandths
+    return f"{100 * counts.rate:.1f} %  [{low / 10:.1f}, {high / 10:.1f}]"
 
 
 def _table(first: Sequence[str], rows: Sequence[tuple[Sequence[str], Counts]]) -> Table:

@@ -35,13 +35,13 @@
     class: (value) => element("td", {}, element("span", { class: "tag" }, element("i", { class: value }), value)),
     rate: ([passed, judged, unjudged, low, high]) => {
       if (!judged) return element("td", {}, "–", element("br"), element("small", {}, unjudged ? "not judged" : "not run"));
-      const digits = Math.round(low / 10) < Math.round(high / 10) ? 0 : 1;  // ends that would look the same
-      const end = (thousandths) => (thousandths / 10).toFixed(digits);
+      // As `span_of` in words.py: rounded outwards, with a digit more where the interval is narrow.
+      const ends = high - low < 50 ? [(low / 10).toFixed(1), (high / 10).toFixed(1)] : [Math.floor(low / 10), Math.ceil(high / 10)];
       const style = `--l:${low / 10}%;--w:${(high - low) / 10}%;--a:${(100 * passed) / judged}%`;
       const made = element("td", {}, percent(passed / judged), " ",
         element("small", {}, `${passed.toLocaleString("en-US")} of ${judged.toLocaleString("en-US")}`),
         element("span", { class: "bar", style, "aria-hidden": "true" }),
-        element("small", {}, `${end(low)}\u2060–\u2060${end(high)} %`));
+        element("small", {}, `${ends.join("\u2060–\u2060")}\u00a0%`));
       if (unjudged) made.append(element("br"), element("small", {}, `${unjudged} not judged`));
       return made;
     },

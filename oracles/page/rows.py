@@ -20,6 +20,7 @@ from vastflow.oracles.figures.scene import Scene, environment_counts
 from vastflow.oracles.oracle import known_oracles, oracle_class
 from vastflow.oracles.page.table import Column, DataTable, configuration_cells, rate_cell
 from vastflow.oracles.page.words import position, short
+from vastflow.oracles.statistics.intervals import thousandths
 
 MAX_ROWS: Final = 500
 """Rows of a list; the files beside the report have all."""
@@ -153,7 +154,7 @@ def place_table(scenes: Sequence[Scene], names: Mapping[str, str]) -> DataTable:
                 x = found.grid.origin_xy_m[0] + (column + 0.5) * found.grid.cell_m
                 y = found.grid.origin_xy_m[1] + (row + 0.5) * found.grid.cell_m
                 n, failed = int(found.visits[row, column]), int(found.failures[row, column])
-                ends = (round(1000 * float(end)) for end in intervals[row, column])
+                ends = thousandths(intervals[row, column]).tolist()
                 rows.append([names[scene.environment], position(x, y), [failed, n, 0, *ends]])
     rows.sort(key=lambda row: -row[2][0] / row[2][1])
     columns = [Column("Map", "choice"), Column("Place"), Column("Failed of visits", "rate")]

@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal, TypeAlias
 
-import numpy as np
 from markupsafe import Markup
 
 from vastflow.oracles.evidence.evidence import Evidence, configuration_intervals
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.page.words import percent
+from vastflow.oracles.page.words import percent, span_of
+from vastflow.oracles.statistics.intervals import thousandths
 
 Kind: TypeAlias = Literal["text", "choice", "number", "rate", "class", "code"]
 """What a column has: words, words that can be chosen from, numbers, rates, classes of configurations, commands."""
@@ -57,13 +57,12 @@ class DataTable:
 
 def rate_cell(counts: Counts) -> list[float]:
     """Passed, judged, not judged, and the interval's ends in thousandths."""
-    interval = counts.interval
-    return [counts.passed, counts.judged, counts.not_judged, round(1000 * interval.low), round(1000 * interval.high)]
+    return [counts.passed, counts.judged, counts.not_judged, *counts.interval.thousandths]
 
 
 def configuration_cells(evidence: Evidence) -> dict[str, list[float]]:
     """`rate_cell` of each configuration."""
-    ends = np.rint(1000 * configuration_intervals(evidence)).astype(np.int64).tolist()
+    ends = thousandths(configuration_intervals(evidence)).tolist()
     return {
         name: [counts.passed, counts.judged, counts.not_judged, *interval]
         for (name, counts), interval in zip(evidence.configurations.items(), ends, strict=True)
@@ -84,10 +83,9 @@ def rate_words(cell: Sequence[float]) -> Mapping[str, str]:
     passed, judged, not_judged, low, high = cell
     if not judged:
         return {"rate": "–", "of": "not judged" if not_judged else "not run", "span": "", "rest": ""}
-    digits = 0 if round(low / 10) < round(high / 10) else 1  # ends that would look the same
     return {
         "rate": percent(passed / judged),
         "of": f"{passed:,.0f} of {judged:,.0f}",
-        "span": f"{low / 10:.{digits}f}\u2060–\u2060{high / 10:.{digits}f} %",
+        "span": span_of(int(low), int(high)),
         "rest": f"{not_judged:,.0f} not judged" if not_judged else "",
     }

@@ -1,9 +1,12 @@
 """Words: rates, intervals, numbers and values as people read them."""
 
 import json
-from typing import Any
+from typing import Any, Final
 
 from vastflow.oracles.evidence.rates import Interval
+
+_NARROW: Final = 50
+"""Thousandths; from there on a digit behind the point says nothing."""
 
 
 def percent(rate: float | None) -> str:
@@ -18,11 +21,14 @@ def percent(rate: float | None) -> str:
 
 
 def span(interval: Interval) -> str:
-    """An interval for people: `52–70 %`, with more digits where its ends would look the same."""
-    low, high = percent(interval.low), percent(interval.high)
-    if low == high and interval.low < interval.high:
-        low, high = (f"{100 * end:.1f}\N{NO-BREAK SPACE}%" for end in (interval.low, interval.high))
-    return f"{low[:-2]}\N{WORD JOINER}–\N{WORD JOINER}{high}"
+    """An interval for people, see `span_of`."""
+    return span_of(*interval.thousandths)
+
+
+def span_of(low: int, high: int) -> str:
+    """An interval from its ends in thousandths: `52–71 %`, rounded outwards, with a digit more where it is narrow."""
+    ends = (low / 10, high / 10) if high - low < _NARROW else (low // 10, -(-high // 10))
+    return "\N{WORD JOINER}–\N{WORD JOINER}".join(str(end) for end in ends) + "\N{NO-BREAK SPACE}%"
 
 
 def points(difference: float) -> str:

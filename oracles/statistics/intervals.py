@@ -21,6 +21,18 @@ class Interval:
     low: float
     high: float
 
+    @property
+    def thousandths(self) -> tuple[int, int]:
+        """The ends as they are shown: outwards to the next 0.1 %, so that a further rounding outwards gives what it gives at once."""
+        low, high = thousandths(np.array((self.low, self.high))).tolist()
+        return low, high
+
+
+def thousandths(ends: Floats) -> NDArray[np.int64]:
+    """`Interval.thousandths` of many intervals (*S, 2); what is exact but for floating point's error stays."""
+    exact = np.round(1000.0 * ends, 6)
+    return np.stack((np.floor(exact[..., 0]), np.ceil(exact[..., 1])), axis=-1).astype(np.int64)
+
 
 def wilson_intervals(passed: ArrayLike, judged: ArrayLike, level: float = LEVEL) -> Floats:
     """Wilson's score interval of binomial proportions (E. B. Wilson, JASA 22 (1927) 209).

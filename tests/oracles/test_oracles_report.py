@@ -9,13 +9,15 @@ from xml.etree import ElementTree
 
 import matplotlib
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
 from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.evidence import evidence_of
-from vastflow.oracles.evidence.rates import Interval
+from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.page.report import write_report
-from vastflow.oracles.page.table import rate_words
+from vastflow.oracles.page.table import rate_cell, rate_words
 from vastflow.oracles.page.words import number, percent, points, span
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
@@ -320,8 +322,10 @@ def test_a_rate_is_never_rounded_to_none_or_all(rate: float | None, text: str) -
     assert percent(rate) == text
 
 
-def test_an_interval_is_written_with_one_sign() -> None:
-    assert span(Interval(0.523, 0.704)).replace("\u2060", "") == "52–70\u00a0%"
+def test_an_interval_is_written_with_one_sign_and_rounded_outwards() -> None:
+    assert span(Interval(0.523, 0.704)).replace("\u2060", "") == "52–71\u00a0%"
+    assert span(Interval(0.0, 1.0)).replace("\u2060", "") == "0–100\u00a0%"
+    assert span(Interval(0.29, 0.57)).replace("\u2060", "") == "29–57\u00a0%"
 
 
 @pytest.mark.parametrize(("difference", "text"), [(0.124, "+12"), (-0.5, "−50"), (-0.004, "+0"), (0.0, "+0")])
@@ -329,10 +333,25 @@ def test_a_difference_has_its_sign_and_nothing_is_not_less_than_nothing(differen
     assert points(difference) == text
 
 
-def test_an_interval_whose_ends_would_look_the_same_has_more_digits() -> None:
+def test_ninety_five_of_a_hundred_and_twenty_have_one_interval_in_headline_and_table() -> None:
+    counts = Counts(95, 25)  # 71.067 to 85.450 %: what is rounded to 85.5 first must not become 86 here and 85 there
+    assert span(counts.interval) == rate_words(rate_cell(counts))["span"]
+
+
+@given(st.integers(0, 300), st.integers(0, 300))
+def test_an_interval_is_the_same_in_headline_and_table_and_holds_what_was_computed(passed: int, failed: int) -> None:
+    counts = Counts(passed, failed)
+    if counts.judged:
+        shown = span(counts.interval)
+        assert shown == rate_words(rate_cell(counts))["span"]
+        low, high = (float(end) / 100 for end in shown.replace("\u2060", "").removesuffix("\u00a0%").split("–"))
+        assert low <= counts.interval.low + 1e-8 and counts.interval.high - 1e-8 <= high
+
+
+def test_a_narrow_interval_has_a_digit_more() -> None:
     assert span(Interval(0.7601, 0.7649)).replace("\u2060", "") == "76.0–76.5\u00a0%"
-    assert rate_words([760, 1000, 0, 757, 762])["span"].replace("\u2060", "") == "75.7–76.2 %"
-    assert rate_words([5, 10, 0, 237, 763])["span"].replace("\u2060", "") == "24–76 %"
+    assert rate_words([760, 1000, 0, 757, 762])["span"].replace("\u2060", "") == "75.7–76.2\u00a0%"
+    assert rate_words([5, 10, 0, 237, 763])["span"].replace("\u2060", "") == "23–77\u00a0%"
 
 
 @pytest.mark.parametrize(
