@@ -25,8 +25,8 @@ from vastflow.flows.request.selection import Selection
 from vastflow.flows.results.delivery import Delivery, delivery_to
 from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.found import RunFault, StoredResult
+from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import Inputs, inputs_of
-from vastflow.flows.results.origin_code import code_row
 from vastflow.flows.results.results import Results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.oracle import Oracle
@@ -281,7 +281,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
                 oracles=oracles,
                 inputs=inputs,
                 asked=asked,
-                record={"asked": asked.as_json(), **rule, **code_row(tree, campaign.families, oracles)},
+                record={"asked": asked.as_json(), **rule, **ingredients_row(tree, campaign.families, oracles)},
                 store=store,
                 delivery=delivery,
                 tree=tree,

@@ -5,16 +5,17 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal, TypeAlias
+from typing import Final, TypeAlias
 
-from vastflow.flows.plan.producers import Evaluated, HereEvaluator, ProducerReasons
-from vastflow.flows.plan.reasons import DueReason, Origins, RunReasons
+from vastflow.flows.plan.producers import Evaluated, EvaluationReasons, HereEvaluator
+from vastflow.flows.plan.reasons import NEVER, RunReasons
 from vastflow.flows.request.campaign_file import campaign_name, read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.members import members_of, narrowed
 from vastflow.flows.request.selection import Selection
 from vastflow.flows.request.stopping import Stopping, stopping_of
-from vastflow.flows.results.origin_code import code_row
+from vastflow.flows.results.ingredients import DueReason, Stage, ingredients_row
+from vastflow.flows.results.origin import origin_row
 from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
@@ -24,7 +25,6 @@ from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost, open_store
 
-Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
 STAGES: Final[tuple[Stage, ...]] = ("instantiate", "execute", "observe", "judge")
 
 _TRIES: Final = 3
@@ -120,14 +120,12 @@ def dry_run(
     past = newest_past(results, name) if since is None else past_of(since)
     tree = installed_tree()
     keys = campaign_keys(tree, campaign.seed, oracles)
-    today = code_row(tree, campaign.families, oracles)
-    origins = None if past is None else Origins(past, tree, keys, today, map(type, oracles))
+    today = {} if past is None else {**origin_row(keys), **ingredients_row(tree, campaign.families, oracles)}
     looked_at = open_store(store, read_only=True)
     looked_at.survey()
     with tempfile.TemporaryDirectory(prefix="vastflow-") as environments:
-        evaluator = HereEvaluator(
-            looked_at, ProducerReasons(past, origins, campaign.families, today["producers"]), Path(environments)
-        )
+        evaluations = None if past is None else EvaluationReasons(past, today, campaign.families)
+        evaluator = HereEvaluator(looked_at, evaluations, Path(environments))
         found = _instantiated(Instantiator(campaign, looked_at, keys, tree), evaluator)
     chosen = narrowed(found, Selection(only, sample, campaign.seed), campaign.document.file)
     instantiation = chosen.instantiation
@@ -138,7 +136,7 @@ def dry_run(
     if stopping is not None:
         members = [_ending(stopping, index, member) for member in members]
     stored = {member.name: index.stored(member) for member in members}
-    reasons = RunReasons(past, origins, found.instantiation.configurations)
+    reasons = None if past is None else RunReasons(past, today, found.instantiation.configurations)
     reused, due = _evaluations(evaluator.evaluated.values())
     for member in members:
         _count(member, stored[member.name], reasons, reused, due)
@@ -186,7 +184,9 @@ def _evaluations(evaluated: Iterable[Evaluated]) -> tuple[Reused, list[Due]]:
     return reused, due
 
 
-def _count(member: Member, stored: Sequence[Stored], reasons: RunReasons, reused: Reused, due: list[Due]) -> None:
+def _count(
+    member: Member, stored: Sequence[Stored], reasons: RunReasons | None, reused: Reused, due: list[Due]
+) -> None:
     """Sort a member's runs into what is there and what is to be computed, stage by stage."""
     absent = missing([each.block for each in stored], member.runs)
     states: dict[Stage, set[int]] = {"execute": set(), "observe": set(), "judge": set()}
@@ -204,14 +204,14 @@ def _count(member: Member, stored: Sequence[Stored], reasons: RunReasons, reused
 
     recorded, observed, judged = states.values()
     if absent:
-        for reason, amount in reasons.execute(member, absent):
+        for reason, amount in reasons.execute(member, absent) if reasons else [(NEVER, len(absent))]:
             add("execute", amount, reason)
         add("observe", len(absent), _FOLLOWS_EXECUTE)
     if unobserved := len(recorded - observed):
-        add("observe", unobserved, reasons.later("observe", member))
+        add("observe", unobserved, reasons.later("observe", member) if reasons else NEVER)
     add("judge", member.runs - len(observed), _FOLLOWS_EXECUTE if absent else _FOLLOWS_OBSERVE)
     if unjudged := len(observed - judged):
-        add("judge", unjudged, reasons.later("judge", member))
+        add("judge", unjudged, reasons.later("judge", member) if reasons else NEVER)
 
 
 _FOLLOWS_EXECUTE: Final = DueReason("follows", "follows from execute")

@@ -9,8 +9,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.plan.dry_run import STAGES, DryRun, Due, Stage
-from vastflow.flows.plan.reasons import Kind
+from vastflow.flows.plan.dry_run import STAGES, DryRun, Due
+from vastflow.flows.results.ingredients import Kind, Stage
 
 MOST_REASONS: Final = 20
 """Reasons in the terminal; `--json` has all."""

@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.flows.plan.dry_run import DryRun, dry_run
-from vastflow.flows.plan.reasons import change_text, differing
+from vastflow.flows.plan.dry_run import STAGES, DryRun, dry_run
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_keys import recorded_keys
-from vastflow.flows.results.origin import other_parts
-from vastflow.flows.results.origin_code import recorded_changes
-from vastflow.flows.results.past import PARTS, Past, contents, newest_past, past_of, recorded_as, value_changes, writers
+from vastflow.flows.results.differences import change_text, value_changes
+from vastflow.flows.results.ingredients import changes, has_ingredients, stage_ingredients
+from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, recorded_as, scenario_of, writers
 from vastflow.flows.results.replica import NotReplicable, replica
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.producers.faults import CampaignError
@@ -133,7 +132,7 @@ def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
 
 
 def _dimensions(row: Mapping[str, Any]) -> dict[str, list[Written]]:
-    who, parts = writers(row), contents(row)
+    who, parts = writers(row), scenario_of(row)
     parts = {part: parts[part] for part in PARTS} | {"provenance": json.loads(row["provenance"])}
     return {
         part: [Written(key, value, who.get(key, FILE)) for key, value in values.items()]
@@ -164,21 +163,10 @@ def _differences(earlier: Past, past: Past, row: Mapping[str, Any]) -> list[str]
         same = earlier.by_digest.get(row["scenario_digest"])
         found.append("there is no such configuration" + (f"; {same['name']} has the same scenario" if same else ""))
     else:
-        found += [f"{part or 'scenario'}: {change_text(path, a, b)}" for part, path, a, b in differing(namesake, row)]
-    then, now = earlier.metadata, past.metadata
-    if then.get("numeric_class", "") != now.get("numeric_class", ""):
-        words = "; ".join(other_parts(then.get("numeric_class", ""), now.get("numeric_class", "")))
-        found.append(f"computed on another numeric class: {words}")
-    if then.get("seed") != now.get("seed"):
-        found.append(f"execution.seed was {then.get('seed')}, is {now.get('seed')}")
-    stages = [stage for stage, digest in now.get("source", {}).items() if then.get("source", {}).get(stage) != digest]
-    if stages:
-        words = "; ".join(recorded_changes(then.get("code", {}), now.get("code", {})))
-        found.append(f"source of {', '.join(stages)} was another{': ' if words else ''}{words}")
-    found += [f"oracles: {change_text(path, a, b)}" for path, a, b in value_changes(_oracles(then), _oracles(now))]
-    return found
-
-
-def _oracles(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """Oracle to its parameters."""
-    return {each["name"]: each["parameters"] for each in metadata.get("oracles", ())}
+        found += [change_text(*change) for change in value_changes(scenario_of(namesake), scenario_of(row))]
+    if not has_ingredients(earlier.metadata) or not has_ingredients(past.metadata):
+        return [*found, "an earlier version wrote one of both: what else they follow from is not known"]
+    reasons = (
+        changes(stage_ingredients(earlier.metadata, stage), stage_ingredients(past.metadata, stage)) for stage in STAGES
+    )
+    return [*found, *dict.fromkeys(str(reason) for some in reasons for reason in some)]

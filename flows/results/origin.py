@@ -5,10 +5,12 @@ import platform
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from vastflow.flows.results.differences import changes_text
 from vastflow.tasks.keys import Keys
 
 _CLASS_PARTS: Final = ("architecture", "C library", "processor features", "variables", "Python")
 """Of `vastflow.tasks.keys.numeric_class`, in its order."""
+_LISTS: Final = ("processor features", "variables")
 
 
 def origin_row(keys: Keys) -> dict[str, Any]:
@@ -36,7 +38,9 @@ def origin_differences(metadata: Mapping[str, Any], numeric: str, execute_source
         )
     recorded_class = metadata.get("numeric_class", numeric)
     if recorded_class != numeric:
-        found.append(f"recorded on another numeric class: {'; '.join(other_parts(recorded_class, numeric))}")
+        then, now = numeric_parts(recorded_class), numeric_parts(numeric)
+        words = changes_text(then, now) if then.keys() == now.keys() else f"{recorded_class!r}, here {numeric!r}"
+        found.append(f"recorded on another numeric class: {words}")
     return found
 
 
@@ -68,17 +72,14 @@ def _other_versions(metadata: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name} {then}, here {now}"
 
 
-def other_parts(recorded: str, here: str) -> Iterator[str]:
-    """Of two numeric classes, each part that differs."""
-    then, now = recorded.split("; "), here.split("; ")
-    if len(then) == len(_CLASS_PARTS) - 1:  # before it had Python's minor version
-        then.append("not recorded")
-    if len(then) != len(_CLASS_PARTS) or len(now) != len(_CLASS_PARTS):  # as another version writes it
-        yield f"{recorded!r}, here {here!r}"
-        return
-    for name, a, b in zip(_CLASS_PARTS, then, now, strict=True):
-        if a != b:
-            yield f"{name} {a or 'none'}, here {b or 'none'}"
+def numeric_parts(numeric: str) -> dict[str, Any]:
+    """A numeric class by its parts, of which some are lists; as a whole where another version wrote it in another form."""
+    parts = numeric.split("; ")
+    if len(parts) == len(_CLASS_PARTS) - 1:  # before it had Python's minor version
+        parts.append("not recorded")
+    if len(parts) != len(_CLASS_PARTS):
+        return {"all of it": numeric}
+    return {name: part.split() if name in _LISTS else part for name, part in zip(_CLASS_PARTS, parts, strict=True)}
 
 
 def _version(name: str) -> str:

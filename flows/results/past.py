@@ -1,7 +1,7 @@
 """The past: an earlier campaign directory, as far as it tells what has changed since."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -48,8 +48,13 @@ class Past:
 
     @cached_property
     def by_digest(self) -> Mapping[str, dict[str, Any]]:
-        """Digest of a scenario to the row of the configuration that was run."""
+        """Digest of a scenario as it is written to the row of the configuration that was run."""
         return {row["scenario_digest"]: row for row in self.rows if row["duplicate_of"] is None}
+
+    @cached_property
+    def by_key(self) -> Mapping[str, dict[str, Any]]:
+        """The digest that stands for a scenario in keys to the row of the configuration that was run."""
+        return {recorded_as(row): row for row in self.rows if row["duplicate_of"] is None}
 
     @cached_property
     def recorded(self) -> frozenset[tuple[str, int]]:
@@ -81,7 +86,7 @@ class Past:
             NoPast: something is missing or damaged.
         """
         try:
-            _ = self.by_digest, self.recorded, self.metadata["name"], self.metadata["created"], self.runs
+            _ = self.by_digest, self.by_key, self.recorded, self.metadata["name"], self.metadata["created"], self.runs
         except (OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
             words = " ".join(str(error).split())
             raise NoPast(f"{self.directory}: damaged campaign directory: {words}") from None
@@ -129,15 +134,15 @@ def _newest_first(results: Path, name: str, before: str | None) -> Sequence[Path
     return [directory for _, _, directory in sorted(found, reverse=True)]
 
 
-def contents(row: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The three dimensions of a row's scenario, and `programs`, decoded."""
-    content: dict[str, dict[str, Any]] = json.loads(row["scenario"])
-    return content
+def scenario_of(row: Mapping[str, Any]) -> dict[str, Any]:
+    """All that a row's configuration was executed with: its three dimensions and programs, decoded, beside what is in none."""
+    said = {"abstract scenario": row["abstract"], "execution.timeout": row["timeout_s"]}
+    return {**said, **json.loads(row["scenario"])}
 
 
 def values_of(row: Mapping[str, Any]) -> dict[str, Any]:
     """All that was written of a configuration, provenance included: key to plain value."""
-    parts = contents(row)
+    parts = scenario_of(row)
     return {**{key: value for part in PARTS for key, value in parts[part].items()}, **json.loads(row["provenance"])}
 
 
@@ -149,22 +154,3 @@ def _rows(file: Path, *columns: str) -> list[dict[str, Any]]:
 def writers(row: Mapping[str, Any]) -> dict[str, str]:
     """Key to the producer that wrote it last; what the campaign file fixes is not in it."""
     return {key: step["producer"] for step in json.loads(row.get("steps") or "[]") for key in step["keys"]}
-
-
-def value_changes(then: Any, now: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Path, old and new value of all that differs in two plain values; None for what is not there.
-
-    Mappings are compared key by key, lists of as many mappings one by one, everything else as a whole.
-    """
-    if isinstance(then, Mapping) and isinstance(now, Mapping) and "file" not in then and "file" not in now:
-        for key in dict.fromkeys([*then, *now]):
-            yield from value_changes(then.get(key), now.get(key), f"{path}.{key}" if path else str(key))
-    elif _of_mappings(then) and _of_mappings(now) and len(then) == len(now):
-        for k, (old, new) in enumerate(zip(then, now, strict=True)):
-            yield from value_changes(old, new, f"{path}[{k}]")
-    elif then != now or type(then) is not type(now):
-        yield path, then, now
-
-
-def _of_mappings(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(item, Mapping) for item in value)

@@ -15,8 +15,8 @@ from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.origin_code import code_row
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Verdict, write_verdicts
@@ -70,7 +70,7 @@ class Place:
             keys=keys,
             record={
                 "asked": Asked(self.path.name, runs, (), inputs.places).as_json(),
-                **code_row(self._tree, campaign.families, oracles),
+                **ingredients_row(self._tree, campaign.families, oracles),
             },
             created=self._created,
             work=lambda: Work(0, 0, 0.0, 0.0, 0.0),
@@ -146,10 +146,10 @@ def test_it_is_compared_with_its_namesake_in_the_campaign_before(place):
     second = place.run()
     found = explained(place, second, "room-2")
     assert found.earlier.directory == first
-    assert found.differences == [f"system: {NOISE} from 0.02 to 0.03"]
+    assert found.differences == [f"system.{NOISE} from 0.02 to 0.03"]
     assert explained(place, second, "room-1").differences == []
     assert explained(place, first, "room-1").earlier is None
-    assert explained(place, first, "room-2", since=second).differences == [f"system: {NOISE} from 0.03 to 0.02"]
+    assert explained(place, first, "room-2", since=second).differences == [f"system.{NOISE} from 0.03 to 0.02"]
 
 
 def test_one_that_was_called_otherwise_before_is_found(place):
@@ -164,15 +164,15 @@ def test_other_code_another_machine_and_another_oracle_are_said(place):
     metadata = json.loads((first / "metadata.json").read_text())
     metadata["numeric_class"] = "riscv64; " + metadata["numeric_class"].partition("; ")[2]
     metadata["source"]["execute"] = "0" * 64
-    metadata["code"]["modules"]["sim.world.lidar"] = "0" * 12
+    metadata["code"]["execute"]["files"]["sim.world.lidar"] = "0" * 12
     metadata["seed"] = 3
     metadata["oracles"][0]["parameters"]["allow_missed"] = 7
     (first / "metadata.json").write_text(json.dumps(metadata))
-    machine, seed, code, oracle = explained(place, place.run(), "room-1").differences
-    assert machine.startswith("computed on another numeric class: architecture riscv64, here ")
-    assert seed == "execution.seed was 3, is 0"
-    assert code == "source of execute was another: sim.world.lidar"
-    assert oracle.startswith("oracles: success.allow_missed from 7 to ")
+    machine, code, seed, oracle = explained(place, place.run(), "room-1").differences
+    assert machine.startswith("numeric class changed: architecture from 'riscv64' to ")
+    assert seed == "execution.seed changed: from 3 to 0"
+    assert code == "source of execute changed: sim.world.lidar"
+    assert oracle.startswith("parameters of oracle success changed: allow_missed from 7 to ")
 
 
 def test_a_duplicate_has_the_results_of_the_one_that_was_run(place):
@@ -217,7 +217,7 @@ def test_the_command_says_it_for_people_and_as_json(place):
     result = called("explain", second, "room-2", "--store", place.store)
     assert result.exit_code == 0, result.stderr
     assert "room-2 of family room, small_room of 2026-11-21T08:05:04" in result.stdout
-    assert f"system: {NOISE} from 0.02 to 0.03" in result.stdout
+    assert f"system.{NOISE} from 0.02 to 0.03" in result.stdout
     said = json.loads(called("explain", second, "room-2", "--store", place.store, "--json").stdout)
     assert said["dimensions"]["system"] == [{"key": NOISE, "value": 0.03, "by": "ParameterVariationList"}]
     assert said["today"]["stages"]["judge"] == {"reused": 2, "computed": 0}

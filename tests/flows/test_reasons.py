@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from vastflow.flows.plan.reasons import parameter_changes, scenario_reason
+from vastflow.flows.plan.reasons import scenario_reason
+from vastflow.flows.results.differences import changes_text
 
 
 def test_obstacles_are_compared_one_by_one_and_named_by_their_key():
@@ -15,7 +16,7 @@ def test_obstacles_are_compared_one_by_one_and_named_by_their_key():
         return {**row, "scenario": json.dumps(parts)}
 
     reason = str(scenario_reason(scenario(1.0), scenario(2.0)))
-    assert reason == "obstacles changed in environment: obstacles[1].x from 1.0 to 2.0"
+    assert reason == "environment.obstacles changed: [1].x from 1.0 to 2.0"
 
 
 @pytest.mark.parametrize(
@@ -32,4 +33,4 @@ def test_obstacles_are_compared_one_by_one_and_named_by_their_key():
     ],
 )
 def test_what_differs_is_said_in_words(then, now, words):
-    assert parameter_changes(then, now) == words
+    assert changes_text(then, now) == words

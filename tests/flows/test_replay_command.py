@@ -380,7 +380,7 @@ def test_a_result_of_another_numeric_class_says_what_of_it_differs(results):
     done = called(results, "room-2", 1, "--at", "1.0", "--json")
     before, _, after = done.stderr.partition("NOT THE RECORDED RUN: row 12")
     assert done.exit_code == 1
-    assert "recorded on another numeric class: architecture riscv64, here " in before
+    assert "recorded on another numeric class: architecture from 'riscv64' to " in before
     assert "recorded by vastflow" in after and "those of the recording" not in after
     (differs,) = json.loads(done.stdout)["differs"]
     assert differs.startswith("recorded on another numeric class")
@@ -394,9 +394,9 @@ def test_other_source_names_the_libraries_that_are_other_too(made):
 
 def test_a_numeric_class_of_another_form_is_shown_whole(made):
     (words,) = origin_differences(
-        {**metadata_of(made), "numeric_class": "arm"}, "x86_64; glibc; fma; ", simulator_of(made)
+        {**metadata_of(made), "numeric_class": "arm"}, "x86_64; glibc; fma; ; 3.12", simulator_of(made)
     )
-    assert words == "recorded on another numeric class: 'arm', here 'x86_64; glibc; fma; '"
+    assert words == "recorded on another numeric class: 'arm', here 'x86_64; glibc; fma; ; 3.12'"
 
 
 def test_the_page_about_replays_describes_every_option():

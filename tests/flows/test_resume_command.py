@@ -21,8 +21,8 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys, recorded_keys
 from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, new_directory, sweep, writer_of
 from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.origin_code import code_row
 from vastflow.flows.results.replica import NotReplicable, replica
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Summary, Work
@@ -84,7 +84,7 @@ def written(path, root, tree, only=(), sample=None, map_dir=None, as_v1=False):
         runs=3,
         oracles=["success"],
         keys=keys,
-        record={"asked": asked.as_json(), **code_row(tree, campaign.families, oracles)},
+        record={"asked": asked.as_json(), **ingredients_row(tree, campaign.families, oracles)},
         created=CREATED,
         work=lambda: Work(0, 0, 0.0, 0.0, 0.0),
         report=lambda directory: None,

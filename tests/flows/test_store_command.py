@@ -18,8 +18,8 @@ from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.origin_code import code_row
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.sim.reading.checked import checked_digest
@@ -88,7 +88,7 @@ def ran(tmp_path, small_room, store, tree):
             runs=campaign.runs,
             oracles=[oracle.name for oracle in oracles],
             keys=keys,
-            record={"asked": asked.as_json(), **code_row(tree, campaign.families, oracles)},
+            record={"asked": asked.as_json(), **ingredients_row(tree, campaign.families, oracles)},
             created=datetime(2026, 11, 21),
             work=lambda: Work(4, 0, 12.0, 1.0, 1.0),
             report=lambda directory: None,
