@@ -207,17 +207,24 @@ def test_the_version_that_is_installed_is_the_one_in_pyproject():
     assert distribution("vastflow").version == PYPROJECT["project"]["version"]
 
 
-def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(tmp_path):
-    source = tmp_path / "source"  # a `build` folder in the repository could put yesterday's modules into the wheel
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """The wheel of the checkout."""
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"  # a `build` folder in the repository could put yesterday's modules into the wheel
     source.mkdir()
     for name in (*LAYERS, "campaigns", ".package"):
         shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "docs/LICENSE"):
         (source / name).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / name, source / name)
-    built = run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", str(tmp_path), str(source))
+    built = run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", str(folder), str(source))
     assert built.returncode == 0, built.stderr
-    (wheel,) = tmp_path.glob("*.whl")
+    (file,) = folder.glob("*.whl")
+    return file
+
+
+def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     stem = f"vastflow-{PYPROJECT['project']['version']}.dist-info"
     assert {name.partition("/")[0] for name in names} == {"vastflow", stem}
@@ -232,6 +239,36 @@ def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(tmp_path):
     hall = {f"vastflow/campaigns/scenarios/hall.{kind}" for kind in ("yaml", "png")}
     assert {name for name in names if name.startswith("vastflow/campaigns/")} == scenarios | hall
     assert f"{stem}/licenses/docs/LICENSE" in names
+
+
+KEYS = """
+import sys
+from importlib.metadata import entry_points
+
+import vastflow
+from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
+from vastflow.tasks.source import installed_tree
+
+tree = installed_tree()
+print(vastflow.__file__, file=sys.stderr)
+for entries in (EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE):
+    print(*entries, tree.digest(*entries))
+for group in ("vastflow.producers", "vastflow.oracles"):
+    for point in sorted(entry_points(group=group)):
+        print(point.name, tree.plug_in_digest(point.load()))
+"""
+
+
+def test_what_a_wheel_installs_has_the_keys_of_the_checkout(wheel, tmp_path, monkeypatch):
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    checkout = run(sys.executable, "-c", KEYS)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "site"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))  # without what was read before
+    installed = run(sys.executable, "-c", KEYS)
+    assert installed.returncode == checkout.returncode == 0, installed.stderr + checkout.stderr
+    assert installed.stderr.startswith(str(tmp_path / "site")) and not checkout.stderr.startswith(str(tmp_path))
+    assert len(checkout.stdout.splitlines()) > 4
+    assert installed.stdout == checkout.stdout
 
 
 def test_the_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
