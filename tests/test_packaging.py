@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from importlib.metadata import distribution, entry_points, packages_distributions, version
+from importlib.metadata import distribution, entry_points, packages_distributions, requires, version
 from pathlib import Path
 
 import grimp
@@ -169,7 +169,7 @@ def needed(*folders: str) -> set[str]:
 
 
 def test_everything_imported_is_a_declared_dependency():
-    assert needed(*LAYERS) - set(declared()) == set()
+    assert needed(*LAYERS) - set(declared()) - set(declared("s3")) == set()
 
 
 def test_everything_the_tests_import_is_declared_with_them():
@@ -179,8 +179,18 @@ def test_everything_the_tests_import_is_declared_with_them():
 
 
 def test_every_declared_dependency_is_imported_or_has_a_reason():
-    # Both are Prefect's: declared for their bounds alone, see pyproject.toml and below.
-    assert set(declared()) - needed(*LAYERS) == {"fastapi", "sqlalchemy"}
+    # Declared for their bounds alone, which are Prefect's, see pyproject.toml and below.
+    assert set(declared()) - needed(*LAYERS) == {"fastapi", "python-dateutil", "sqlalchemy"}
+
+
+def test_what_only_some_campaigns_need_is_tested_though_a_plain_installation_lacks_it():
+    assert set(declared("s3")) <= set(declared("dev")) - set(declared())
+
+
+def test_no_bound_makes_pip_download_what_it_throws_away():
+    asked = {canonical(need.name): need for need in map(Requirement, requires("prefect")) if not need.marker}
+    bounded = {name: need for name, need in declared().items() if name in asked}
+    assert {name: need.extras for name, need in bounded.items() if need.extras != asked[name].extras} == {}
 
 
 def test_fastapi_is_bounded_because_prefects_server_does_not_start_with_newer_ones():

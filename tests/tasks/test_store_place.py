@@ -3,6 +3,7 @@
 import errno
 import os
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -65,6 +66,12 @@ def test_an_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_pat
     with pytest.raises(StoreError, match=words):
         open_store(address)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_store_on_s3_without_what_it_needs_names_the_command_that_installs_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "s3fs", None)
+    with pytest.raises(StoreError, match=r"'s3://bucket/store' .*; install .*: pip install 's3fs>=\d{4}\.\d+'$"):
+        open_store("s3://bucket/store")
 
 
 def test_what_is_no_artifact_lies_on_this_machine_one_folder_for_each_address(tmp_path, monkeypatch):
