@@ -12,7 +12,7 @@ from vastflow.sim.kernels.streams import CONTROLLER, SUBSYSTEMS
 from vastflow.sim.loop.prepared import PreparedMap
 from vastflow.sim.nav.controllers.binding import RunningController, running
 from vastflow.sim.nav.controllers.built_in import controller_of
-from vastflow.sim.nav.controllers.controller import Setting
+from vastflow.sim.nav.controllers.controller import PlanCut, Setting
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.navfn import new_potential, new_scratch
@@ -123,7 +123,7 @@ _EXTRA: Final = (
         "publish_ticks",
         "global_ticks",
     ),
-    *("inscribed_radius", "circumscribed_radius", "plan_ahead"),
+    *("inscribed_radius", "circumscribed_radius"),
     *("range_min", "range_max", "mount_x", "mount_y"),
     *("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration", "mission", "loops"),
 )
@@ -225,8 +225,10 @@ def new_stack(
     m["streams"], m["directions"], m["ranges"] = streams, lidar.directions(), np.inf
     m["outline"] = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
     local = _local(parameters, prepared.local_stamp)
+    setting = _setting(parameters, local.window, streams[CONTROLLER].copy())
+    controller = controller_of(parameters.controller)
     return Stack(
-        p=_parameter_record(parameters, lidar, robot, prepared),
+        p=_parameter_record(parameters, lidar, robot, prepared, controller.plan_cut(setting)),
         m=memory,
         grids=Grids(
             skips=prepared.skips,
@@ -243,9 +245,7 @@ def new_stack(
         local=local,
         cloud=new_cloud(parameters.amcl.max_particles),
         route=_route(prepared.least, (), 0),
-        controller=running(
-            controller_of(parameters.controller), _setting(parameters, local.window, streams[CONTROLLER].copy())
-        ),
+        controller=running(controller, setting),
         obstacles=obstacles,
         rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(COLUMNS)), dtype=np.int32),
     )
@@ -298,15 +298,16 @@ def _local(parameters: NavParameters, stamp: NDArray[np.uint8]) -> Local:
     return Local(layer, stamp, scratch, lethal, Window(costs, place), Window(published, place.copy()))
 
 
-def _parameter_record(parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap) -> NDArray[np.void]:
-    """Every group of the parameters but the controller's under its name, what `_EXTRA` names, and `initial_covariance`."""
-    groups = {name: group for name, group in parameters if name != "controller"}
+def _parameter_record(
+    parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, plan_cut: PlanCut
+) -> NDArray[np.void]:
+    """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, and `initial_covariance`."""
+    groups = {name: group for name, group in parameters if name != "controller"} | {"plan_cut": plan_cut}
     outline = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
     frame = prepared.occupancy.frame
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),
         "circumscribed_radius": circumscribed_radius_m(outline),
-        "plan_ahead": controller_of(parameters.controller).plan_ahead_m,
         "resolution": prepared.occupancy.resolution_m,
         "origin_x": prepared.occupancy.origin_xy_m[0],
         "origin_y": prepared.occupancy.origin_xy_m[1],

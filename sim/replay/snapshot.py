@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.maps.grid_frame import GridFrame
+from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.controllers.mppi import Mppi
 from vastflow.sim.nav.inflation import UNKNOWN
 from vastflow.sim.nav.state import (
@@ -21,6 +23,7 @@ from vastflow.sim.nav.state import (
     WAITING,
     Stack,
 )
+from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.robot import wrapped
 
@@ -175,7 +178,7 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box) -> Snapshot:
     return Snapshot(
         moment=moment,
         plan_xy_m=frame.points_to_map(plan),
-        ahead_xy_m=frame.points_to_map(_ahead(stack, plan, odom) if moment.activity == "following" else plan[:0]),
+        ahead_xy_m=frame.points_to_map(_ahead(stack) if moment.activity == "following" else plan[:0]),
         intended_xy_m=_intended(stack, moment),
         scan_xy_m=frame.points_to_map(_placed(_scan(stack), odom)),
         particles=np.column_stack([frame.points_to_map(particles[:, :2]), particles[:, 2] + frame.yaw_rad]),
@@ -230,17 +233,19 @@ def _scan(stack: Stack) -> NDArray[np.float64]:
     return _placed(points, Pose(float(m["scan_odom_x"]), float(m["scan_odom_y"]), float(m["scan_odom_yaw"])))
 
 
-def _ahead(stack: Stack, plan: NDArray[np.float64], odom: Pose) -> NDArray[np.float64]:
-    """The beginning of `plan` as `vastflow.sim.nav.controllers.local_plan` cuts it."""
-    window = stack.local.window
-    x, y, resolution_m = window.place.tolist()
-    rows, columns = window.costs.shape
-    along_m = np.r_[0.0, np.cumsum(np.hypot(*np.diff(plan, axis=0).T))]
-    c, s = np.cos(odom.yaw_rad), np.sin(odom.yaw_rad)
-    column, row = ((plan - (odom.x_m, odom.y_m)) @ np.array([[c, -s], [s, c]]) - (x, y)).T / resolution_m
-    inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-    kept = inside & (along_m[: len(plan)] <= stack.p[0]["plan_ahead"])
-    return plan[: len(plan) if kept.all() else int(np.argmin(kept))]
+@njit
+def _cut_plan(parameters: Any, memory: Any, window: Window, path: Any, out: Any) -> int:
+    n, _ = local_plan(parameters[0], memory[0], window, path, out)
+    return int(n)
+
+
+def _ahead(stack: Stack) -> NDArray[np.float64]:
+    """What the controller would get of the plan now, in the grid's frame."""
+    memory, path = stack.m.copy(), stack.route.path
+    n = _cut_plan(stack.p, memory, stack.local.window, path, np.empty_like(stack.route.ahead))
+    first = int(memory[0]["path_i"])
+    ahead: NDArray[np.float64] = path[first : first + n].copy()
+    return ahead
 
 
 def _intended(stack: Stack, moment: Moment) -> NDArray[np.float64]:

@@ -1,19 +1,15 @@
-"""DWB against a plain reading of Nav2's algorithm, and its critics one by one."""
+"""DWB's samples, its grids, and what its critics forbid; `test_sim_nav2_conformance` has it beside Nav2's answers."""
 
 import math
-from collections import defaultdict
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb
 from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.dwb_critics import grow, lay, new_path_grid
-from vastflow.sim.nav.controllers.dwb_rollout import legal, step_count
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.dwb import DwbParameters
@@ -37,18 +33,10 @@ def commanded(records, memory, window, outline, pose, twist, plan, n, goal):
 
 @njit
 def scored(records, memory, window, pose, twist, plan, n, goal):
-    """Scores (V, W) of all samples, infinite for those that are not legal."""
-    q = records[0]
+    """Scores (V, W) of the ends of all samples, infinite for those that are not legal."""
     situation = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05)
-    setting, n_speeds, n_turns = dwb.score(q, memory, situation)
-    scores = memory.scores[:n_speeds, :n_turns].copy()
-    for i in range(n_speeds):
-        for j in range(n_turns):
-            steps = step_count(q, memory.speeds[i], memory.turns[j])
-            first = memory.first[i, j]
-            if not legal(q, setting, memory.speeds[i], steps, memory.sums, first, window.costs, 1.0 / window.place[2]):
-                scores[i, j] = np.inf
-    return scores
+    _, n_speeds, n_turns = dwb.score(records[0], memory, situation)
+    return memory.scores[:n_speeds, :n_turns].copy()
 
 
 @njit
@@ -94,7 +82,7 @@ def chosen(parameters, w, pose, twist, plan, goal, memory=None):
     return commanded(record_of(parameters), memory, w, OUTLINE, pose, twist, plan, len(plan), goal)
 
 
-# The plain reading.
+# Cells.
 
 
 def cell_of(w, x, y):
@@ -102,56 +90,6 @@ def cell_of(w, x, y):
     column, row = math.floor((x - w.place[0]) / w.place[2]), math.floor((y - w.place[1]) / w.place[2])
     inside = 0 <= row < w.costs.shape[0] and 0 <= column < w.costs.shape[1]
     return (column, row) if inside else None
-
-
-def velocities(current, low, high, up, down, time_s, n):
-    def reached(v, target):
-        return min(target, v + up * time_s) if v < target else max(target, v + down * time_s)
-
-    current = min(max(current, low), high)
-    bottom, top = reached(current, low), reached(current, high)
-    if abs(bottom - top) < 1e-5:
-        return [bottom]
-    step, values = (top - bottom) / (n - 1), [bottom]
-    while values[-1] + step <= top + 1e-5:
-        values.append(values[-1] + step)
-    flips = [k for k in range(len(values) - 1) if values[k] < 0.0 < values[k + 1]]
-    return [*values[: flips[0] + 1], 0.0, *values[flips[0] + 1 :]] if flips else values
-
-
-def trajectory(p, pose, twist, v, w):
-    (x, y, yaw), (vx, wz) = pose, twist
-    n = max(1, math.ceil(max(abs(v) * p.sim_time / p.linear_granularity, abs(w) * p.sim_time / p.angular_granularity)))
-    dt, poses = p.sim_time / n, [pose]
-    for _ in range(n):
-        vx = min(v, vx + p.acc_lim_x * dt) if vx < v else max(v, vx + p.decel_lim_x * dt)
-        wz = min(w, wz + p.acc_lim_theta * dt) if wz < w else max(w, wz + p.decel_lim_theta * dt)
-        x, y, yaw = x + vx * dt * math.cos(yaw), y + vx * dt * math.sin(yaw), yaw + wz * dt
-        poses.append((x, y, yaw))
-    return poses
-
-
-def queue_distances(w, sources):
-    """Nav2's queue: by distance from the source, the latest first among equals; {cell: Manhattan distance}."""
-    rows, columns = w.costs.shape
-    bins, seen, values = defaultdict(list), set(), {}
-
-    def put(cell, source):
-        if cell not in seen and 0 <= cell[0] < columns and 0 <= cell[1] < rows:
-            seen.add(cell)
-            bins[(cell[0] - source[0]) ** 2 + (cell[1] - source[1]) ** 2].append((cell, source))
-
-    for source in sources:
-        put(source, source)
-    while bins:
-        nearest = min(bins)
-        cell, source = bins[nearest].pop()
-        if not bins[nearest]:
-            del bins[nearest]
-        values[cell] = abs(cell[0] - source[0]) + abs(cell[1] - source[1])
-        for dx, dy in ((-1, 0), (0, -1), (1, 0), (0, 1)):
-            put((cell[0] + dx, cell[1] + dy), source)
-    return values
 
 
 def plan_cells(w, plan):
@@ -171,119 +109,6 @@ def plan_cells(w, plan):
         elif cells:
             break
     return cells
-
-
-def plain_scores(p, w, pose, twist, plan, goal, signs=(0, 0)):
-    """[(v, ω, score)] of all samples; `signs` forbids a direction of v and ω, as Oscillation does."""
-    half = 0.5 * w.place[2]
-    to_goal = math.atan2(goal[1] - pose[1], goal[0] - pose[0])
-    reach = p.GoalAlign.forward_point_distance
-    nose_plan = plan.copy()
-    nose_plan[-1] += reach * math.cos(to_goal), reach * math.sin(to_goal)
-    path = queue_distances(w, plan_cells(w, plan))
-    ends = {"goal": plan_cells(w, plan)[-1:], "nose": plan_cells(w, nose_plan)[-1:]}
-    to_end = {name: queue_distances(w, cells) for name, cells in ends.items()}
-    goal_m = math.dist(pose[:2], goal[:2])
-    out = []
-    for v in velocities(twist[0], p.min_vel_x, p.max_vel_x, p.acc_lim_x, p.decel_lim_x, p.sim_time, p.vx_samples):
-        for turn in velocities(
-            twist[1],
-            -p.max_vel_theta,
-            p.max_vel_theta,
-            p.acc_lim_theta,
-            p.decel_lim_theta,
-            p.sim_time,
-            p.vtheta_samples,
-        ):
-            if abs(v) ** 2 > p.max_speed_xy**2 + 1e-5 or (v == 0.0 and turn == 0.0):
-                continue
-            poses = trajectory(p, pose, twist, v, turn)
-            cells = [cell_of(w, x, y) for x, y, _ in poses]
-            x, y, yaw = poses[-1]
-            ahead = {
-                name: cell_of(w, x + d * math.cos(yaw), y + d * math.sin(yaw))
-                for name, d in (("path", p.PathAlign.forward_point_distance), ("goal", reach))
-            }
-            illegal = v * signs[0] < 0.0 or turn * signs[1] < 0.0 or None in cells or None in ahead.values()
-            if illegal or any(w.costs[row, column] >= 253 for column, row in cells):
-                out.append((v, turn, math.inf))
-                continue
-            total = 0.0
-            if goal_m <= p.xy_goal_tolerance:
-                error = abs((goal[2] - yaw + math.pi) % (2 * math.pi) - math.pi)
-                if abs(twist[0]) <= p.trans_stopped_velocity:
-                    total = math.inf if v != 0.0 else error * p.RotateToGoal.scale
-                elif abs(v) >= abs(twist[0]):
-                    total = math.inf
-                else:
-                    total = (v * v * p.RotateToGoal.slowing_factor + error) * p.RotateToGoal.scale
-            total += int(w.costs[cells[-1][1], cells[-1][0]]) * p.BaseObstacle.scale
-            total += to_end["nose"][ahead["goal"]] * (half * p.GoalAlign.scale)
-            if goal_m > p.PathAlign.forward_point_distance:
-                total += path[ahead["path"]] * (half * p.PathAlign.scale)
-            total += path[cells[-1]] * (half * p.PathDist.scale)
-            total += to_end["goal"][cells[-1]] * (half * p.GoalDist.scale)
-            out.append((v, turn, total))
-    return out
-
-
-def both(p, w, pose, twist, plan, goal):
-    """Scores of kernel and plain reading in the same order, and what the kernel chooses."""
-    plain = plain_scores(p, w, pose, twist, plan, goal)
-    memory = dwb.new_memory(p, *w.costs.shape)
-    table = scored(record_of(p), memory, w, pose, twist, plan, len(plan), goal)
-    names = [(v, turn) for v in memory.speeds[: table.shape[0]] for turn in memory.turns[: table.shape[1]]]
-    kernel = dict(zip(names, table.ravel(), strict=True))
-    return plain, kernel, chosen(p, w, pose, twist, plan, goal)
-
-
-situation = {
-    "seed": st.integers(0, 2**32 - 1),
-    "yaw": st.floats(-3.1, 3.1),
-    "v": st.floats(0.0, 0.3),
-    "turn": st.floats(-1.1, 1.1),
-    "parameters": st.sampled_from([HUMBLE, FAST]),
-}
-
-
-@settings(max_examples=12, deadline=None)
-@given(**situation)
-@example(seed=3, yaw=0.0, v=0.0, turn=0.0, parameters=HUMBLE)
-def test_every_sample_has_the_score_of_the_plain_reading(seed, yaw, v, turn, parameters):
-    rng = np.random.default_rng(seed)
-    boxes = [(r, r + 5, c, c + 5) for r, c in rng.integers(0, 55, (3, 2))]
-    pose, plan = (*CENTER, yaw), bent(seed)
-    goal = (CENTER[0] + rng.uniform(-3.0, 3.0), CENTER[1] + rng.uniform(-3.0, 3.0), rng.uniform(-3.0, 3.0))
-    plain, kernel, _ = both(parameters, walls(*boxes), pose, (v, turn), plan, goal)
-    assert [kernel[v, turn] for v, turn, _ in plain] == pytest.approx([score for *_, score in plain], abs=1e-9)
-    assert sum(score < math.inf for score in kernel.values()) == sum(score < math.inf for *_, score in plain)
-
-
-@settings(max_examples=12, deadline=None)
-@given(**situation)
-def test_the_command_is_the_first_legal_sample_with_the_lowest_score(seed, yaw, v, turn, parameters):
-    rng = np.random.default_rng(seed)
-    boxes = [(r, r + 6, c, c + 6) for r, c in rng.integers(0, 54, (4, 2))]
-    pose, plan = (*CENTER, yaw), bent(seed)
-    plain, _, command = both(parameters, walls(*boxes), pose, (v, turn), plan, (9.0, 2.0, 0.0))
-    legal = [sample for sample in plain if sample[2] < math.inf]
-    if legal:
-        lowest = min(score for *_, score in legal)
-        # Which of several is first can hang on a last bit of the plain reading's sums.
-        best = [(True, v_mps, w_radps) for v_mps, w_radps, score in legal if score <= lowest + 1e-8]
-        assert command == best[0] or (len(best) > 1 and command in best)
-    else:
-        assert command == (False, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("speed", [0.1, 0.26])
-@pytest.mark.parametrize("seed", range(3))
-def test_at_the_goal_every_sample_has_the_score_of_the_plain_reading(speed, seed):
-    # With seed 0 within 0.1 m of the goal, where PathAlign is not asked any more.
-    goal = (CENTER[0] + 0.07 * (seed + 1), CENTER[1] + 0.05 * seed, 1.0)
-    plan = np.array([CENTER, [CENTER[0] + 0.02, CENTER[1] + 0.01], goal[:2]])
-    plain, kernel, _ = both(HUMBLE, window(), (*CENTER, -0.7), (speed, 0.4), plan, goal)
-    assert [kernel[v, turn] for v, turn, _ in plain] == pytest.approx([score for *_, score in plain], abs=1e-9)
 
 
 # The samples.
@@ -334,25 +159,13 @@ def test_samples_slower_than_both_least_speeds_are_left_out():
 # The grids.
 
 
-@settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_path_distances_are_those_of_nav2s_queue(seed):
-    w, plan = window(corner=(CORNER[0] + 0.6, CORNER[1])), bent(seed)
-    cells = plan_cells(w, plan)
-    values, goal, _ = distances(new_path_grid(CELLS, CELLS), w, plan, len(plan), *plan[-1])
-    expected = queue_distances(w, cells)
-    assert values.tolist() == [[expected[column, row] for column in range(CELLS)] for row in range(CELLS)]
-    assert divmod(goal, CELLS + 2) == (cells[-1][1] + 1, cells[-1][0] + 1)
-
-
 def test_path_distances_of_a_straight_plan_are_manhattan_from_the_nearest_cell_of_it():
     plan = np.column_stack([CORNER[0] + 0.525 + 0.025 * np.arange(40), np.full(40, CORNER[1] + 1.025)])
     values, _, _ = distances(new_path_grid(CELLS, CELLS), window(), plan, len(plan), *plan[-1])
     columns, rows = np.meshgrid(np.arange(CELLS), np.arange(CELLS))
     sources = np.array(sorted(set(plan_cells(window(), plan))))
-    away = np.hypot(columns[..., None] - sources[:, 0], rows[..., None] - sources[:, 1])
-    nearest = sources[np.argmin(away, axis=2)]
-    np.testing.assert_array_equal(values, np.abs(columns - nearest[..., 0]) + np.abs(rows - nearest[..., 1]))
+    away = np.abs(columns[..., None] - sources[:, 0]) + np.abs(rows[..., None] - sources[:, 1])
+    np.testing.assert_array_equal(values, away.min(axis=2))
 
 
 def test_a_grid_that_was_used_gives_what_a_new_one_gives():
@@ -376,9 +189,9 @@ def test_the_plan_counts_up_to_the_first_cell_without_information():
 def test_holes_of_more_than_two_cells_are_filled():
     plan = straight(spacing_m=0.4)
     values, _, _ = distances(new_path_grid(CELLS, CELLS), window(), plan, len(plan), *plan[-1])
-    expected = queue_distances(window(), plan_cells(window(), plan))
+    sources = {column for column, row in plan_cells(window(), plan) if row == 29}
     assert len(plan_cells(window(), plan)) > len(plan)
-    assert values[29].tolist() == [expected[column, 29] for column in range(CELLS)]
+    assert values[29].tolist() == [min(abs(column - each) for each in sources) for column in range(CELLS)]
 
 
 def test_a_nose_outside_the_window_is_the_last_point_on_the_way_there():

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.nav.controllers.controller import PlanCut
 from vastflow.sim.nav.controllers.local_plan import local_plan
+from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.state import AHEAD_POINTS, MEMORY
 from vastflow.sim.nav.window import Window
 
@@ -19,9 +21,11 @@ def cut(parameters, memory, window, path, out):
 class Follower:
     """A robot with a path in the map frame, and a window of 3 m round it in the odom frame."""
 
-    def __init__(self, path, x_m=0.0, y_m=0.0, map_odom=(0.0, 0.0, 0.0), plan_ahead_m=1.7, goal_yaw_rad=0.0):
+    def __init__(self, path, x_m=0.0, y_m=0.0, map_odom=(0.0, 0.0, 0.0), goal_yaw_rad=0.0, cut=None, ahead_m=1.7):
         self.path = np.array(path, dtype=np.float64)
-        self.parameters = np.array([(plan_ahead_m,)], dtype=[("plan_ahead", np.float64)])
+        plan_cut = record_of(cut or PlanCut(search_m=1.5, ahead_m=ahead_m, in_window=True))
+        self.parameters = np.zeros(1, dtype=np.dtype([("plan_cut", plan_cut.dtype)], align=True))
+        self.parameters["plan_cut"] = plan_cut
         self.memory = np.zeros(1, dtype=MEMORY)
         m = self.memory[0]
         m["path_n"], m["goal_yaw"] = len(self.path), goal_yaw_rad
@@ -53,19 +57,19 @@ def test_the_local_plan_starts_at_the_point_nearest_to_the_robot():
 
 
 def test_it_ends_a_prune_distance_farther_on_where_the_window_allows():
-    plan, _ = Follower(straight(), plan_ahead_m=1.0).plan()
+    plan, _ = Follower(straight(), ahead_m=1.0).plan()
     np.testing.assert_allclose(plan[-1], (1.0, 0.0), atol=0.026)
 
 
 def test_it_ends_where_the_path_leaves_the_window():
-    plan, _ = Follower(straight(), plan_ahead_m=10.0).plan()
+    plan, _ = Follower(straight(), ahead_m=10.0).plan()
     assert plan[-1][0] < 1.5
     assert plan[-1][0] > 1.5 - 0.026
 
 
 def test_what_comes_back_into_the_window_is_not_taken():
     away_and_back = [(0.0, y) for y in np.arange(0, 2.0, 0.025)] + [(0.1, y) for y in np.arange(2.0, 0, -0.025)]
-    plan, _ = Follower(away_and_back, plan_ahead_m=10.0).plan()
+    plan, _ = Follower(away_and_back, ahead_m=10.0).plan()
     assert (plan[:, 0] == 0.0).all()
 
 
@@ -97,6 +101,33 @@ def test_its_end_has_the_goal_s_heading_only_where_it_is_the_goal(length_m, end_
     """Every other pose of NavFn has the map's heading, which localization has turned by 0.3 rad in odom."""
     _, found_rad = Follower(straight(length_m), map_odom=(0.0, 0.0, 0.3), goal_yaw_rad=1.0).plan()
     assert found_rad == pytest.approx(end_yaw_rad)
+
+
+def test_a_cut_by_distance_keeps_the_path_behind_the_robot_that_is_near():
+    """DWB's: from the first point nearer than one distance to the first farther than another, wherever the robot is between."""
+    plan, _ = Follower(straight(), x_m=2.0, cut=PlanCut(search_m=3.0, within_m=0.501, around_m=0.801)).plan()
+    np.testing.assert_allclose(plan[[0, -1]], [(1.5, 0.0), (2.8, 0.0)], atol=1e-9)
+
+
+def test_a_cut_by_distance_does_not_mind_the_window():
+    plan, _ = Follower(straight(), cut=PlanCut(search_m=3.0, within_m=1.5, around_m=2.001)).plan()
+    np.testing.assert_allclose(plan[-1], (2.0, 0.0), atol=1e-9)
+
+
+def test_without_a_point_that_is_near_the_cut_begins_where_the_search_ends():
+    far = Follower(straight(), y_m=1.0, cut=PlanCut(search_m=0.5, within_m=0.9, around_m=3.0))
+    np.testing.assert_allclose(far.plan()[0][0], (0.525, 0.0))
+
+
+@pytest.mark.parametrize(("two_points", "count"), [(True, 2), (False, 1)])
+def test_a_robot_past_the_end_of_its_path_may_keep_a_second_point(two_points, count):
+    cut = PlanCut(search_m=1.5, two_points=two_points, around_m=1.5)
+    assert len(Follower(straight(1.0), x_m=1.1, cut=cut).plan()[0]) == count
+
+
+def test_of_points_that_are_equally_near_it_begins_with_the_last():
+    twice = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (1.2, 0.0)]
+    assert len(Follower(twice, x_m=1.0).plan()[0]) == 2
 
 
 def test_a_robot_that_takes_itself_to_be_far_from_its_path_has_no_local_plan():

@@ -209,6 +209,14 @@ def test_critics_in_the_list_are_enabled_by_whatever_spelling():
     assert (found.PathDist.scale, found.PathAlign.scale, found.GoalDist.scale) == (3.0, 4.0, 1.0)
 
 
+def test_dwbs_critics_are_summed_in_the_order_of_the_list():
+    text = controller("plugin: dwb_core::DWBLocalPlanner, critics: [PathDist, RotateToGoal, GoalDist]")
+    found = parameters(text).controller
+    places = {critic: getattr(found, critic).place for critic in ("PathDist", "RotateToGoal", "GoalDist")}
+    assert sorted(places, key=places.get) == ["PathDist", "RotateToGoal", "GoalDist"]
+    assert interpretation(document_of(NavParameters(controller=found))).parameters.controller == found
+
+
 def test_an_mppi_critic_can_be_switched_off_in_its_group():
     text = controller(
         "plugin: nav2_mppi_controller::MPPIController, critics: [CostCritic, GoalCritic], GoalCritic: {enabled: false}"
@@ -371,7 +379,7 @@ def varied(draw, default):
     for name, value in default:
         if isinstance(value, ParameterGroup):
             values[name] = draw(varied(value))
-        elif name != "short_clearing_cells" and draw(st.booleans()):
+        elif name not in ("short_clearing_cells", "place") and draw(st.booleans()):
             values[name] = draw(values_of(value, *range_of(type(default).model_fields[name])))
     if values.get("enabled") is False:
         return type(default)(enabled=False)

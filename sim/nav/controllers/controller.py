@@ -35,7 +35,7 @@ class ControllerInput(NamedTuple):
         inscribed_radius_m: Of the footprint.
         pose: (x, y, yaw) by odometry.
         twist: (v, ω) by odometry, m/s and rad/s.
-        plan: (N, 2) float64, N >= 1: the path from the point nearest to the robot, as far as `plan_ahead_m` and the window.
+        plan: (N, 2) float64, N >= 1: the part of the path that `plan_cut` says.
         plan_end_yaw_rad: Yaw of its last point.
         goal: (x, y, yaw) of the whole path's end.
         dt_s: Time to the next cycle.
@@ -72,6 +72,33 @@ class Setting:
     stream: NDArray[np.uint64]
     dt_s: float = PERIOD_S
 
+    @property
+    def half_edge_m(self) -> float:
+        """Half of the local costmap's longer edge."""
+        return 0.5 * self.resolution_m * max(self.rows, self.columns)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanCut:
+    """Which part of the path a controller gets as its `plan`; what lies before it is forgotten.
+
+    Attributes:
+        search_m: Length of the path's first stretch, in which the part begins.
+        within_m: It begins at the first point nearer to the robot than this, or else where the stretch ends. With 0 it
+            begins at the nearest point.
+        two_points: Whether it keeps a point behind the nearest where that is the stretch's last.
+        ahead_m: Its greatest length.
+        around_m: It ends before the first point farther from the robot than this.
+        in_window: Whether it ends where the path leaves the local costmap.
+    """
+
+    search_m: float
+    within_m: float = 0.0
+    two_points: bool = False
+    ahead_m: float = float("inf")
+    around_m: float = float("inf")
+    in_window: bool = False
+
 
 def kernel(function: Function) -> Function:
     """Compile a function as the simulator's own kernels are compiled: for the same processor, with IEEE arithmetic."""
@@ -102,6 +129,10 @@ class Controller(ParameterGroup):
     def plan_ahead_m(self) -> float:
         """How much of the path `plan` holds at a time; without end, as far as the local costmap does."""
         return float("inf")
+
+    def plan_cut(self, setting: Setting) -> PlanCut:
+        """What `plan` is: from the nearest point on, for `plan_ahead_m` and within the local costmap."""
+        return PlanCut(search_m=setting.half_edge_m, ahead_m=self.plan_ahead_m, in_window=True)
 
 
 def line_of(code: Any) -> str:

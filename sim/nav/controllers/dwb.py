@@ -4,6 +4,9 @@ A trajectory's score depends on its last pose alone, and its other poses only de
 samples get the score of their end first, and only those that could be chosen are followed on the way there. With
 scores that never fall when a critic is added, that is the same choice as Nav2's, whose order of samples decides ties.
 
+Critics are summed in Nav2's numbers of 32 bits and in the order of the file's list: many samples are as good as each
+other but for the rounding, which then decides.
+
 Nav2's trajectory ends with its last pose twice, and `short_circuit_trajectory_evaluation` leaves critics out once a
 sample is worse than the best: neither changes a choice, and neither is here.
 """
@@ -14,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.numeric import inner
-from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting
+from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, PlanCut, Setting
 from vastflow.sim.nav.controllers.dwb_critics import (
     DISTANCE,
     PathGrid,
@@ -32,13 +35,18 @@ from vastflow.sim.nav.inflation import INSCRIBED
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.window import Window
 
+ROTATE, OSCILLATION, OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(7)
+"""Critics in `DwbMemory.raw` and `scales`: the order of `DwbParameters`."""
+
 
 class DwbMemory(NamedTuple):
     """State and working space of the controller.
 
     Attributes:
         speeds, turns: (V,), (W,) samples of the last call.
-        scores: (V, W) of their ends, infinite where a critic forbids it.
+        order: (C,) int64, the critics of `raw` and `scales` as the file lists them.
+        raw, scales: (C,) what each critic says of an end, and what a point of it counts.
+        scores: (V, W) of the ends, infinite where a critic forbids it.
         ends: (V, W, 5): x, y in cells, cosine and sine of the heading, its distance from the goal's.
         first: (V, W) int64, where a sample's sums begin.
         sums: (P, 2) of the cosine and sine of the headings before each step, beginning with 0; one stretch for each
@@ -47,6 +55,9 @@ class DwbMemory(NamedTuple):
 
     speeds: Any
     turns: Any
+    order: Any
+    raw: Any
+    scales: Any
     scores: Any
     ends: Any
     first: Any
@@ -62,9 +73,8 @@ class _Setting(NamedTuple):
         v_mps, w_radps: Measured.
         goal_state: Of `at_goal`.
         goal, nose: Cells of GoalDist and GoalAlign.
-        rotate, oscillation, obstacle, goal_align, path_align, path_dist, goal_dist: Scales of the critics, 0 for one that
-            is not asked: with scale 0 Nav2 does not even let it forbid.
         bounded: Whether a trajectory may not leave the window.
+        obstructed: Whether it may not collide.
     """
 
     x: float
@@ -75,14 +85,8 @@ class _Setting(NamedTuple):
     goal_state: int
     goal: int
     nose: int
-    rotate: float
-    oscillation: float
-    obstacle: float
-    goal_align: float
-    path_align: float
-    path_dist: float
-    goal_dist: float
     bounded: bool
+    obstructed: bool
 
 
 def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
@@ -97,6 +101,9 @@ def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
     return DwbMemory(
         speeds=np.zeros(speeds),
         turns=np.zeros(turns),
+        order=np.argsort([critic.place for critic in parameters.critics()]),
+        raw=np.zeros(GOAL_DIST + 1),
+        scales=np.zeros(GOAL_DIST + 1),
         scores=np.zeros((speeds, turns)),
         ends=np.zeros((speeds, turns, 5)),
         first=np.zeros((speeds, turns), dtype=np.int64),
@@ -162,14 +169,18 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
     if away_m > 0.0:
         nose_x, nose_y = plan[n - 1, 0] + reach_m * dx / away_m, plan[n - 1, 1] + reach_m * dy / away_m
     goal_cell, nose_cell = lay(memory.grid, window, plan, n, nose_x, nose_y)
-    # The critics of the grids count meters, and only half of each.
-    half_m = 0.5 * window.place[2]
-    path_align = half_m * q.PathAlign.scale * q.PathAlign.enabled
+    # The critics of the grids count meters, and only half of each. With scale 0 Nav2 does not even let one forbid.
+    half_m, scales = 0.5 * window.place[2], memory.scales
+    scales[ROTATE] = np.float32(q.RotateToGoal.scale * q.RotateToGoal.enabled)
+    scales[OSCILLATION] = np.float32(q.Oscillation.scale * q.Oscillation.enabled)
+    scales[OBSTACLE] = np.float32(q.BaseObstacle.scale * q.BaseObstacle.enabled)
+    scales[GOAL_ALIGN] = np.float32(half_m * q.GoalAlign.scale * q.GoalAlign.enabled)
+    scales[PATH_ALIGN] = np.float32(half_m * q.PathAlign.scale * q.PathAlign.enabled)
+    scales[PATH_DIST] = np.float32(half_m * q.PathDist.scale * q.PathDist.enabled)
+    scales[GOAL_DIST] = np.float32(half_m * q.GoalDist.scale * q.GoalDist.enabled)
     if away_m <= q.PathAlign.forward_point_distance:
-        path_align = 0.0
-    obstacle = q.BaseObstacle.scale * q.BaseObstacle.enabled
-    path_dist = half_m * q.PathDist.scale * q.PathDist.enabled
-    goal_dist = half_m * q.GoalDist.scale * q.GoalDist.enabled
+        scales[PATH_ALIGN] = 0.0
+    obstructed = scales[OBSTACLE] != 0.0
     return _Setting(
         (pose[0] - window.place[0]) / window.place[2],
         (pose[1] - window.place[1]) / window.place[2],
@@ -179,14 +190,8 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
         at_goal(q, memory.trends.latched, pose[0], pose[1], twist[0], goal),
         goal_cell,
         nose_cell,
-        q.RotateToGoal.scale * q.RotateToGoal.enabled,
-        q.Oscillation.scale * q.Oscillation.enabled,
-        obstacle,
-        half_m * q.GoalAlign.scale * q.GoalAlign.enabled,
-        path_align,
-        path_dist,
-        goal_dist,
-        obstacle != 0.0 or path_dist != 0.0 or goal_dist != 0.0,
+        obstructed or scales[PATH_DIST] != 0.0 or scales[GOAL_DIST] != 0.0,
+        obstructed,
     )
 
 
@@ -194,21 +199,23 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
 def _score_ends(
     q: Any, setting: _Setting, memory: DwbMemory, costs: Any, n_speeds: int, n_turns: int, cells_per_m: float
 ) -> None:
-    """Sum of the critics at every sample's end, in the order of Nav2's file; infinite where one forbids the sample."""
+    """Sum of the critics at every sample's end; infinite where one forbids the sample."""
     speeds, turns, ends, scores, signs = memory.speeds, memory.turns, memory.ends, memory.scores, memory.trends.signs
     cells, bins, counts = memory.grid.cells, memory.grid.bins, memory.grid.counts
+    order, raw, scales = memory.order, memory.raw, memory.scales
     rows, columns = costs.shape
     stride, nowhere = columns + 2, rows * columns + 1
     goal_x, goal_y = setting.goal % stride - 1, setting.goal // stride - 1
     nose_goal_x, nose_goal_y = setting.nose % stride - 1, setting.nose // stride - 1
     ahead_goal = q.GoalAlign.forward_point_distance * cells_per_m
     ahead_path = q.PathAlign.forward_point_distance * cells_per_m
-    forward, backward = setting.oscillation == 0.0 or signs[0, 2] == 0, setting.oscillation == 0.0 or signs[0, 1] == 0
-    to_left, to_right = setting.oscillation == 0.0 or signs[1, 2] == 0, setting.oscillation == 0.0 or signs[1, 1] == 0
-    rotating, slowing = (
-        setting.rotate != 0.0 and setting.goal_state == 2,
-        setting.rotate != 0.0 and setting.goal_state == 1,
-    )
+    free = scales[OSCILLATION] == 0.0
+    forward, backward = free or signs[0, 2] == 0, free or signs[0, 1] == 0
+    to_left, to_right = free or signs[1, 2] == 0, free or signs[1, 1] == 0
+    rotating = scales[ROTATE] != 0.0 and setting.goal_state == 2
+    slowing = scales[ROTATE] != 0.0 and setting.goal_state == 1
+    for k in range(raw.shape[0]):
+        raw[k] = 0.0
     for i in range(n_speeds):
         v = speeds[i]
         excluded = (v > 0.0 and not forward) or (v < 0.0 and not backward) or (rotating and v != 0.0)
@@ -222,43 +229,40 @@ def _score_ends(
             inside = x >= 0.0 and y >= 0.0 and x < columns and y < rows
             if setting.bounded and not inside:
                 continue
-            total = 0.0
             if rotating:
-                total += ends[i, j, 4] * setting.rotate
+                raw[ROTATE] = ends[i, j, 4]
             elif slowing:
-                total += (v * v * q.RotateToGoal.slowing_factor + ends[i, j, 4]) * setting.rotate
-            if setting.obstacle != 0.0:
-                cost = costs[int(y), int(x)]
-                if cost >= INSCRIBED:
+                raw[ROTATE] = v * v * q.RotateToGoal.slowing_factor + ends[i, j, 4]
+            if setting.obstructed:
+                raw[OBSTACLE] = costs[int(y), int(x)]
+                if raw[OBSTACLE] >= INSCRIBED:
                     continue
-                total += cost * setting.obstacle
-            if setting.goal_align != 0.0:
+            if scales[GOAL_ALIGN] != 0.0:
                 nose_x, nose_y = x + ahead_goal * c, y + ahead_goal * s
                 if not (nose_x >= 0.0 and nose_y >= 0.0 and nose_x < columns and nose_y < rows):
                     continue
-                raw = abs(int(nose_x) - nose_goal_x) + abs(int(nose_y) - nose_goal_y)
-                total += (raw if setting.nose >= 0 else nowhere) * setting.goal_align
-            if setting.path_align != 0.0:
+                away = abs(int(nose_x) - nose_goal_x) + abs(int(nose_y) - nose_goal_y)
+                raw[GOAL_ALIGN] = away if setting.nose >= 0 else nowhere
+            if scales[PATH_ALIGN] != 0.0:
                 nose_x, nose_y = x + ahead_path * c, y + ahead_path * s
                 if not (nose_x >= 0.0 and nose_y >= 0.0 and nose_x < columns and nose_y < rows):
                     continue
-                raw = nowhere
+                raw[PATH_ALIGN] = nowhere
                 if setting.goal >= 0:
                     at = (int(nose_y) + 1) * stride + int(nose_x) + 1
-                    raw = cells[at, DISTANCE]
-                    if raw < 0:
-                        raw = grow(cells, bins, counts, at, stride)
-                total += raw * setting.path_align
-            if setting.goal < 0 and (setting.path_dist != 0.0 or setting.goal_dist != 0.0):
+                    away = cells[at, DISTANCE]
+                    raw[PATH_ALIGN] = away if away >= 0 else grow(cells, bins, counts, at, stride)
+            if setting.goal < 0 and (scales[PATH_DIST] != 0.0 or scales[GOAL_DIST] != 0.0):
                 continue
-            if setting.path_dist != 0.0:
+            if scales[PATH_DIST] != 0.0:
                 at = (int(y) + 1) * stride + int(x) + 1
-                raw = cells[at, DISTANCE]
-                if raw < 0:
-                    raw = grow(cells, bins, counts, at, stride)
-                total += raw * setting.path_dist
-            if setting.goal_dist != 0.0:
-                total += (abs(int(x) - goal_x) + abs(int(y) - goal_y)) * setting.goal_dist
+                away = cells[at, DISTANCE]
+                raw[PATH_DIST] = away if away >= 0 else grow(cells, bins, counts, at, stride)
+            if scales[GOAL_DIST] != 0.0:
+                raw[GOAL_DIST] = abs(int(x) - goal_x) + abs(int(y) - goal_y)
+            total = np.float32(0.0)
+            for k in order:
+                total = np.float32(total + raw[k] * scales[k])
             scores[i, j] = total
 
 
@@ -299,7 +303,10 @@ class Dwb(DwbParameters, Controller):
         """See `new_memory`."""
         return new_memory(self, setting.rows, setting.columns)
 
-    @property
-    def plan_ahead_m(self) -> float:
-        """`forward_prune_distance`."""
-        return self.forward_prune_distance
+    def plan_cut(self, setting: Setting) -> PlanCut:
+        """All points round the robot that have not been left behind: it keeps path behind the robot."""
+        return PlanCut(
+            search_m=self.forward_prune_distance,
+            within_m=min(setting.half_edge_m, self.prune_distance),
+            around_m=min(setting.half_edge_m, self.forward_prune_distance),
+        )

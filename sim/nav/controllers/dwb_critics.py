@@ -23,13 +23,13 @@ _SOURCES, _NEW_SOURCES, _PLAN, _CURSOR, _TOP = 0, 1, 2, 3, 4
 class PathGrid(NamedTuple):
     """Distance in cells from the local plan, grown only as far as it is asked for.
 
-    Nav2's queue hands cells out by their Euclidean distance from the source that reached them first, the latest
-    first among equals, obstacles and all; a cell's value is the Manhattan distance from its source. Cells are numbered
+    Nav2's queue hands cells out by their Manhattan distance from the source that reached them first, the latest
+    first among equals, obstacles and all; that distance is a cell's value. Cells are numbered
     row by row in the window with a border of one cell round it, whose cells count as reached.
 
     Attributes:
         cells: (N, 5) int32: distance or -1, offset from the source, next in the bin, last plan it was a source of.
-        bins: (D,) int32, first waiting cell at each squared distance, or -1.
+        bins: (D,) int32, first waiting cell at each distance, or -1.
         sources: (2, N) int32, the plan's cells in its order: those the grid grew from, those of now.
         counts: (5,) int64: sources, new sources and plans; lowest bin that may be filled, highest that was.
     """
@@ -60,7 +60,7 @@ def new_path_grid(rows: int, columns: int) -> PathGrid:
     cells[1:-1, 1:-1, DISTANCE] = -1
     return PathGrid(
         cells=cells.reshape(-1, 5),
-        bins=np.full((rows - 1) ** 2 + (columns - 1) ** 2 + 1, -1, dtype=np.int32),
+        bins=np.full(rows + columns - 1, -1, dtype=np.int32),
         sources=np.zeros((2, rows * columns), dtype=np.int32),
         counts=np.zeros(5, dtype=np.int64),
     )
@@ -180,11 +180,11 @@ def _push(cells: Any, bins: Any, at: int, dx: int, dy: int, cursor: int) -> int:
     """Let a cell that has not been reached wait in its bin: that bin, or the cursor where it has been."""
     if cells[at, DISTANCE] >= 0:
         return cursor
-    square = dx * dx + dy * dy
-    cells[at, DISTANCE], cells[at, DX], cells[at, DY] = abs(dx) + abs(dy), dx, dy
-    cells[at, FOLLOWING] = bins[square]
-    bins[square] = at
-    return square
+    distance = abs(dx) + abs(dy)
+    cells[at, DISTANCE], cells[at, DX], cells[at, DY] = distance, dx, dy
+    cells[at, FOLLOWING] = bins[distance]
+    bins[distance] = at
+    return distance
 
 
 @inner

@@ -153,7 +153,7 @@ def legal(
         if not (x >= 0.0 and y >= 0.0 and x < columns and y < rows):
             if setting.bounded:
                 return False
-        elif setting.obstacle != 0.0 and costs[int(y), int(x)] >= INSCRIBED:
+        elif setting.obstructed and costs[int(y), int(x)] >= INSCRIBED:
             return False
         if k < base + steps:
             v = approach(v, target_mps, q.acc_lim_x, q.decel_lim_x, dt_s)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.numeric import inner
-from vastflow.sim.nav.controllers.controller import PERIOD_S, Controller, ControllerInput, Setting
+from vastflow.sim.nav.controllers.controller import PERIOD_S, Controller, ControllerInput, PlanCut, Setting
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import FREE, INSCRIBED, UNKNOWN
 from vastflow.sim.nav.parameters.rpp import RppParameters
@@ -72,11 +72,13 @@ def compute_velocity(q: Any, memory: RppMemory, given: ControllerInput) -> Any:
 
 @inner
 def _cusp(pose: Any, plan: Any, n: int) -> float:
-    """Distance of the first point where the plan reverses; infinite where it does not."""
+    """Distance of the first point where the plan reverses, or turns in place; infinite where it does neither."""
     for i in range(1, n - 1):
         before_x, before_y = plan[i, 0] - plan[i - 1, 0], plan[i, 1] - plan[i - 1, 1]
         after_x, after_y = plan[i + 1, 0] - plan[i, 0], plan[i + 1, 1] - plan[i, 1]
-        if before_x * after_x + before_y * after_y < 0.0:
+        # Of NavFn's points the goal alone has a heading of its own, and may lie where the one before it does.
+        turns = i == n - 2 and after_x == 0.0 and after_y == 0.0
+        if turns or before_x * after_x + before_y * after_y < 0.0:
             return math.hypot(plan[i, 0] - pose[0], plan[i, 1] - pose[1])
     return math.inf
 
@@ -138,8 +140,8 @@ def _regulated_speed(
     if q.use_regulated_linear_velocity_scaling != 0 and radius_m < q.regulated_linear_scaling_min_radius:
         by_curve = desired * radius_m / q.regulated_linear_scaling_min_radius
     if q.use_cost_regulated_linear_velocity_scaling != 0 and cost != FREE and cost != UNKNOWN:
-        # The inverse of the inflation layer's cost, which is 252 at the inscribed radius.
-        clearance_m = inscribed_radius_m - math.log(cost / (INSCRIBED - 1)) / q.inflation_cost_scaling_factor
+        # Nav2's inverse of the inflation layer's cost begins at 253, the cost itself at 252.
+        clearance_m = inscribed_radius_m - math.log(cost / INSCRIBED) / q.inflation_cost_scaling_factor
         if clearance_m < q.cost_scaling_dist:
             by_cost = desired * q.cost_scaling_gain * clearance_m / q.cost_scaling_dist
     speed = max(min(by_curve, by_cost), q.regulated_linear_scaling_min_speed)
@@ -198,3 +200,8 @@ class Rpp(RppParameters, Controller):
     def memory(self, setting: Setting) -> RppMemory:
         """See `new_memory`."""
         return new_memory(setting.xy_goal_tolerance_m)
+
+    def plan_cut(self, setting: Setting) -> PlanCut:
+        """As far as the local costmap reaches; Nav2 measures that half a cell shorter than it is."""
+        reach_m = setting.half_edge_m - 0.25 * setting.resolution_m
+        return PlanCut(search_m=reach_m, two_points=True, around_m=reach_m)

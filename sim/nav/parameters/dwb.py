@@ -3,58 +3,64 @@
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 
 
-class RotateToGoalCritic(ParameterGroup):
-    """Heading at the goal. `enabled` says whether the critic is in the list `critics`, here and in the groups below."""
+class DwbCritic(ParameterGroup):
+    """A critic: whether it is in the list `critics`, and its place among them, 0 for the first."""
 
     enabled: bool = parameter(True)
+    place: int = parameter(0, 0, 6)
+
+
+class RotateToGoalCritic(DwbCritic):
+    """Heading at the goal."""
+
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
     slowing_factor: float = parameter(5.0, 0.0, 1e6)
 
 
-class OscillationCritic(ParameterGroup):
+class OscillationCritic(DwbCritic):
     """No change of direction until the robot has moved (m) or turned (rad); a negative reset value never lifts it."""
 
-    enabled: bool = parameter(True)
+    place: int = parameter(1, 0, 6)
     scale: float = parameter(1.0, 0.0, 1e6)
     oscillation_reset_dist: float = parameter(0.05, -1.0, 100.0)
     oscillation_reset_angle: float = parameter(0.2, -1.0, 7.0)
     x_only_threshold: float = parameter(0.05, -1.0, 10.0)
 
 
-class BaseObstacleCritic(ParameterGroup):
+class BaseObstacleCritic(DwbCritic):
     """Cost of the last pose; no pose may be in collision."""
 
-    enabled: bool = parameter(True)
+    place: int = parameter(2, 0, 6)
     scale: float = parameter(0.02, 0.0, 1e6, code=1.0)
 
 
-class GoalAlignCritic(ParameterGroup):
+class GoalAlignCritic(DwbCritic):
     """Distance of a point ahead of the robot (m) to one ahead of the local goal."""
 
-    enabled: bool = parameter(True)
+    place: int = parameter(3, 0, 6)
     scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
 
-class PathAlignCritic(ParameterGroup):
+class PathAlignCritic(DwbCritic):
     """Distance of a point ahead of the robot (m) to the local plan."""
 
-    enabled: bool = parameter(True)
+    place: int = parameter(4, 0, 6)
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
 
-class PathDistCritic(ParameterGroup):
+class PathDistCritic(DwbCritic):
     """Distance to the local plan."""
 
-    enabled: bool = parameter(True)
+    place: int = parameter(5, 0, 6)
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
 
 
-class GoalDistCritic(ParameterGroup):
+class GoalDistCritic(DwbCritic):
     """Distance to the end of the local plan."""
 
-    enabled: bool = parameter(True)
+    place: int = parameter(6, 0, 6)
     scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
 
 
@@ -82,6 +88,7 @@ class DwbParameters(ParameterGroup):
     angular_granularity: float = parameter(0.025, 0.01, 10.0)
     xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
     trans_stopped_velocity: float = parameter(0.25, 0.0, 10.0)
+    prune_distance: float = parameter(2.0, 0.0, 100.0)
     forward_prune_distance: float = parameter(2.0, 0.0, 100.0)
     RotateToGoal: RotateToGoalCritic = RotateToGoalCritic()
     Oscillation: OscillationCritic = OscillationCritic()
@@ -90,3 +97,7 @@ class DwbParameters(ParameterGroup):
     PathAlign: PathAlignCritic = PathAlignCritic()
     PathDist: PathDistCritic = PathDistCritic()
     GoalDist: GoalDistCritic = GoalDistCritic()
+
+    def critics(self) -> tuple[DwbCritic, ...]:
+        """The groups of the critics, as they stand above."""
+        return tuple(value for _, value in self if isinstance(value, DwbCritic))

@@ -228,7 +228,10 @@ def critics_of(controller: ParameterGroup) -> Mapping[str, Any]:
 
 
 def _critics(reader: Reader, place: Location, algorithm: str, default: ParameterGroup) -> Parts:
-    """The critics that the list `critics` names; all others are not enabled."""
+    """The critics that the list `critics` names; all others are not enabled.
+
+    DWB's have their places in the list: those that are not in it keep the ones they have, and the others share theirs.
+    """
     critics = critics_of(default)
     if not critics:
         return {}
@@ -249,6 +252,8 @@ def _critics(reader: Reader, place: Location, algorithm: str, default: Parameter
         else:
             reader.fault((*listed, str(k)), f"{algorithm} has no critic {text!r}", known)
     parts = {}
+    shared = sorted(critics[kind].place for kind in loaded) if algorithm == "DWB" else ()
+    places = dict(zip(loaded, shared, strict=False))
     for kind, critic in critics.items():
         if kind not in loaded:
             parts[kind] = critic.with_values(enabled=False)
@@ -256,7 +261,8 @@ def _critics(reader: Reader, place: Location, algorithm: str, default: Parameter
             continue
         reader.kinds[loaded[kind]] = f"{algorithm} critic"
         enabled = algorithm != "MPPI" or reader.flag((*loaded[kind], "enabled"), True)
-        parts[kind] = reader.group(type(critic), loaded[kind], given={"enabled": enabled})
+        given = {"enabled": enabled} | ({"place": places[kind]} if kind in places else {})
+        parts[kind] = reader.group(type(critic), loaded[kind], given=given)
     return parts
 
 

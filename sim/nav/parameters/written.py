@@ -53,12 +53,15 @@ def controller_block(node: Location, controller: ParameterGroup) -> Values:
     }
     if critics := critics_of(controller):
         place = (*node, name)
-        values[(*place, "critics")] = [group for group, critic in critics.items() if critic.enabled]
+        listed = [group for group, critic in critics.items() if critic.enabled]
+        if isinstance(controller, DwbParameters):
+            listed.sort(key=lambda group: critics[group].place)
+        values[(*place, "critics")] = listed
         for group, critic in critics.items():
             if critic.enabled:
                 values |= _below((*place, group), critic)
-                if isinstance(controller, DwbParameters):  # where the list alone says which critics there are
-                    del values[(*place, group, "enabled")]
+                if isinstance(controller, DwbParameters):  # the list alone says which there are, and in which order
+                    del values[(*place, group, "enabled")], values[(*place, group, "place")]
     return values
 
 
