@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import ClassVar, Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,16 @@ from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Verdict
 from vastflow.sim.world.obstacle import Obstacle
 
+Reading: TypeAlias = Literal["footprint", "cube"]
+READINGS: Final[tuple[Reading, ...]] = ("footprint", "cube")
+
 
 class SafetyParameters(Parameters):
     """Parameters of `safety`; the defaults are the paper's TurtleBot 4.
 
     Attributes:
+        obstacle_radius: How r_obstacle is read: of the `footprint`, from the center to the outline in the plane, or of the `cube`, from
+            its center to a corner in space.
         robot_radius_m: Radius of the robot (m).
         max_speed_mps: v, its greatest speed (m/s).
         max_deceleration_mps2: a, its greatest deceleration (m/s²).
@@ -31,6 +36,7 @@ class SafetyParameters(Parameters):
         stopped_speed_mps: Speed up to which it stands (m/s).
     """
 
+    obstacle_radius: Reading = "footprint"
     robot_radius_m: float = Field(default=0.15, ge=0)
     max_speed_mps: float = Field(default=0.5, ge=0)
     max_deceleration_mps2: float = Field(default=2.5, gt=0)
@@ -43,10 +49,15 @@ class SafetyParameters(Parameters):
 class Safety(Oracle[SafetyParameters]):
     """Fails where the robot ever comes closer to an obstacle than it could stop within: the paper's criterion.
 
-    d_min = r_obstacle + r_robot + v²/(2a), all in m, between centers, with r_obstacle the greatest distance from
-    the obstacle's center to its outline in the plane. 0.5 m cube: 0.354 + 0.15 + 0.05 = 0.554 m; 0.8 m cube:
-    0.766 m. Separation is taken at the recording's rows, from where the obstacles are then; one that appears counts from
-    then on, and one that is pushed where it was pushed to. Exactly d_min passes. A run without obstacles passes.
+    d_min = r_obstacle + r_robot + v²/(2a), all in m, between centers in the plane. The paper's r_obstacle is "the maximum distance from
+    the cube center to a corner", and `obstacle_radius` says which corner:
+
+    - `footprint` (default): of the floor area, √2/2 of a cube's edge. 0.5 m cube: 0.354 + 0.15 + 0.05 = 0.554 m; 0.8 m: 0.766 m.
+    - `cube`: of the cube, √3/2 of its edge, the words as they stand: 0.633 m and 0.893 m. A box counts as the cube of its longer
+      edge, since heights are no part of the plane.
+
+    A cylinder has one radius. Separation is taken at the recording's rows, from where the obstacles are then; one that appears counts from
+    then on, and one that is pushed where it was pushed to. All are rounded to the nanometer, and exactly d_min passes. A run without obstacles passes.
 
     The paper's other property is collision. One with an obstacle is closer than d_min, and fails the run whatever the robot's
     radius is said to be; one with a wall is counted, and fails it where `fail_on_contact` is `any`.
@@ -57,7 +68,7 @@ class Safety(Oracle[SafetyParameters]):
     `braking_s`, or comes to a stop.
 
     Metrics: `smallest_separation` (m), between centers; `margin` (m), the smallest of separation - d_min over
-    all obstacles; `violation_time` (s), for how long any of them was below 0; `violation_clearance` (m), the smallest distance
+    all obstacles; `footprint_margin` and `cube_margin` (m), the same by either reading, whichever judges; `violation_time` (s), for how long any of them was below 0; `violation_clearance` (m), the smallest distance
     from the robot's rim to the outline of an obstacle during that time, negative where the disc of `robot_radius_m` overlaps it;
     `response_time` (s), the longest where several obstacles appeared; `unanswered` (1), those that appeared and that it came nearer
     to without braking; `contacts` and `obstacle_contacts` (1). All but the contacts have no value where no obstacle was
@@ -69,6 +80,8 @@ class Safety(Oracle[SafetyParameters]):
     metrics: ClassVar[Mapping[str, str]] = {
         "smallest_separation": "m",
         "margin": "m",
+        "footprint_margin": "m",
+        "cube_margin": "m",
         "violation_time": "s",
         "violation_clearance": "m",
         "response_time": "s",
@@ -95,27 +108,40 @@ class Safety(Oracle[SafetyParameters]):
         there = {name: apart_m for name, apart_m in separation_m.items() if apart_m.min() < math.inf}
         if not there:
             return self._kept(trace, wrong, metrics)
-        margins_m = {name: np.round(apart_m - self.required_m(closest[name]), 9) for name, apart_m in there.items()}
+        by_reading = {
+            reading: {
+                name: np.round(apart_m - self.required_m(closest[name], reading), 9) for name, apart_m in there.items()
+            }
+            for reading in READINGS
+        }
+        margins_m = by_reading[self.parameters.obstacle_radius]
         worst = min(margins_m, key=lambda name: float(margins_m[name].min()))
         violated = np.any([margin_m < 0 for margin_m in margins_m.values()], axis=0)
         metrics |= {
             "smallest_separation": min(float(apart_m.min()) for apart_m in there.values()),
             "margin": float(margins_m[worst].min()),
+            **{
+                f"{reading}_margin": min(float(m.min()) for m in found.values())
+                for reading, found in by_reading.items()
+            },
             "violation_time": _duration_s(trace["t_s"], violated),
             "violation_clearance": self._closest_m(trace, violated),
         }
         if "speed_mps" in trace.columns:
             metrics |= self._responses(trace, situation)
         if margins_m[worst].min() < 0:
-            apart_m, required_m = float(there[worst].min()), self.required_m(closest[worst])
+            apart_m = float(there[worst].min())
+            required_m = self.required_m(closest[worst], self.parameters.obstacle_radius)
             reason = f"{apart_m:.3f} m from the center of a {worst}, less than {required_m:.3f} m"
             return self.failed(trace, reason, **metrics)
         return self._kept(trace, wrong, metrics)
 
-    def required_m(self, obstacle: Obstacle) -> float:
+    def required_m(self, obstacle: Obstacle, reading: Reading) -> float:
         """d_min (m) between the centers of robot and `obstacle`."""
-        p = self.parameters
-        return obstacle.circumradius_m + p.robot_radius_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
+        p, radius_m = self.parameters, obstacle.circumradius_m
+        if reading == "cube" and obstacle.shape == "box":
+            radius_m = math.sqrt(3) / 2 * max(obstacle.length_m, obstacle.width_m)
+        return radius_m + p.robot_radius_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
 
     def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:
         """The verdict on a run that kept its separation, and that should not have touched what is `wrong`."""

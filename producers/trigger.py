@@ -17,7 +17,7 @@ from vastflow.producers.places.placement import Site
 from vastflow.producers.places.site import SiteRequest
 from vastflow.producers.places.stops import GOAL_KEY, START_KEY, GoalsParameter, KeyParameter, StartParameter
 from vastflow.producers.producer import Draws, Producer
-from vastflow.producers.quantities import Positives
+from vastflow.producers.quantities import NotNegatives, Positives
 from vastflow.sim.digest import Value
 from vastflow.sim.pose import pose_of
 from vastflow.sim.scenario import Dimension
@@ -30,18 +30,31 @@ class TriggeredObstacleParameters(ObstacleParameters):
         spawn_trigger_point: Key of the point at which the obstacle appears.
         spawn_trigger_threshold: Key of the distance (m) from that point at which the robot triggers it.
         trigger_distance: That distance (m), one value or several.
+        spawn_delay_s: Time from then until the obstacle appears (s), one value or several.
         start_pose, goal_pose: Keys of the path's ends, or the poses themselves.
     """
 
     spawn_trigger_point: KeyParameter
     spawn_trigger_threshold: KeyParameter
     trigger_distance: Positives
+    spawn_delay_s: NotNegatives = (0.0,)
     start_pose: StartParameter = START_KEY
     goal_pose: GoalsParameter = GOAL_KEY
 
+    @property
+    def delay_key(self) -> str:
+        """Key of the delay (s), written where any delay is greater than 0."""
+        return f"{self.name}_delay_s"
+
+    @property
+    def trigger_keys(self) -> tuple[str, ...]:
+        """Keys of what triggers the obstacle."""
+        delay = (self.delay_key,) if any(self.spawn_delay_s) else ()
+        return (self.spawn_trigger_point, self.spawn_trigger_threshold, *delay)
+
     @model_validator(mode="after")
     def _check_one(self) -> Self:
-        keys = [self.name, self.spawn_trigger_point, self.spawn_trigger_threshold]
+        keys = [self.name, *self.trigger_keys]
         if len(set(keys)) < len(keys):
             raise PydanticCustomError("keys", "found one key twice in {keys}; three", {"keys": ", ".join(keys)})
         amounts = [config.amount for config in self.obstacle_configs]
@@ -74,16 +87,16 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
-        """The list with the obstacle, its trigger's point and distance."""
+        """The list with the obstacle, its trigger's point and distance, and its delay where there is any."""
         asked = self.parameters
-        keys = (asked.name, asked.spawn_trigger_point, asked.spawn_trigger_threshold)
-        return dict.fromkeys(keys, asked.dimension or "environment")
+        return dict.fromkeys((asked.name, *asked.trigger_keys), asked.dimension or "environment")
 
     @property
     def most_choices(self) -> int:
-        """A placement for each trigger distance, each combination and each of `count`."""
+        """A placement for each trigger distance, each combination and each of `count`, with each delay."""
         return (
             len(self.parameters.trigger_distance)
+            * len(self.parameters.spawn_delay_s)
             * self.parameters.count
             * math.prod(config.n_choices for config in self.parameters.obstacle_configs)
         )
@@ -94,9 +107,9 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
         return self.parameters.remarks
 
     def produce(self, inputs: Mapping[str, Value], draws: Draws) -> Iterator[Fragment | Rejection]:
-        """Yield `count` placements of each combination of each trigger distance, the distances outermost.
+        """Yield `count` placements of each combination of each trigger distance, the distances outermost, each with every delay.
 
-        A placement depends on the seed, what is read, its distance, its combination and its number among equals.
+        A placement depends on the seed, what is read, its distance, its combination and its number among equals. Delays share it.
         """
         asked = self.parameters
         site = self._site(inputs)
@@ -115,7 +128,8 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
                     if isinstance(entries, str):
                         yield Rejection(entries, requested)
                     else:
-                        yield Fragment(self._values(inputs, entries[0], distance_m))
+                        for delay_s in asked.spawn_delay_s:
+                            yield Fragment(self._values(inputs, entries[0], distance_m, delay_s))
 
     def _site(self, inputs: Mapping[str, Value]) -> Site | str:
         asked = self.parameters
@@ -124,14 +138,20 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
                 return f"{key} is written already, for another trigger; a key of its own for this one"
         return self._request.site(inputs)
 
-    def _values(self, inputs: Mapping[str, Value], entry: dict[str, Value], distance_m: float) -> dict[str, Value]:
+    def _values(
+        self, inputs: Mapping[str, Value], entry: dict[str, Value], distance_m: float, delay_s: float
+    ) -> dict[str, Value]:
         asked = self.parameters
-        trigger = {"point": asked.spawn_trigger_point, "threshold": asked.spawn_trigger_threshold}
+        trigger: dict[str, Value] = {"point": asked.spawn_trigger_point, "threshold": asked.spawn_trigger_threshold}
+        delay: dict[str, Value] = {}
+        if any(asked.spawn_delay_s):
+            trigger["delay"], delay[asked.delay_key] = asked.delay_key, delay_s
         place = pose_of(entry["spawn_pose"])
         return {
             **self._request.written(inputs, [{**entry, "spawn_trigger": trigger}]),
             asked.spawn_trigger_point: {"x": place.x_m, "y": place.y_m, "z": 0.0},
             asked.spawn_trigger_threshold: distance_m,
+            **delay,
         }
 
     @property

@@ -20,6 +20,7 @@ from vastflow.oracles.figures.scene import Scene, environment_counts
 from vastflow.oracles.oracle import known_oracles, oracle_class
 from vastflow.oracles.page.table import Column, DataTable, configuration_cells, rate_cell
 from vastflow.oracles.page.words import position, short
+from vastflow.oracles.robustness import DEFAULT_BASIS
 from vastflow.oracles.statistics.intervals import thousandths
 
 MAX_ROWS: Final = 500
@@ -235,7 +236,7 @@ def basis_rows(tables: Tables) -> list[Basis]:
             if len(values):
                 quantiles = (float(np.median(values)), float(np.quantile(values, 0.95)), float(values.max()))
                 above = float((values > threshold).mean())
-                rows.append(Basis(name, name == judged.get("basis", "update"), len(values), *quantiles, above))
+                rows.append(Basis(name, name == judged.get("basis", DEFAULT_BASIS), len(values), *quantiles, above))
     return rows
 
 

@@ -211,7 +211,7 @@ class ClosedLoop:
     def _appear(self, index: int) -> None:
         self._world = world = self._world or self._make_world()
         world.appear(index, self.tick * TICK_S)
-        self.body.triggers[index, 2] = -1.0
+        self.body.triggers[index, 4] = math.inf
         self._place(index, *world.pose_of(index))
 
     def _place(self, index: int, x_m: float, y_m: float, yaw_rad: float) -> None:
@@ -245,6 +245,11 @@ def obstacle_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
 
 
 def trigger_rows(obstacles: Sequence[Obstacle]) -> NDArray[np.float64]:
-    """(K, 3) as `vastflow.sim.world.motion.Body` has them."""
-    rows = [(0.0, 0.0, -1.0) if (t := o.trigger) is None else (t.x_m, t.y_m, t.distance_m) for o in obstacles]
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+    """(K, 5) as `vastflow.sim.world.motion.Body` has them."""
+    rows = [
+        (0.0, 0.0, -1.0, 0.0, math.inf)
+        if (t := o.trigger) is None
+        else (t.x_m, t.y_m, t.distance_m, round(t.delay_s / TICK_S), math.inf)
+        for o in obstacles
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 5)

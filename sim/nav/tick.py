@@ -72,7 +72,7 @@ def advance(
     status = m.status
     lap(m, profile.OUTSIDE)
     while m.tick < until_tick and m.status == status:
-        index = due(body)
+        index = due(body, m.tick)
         if index >= 0:
             return APPEARS + index
         _see_truth(m, body.pose[0], body.pose[1], body.pose[2])

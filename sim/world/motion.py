@@ -30,8 +30,9 @@ class Body(NamedTuple):
         pose: (3,) float64 true x, y, yaw; kernels and the engine move it in turn.
         radius_m: Of its disc.
         obstacles: (K, 6) float64 as `vastflow.sim.world.lidar.scan` reads them, `NOT_THERE` until they appear.
-        triggers: (K, 3) float64 x, y of each obstacle's trigger point, and the distance from it within which the robot
-            makes the obstacle appear; the distance is negative for one that stands there already.
+        triggers: (K, 5) float64 x, y of each obstacle's trigger point, the distance from it within which the robot triggers the
+            obstacle, the ticks from then until it appears, and the tick at which it does. The distance is negative for one that
+            was triggered or never will be, the tick infinite until it is triggered and once it has appeared.
     """
 
     pose: Any
@@ -46,12 +47,15 @@ def new_body(start: Pose, radius_m: float, obstacles: NDArray[np.float64], trigg
 
 
 @inner
-def due(body: Body) -> int:
-    """The first obstacle that the robot's position makes appear, -1 when there is none."""
+def due(body: Body, tick: int) -> int:
+    """The first obstacle that appears at this tick, -1 when there is none; the robot's position triggers those it is near."""
     for k in range(body.triggers.shape[0]):
         dx, dy = body.triggers[k, 0] - body.pose[0], body.triggers[k, 1] - body.pose[1]
         reach = body.triggers[k, 2]
         if reach >= 0.0 and dx * dx + dy * dy <= reach * reach:
+            body.triggers[k, 2] = -1.0
+            body.triggers[k, 4] = tick + body.triggers[k, 3]
+        if body.triggers[k, 4] <= tick:
             return k
     return -1
 

@@ -19,11 +19,12 @@ FRICTION: Final = 0.4
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """What makes an obstacle appear: the robot's true position within `distance_m` of a point."""
+    """What makes an obstacle appear: the robot's true position within `distance_m` of a point, and `delay_s` after that."""
 
     x_m: float
     y_m: float
     distance_m: float
+    delay_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,10 @@ class Obstacle:
         """The same obstacle in the frame of a map's grid."""
         if frame.yaw_rad == 0.0:
             return self
-        trigger = self.trigger and Trigger(*frame.to_grid(self.trigger.x_m, self.trigger.y_m), self.trigger.distance_m)
+        trigger = self.trigger
+        if trigger is not None:
+            x_m, y_m = frame.to_grid(trigger.x_m, trigger.y_m)
+            trigger = replace(trigger, x_m=x_m, y_m=y_m)
         return replace(self, pose=frame.pose_to_grid(self.pose), trigger=trigger)
 
     def footprint(self) -> Polygon:

@@ -29,7 +29,7 @@ def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
     it off:
 
     - `spawn_trigger: {point: …, threshold: …}` in the entry, each a value or the name of the key of the environment that
-      holds it; the point is `{x, y}`.
+      holds it; the point is `{x, y}`. With `delay: …` (s) the obstacle appears that much later.
     - Without it, the environment's `spawn_trigger_point` and `spawn_trigger_threshold` are the trigger of the entries that
       stand at that point: what `ObstacleVariationWithDistanceTrigger` writes under its usual names.
 
@@ -45,7 +45,8 @@ def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
         point, threshold = environment[TRIGGER_POINT_KEY], environment.get(TRIGGER_THRESHOLD_KEY)
         trigger = _trigger_of(point, threshold, TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY)
         there = [o.trigger is None and (o.pose.x_m, o.pose.y_m) == (trigger.x_m, trigger.y_m) for o in obstacles]
-        if not any(o.trigger == trigger for o in obstacles) and not any(there):
+        known = any(o.trigger is not None and replace(o.trigger, delay_s=0.0) == trigger for o in obstacles)
+        if not known and not any(there):
             raise ValueError(
                 f"{TRIGGER_POINT_KEY}: found {point!r}; the position of an obstacle, and none stands there"
             )
@@ -96,13 +97,16 @@ def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, V
     if "spawn_trigger" not in entry:
         return None
     found = entry["spawn_trigger"]
-    if not isinstance(found, Mapping) or set(found) != {"point", "threshold"}:
-        raise ValueError(f"{where}.spawn_trigger: found {found!r}; {{point: …, threshold: …}}")
-    point, threshold = (
+    if not isinstance(found, Mapping) or set(found) - {"delay"} != {"point", "threshold"}:
+        raise ValueError(f"{where}.spawn_trigger: found {found!r}; {{point: …, threshold: …}}, and delay: … (s) if any")
+    point, threshold, delay = (
         environment.get(value, value) if isinstance(value, str) else value
-        for value in (found["point"], found["threshold"])
+        for value in (found["point"], found["threshold"], found.get("delay", 0.0))
     )
-    return _trigger_of(point, threshold, f"{where}.spawn_trigger.point", f"{where}.spawn_trigger.threshold")
+    if isinstance(delay, bool) or not isinstance(delay, int | float) or not 0 <= delay < math.inf:
+        raise ValueError(f"{where}.spawn_trigger.delay: found {delay!r}; a time in seconds, 0 or more")
+    trigger = _trigger_of(point, threshold, f"{where}.spawn_trigger.point", f"{where}.spawn_trigger.threshold")
+    return replace(trigger, delay_s=float(delay))
 
 
 def _trigger_of(point: Value, distance: Value, point_where: str, distance_where: str) -> Trigger:

@@ -163,6 +163,31 @@ def test_a_cube_asks_for_the_papers_separation(edge_m: float, required_m: float)
     assert value(verdict, "margin") == pytest.approx(1.0 - required_m, abs=5e-4)
 
 
+@pytest.mark.parametrize(("edge_m", "required_m"), [(0.5, 0.633), (0.8, 0.893)])
+def test_a_cube_read_in_space_asks_for_its_own_corner(edge_m: float, required_m: float) -> None:
+    verdict = judged("safety", passing({box(edge_m): required_m + 1e-3}), box(edge_m), obstacle_radius="cube")
+    assert (verdict.judgement, value(verdict, "margin")) == ("pass", pytest.approx(0.001, abs=5e-4))
+    assert (
+        judged("safety", passing({box(edge_m): required_m - 1e-3}), box(edge_m), obstacle_radius="cube").judgement
+        == "fail"
+    )
+
+
+@pytest.mark.parametrize("reading", ["footprint", "cube"])
+def test_the_margins_of_both_readings_stand_beside_the_one_that_judges(reading: str) -> None:
+    verdict = judged("safety", passing({box(0.8): 0.8}), box(0.8), obstacle_radius=reading)
+    assert value(verdict, "footprint_margin") == pytest.approx(0.8 - 0.766, abs=5e-4)
+    assert value(verdict, "cube_margin") == pytest.approx(0.8 - 0.893, abs=5e-4)
+    assert value(verdict, "margin") == value(verdict, f"{reading}_margin")
+    assert verdict.judgement == ("pass" if reading == "footprint" else "fail")
+
+
+def test_a_cylinder_has_one_radius() -> None:
+    drum = Obstacle("drum", "cylinder", Pose(0.0, 0.0), 0.6, 0.6)
+    verdict = judged("safety", passing({drum: 1.0}), drum, obstacle_radius="cube")
+    assert value(verdict, "cube_margin") == value(verdict, "footprint_margin") == pytest.approx(1.0 - 0.3 - 0.2)
+
+
 @pytest.mark.parametrize(("separation_m", "judgement"), [(0.553, "fail"), (0.554, "pass")])
 def test_a_robot_fails_where_it_comes_closer_than_that(separation_m: float, judgement: str) -> None:
     assert judged("safety", passing({box(0.5): separation_m}), box(0.5)).judgement == judgement

@@ -81,6 +81,12 @@ def written(directory, name, configurations, runs, verdicts, found=None, *, aske
     return directory
 
 
+def margins(footprint_m, cube_m):
+    """What `safety` measures of a run that touches nothing."""
+    values = {"footprint_margin": footprint_m, "cube_margin": cube_m, "obstacle_contacts": 0}
+    return {name: {"value": value, "unit": "m"} for name, value in values.items()}
+
+
 @pytest.fixture
 def safety(tmp_path):
     """Without obstacles everything passes, and thrice; with boxes one run reaches the goal too near to one."""
@@ -93,9 +99,11 @@ def safety(tmp_path):
     moved = [("a-1", 20.0, 10.0, None), ("a-1", 20.0, 10.0, None), ("a-4", 60.0, 40.0, None)]
     runs = [*moved, ("a-4", 60.0, 0.0, POINTS_IN_FOOTPRINT)]
     verdicts = [
-        *((name, i, oracle, "pass", {}) for name, i in (("a-1", 0), ("a-1", 1)) for oracle in ("success", "safety")),
-        *(("a-4", 0, oracle, judgement, {}) for oracle, judgement in (("success", "pass"), ("safety", "fail"))),
-        *(("a-4", 1, oracle, judgement, {}) for oracle, judgement in (("success", "fail"), ("safety", "pass"))),
+        *(("a-1", i, oracle, "pass", margins(None, None)) for i in (0, 1) for oracle in ("success", "safety")),
+        ("a-4", 0, "success", "pass", {}),
+        ("a-4", 0, "safety", "fail", margins(0.1, -0.02)),
+        ("a-4", 1, "success", "fail", {}),
+        ("a-4", 1, "safety", "pass", margins(0.4, 0.2)),
     ]
     found = coverage(family(rows=4, product=4, realised=2, duplicate=2))
     return written(tmp_path / "safety", "paper-safety-original-maps", configurations, runs, verdicts, found)
@@ -205,14 +213,23 @@ def test_parts_are_in_the_order_of_their_levels(safety):
 
 
 def test_every_basis_of_robustness_is_tabulated(robustness):
-    bases = {basis.name: (basis.alone, basis.reached) for basis in paper_results(robustness).bases}
-    assert bases == {
+    readings = {each.name: (each.alone, each.reached) for each in paper_results(robustness).readings}
+    assert readings == {
         "update": (Counts(1, 1), Counts(0, 2)),
         "step": (Counts(0, 2), Counts(0, 2)),
         "metre": (Counts(2, 0), Counts(1, 1)),
         "mean": (Counts(2, 0), Counts(1, 1)),
         "maximum": (Counts(1, 1), Counts(1, 1)),
     }
+
+
+def test_both_radii_of_an_obstacle_are_tabulated(safety):
+    assert {each.name: (each.alone, each.reached, each.median_m) for each in paper_results(safety).readings} == {
+        "footprint": (Counts(4, 0), Counts(3, 1), 0.25),
+        "cube": (Counts(3, 1), Counts(2, 2), pytest.approx(0.09)),
+    }
+    page = paper_page([paper_results(safety)])
+    assert "| `cube` | 0.090 m | 75.0 %" in page
 
 
 def test_the_page_has_rates_over_distinct_configurations_and_weighted_as_the_paper_counts(safety):

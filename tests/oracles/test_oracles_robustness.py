@@ -68,7 +68,13 @@ def test_the_basis_that_judges_is_chosen_in_the_campaign_file(basis: str, reason
 @pytest.mark.parametrize(("last_mm", "judgement"), [(100, "pass"), (101, "fail")])
 def test_a_sum_of_exactly_the_threshold_passes(last_mm: int, judgement: str) -> None:
     # As floating-point numbers 0.1 + 0.1 + 0.1 is more than 0.3.
-    assert judged([100, 100, last_mm], [1, 1, 1]).judgement == judgement
+    assert judged([100, 100, last_mm], [1, 1, 1], basis="update").judgement == judgement
+
+
+@pytest.mark.parametrize("seconds", [1, 10, 100])
+def test_a_longer_run_with_the_same_errors_is_judged_alike(seconds: int) -> None:
+    assert judged([50, 300] * 5 * seconds, [1, 1] * 5 * seconds).judgement == "pass"
+    assert judged([50, 301] * 5 * seconds, [1, 1] * 5 * seconds).judgement == "fail"
 
 
 @pytest.mark.parametrize("basis", BASES)

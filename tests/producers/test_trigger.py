@@ -108,6 +108,20 @@ def test_the_usual_keys_are_written_as_the_scenario_reads_them(site):
     )
 
 
+def test_each_placement_has_every_delay_and_the_key_that_varies_says_which(site):
+    soon, late, *_ = found = evaluate(triggered(count=2, spawn_delay_s=[0.0, 0.8]), site)
+    assert len(found) == 4 == triggered(count=2, spawn_delay_s=[0.0, 0.8]).most_choices
+    places = [item.values["static_objects"][0]["spawn_pose"] for item in found]
+    assert places[0] == places[1] != places[2] == places[3]
+    assert [item.values["static_objects_delay_s"] for item in (soon, late)] == [0.0, 0.8]
+    assert [o.trigger.delay_s for item in (soon, late) for o in obstacles_of(environment(item))] == [0.0, 0.8]
+
+
+def test_without_a_delay_no_key_of_it_is_written(site):
+    (item,) = evaluate(triggered(), site)
+    assert not [key for key in item.values if "delay" in key]
+
+
 def test_two_of_them_with_keys_of_their_own_each_have_their_trigger(site):
     (one,) = evaluate(triggered(trigger_distance=1.0, name="first"), site)
     second = triggered(

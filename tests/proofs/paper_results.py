@@ -19,8 +19,11 @@ from vastflow.oracles.statistics.factors import blocks_of
 from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.sim.files import read_json
 
-BASES: Final = ("update", "step", "metre", "mean", "maximum")
-"""Metrics of the oracle `robustness`, each a reading of "summed localization error"."""
+READINGS: Final[Mapping[Kind, tuple[str, ...]]] = {
+    "robustness": ("update", "step", "metre", "mean", "maximum"),
+    "safety": ("footprint", "cube"),
+}
+"""Readings of "summed localization error", and of "the maximum distance from the cube center to a corner"."""
 NAME: Final = "paper-"
 ORIGINAL_MAPS: Final = "-original-maps"
 KEPT: Final = ("recordings", "traces", "logs")
@@ -54,13 +57,14 @@ class Requested:
 
 
 @dataclass(frozen=True, slots=True)
-class Basis:
-    """One reading of the robustness criterion.
+class Reading:
+    """One reading of a criterion that the paper's words leave open.
 
     Attributes:
-        alone: Runs by the localization error alone.
+        name: A metric of `robustness`, or the radius of an obstacle in `safety`.
+        alone: Runs by this criterion alone.
         reached: Runs that pass only if the mission succeeded too.
-        median_m: Of the measured values; None where there are none.
+        median_m: Of the error, or of the margin to the required separation; None where there is none.
     """
 
     name: str
@@ -97,7 +101,7 @@ class PaperResults:
         reached: What the campaign's own oracle says of the runs whose mission succeeded.
         parts: Of the configurations, by what the campaign varies.
         starts: By the room that the robot has where it starts.
-        bases: Of robustness; empty for other campaigns.
+        readings: Of robustness and safety; empty for performance.
         ways: Of the runs as they are, and weighted.
         stored_bytes: Recordings, traces, behaviors, logs and tables, without report and pictures.
         runs_cpu_s: CPU time of the simulation of all runs, by their logs.
@@ -117,7 +121,7 @@ class PaperResults:
     reached: Counts
     parts: tuple[Part, ...]
     starts: Starts
-    bases: tuple[Basis, ...]
+    readings: tuple[Reading, ...]
     ways: tuple[Way, Way]
     stored_bytes: int
     runs_cpu_s: float
@@ -196,7 +200,7 @@ def paper_results(directory: Path) -> PaperResults:
         reached=_reached(kind, verdicts),
         parts=parts_of(kind, distinct, by_configuration),
         starts=starts_of(directory / "environments", begun, runs, judgements),
-        bases=tuple(_bases(verdicts)) if kind == "robustness" else (),
+        readings=tuple(_readings(kind, verdicts)),
         ways=(_way(runs, {}), _way(runs, weights)),
         stored_bytes=sum(_stored(directory)),
         runs_cpu_s=sum(_cpu_s(directory)),
@@ -268,29 +272,42 @@ def _reached(kind: Kind, verdicts: list[Row]) -> Counts:
     )
 
 
-def _bases(verdicts: list[Row]) -> Iterator[Basis]:
+def _readings(kind: Kind, verdicts: list[Row]) -> Iterator[Reading]:
     reached: dict[RunKey, Judgement] = {}
     measured: dict[RunKey, Row] = {}
     for row in verdicts:
         key = row["configuration"], row["run_index"]
         if row["oracle"] == "success":
             reached[key] = row["judgement"]
-        elif row["oracle"] == "robustness":
+        elif row["oracle"] == kind:
             measured[key] = json.loads(row["metrics"])
-    for basis in BASES:
+    for name in READINGS.get(kind, ()):
         alone: list[Judgement] = []
         both: list[Judgement] = []
         values: list[float] = []
         for key, metrics in measured.items():
-            value = metrics[basis]["value"]
-            judgement: Judgement = "not judged"
+            value, judgement = (_error if kind == "robustness" else _separation)(metrics, name)
             if value is not None:
                 values.append(value)
-                judgement = "pass" if value <= metrics["threshold"]["value"] else "fail"
             alone.append(judgement)
             both.append(run_judgement([judgement, reached[key]]))
         median_m = statistics.median(values) if values else None
-        yield Basis(basis, counts_of(alone), counts_of(both), median_m)
+        yield Reading(name, counts_of(alone), counts_of(both), median_m)
+
+
+def _error(metrics: Row, basis: str) -> tuple[float | None, Judgement]:
+    """The localization error on one basis, and what it says of the run."""
+    value = metrics[basis]["value"]
+    if value is None:
+        return None, "not judged"
+    return value, "pass" if value <= metrics["threshold"]["value"] else "fail"
+
+
+def _separation(metrics: Row, radius: str) -> tuple[float | None, Judgement]:
+    """The margin to the separation that one reading of the obstacle's radius asks for, and what it says of the run."""
+    margin_m = metrics[f"{radius}_margin"]["value"]
+    kept = (margin_m is None or margin_m >= 0) and not metrics["obstacle_contacts"]["value"]
+    return margin_m, "pass" if kept else "fail"
 
 
 def _way(runs: list[Row], weights: Mapping[str, int]) -> Way:

@@ -189,6 +189,20 @@ def test_an_entry_s_own_trigger_is_written_as_values_or_as_keys_of_the_environme
     assert [o.trigger for o in obstacles_of(environment)] == [Trigger(4.0, 5.0, 1.0)]
 
 
+@pytest.mark.parametrize("delay", [0.8, "late"])
+def test_the_delay_of_an_entry_s_own_trigger_is_a_value_or_a_key(delay):
+    spawn_trigger = {"point": {"x": 4, "y": 5}, "threshold": 1, "delay": delay}
+    (obstacle,) = obstacles_of({"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}], "late": 0.8})
+    assert obstacle.trigger == Trigger(4.0, 5.0, 1.0, 0.8)
+
+
+@pytest.mark.parametrize("delay", [-1, True, "nowhere", float("inf")])
+def test_a_delay_that_is_no_time_is_refused(delay):
+    spawn_trigger = {"point": {"x": 4, "y": 5}, "threshold": 1, "delay": delay}
+    with pytest.raises(ValueError, match=r"crates\[0\]\.spawn_trigger\.delay: found .*; a time in seconds, 0 or more"):
+        obstacles_of({"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}]})
+
+
 @pytest.mark.parametrize(
     ("environment", "message"),
     [

@@ -334,6 +334,15 @@ def test_an_obstacle_appears_when_the_robot_comes_within_its_distance(scenario):
     assert recording.run.outcome == "succeeded"
 
 
+@pytest.mark.parametrize("delay_s", [0.4, 0.8])
+def test_an_obstacle_with_a_delay_appears_that_much_after_its_trigger(scenario, delay_s):
+    (at_once,) = happened(run(scenario(obstacles=[appearing(1.5)]), 0), "spawned")
+    carton = appearing(1.5)
+    late = {**carton, "spawn_trigger": {**carton["spawn_trigger"], "delay": delay_s}}
+    (spawned,) = happened(run(scenario(obstacles=[late]), 0), "spawned")
+    assert spawned.t_s == pytest.approx(at_once.t_s + delay_s)
+
+
 def test_what_appeared_is_driven_round(scenario):
     recording = run(scenario(obstacles=[appearing(1.5)]), 0)
     (spawned,) = happened(recording, "spawned")
