@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from vastflow.producers.abstract_scenario import WHERE, AbstractScenario
 from vastflow.producers.configuration import Fragment
-from vastflow.producers.constraint_foresight import foreseeable_faults
+from vastflow.producers.constraint_faults import constraint_faults
 from vastflow.producers.constraints.constraint import NOWHERE, Constraint, Place
 from vastflow.producers.constraints.reading import fault_of, read_constraints, unknown_names
 from vastflow.producers.dataflow import DataFlow, Link
@@ -153,7 +153,7 @@ class FamilyReader:
         elif not own:
             self._note_unread(flow, tags, system)
             self._note_remarks(links)
-            self.faults += foreseeable_faults(family)
+            self.faults += constraint_faults(family)
         return family
 
     def _refuse_unknown_overrides(self) -> None:

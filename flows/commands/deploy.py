@@ -1,15 +1,16 @@
 """The command `deploy`: a campaign that Prefect runs on request or by a schedule."""
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT, FAULT
+from vastflow.flows.commands.run import BAD_INPUT, FAULT, asked_request
+from vastflow.flows.request.run_request import NAMES
 from vastflow.flows.request.work_pool import NO_API
-from vastflow.flows.terminal.as_v1 import AsV1
-from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.flows.terminal.request_options import asking
 from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
 
 if TYPE_CHECKING:
@@ -18,13 +19,18 @@ if TYPE_CHECKING:
     from vastflow.tasks.execution.deployment import Deployment, ShardDeployment
     from vastflow.tasks.execution.description import RunDescription
 
+OPTIONS: Final = tuple(name for name in NAMES if name not in ("pool", "shards", "pool_wait_s"))
+"""What the campaign is asked each time; its pool is `--shards-in` here, where `--pool` is that of the deployment."""
+
 IMAGE_FOLDER: Final = "/vastflow"
 """Working directory of vastflow's image, with what the image was built from."""
 
 
+@asking(*OPTIONS, results=None)
 def deploy(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
     pool: Annotated[str, typer.Option(metavar="NAME", help="Work pool; made if there is none of that name.")],
+    asked: Mapping[str, Any],
     kind: Annotated[PoolType, typer.Option("--type", help="What the pool's workers start.")] = PoolType.process,
     name: Annotated[str | None, typer.Option(help="Of the deployment; else the campaign's.")] = None,
     cron: Annotated[
@@ -32,24 +38,6 @@ def deploy(
         typer.Option("--schedule", metavar="CRON", help="When to run, such as '0 2 * * *'; else on request."),
     ] = None,
     timezone: Annotated[str, typer.Option(help="Time zone of the schedule.")] = "UTC",
-    runs: Annotated[int | None, typer.Option(min=1, help="Runs of each configuration, instead of the file's.")] = None,
-    only: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Only this family or configuration; may be repeated.")
-    ] = None,
-    sample: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Only N distinct configurations of these, the same ones each time."),
-    ] = None,
-    map_dir: MapDir = None,
-    as_v1: AsV1 = False,
-    results: Annotated[
-        str | None, typer.Option(metavar="FOLDER", help="Where the worker makes the campaign directory.")
-    ] = None,
-    store: Annotated[str | None, typer.Option(help="The worker's store; else its own $VASTFLOW_STORE.")] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; else one a core.")] = None,
-    reports: Annotated[
-        str | None, typer.Option(metavar="URL", help="Where the results folder is served, for links to reports.")
-    ] = None,
     image: Annotated[str, typer.Option(help="Image with vastflow, for docker and kubernetes.")] = IMAGE,
     queue: Annotated[str, typer.Option(help="Queue of Kueue, for kubernetes.")] = NAME,
     context: Annotated[
@@ -77,8 +65,9 @@ def deploy(
     from vastflow.tasks.execution.deployment import Deployment, ShardDeployment, description_of
     from vastflow.tasks.prefect_adapter import import_prefect
 
+    map_dir = asked["map_dir"]
     try:
-        campaign, _ = read_campaign(file, map_dir, as_v1=as_v1)
+        campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
         if campaign.unexecutable:
             raise CampaignError(campaign.unexecutable)
         description = described(campaign, context)
@@ -87,32 +76,26 @@ def deploy(
         raise typer.Exit(BAD_INPUT) from None
     place = _place(file, kind)
     title = campaign_name(campaign)
-    request: dict[str, Any] = {
-        "campaign": place,
-        "runs": runs,
-        "only": only,
-        "sample": sample,
+    here = {
         "map_dir": None if map_dir is None else _place(map_dir, kind),
-        "as_v1": True if as_v1 else None,
-        "results": results or _results(kind),
-        "store": store,
-        "workers": workers or requested_cores(kind, description),
-        "reports": reports,
+        "results": asked["results"] or _results(kind),
+        "workers": asked["workers"] or requested_cores(kind, description),
         "pool": shards_in,
     }
+    request = asked_request(Path(place), {**asked, **here})
     deployment = Deployment(
         name=name or title,
         campaign=title,
-        request={key: value for key, value in request.items() if value is not None},
+        request=request.model_dump(mode="json", exclude_defaults=True),
         pool=pool,
         folder=str(Path.cwd()) if kind is PoolType.process else IMAGE_FOLDER,
         description=description_of(
             title,
             place,
-            campaign.runs_asked(runs),
+            campaign.runs_asked(request.runs),
             str(campaign.spec.metadata.get("description") or ""),
             shards_in,
-            least=campaign.sequential.min if runs is None and campaign.sequential is not None else None,
+            least=campaign.sequential.min if request.runs is None and campaign.sequential is not None else None,
         ),
         job_variables=_job_variables(kind, description, image, queue),
         cron=cron,

@@ -16,13 +16,18 @@ _OWN: Final[Mapping[str, Any]] = {"map_dir": MapDir, "as_v1": AsV1}
 """Options that other commands have too, for which nothing is run."""
 
 
-def asking(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options of these fields, where its parameter `asked` stands: it gets them as a mapping by name."""
+def asking(*names: str, **defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of these fields, where its parameter `asked` stands: it gets them as a mapping by name.
+
+    Args:
+        defaults: Instead of those of the fields.
+    """
 
     def decorated(command: Callable[..., None]) -> Callable[..., None]:
         parameters: list[Parameter] = []
         for parameter in signature(command).parameters.values():
-            parameters += map(_option, names) if parameter.name == "asked" else [parameter]
+            options = (_option(name, defaults) for name in names)
+            parameters += options if parameter.name == "asked" else [parameter]
 
         @functools.wraps(command)
         def called(**values: Any) -> None:
@@ -36,9 +41,9 @@ def asking(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     return decorated
 
 
-def _option(name: str) -> Parameter:
+def _option(name: str, defaults: Mapping[str, Any]) -> Parameter:
     about, schema = RunRequest.model_fields[name], _schema(name)
-    default = None if schema["type"] == "array" else about.get_default()
+    default = defaults.get(name, None if schema["type"] == "array" else about.get_default())
     if name in _OWN:
         return Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=_OWN[name])
     said = next((each for each in about.metadata if isinstance(each, OnCommandLine)), OnCommandLine())

@@ -18,7 +18,7 @@ MOST_LOOKED_AT: Final = 20_000
 """Combinations of values; more are left to instantiation."""
 
 
-def foreseeable_faults(family: Family) -> list[Fault]:
+def constraint_faults(family: Family) -> list[Fault]:
     """Constraints on plain values that can't be evaluated for some of them, or that leave nothing between them.
 
     Only producers are asked that read nothing and build nothing, and only constraints are looked at that name
