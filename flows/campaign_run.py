@@ -36,7 +36,7 @@ from vastflow.producers.faults import CampaignError
 from vastflow.tasks import campaign_log, ending
 from vastflow.tasks.engine import Engine, block_size
 from vastflow.tasks.garbage import few_collections
-from vastflow.tasks.index import Found, Index, Member
+from vastflow.tasks.index import FoundMember, Index, Member
 from vastflow.tasks.instantiation import Instantiated, Instantiator
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.pool import Pool
@@ -94,9 +94,9 @@ class CampaignRun:
     tally: Tally = field(repr=False)
     log: Path
     created: datetime
-    clock: "Clock" = field(repr=False)
+    clock: "CampaignClock" = field(repr=False)
     instantiated: Instantiated | None = field(default=None, repr=False)
-    found: dict[str, Found] = field(default_factory=dict, repr=False)
+    found: dict[str, FoundMember] = field(default_factory=dict, repr=False)
     results: Results | None = None
 
     @property
@@ -139,7 +139,7 @@ class CampaignRun:
         return [RunFault("", None, "instantiate", str(fault)) for fault in faults]
 
     @property
-    def incomplete(self) -> list[Found]:
+    def incomplete(self) -> list[FoundMember]:
         """Members of which something is missing that no fault explains."""
         broken = self.engine.broken
         return [each for name, each in self.found.items() if not each.complete and name not in broken]
@@ -251,7 +251,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
         CampaignError: faults of the file.
         StoreError: the store can't be used.
     """
-    clock, created, tally = Clock(), datetime.now(), Tally()
+    clock, created, tally = CampaignClock(), datetime.now(), Tally()
     with ending.terminable(), few_collections(), Reporter(tally, observer):
         map_dir = None if request.map_dir is None else Path(request.map_dir)
         campaign, oracles = read_campaign(Path(request.campaign), map_dir, as_v1=request.as_v1)
@@ -315,7 +315,7 @@ def _asked(request: RunRequest, campaign: Campaign, inputs: Inputs) -> Asked:
     return Asked(campaign.path.name, runs, request.only, inputs.places, request.sample, maps, request.as_v1)
 
 
-class Clock:
+class CampaignClock:
     """Time since it was made: on the wall, and of the CPU for this process and its children that have ended."""
 
     def __init__(self) -> None:

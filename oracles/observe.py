@@ -36,12 +36,12 @@ STANDING_MPS: Final = 0.01
 STANDING_RADPS: Final = 0.01
 """A robot that is slower than both stands."""
 
-References: TypeAlias = Callable[[tuple[Obstacle, ...]], MaybeReference]
+ReferenceOf: TypeAlias = Callable[[tuple[Obstacle, ...]], MaybeReference]
 """The reference path round some obstacles, see `vastflow.oracles.reference`."""
 
 
 @dataclass(frozen=True)
-class Observer:
+class ScenarioObserver:
     """What the observation of a scenario's runs has in common; prepared once, then used for each.
 
     Attributes:
@@ -53,7 +53,7 @@ class Observer:
     situation: Situation
     occupancy: OccupancyMap | None
     wall_cells: cKDTree | None = field(repr=False)
-    references: References = field(repr=False)
+    references: ReferenceOf = field(repr=False)
 
     def observed(self, recording: Recording) -> tuple[MaybeReference, dict[str, NDArray[np.int32]]]:
         """The reference path and the derived columns (N,) of one run.
@@ -90,7 +90,7 @@ class Observer:
         return reference, {**derived, **_apart(obstacles, recording.columns["t_ms"], np.column_stack((x_m, y_m)))}
 
 
-def observer_of(scenario: Scenario) -> Observer:
+def observer_of(scenario: Scenario) -> ScenarioObserver:
     """Prepare the observation of `scenario`: its map, walls, obstacles and reference path.
 
     The reference is that of a robot of the system's `robot_radius`, by default Nav2's 0.22 m.
@@ -108,7 +108,7 @@ def observer_of(scenario: Scenario) -> Observer:
     def reference(obstacles: tuple[Obstacle, ...]) -> MaybeReference:
         return reference_path(occupancy, replace(situation, obstacles=obstacles), radius_m)
 
-    return Observer(situation, occupancy, _wall_cells(occupancy) if occupancy is not None else None, reference)
+    return ScenarioObserver(situation, occupancy, _wall_cells(occupancy) if occupancy is not None else None, reference)
 
 
 def _map(content: FileContent) -> OccupancyMap:

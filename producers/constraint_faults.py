@@ -7,9 +7,9 @@ from typing import Any, Final
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.constraints.constraint import Checker, Constraint
 from vastflow.producers.constraints.quantities import QUANTITIES
-from vastflow.producers.designs.space import Space, TooLarge
+from vastflow.producers.designs.space import DesignSpace, TooLarge
 from vastflow.producers.faults import CampaignError, Fault
-from vastflow.producers.growth import Family
+from vastflow.producers.growth import InstantiableFamily
 from vastflow.producers.instantiate import contradictions
 from vastflow.producers.producer import Producer, draws_of
 from vastflow.sim.digest import Value
@@ -18,7 +18,7 @@ MOST_LOOKED_AT: Final = 20_000
 """Combinations of values; more are left to instantiation."""
 
 
-def constraint_faults(family: Family) -> list[Fault]:
+def constraint_faults(family: InstantiableFamily) -> list[Fault]:
     """Constraints on plain values that can't be evaluated for some of them, or that leave nothing between them.
 
     Only producers are asked that read nothing and build nothing, and only constraints are looked at that name
@@ -30,7 +30,7 @@ def constraint_faults(family: Family) -> list[Fault]:
     if not constraints:
         return []
     checker = Checker(family.name)
-    space = Space(family.name, family.values, family.dimensions, producers, constraints, checker, MOST_LOOKED_AT)
+    space = DesignSpace(family.name, family.values, family.dimensions, producers, constraints, checker, MOST_LOOKED_AT)
     try:
         for producer in producers:
             space.join({digest: _first(producer, inputs) for digest, inputs in space.inputs().items()})
@@ -60,7 +60,7 @@ def _is_plain(producer: Producer[Any]) -> bool:
     return not producer.reads and "environment" not in producer.writes.values()
 
 
-def _is_foreseeable(constraint: Constraint, family: Family) -> bool:
+def _is_foreseeable(constraint: Constraint, family: InstantiableFamily) -> bool:
     names = constraint.expression.names
     return not any(name.text in QUANTITIES or name.text.startswith("_") for name in names) and all(
         _is_plain(producer) for producer in family.producers if constraint.touched_by(producer)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.producers.designs.array import admissible_tuples, lower_bound, varied_factors
-from vastflow.producers.designs.space import Block, product_of
+from vastflow.producers.designs.space import FactorBlock, product_of
 from vastflow.producers.producer import Producer
 from vastflow.producers.vast.design import DesignSpec
 from vastflow.sim.digest import Texts
@@ -39,7 +39,7 @@ class FamilyCount:
     producers: Sequence[Producer[Any]]
     design: DesignSpec
     levels: tuple[int, ...]
-    blocks: Sequence[Block] | None = None
+    blocks: Sequence[FactorBlock] | None = None
 
 
 def coverage_of(

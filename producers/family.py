@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from vastflow.producers.abstract_scenario import WHERE, AbstractScenario
 from vastflow.producers.configuration import Fragment
 from vastflow.producers.constraint_faults import constraint_faults
-from vastflow.producers.constraints.constraint import NOWHERE, Constraint, Place
+from vastflow.producers.constraints.constraint import NOWHERE, Constraint, ConstraintPlace
 from vastflow.producers.constraints.reading import fault_of, read_constraints, unknown_names
 from vastflow.producers.dataflow import DataFlow, Link
 from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, path_text, shown
@@ -63,7 +63,7 @@ class Family:
     producers: tuple[Producer[Any], ...]
     constraints: tuple[Constraint, ...] = ()
     design: DesignSpec = CARTESIAN
-    place: Place = NOWHERE
+    place: ConstraintPlace = NOWHERE
     max_configurations: int = ExecutionSpec().max_configurations
     overrides: Mapping[str, Value] = field(default_factory=dict)
     start_check: StartCheckKind = "none"
@@ -135,7 +135,7 @@ class FamilyReader:
         given = {key: tag for key, tag in tags.items() if tag != DIMENSION_OF_KEY.get(key, "system")}
         producers = tuple(link.producer for link in links)
         design = (*location, "design")
-        place = Place(self._document.file, *self._document.place(design, "key"), path_text(design))
+        place = ConstraintPlace(self._document.file, *self._document.place(design, "key"), path_text(design))
         left_open = self._left_open(self._abstract, flow) if self._abstract and whole else {}
         fixed = {**self._system, **left_open, **values}
         start_check = self._start_check((*location, "start_check"))

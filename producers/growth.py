@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from vastflow.producers.configuration import ExcludedInstance, Fragment, Partial, RejectedInstance, Rejection
-from vastflow.producers.constraints.constraint import Constraint, Place
+from vastflow.producers.constraints.constraint import Constraint, ConstraintPlace
 from vastflow.producers.coverage import FamilyCount
 from vastflow.producers.producer import Producer
 from vastflow.producers.vast.design import DesignSpec
@@ -14,7 +14,7 @@ from vastflow.sim.digest import Value
 from vastflow.sim.scenario import Dimension
 
 
-class Family(Protocol):
+class InstantiableFamily(Protocol):
     """What instantiation needs of `vastflow.producers.family.Family`."""
 
     @property
@@ -42,7 +42,7 @@ class Family(Protocol):
         """Which combinations become configurations."""
 
     @property
-    def place(self) -> Place:
+    def place(self) -> ConstraintPlace:
         """Where the design stands, for messages."""
 
     @property

@@ -23,7 +23,7 @@ from vastflow.producers.constraints.constraint import Checker, Constraint, step_
 from vastflow.producers.coverage import FamilyCount, coverage_of
 from vastflow.producers.designs.growth import DesignGrowth
 from vastflow.producers.faults import CampaignError, Fault
-from vastflow.producers.growth import Family, Grown, Growth
+from vastflow.producers.growth import Grown, Growth, InstantiableFamily
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
 from vastflow.producers.producer import Producer, evaluate
@@ -32,11 +32,11 @@ from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.scenario import Dimension, scenario_of
 
 
-class Campaign(Protocol):
+class InstantiableCampaign(Protocol):
     """What instantiation needs of `vastflow.producers.campaign.Campaign`."""
 
     @property
-    def families(self) -> Sequence[Family]:
+    def families(self) -> Sequence[InstantiableFamily]:
         """The scenario families."""
 
     @property
@@ -69,7 +69,7 @@ class Instantiation:
     sampled_from: int | None = None
 
 
-def instantiate(campaign: Campaign) -> Instantiation:
+def instantiate(campaign: InstantiableCampaign) -> Instantiation:
     """Every family of a campaign, one producer after the other, in this process.
 
     Raises:
@@ -84,12 +84,12 @@ def instantiate(campaign: Campaign) -> Instantiation:
     return instantiation_of(campaign, grown)
 
 
-def growth_of(family: Family) -> Growth:
+def growth_of(family: InstantiableFamily) -> Growth:
     """The growth of a family by its design."""
     return CartesianGrowth(family) if family.design.cartesian is not None else DesignGrowth(family)
 
 
-def instantiation_of(campaign: Campaign, grown: Sequence[Grown]) -> Instantiation:
+def instantiation_of(campaign: InstantiableCampaign, grown: Sequence[Grown]) -> Instantiation:
     """Configurations and coverage of all families, each grown.
 
     Raises:
@@ -127,7 +127,7 @@ def contradictions(constraints: Sequence[Constraint], family: str, excluded: Ite
 class CartesianGrowth:
     """Every combination: the partial configurations there are, each with every choice of the next producer."""
 
-    def __init__(self, family: Family) -> None:
+    def __init__(self, family: InstantiableFamily) -> None:
         self._family = family
         self._checker = Checker(family.name)
         self._steps = [step_of(constraint, family.producers) for constraint in family.constraints]
@@ -188,7 +188,7 @@ class CartesianGrowth:
         return kept
 
 
-def start(family: Family) -> list[Partial]:
+def start(family: InstantiableFamily) -> list[Partial]:
     """C^0: the fixed parameters alone."""
     return [Partial(family.name, dict(family.values), dict(family.dimensions))]
 
@@ -205,7 +205,7 @@ def distinct_inputs(producer: Producer[Any], partials: Iterable[Partial]) -> dic
 
 
 def join(
-    family: Family,
+    family: InstantiableFamily,
     producer: Producer[Any],
     partials: Iterable[Partial],
     results: Mapping[str, Sequence[Fragment | Rejection]],
@@ -272,7 +272,7 @@ class _Digests:
 
 
 def finish(
-    family: Family,
+    family: InstantiableFamily,
     partials: Iterable[Partial],
     abstract: str | FileContent,
     timeout_s: float,

@@ -20,8 +20,8 @@ from vastflow.producers.quantities import Count, NotNegative, Number, Seed
 from vastflow.sim.digest import Value, digest
 from vastflow.sim.scenario import Dimension
 
-Name: TypeAlias = Annotated[str, Field(min_length=1)]
-Kind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]
+ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
+ParameterKind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]
 WHOLE = ("int", "integer")
 FLAG = ("bool", "boolean")
 
@@ -63,7 +63,7 @@ class ListParameters(producer.Parameters):
             Values of `map_file` are paths of maps.
     """
 
-    name: Name | Annotated[list[Name], Field(min_length=1)]
+    name: ParameterName | Annotated[list[ParameterName], Field(min_length=1)]
     values: Annotated[
         list[Annotated[Any, BeforeValidator(_listed_value), PlainSerializer(plain, return_type=Any)]],
         Field(min_length=1),
@@ -106,7 +106,7 @@ class DistributionParameters(producer.Parameters):
         num_variations: How many values are drawn.
     """
 
-    name: Name
+    name: ParameterName
     num_variations: Count
 
 
@@ -151,7 +151,7 @@ class UniformParameters(DistributionParameters):
 
     min: Number
     max: Number
-    type: Kind = "float"
+    type: ParameterKind = "float"
     seed: Seed | None = None
 
     @model_validator(mode="after")
@@ -193,7 +193,7 @@ class GaussianParameters(DistributionParameters):
     std: NotNegative
     min: Number | None = None
     max: Number | None = None
-    type: Kind = "float"
+    type: ParameterKind = "float"
     seed: Seed
 
     @model_validator(mode="after")
@@ -226,7 +226,7 @@ def _check_order(low: float, high: float) -> None:
         raise PydanticCustomError("order", "min {min} is greater than max {max}; min <= max", {"min": low, "max": high})
 
 
-def _check_whole(kind: Kind, **bounds: float | None) -> None:
+def _check_whole(kind: ParameterKind, **bounds: float | None) -> None:
     if kind not in WHOLE:
         return
     for name, bound in bounds.items():

@@ -29,11 +29,11 @@ RECORDED: Final[Mapping[str, str]] = {
 
 UNTOUCHED: Final[Mapping[str, str]] = {"compress": "the campaign directory stays as it is"}
 
-Kind: TypeAlias = Literal["command", "plug-in", "recorded", "not executed", "unknown"]
+StepKind: TypeAlias = Literal["command", "plug-in", "recorded", "not executed", "unknown"]
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ProcessingStep:
     """A step of `results_processing.postprocessing`.
 
     Attributes:
@@ -44,7 +44,7 @@ class Step:
     parameters: Mapping[str, Any]
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> StepKind:
         """What is done for it."""
         if plug_in_file.names_file(self.name):
             return "plug-in"
@@ -98,12 +98,12 @@ class Step:
                 yield base / argument
 
 
-def steps_of(named: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[Step, ...]:
+def steps_of(named: Sequence[Mapping[str, Mapping[str, Any]]]) -> tuple[ProcessingStep, ...]:
     """The steps of a section of a campaign file, in order."""
-    return tuple(Step(name, parameters) for entry in named for name, parameters in entry.items())
+    return tuple(ProcessingStep(name, parameters) for entry in named for name, parameters in entry.items())
 
 
-def step_notes(document: Document, steps: Sequence[Step], base: Path, location: Location) -> Iterator[Note]:
+def step_notes(document: Document, steps: Sequence[ProcessingStep], base: Path, location: Location) -> Iterator[Note]:
     """What a user should know of the steps before a campaign runs; one that can't be done costs no run, so it is no fault."""
     for k, step in enumerate(steps):
         where = document.known((*location, k, step.name))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from vastflow.producers.faults import Fault, Location
-from vastflow.producers.growth import Family
+from vastflow.producers.growth import InstantiableFamily
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.repetition import Sequential
 from vastflow.producers.vast.spec import ExecutionSpec
@@ -13,7 +13,7 @@ from vastflow.producers.vast.spec import ExecutionSpec
 _RUNS: Final[Location] = ("execution", "runs")
 
 
-def most_configurations(family: Family) -> int:
+def most_configurations(family: InstantiableFamily) -> int:
     """Configurations that a family asks for at most, as far as its producers tell: every combination of their choices.
 
     A design takes some of the combinations, so of a family with one it is the choices of its largest producer.
@@ -22,7 +22,7 @@ def most_configurations(family: Family) -> int:
     return math.prod(choices) if family.design.cartesian is not None else max(choices, default=1)
 
 
-def size_faults(document: Document, families: Sequence[Family], execution: ExecutionSpec) -> list[Fault]:
+def size_faults(document: Document, families: Sequence[InstantiableFamily], execution: ExecutionSpec) -> list[Fault]:
     """More configurations or runs than the file permits, each with the number and the key that permits it."""
     asked = [most_configurations(family) for family in families]
     total, permitted = sum(asked), execution.max_configurations

@@ -13,10 +13,10 @@ from PIL import Image, UnidentifiedImageError
 from yaml.constructor import SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode
 
-Place: TypeAlias = tuple[int, int]
+TextPlace: TypeAlias = tuple[int, int]
 """Line and column, from 1."""
 
-START: Final[Place] = (1, 1)
+START: Final[TextPlace] = (1, 1)
 
 MOST_BYTES: Final = 64 * 2**20
 """Of any file."""
@@ -51,7 +51,7 @@ class Unreadable(ValueError):
         place: Line and column, as far as there are any.
     """
 
-    def __init__(self, what: str, right: str, place: Place = START) -> None:
+    def __init__(self, what: str, right: str, place: TextPlace = START) -> None:
         super().__init__(what, right, place)
         self.what, self.right, self.place = what, right, place
 
@@ -193,7 +193,7 @@ def _check_aliases(node: Node, sizes: dict[int, tuple[int, int]], opened: set[in
     return nodes, levels
 
 
-def place_of(node: Node | yaml.Event) -> Place:
+def place_of(node: Node | yaml.Event) -> TextPlace:
     """Where a node or an event begins."""
     mark = node.start_mark
     return (mark.line + 1, mark.column + 1) if mark else START
@@ -303,6 +303,6 @@ def _too_many_pixels(found: str) -> NoReturn:
     raise Unreadable(f"found {found}", f"at most {MOST_PIXELS:,}")
 
 
-def _place_behind(before: str) -> Place:
+def _place_behind(before: str) -> TextPlace:
     lines = before.split("\n")
     return len(lines), len(lines[-1]) + 1

@@ -12,12 +12,12 @@ from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import PackedProducer
-from vastflow.tasks.index import Block, Found, Index, Member, Stored, missing, stretches
+from vastflow.tasks.index import Block, FoundMember, Index, Member, Stored, missing, stretches
 from vastflow.tasks.instantiation import Evaluation
 from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.store import Artifact, StoreError
-from vastflow.tasks.work import Broken, Executed, Stage
+from vastflow.tasks.work import Broken, Executed, WorkStage
 
 ATTEMPTS: Final = 3
 """As often what the store lost meanwhile is computed again before it is given up."""
@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome(Generic[T]):
+class StageOutcome(Generic[T]):
     """What a stage came to on some members.
 
     Attributes:
@@ -61,11 +61,11 @@ class MemberFault:
 
     member: str
     run_index: int | None
-    stage: Stage
+    stage: WorkStage
     error: str
 
 
-class Stopping(Protocol):
+class RunsWanted(Protocol):
     """Says how many runs a member wants by the verdicts on those it has."""
 
     @property
@@ -101,7 +101,7 @@ class Engine:
     """
 
     def __init__(
-        self, index: Index, pool: Pool, tally: Tally, oracles: bytes, stopping: Stopping | None = None
+        self, index: Index, pool: Pool, tally: Tally, oracles: bytes, stopping: RunsWanted | None = None
     ) -> None:
         self.index = index
         self.block_runs = MOST_RUNS_A_BLOCK
@@ -167,13 +167,13 @@ class Engine:
         place = self.index.store.place
         raise StoreError(f"store: {place!r} loses what is written to it; is the disk full or broken?")
 
-    def scan(self, members: Iterable[Member]) -> dict[str, Found]:
+    def scan(self, members: Iterable[Member]) -> dict[str, FoundMember]:
         """What the store has of members, by name; it is counted."""
         broken, scanned = self.broken, {}
         for each in members:
             stopping = self._stopping
             member, stored = stopping.stored(self.index, each) if stopping else (each, self.index.stored(each))
-            found = scanned[each.name] = Found(member, tuple(stored))
+            found = scanned[each.name] = FoundMember(member, tuple(stored))
             if stopping is not None:
                 goes_on = not found.complete and each.name not in broken
                 self._tally.want(each.name, member.runs, stopping.most if goes_on else member.runs)
@@ -183,7 +183,7 @@ class Engine:
                     self._tally.judge(each.name, judgements(one.verdicts))
         return scanned
 
-    def begin(self, found: Iterable[Found], workers: int) -> None:
+    def begin(self, found: Iterable[FoundMember], workers: int) -> None:
         """Hand what is not recorded to the workers, which takes them longer than this call.
 
         Where a robot drives, kernels are compiled first.
@@ -208,7 +208,7 @@ class Engine:
         with self._lock:
             self._faults += faults
 
-    def evaluate(self, producer: PackedProducer, evaluations: Sequence[Evaluation]) -> Outcome[dict[str, str]]:
+    def evaluate(self, producer: PackedProducer, evaluations: Sequence[Evaluation]) -> StageOutcome[dict[str, str]]:
         """Evaluate a producer where that is missing; gives key to error of each evaluation at which it raised."""
         store = self.index.store
         jobs = {
@@ -220,7 +220,7 @@ class Engine:
         for key in jobs:
             store.changed(key)
         errors = {key: answer.error for key, answer in answers.items() if isinstance(answer, Broken)}
-        return Outcome(errors, len(evaluations) - len(jobs), len(evaluations))
+        return StageOutcome(errors, len(evaluations) - len(jobs), len(evaluations))
 
     def warm_up(self) -> None:
         """Have one worker compile the kernels before any executes: two at the same time would both compile."""
@@ -252,7 +252,7 @@ class Engine:
         if done.exception() is None and isinstance(answer := done.result(), Executed):
             self._tally.execute(member.name, answer.simulated_s)
 
-    def execute(self, members: Sequence[Member]) -> Outcome[Rows]:
+    def execute(self, members: Sequence[Member]) -> StageOutcome[Rows]:
         """Execute what is missing; gives start, stop and content of each member's blocks."""
         started = [(member, list(self.start_executing(member))) for member in members]
         there = sum(not jobs for _, jobs in started)
@@ -271,9 +271,9 @@ class Engine:
                 self.index.store.changed(self.index.keys.recordings(member.checked))
         found = [self.index.blocks(member) for member in members]
         rows = [[[block.start, block.stop, block.content] for block in blocks] for blocks in found]
-        return Outcome(rows, there, len(members))
+        return StageOutcome(rows, there, len(members))
 
-    def observe(self, members: Sequence[Member], recorded: Rows) -> Outcome[Rows]:
+    def observe(self, members: Sequence[Member], recorded: Rows) -> StageOutcome[Rows]:
         """Observe recorded blocks; rows gain the trace's content."""
         blocks = self._blocks(members, recorded)
         keys = [self.index.trace_key(member, block) for member, block in blocks]
@@ -289,9 +289,9 @@ class Engine:
         for (member, block), trace in zip(blocks, found, strict=True):
             if trace is not None:
                 rows[member.name].append([block.start, block.stop, block.content, trace.content])
-        return Outcome(list(rows.values()), there, len(blocks))
+        return StageOutcome(list(rows.values()), there, len(blocks))
 
-    def judge(self, members: Sequence[Member], observed: Rows) -> Outcome[Rows]:
+    def judge(self, members: Sequence[Member], observed: Rows) -> StageOutcome[Rows]:
         """Judge observed blocks; gives start, stop and the verdicts' content."""
         blocks = self._blocks(members, observed)
         traces = [str(row[3]) for of_member in observed for row in of_member]
@@ -318,11 +318,11 @@ class Engine:
             if verdicts is not None:
                 self._tally.judge(member.name, judgements(verdicts))
                 rows[member.name].append([block.start, block.stop, verdicts.content])
-        return Outcome(list(rows.values()), there, len(blocks))
+        return StageOutcome(list(rows.values()), there, len(blocks))
 
     def _complete(
         self,
-        stage: Stage,
+        stage: WorkStage,
         blocks: Sequence[tuple[Member, Block]],
         keys: Sequence[str],
         submit: Callable[[Member, Block, str], "Future[Any]"],
@@ -348,7 +348,7 @@ class Engine:
             for row in of_member
         ]
 
-    def _fault(self, member: Member, runs: Sequence[int], stage: Stage, broken: Broken) -> None:
+    def _fault(self, member: Member, runs: Sequence[int], stage: WorkStage, broken: Broken) -> None:
         with self._lock:
             self._faults += [MemberFault(member.name, run, stage, broken.error) for run in runs if run < member.runs]
         self._tally.judge(member.name, dict.fromkeys(runs, "not judged"))

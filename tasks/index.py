@@ -64,7 +64,7 @@ class Stored:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundMember:
     """A member with the runs that are wanted of it by now, and what the store has of these."""
 
     member: Member

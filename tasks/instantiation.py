@@ -15,7 +15,7 @@ from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree
 from vastflow.tasks.store import Lost, Store
 
-Results: TypeAlias = Mapping[str, Sequence[Fragment | Rejection]]
+EvaluationResults: TypeAlias = Mapping[str, Sequence[Fragment | Rejection]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class EvaluationRequest:
     """What a family needs of one of its producers."""
 
     family: str
@@ -42,7 +42,7 @@ class Request:
 class Evaluator(Protocol):
     """Sees to it that evaluations are in the store."""
 
-    def __call__(self, requests: Sequence[Request]) -> Mapping[str, str]:
+    def __call__(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
         """Return when all of them are there, but for those at which the producer raised: key to the error."""
 
 
@@ -113,7 +113,7 @@ class Instantiator:
         faults = [fault for growing in families for fault in growing.faults]
         return Instantiated(instantiation, (*unavailable, *faults))
 
-    def _all_there(self, requests: Sequence[Request]) -> Mapping[str, str]:
+    def _all_there(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
         for request in requests:
             if any(self.store.find(each.key) is None for each in request.evaluations):
                 raise NotEvaluated(f"{type(request.producer).__name__} of {request.family}")
@@ -122,7 +122,7 @@ class Instantiator:
     def _step(self, families: Sequence["_Growing"], step: int, evaluator: Evaluator) -> None:
         """C^step to C^(step + 1) of each family."""
         asked: set[str] = set()
-        requests: list[Request] = []
+        requests: list[EvaluationRequest] = []
         inputs, keys = [], []
         for growing in families:
             producer = growing.family.producers[step]
@@ -131,7 +131,7 @@ class Instantiator:
             new = [Evaluation(key, inputs[-1][digest]) for digest, key in keys[-1].items() if key not in asked]
             asked.update(each.key for each in new)
             if new:
-                requests.append(Request(growing.family.name, producer, new))
+                requests.append(EvaluationRequest(growing.family.name, producer, new))
         errors = evaluator(requests)
         for growing, their_inputs, their_keys in zip(families, inputs, keys, strict=True):
             files = files_in(growing.family.producers[step].parameters, *their_inputs.values())
@@ -155,7 +155,7 @@ class _Growing:
         self.growth = growth
         self.faults: list[ProducerFault] = []
 
-    def join(self, step: int, results: Results, errors: Sequence[str]) -> None:
+    def join(self, step: int, results: EvaluationResults, errors: Sequence[str]) -> None:
         kind = type(self.family.producers[step]).__name__
         self.faults += [ProducerFault(self.family.name, kind, error) for error in dict.fromkeys(errors)]
         self.growth.join(results)

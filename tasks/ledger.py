@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 import platformdirs
 import psutil
 
-from vastflow.tasks.prefect_adapter import Route, current_tags, exact_tags, post
+from vastflow.tasks.prefect_adapter import ApiRoute, current_tags, exact_tags, post
 
 if TYPE_CHECKING:
     from prefect.client.orchestration import SyncPrefectClient
@@ -197,7 +197,7 @@ def _call_off(client: "SyncPrefectClient", flow_run_id: str) -> None:
     What no worker has ended by then is ended here.
     """
 
-    def asked(route: Route, *but: str, **values: Any) -> Any:
+    def asked(route: ApiRoute, *but: str, **values: Any) -> Any:
         some = {
             "parent_flow_run_id": {"any_": [flow_run_id]},
             "deployment_id": {"is_null_": False},

@@ -38,7 +38,7 @@ SERVER_SETTINGS: Final[Mapping[str, str]] = {
 }
 """Of an embedded server; what the user has set in the environment goes before."""
 
-Route: TypeAlias = Literal["/flow_runs/bulk_set_state", "/flow_runs/count", "/task_runs/count"]
+ApiRoute: TypeAlias = Literal["/flow_runs/bulk_set_state", "/flow_runs/count", "/task_runs/count"]
 """Routes for which Prefect's client has no method, or none that takes all that the route does."""
 
 
@@ -56,7 +56,7 @@ def import_prefect() -> bool:
     return imported_before
 
 
-def post(client: "SyncPrefectClient", route: Route, content: Mapping[str, Any]) -> Any:
+def post(client: "SyncPrefectClient", route: ApiRoute, content: Mapping[str, Any]) -> Any:
     """What a route answers.
 
     Raises:

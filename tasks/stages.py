@@ -11,7 +11,7 @@ from prefect.cache_policies import NO_CACHE
 from prefect.client.schemas.objects import State
 from prefect.states import Completed
 
-from vastflow.tasks.engine import Engine, Outcome, Rows
+from vastflow.tasks.engine import Engine, Rows, StageOutcome
 from vastflow.tasks.shards import ProducerShard, Shard
 
 CACHED: Final = "Cached"
@@ -42,7 +42,7 @@ def judge(shard: Shard, observed: Rows, engine: Engine) -> State[Any]:
     return _ended(engine.judge(shard.members, observed))
 
 
-def _ended(outcome: Outcome[Any]) -> State[Any]:
+def _ended(outcome: StageOutcome[Any]) -> State[Any]:
     """The state in which a task run ends."""
     there = f"{outcome.there} of {outcome.wanted} in the store"
     if outcome.there == outcome.wanted > 0:

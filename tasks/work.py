@@ -27,7 +27,7 @@ from vastflow.tasks.store import Lost, Store, StoreError
 if TYPE_CHECKING:
     from vastflow.sim.recordings.recording import Recording
 
-Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge", "flow"]
+WorkStage: TypeAlias = Literal["instantiate", "execute", "observe", "judge", "flow"]
 
 RECORDINGS: Final = "recordings.parquet"
 BEHAVIORS: Final = "behaviors.arrow"

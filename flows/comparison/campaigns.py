@@ -11,8 +11,8 @@ from vastflow.oracles.evidence.pairing import Pairing, pairing_of
 from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.statistics.comparison import (
     Change,
-    Difference,
     LevelDifference,
+    RateDifference,
     by_level,
     changes,
     difference,
@@ -42,8 +42,8 @@ class Compared:
     after: Tables = field(repr=False)
     pairing: Pairing
     oracle: str | None
-    whole: Difference
-    oracles: dict[str, Difference]
+    whole: RateDifference
+    oracles: dict[str, RateDifference]
     changes: Sequence[Change]
     levels: Sequence[LevelDifference]
     margin: float

@@ -12,7 +12,7 @@ from rich.text import Text
 from vastflow.flows.comparison.campaigns import Compared
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.standstills import standstills_of
-from vastflow.oracles.statistics.comparison import Change, Difference
+from vastflow.oracles.statistics.comparison import Change, RateDifference
 
 MOST_CHANGES: Final = 12
 MOST_NAMES: Final = 4
@@ -112,7 +112,7 @@ def points(interval: tuple[float, float]) -> str:
     return f"{100 * interval[0]:+.1f} to {100 * interval[1]:+.1f}"
 
 
-def _difference_json(one: Difference) -> dict[str, Any]:
+def _difference_json(one: RateDifference) -> dict[str, Any]:
     return {**asdict(one), "difference": one.difference}
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from vastflow.flows.computing.task_runs import TaskRuns
 from vastflow.tasks.engine import Rows
 from vastflow.tasks.evaluation import packed
-from vastflow.tasks.instantiation import Instantiated, Instantiator, Request
+from vastflow.tasks.instantiation import EvaluationRequest, Instantiated, Instantiator
 from vastflow.tasks.shards import ProducerShard, Shard, chunks
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def instantiate(task_runs: TaskRuns, instantiator: Instantiator) -> Instantiated
         Lost: an evaluation is damaged.
     """
 
-    def evaluated(requests: Sequence[Request]) -> Mapping[str, str]:
+    def evaluated(requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
         shards = [shard for request in requests for shard in _producer_shards(request)]
         return {key: error for future in task_runs.map("evaluate", shards) for key, error in future.result().items()}
 
@@ -49,7 +49,7 @@ def judge(task_runs: TaskRuns, shards: Sequence[Shard], traces: Made) -> "list[P
     return task_runs.map("judge", shards, traces)
 
 
-def _producer_shards(request: Request) -> list[ProducerShard]:
+def _producer_shards(request: EvaluationRequest) -> list[ProducerShard]:
     evaluations, sent = request.evaluations, packed(request.producer)
     name = f"{request.family} by {type(request.producer).__name__}"
     parts = chunks([each.key.rpartition("/")[2] for each in evaluations])

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vastflow.flows.plan.dry_run import STAGES, DryRun, Due
-from vastflow.flows.results.ingredients import Kind, Stage
+from vastflow.flows.results.ingredients import ReasonKind, Stage
 
 MOST_REASONS: Final = 20
 """Reasons in the terminal; `--json` has all."""
@@ -31,7 +31,7 @@ class Why:
 
     stage: Stage
     family: str
-    kind: Kind
+    kind: ReasonKind
     what: str
     detail: str
     alike: bool = True

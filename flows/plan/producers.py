@@ -14,7 +14,7 @@ from vastflow.producers.floorplan.environment import environments_in
 from vastflow.producers.producer import Producer, evaluate
 from vastflow.sim.digest import Value
 from vastflow.tasks.evaluation import FRAGMENTS, write_evaluation
-from vastflow.tasks.instantiation import Evaluation, Request
+from vastflow.tasks.instantiation import Evaluation, EvaluationRequest
 from vastflow.tasks.store import Store
 
 
@@ -47,7 +47,7 @@ class HereEvaluator:
     environments: Path
     evaluated: dict[str, Evaluated] = field(default_factory=dict)
 
-    def __call__(self, requests: Sequence[Request]) -> Mapping[str, str]:
+    def __call__(self, requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
         """Evaluate; key of each evaluation at which the producer raised to the error."""
         errors = {}
         for request in requests:
@@ -67,7 +67,7 @@ class HereEvaluator:
                 self.store.put(each.key, {FRAGMENTS: write_evaluation(found)})
         return errors
 
-    def _reason(self, request: Request, evaluation: Evaluation) -> DueReason:
+    def _reason(self, request: EvaluationRequest, evaluation: Evaluation) -> DueReason:
         return (
             NEVER if self.reasons is None else self.reasons.reason(request.family, request.producer, evaluation.inputs)
         )

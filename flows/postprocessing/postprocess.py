@@ -18,7 +18,7 @@ from vastflow.flows.postprocessing.plug_in import Request
 from vastflow.flows.postprocessing.processed import FOLDER, Processed, earlier, write_processed
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.results import Results
-from vastflow.producers.postprocessing import CONFIG, Step
+from vastflow.producers.postprocessing import CONFIG, ProcessingStep
 from vastflow.sim.digest import digest, file_digest
 
 STAGE: Final = "postprocessing"
@@ -26,7 +26,7 @@ _SAID: Final = 2000
 """Characters of what a step's process writes that are kept, the last ones."""
 
 
-def postprocessed(written: Results, steps: Sequence[Step], base: Path) -> Results:
+def postprocessed(written: Results, steps: Sequence[ProcessingStep], base: Path) -> Results:
     """Run the steps of a campaign whose directory is written, and give its results with the faults of those that failed.
 
     What a step writes into its copy of the results lies in the campaign directory's folder `postprocessing`, at the same
@@ -47,7 +47,9 @@ def postprocessed(written: Results, steps: Sequence[Step], base: Path) -> Result
     return replace(written, faults=(*written.faults, *faults))
 
 
-def _each(directory: Path, steps: Sequence[Step], base: Path, copies: "_Copies", key: str) -> Iterator[Processed]:
+def _each(
+    directory: Path, steps: Sequence[ProcessingStep], base: Path, copies: "_Copies", key: str
+) -> Iterator[Processed]:
     for step in steps:
         if step.instead:
             yield Processed(step.name, "recorded" if step.kind == "recorded" else "not executed", step.instead)
@@ -130,7 +132,7 @@ def _copy(source: Path, target: Path, names: Sequence[str] | Mapping[str, str]) 
         shutil.copyfile(source / name, target / name)
 
 
-def _run(step: Step, copy: Path) -> tuple[bool, str]:
+def _run(step: ProcessingStep, copy: Path) -> tuple[bool, str]:
     """Run one step over the copy; whether it did what it should, and what it says."""
     config = copy / SHARED
     file = config / step.file

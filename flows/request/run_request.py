@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from vastflow.flows.request.work_pool import WorkPool
 
 Text: TypeAlias = Annotated[str, StringConstraints(min_length=1)]
-Positive: TypeAlias = Annotated[int, Field(ge=1)]
+OneOrMore: TypeAlias = Annotated[int, Field(ge=1)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,18 +37,18 @@ class RunRequest(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     campaign: Annotated[Text, OnCommandLine("FILE")] = Field(description="Campaign file.")
-    runs: Positive | None = Field(None, description="Runs of each configuration, instead of the file's.")
+    runs: OneOrMore | None = Field(None, description="Runs of each configuration, instead of the file's.")
     results: Text = Field(
         "results", description="Folder or address such as s3://bucket/prefix the campaign directory is made in."
     )
     store: Text | None = Field(
         None, description="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder."
     )
-    workers: Positive | None = Field(None, description="Worker processes; else one a core.")
+    workers: OneOrMore | None = Field(None, description="Worker processes; else one a core.")
     only: Annotated[tuple[Text, ...], OnCommandLine("NAME")] = Field(
         (), description="Only this family or configuration; may be repeated."
     )
-    sample: Annotated[Positive | None, OnCommandLine("N")] = Field(
+    sample: Annotated[OneOrMore | None, OnCommandLine("N")] = Field(
         None, description="Only N distinct configurations of these, the same ones each time."
     )
     map_dir: Annotated[Text | None, OnCommandLine("FOLDER")] = Field(
@@ -61,7 +61,7 @@ class RunRequest(BaseModel):
     pool: Annotated[str | None, OnCommandLine("NAME")] = Field(
         None, description="Work pool of Prefect whose workers compute what is missing; else this machine does."
     )
-    shards: Annotated[Positive | None, OnCommandLine("N")] = Field(
+    shards: Annotated[OneOrMore | None, OnCommandLine("N")] = Field(
         None, description="With --pool: about how many shards; else one for 20 runs, at most 50."
     )
     pool_wait_s: Annotated[Annotated[float, Field(ge=1)] | None, OnCommandLine("SECONDS", "--pool-wait")] = Field(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
-from vastflow.oracles.statistics.classes import Bounds
+from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.vast.repetition import Sequential
 from vastflow.tasks.engine import judgements
@@ -121,4 +121,6 @@ def stopping_of(sequential: Sequential | None) -> Stopping | None:
     if sequential is None:
         return None
     stop = sequential.stop
-    return Stopping(StoppingRule(sequential.min, sequential.max, Bounds(stop.systematic, stop.reliable), stop.error))
+    return Stopping(
+        StoppingRule(sequential.min, sequential.max, ClassBounds(stop.systematic, stop.reliable), stop.error)
+    )

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from vastflow.flows.request.members import Runs, runs_of
 from vastflow.flows.results.found import Found, complete
-from vastflow.flows.results.summary import Tally
+from vastflow.flows.results.summary import OutcomeTally
 from vastflow.flows.results.tables import (
     CONFIGURATIONS,
     EXCLUSIONS,
@@ -63,10 +63,10 @@ class CampaignTables:
         self._logs = RunLogs(place)
 
     @property
-    def tally(self) -> Tally:
+    def tally(self) -> OutcomeTally:
         """Of the runs that were added."""
         by_oracle = {oracle: _counts(counter) for oracle, counter in self._by_oracle.items()}
-        return Tally(_counts(self._together), by_oracle, self._stood_still)
+        return OutcomeTally(_counts(self._together), by_oracle, self._stood_still)
 
     def __enter__(self) -> Self:
         return self

@@ -15,7 +15,7 @@ from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, O
 from vastflow.tasks.source import PLUG_IN, Code, SourceTree
 
 Stage: TypeAlias = Literal["instantiate", "execute", "observe", "judge"]
-Kind: TypeAlias = Literal[
+ReasonKind: TypeAlias = Literal[
     "never computed",
     "new configuration",
     "scenario changed",
@@ -51,7 +51,7 @@ class DueReason:
         detail: What is special about this one; may be empty.
     """
 
-    kind: Kind
+    kind: ReasonKind
     what: str
     detail: str = ""
 
@@ -59,7 +59,7 @@ class DueReason:
         return f"{self.what}: {self.detail}" if self.detail else self.what
 
 
-Ingredients: TypeAlias = Mapping[str, tuple[Kind, Any]]
+Ingredients: TypeAlias = Mapping[str, tuple[ReasonKind, Any]]
 """Name to the kind of reason that another value is, and the value. Names are those that a user reads."""
 
 
@@ -109,9 +109,9 @@ def has_ingredients(metadata: Mapping[str, Any]) -> bool:
     return "execute" in metadata.get("code", {})
 
 
-def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tuple[Kind, Any]]:
+def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tuple[ReasonKind, Any]]:
     """What every key of a stage follows from, in the order in which it is told."""
-    found: dict[str, tuple[Kind, Any]] = {
+    found: dict[str, tuple[ReasonKind, Any]] = {
         "numeric class": ("numeric class changed", numeric_parts(metadata["numeric_class"])),
         f"source of {stage}": ("source changed", metadata["code"][stage]),
     }
@@ -124,14 +124,14 @@ def stage_ingredients(metadata: Mapping[str, Any], stage: Stage) -> dict[str, tu
     return found
 
 
-def evaluation_ingredients(metadata: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, tuple[Kind, Any]]:
+def evaluation_ingredients(metadata: Mapping[str, Any], row: Mapping[str, Any]) -> dict[str, tuple[ReasonKind, Any]]:
     """What every evaluation of a producer follows from; `row` is the producer's in `metadata`."""
     return stage_ingredients(metadata, "instantiate") | _of_plug_in(metadata, row, row["name"], "producer changed")
 
 
 def _of_plug_in(
-    metadata: Mapping[str, Any], row: Mapping[str, Any], name: str, kind: Kind
-) -> dict[str, tuple[Kind, Any]]:
+    metadata: Mapping[str, Any], row: Mapping[str, Any], name: str, kind: ReasonKind
+) -> dict[str, tuple[ReasonKind, Any]]:
     return {
         name: (kind, None),
         f"parameters of {name}": (kind, row["parameters"]),

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE
 from vastflow.flows.results.directory import WRITER
-from vastflow.flows.results.summary import Tally
+from vastflow.flows.results.summary import OutcomeTally
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.work_section import with_work
 from vastflow.tasks.source_files import SourceFiles
@@ -35,7 +35,7 @@ class Restored:
         logs: Whether the run logs came with it.
     """
 
-    tally: Tally
+    tally: OutcomeTally
     logs: bool
 
 
@@ -70,9 +70,9 @@ class KeptReport:
             (place / LOGS_FILE).write_bytes(logs)
         said = artifact.info
         by_oracle = {name: Counts(**each) for name, each in said["by_oracle"].items()}
-        return Restored(Tally(Counts(**said["counts"]), by_oracle, said["stood_still"]), logs is not None)
+        return Restored(OutcomeTally(Counts(**said["counts"]), by_oracle, said["stood_still"]), logs is not None)
 
-    def keep(self, place: Path, tally: Tally) -> None:
+    def keep(self, place: Path, tally: OutcomeTally) -> None:
         """Keep what was written into a campaign directory. A store that does not take it costs the next call time, no more."""
         files = sorted(file for entry in place.iterdir() if entry.name not in _OTHERS for file in _files(entry))
         places = {file.relative_to(place).as_posix().replace("/", "-"): file for file in files}

@@ -13,7 +13,7 @@ from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.past import recorded_as
 from vastflow.flows.results.replica import replica
 from vastflow.sim.files import read_json
-from vastflow.tasks.instantiation import Instantiator, NotEvaluated, Request
+from vastflow.tasks.instantiation import EvaluationRequest, Instantiator, NotEvaluated
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree, installed_tree
 from vastflow.tasks.store import Lost, Store, StoreError
@@ -92,7 +92,7 @@ def _evaluations(
     """Keys of the evaluations that its producers would be asked for; None if its campaign can't be read here."""
     keys_asked: set[str] = set()
 
-    def stored(requests: Sequence[Request]) -> Mapping[str, str]:
+    def stored(requests: Sequence[EvaluationRequest]) -> Mapping[str, str]:
         keys_asked.update(each.key for request in requests for each in request.evaluations)
         if any(store.find(each.key) is None for request in requests for each in request.evaluations):
             raise NotEvaluated

@@ -25,7 +25,7 @@ from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.kept_report import KeptReport, Restored, renew_work
 from vastflow.flows.results.member_files import written
 from vastflow.flows.results.origin import origin_row
-from vastflow.flows.results.summary import Summary, Tally, Work
+from vastflow.flows.results.summary import OutcomeTally, Summary, Work
 from vastflow.oracles.directory.executed import NAMED_FILES
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
@@ -67,7 +67,7 @@ class Assessed:
     directory: NewDirectory
     metadata: Mapping[str, Any]
     summary: Summary
-    tally: Tally
+    tally: OutcomeTally
     faults: tuple[RunFault, ...]
     notes: tuple[str, ...]
     kept: KeptReport | None
@@ -213,7 +213,7 @@ def write_report(assessed: Assessed, report: Callable[[Path], None], work: Calla
     return Results(assessed.directory.final, summary, tuple(faults), assessed.notes)
 
 
-def summary_of(instantiation: Instantiation, tally: Tally, runs: Runs, work: Work, results: Path) -> Summary:
+def summary_of(instantiation: Instantiation, tally: OutcomeTally, runs: Runs, work: Work, results: Path) -> Summary:
     """A campaign in numbers.
 
     Args:

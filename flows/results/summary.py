@@ -27,7 +27,7 @@ class Work:
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
+class OutcomeTally:
     """What the runs of a campaign come to.
 
     Attributes:
@@ -56,7 +56,7 @@ class Summary:
         oracles: Name of an oracle to its judgements; the mission's own outcome is `success`.
         excluded: Instances that constraints exclude.
         excluded_by: Family to how many instances each constraint excludes.
-        stood_still: See `Tally`.
+        stood_still: See `OutcomeTally`.
         sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
     """
 

@@ -21,7 +21,7 @@ from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.faults import CampaignError, Fault
 from vastflow.tasks.engine import judgements
-from vastflow.tasks.index import Block, Found, Index, Member, missing
+from vastflow.tasks.index import Block, FoundMember, Index, Member, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator
 from vastflow.tasks.progress import Observer, Tally
 from vastflow.tasks.shards import Shard
@@ -125,7 +125,9 @@ def execute(
             members,
             whole,
             lambda shards, task_runs: task_runs.wait(shards, mapped.execute(task_runs, shards)),
-            lambda absent: run.engine.begin((Found(each, tuple(index.stored(each))) for each in absent), run.workers),
+            lambda absent: run.engine.begin(
+                (FoundMember(each, tuple(index.stored(each))) for each in absent), run.workers
+            ),
         )
         blocks = {member.name: tuple(index.blocks(member)) for member in members}
     return Recordings(chosen, wanted, keys, blocks, (*configurations.faults, *faults))

@@ -22,7 +22,7 @@ _RUNS: Final = 1 << 31
 
 
 @dataclass(frozen=True, eq=False)
-class Metric:
+class MetricColumn:
     """One metric of one oracle.
 
     Attributes:
@@ -94,7 +94,7 @@ class VerdictTable:
         reason, known = self._reason
         return Reasons(self.configuration[self._runs[1][rows]], self._oracle[0][rows], reason[rows], tuple(known))
 
-    def metrics(self, oracle: str) -> dict[str, Metric]:
+    def metrics(self, oracle: str) -> dict[str, MetricColumn]:
         """An oracle's metrics by name, in the order of their names in its verdicts."""
         mine = self._oracle[0] == self.oracles.index(oracle)
         content = parsed(taken(self.table["metrics"], mine))
@@ -105,7 +105,7 @@ class VerdictTable:
             values = np.full(len(self), np.nan)
             values[runs] = floats(pc.struct_field(column, "value"))
             units = pc.unique(pc.drop_null(pc.struct_field(column, "unit"))).to_pylist()
-            metrics[name] = Metric(units[-1] if units else "", values)
+            metrics[name] = MetricColumn(units[-1] if units else "", values)
         return metrics
 
     def rows(self) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.directory.tables import Tables
-from vastflow.oracles.directory.verdict_table import Metric
+from vastflow.oracles.directory.verdict_table import MetricColumn
 from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, wilson_intervals
 
@@ -135,7 +135,7 @@ def _evidence(tables: Tables, oracle: str | None) -> Evidence:
     )
 
 
-def _spread(metric: Metric) -> Spread:
+def _spread(metric: MetricColumn) -> Spread:
     values: NDArray[np.float64] = metric.values[np.isfinite(metric.values)]
     if not values.size:
         return Spread(metric.unit, 0, None, None, None)

@@ -12,7 +12,7 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_rate, weights_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
-from vastflow.oracles.statistics.classes import Bounds, Classes, TotalFailures, classify, shares, total_failures
+from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, shares, total_failures
 from vastflow.oracles.statistics.dispersion import Dispersion, dispersion
 from vastflow.oracles.statistics.factors import factors_of
 from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_by, runs_saved
@@ -95,8 +95,8 @@ def stopping_rule(metadata: Mapping[str, Any]) -> StoppingRule | None:
     said = metadata.get(STOPPING)
     if not said:
         return None
-    usual = Bounds()
-    bounds = Bounds(said.get("systematic", usual.systematic), said.get("reliable", usual.reliable))
+    usual = ClassBounds()
+    bounds = ClassBounds(said.get("systematic", usual.systematic), said.get("reliable", usual.reliable))
     return StoppingRule(said["min"], said["max"], bounds, said.get("error", 0.05))
 
 

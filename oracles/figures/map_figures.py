@@ -29,7 +29,7 @@ from vastflow.oracles.figures.floor import (
 )
 from vastflow.oracles.figures.palette import COLORS, INK, RATES, SOFT_INK
 from vastflow.oracles.figures.scene import Scene, known_extent_m
-from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, Grid, grid_over
+from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, FailureGrid, grid_over
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.maps.occupancy import OccupancyMap
 
@@ -174,7 +174,7 @@ def _outline(axes: Axes, cells: NDArray[np.bool_], extent: tuple[float, float, f
     draw_lines(axes, segments, INK, alpha=1.0, width=1.1)
 
 
-def _density(grid: Grid, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _density(grid: FailureGrid, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """(H, W) points per m², blurred; what is blurred out of the grid is lost."""
     cells = grid.cells(xy_m)
     counts = np.bincount(cells[cells >= 0], minlength=grid.shape[0] * grid.shape[1]).reshape(grid.shape)

@@ -14,7 +14,7 @@ from vastflow.oracles.directory.walk import Walks, read_walks
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.oracle import SUCCESS
 from vastflow.oracles.situation import Situation, situation_of
-from vastflow.oracles.statistics.failure_map import FailureMap, Grid, empty_map, failure_map, grid_over
+from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.world.obstacle import Obstacle
@@ -132,7 +132,7 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
 class _Visitors:
     """Sums up who came where, some hundred thousand positions at a time."""
 
-    def __init__(self, grid: Grid) -> None:
+    def __init__(self, grid: FailureGrid) -> None:
         self._found = empty_map(grid)
         self._waiting: list[tuple[Walks, NDArray[np.int8]]] = []
 
@@ -161,7 +161,7 @@ class _Visitors:
             self._waiting.clear()
 
 
-def _grid_over(occupancy: OccupancyMap) -> Grid:
+def _grid_over(occupancy: OccupancyMap) -> FailureGrid:
     x0, x1, y0, y1 = known_extent_m(occupancy, CELL_M)
     return grid_over(x0, y0, x1, y1, CELL_M)
 

@@ -47,7 +47,7 @@ class _Notebook(BaseModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class CodeCell:
     """A code cell; `number` counts all cells from 1."""
 
     number: int
@@ -55,7 +55,7 @@ class Cell:
     has_parameters: bool
 
 
-def read_cells(file: Path) -> tuple[Cell, ...]:
+def read_cells(file: Path) -> tuple[CodeCell, ...]:
     """The code cells of a notebook that are executed.
 
     Raises:
@@ -85,7 +85,7 @@ def notebook_code(file: Path) -> str:
     return "".join(f"{cell.code}\n" + "parameters = ...\n" * cell.has_parameters for cell in _cells(file))
 
 
-def literals(cell: Cell, file: Path, only: str | None = None) -> Mapping[str, Any]:
+def literals(cell: CodeCell, file: Path, only: str | None = None) -> Mapping[str, Any]:
     """Name to value of what a cell assigns, in its order.
 
     Args:
@@ -119,7 +119,7 @@ def _assigned(statement: ast.stmt) -> tuple[str | None, ast.expr | None]:
     return (target.id, value) if isinstance(target, ast.Name) else (None, None)
 
 
-def _cells(file: Path) -> Iterator[Cell]:
+def _cells(file: Path) -> Iterator[CodeCell]:
     try:
         notebook = _Notebook.model_validate(read_json(file, "a notebook"))
     except Unreadable as error:
@@ -133,4 +133,4 @@ def _cells(file: Path) -> Iterator[Cell]:
     for number, cell in enumerate(notebook.cells, 1):
         tags = cell.metadata.tags
         if cell.cell_type == "code" and SKIPPED not in tags:
-            yield Cell(number, "".join(cell.source), PARAMETERS in tags)
+            yield CodeCell(number, "".join(cell.source), PARAMETERS in tags)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Final, get_args
 
 from pydantic import create_model
 
-from vastflow.oracles.notebook.file import Cell, NotebookError, literals, read_cells
+from vastflow.oracles.notebook.file import CodeCell, NotebookError, literals, read_cells
 from vastflow.oracles.notebook.run_tables import RunTables, run_tables
 from vastflow.oracles.oracle_base import Oracle, Parameters
 from vastflow.oracles.situation import Situation
@@ -39,7 +39,7 @@ class NotebookOracle(Oracle[Parameters]):
     The runs are those of one block of a configuration, any of them: what it says of a run must follow from that run alone.
     """
 
-    cells: ClassVar[Sequence[Cell]]
+    cells: ClassVar[Sequence[CodeCell]]
     snapshot: ClassVar[Snapshot]
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
@@ -155,7 +155,7 @@ def _frozen_notebook(snapshot: Snapshot, name: str, parameters: Mapping[str, Any
     return found(found.Parameters.model_validate(parameters), name, base)
 
 
-def _metrics(cells: Iterable[Cell], file: Path) -> dict[str, str]:
+def _metrics(cells: Iterable[CodeCell], file: Path) -> dict[str, str]:
     for cell in cells:
         found = literals(cell, file, only=METRICS).get(METRICS)
         if found is not None:

@@ -39,7 +39,7 @@ _MOST_LISTED: Final = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class MapPictures:
     """A map and its pictures."""
 
     name: str
@@ -60,7 +60,7 @@ class Gallery:
     rates: Sequence[Picture]
     factors: Sequence[Sequence[Picture]]
     overview: Picture | None
-    places: Sequence[Place]
+    places: Sequence[MapPictures]
     cases: Mapping[int, Picture]
 
     @property
@@ -96,7 +96,10 @@ def write_report(directory: Path) -> None:
         list(rate_pictures({oracle: evidence[oracle] for oracle in rows.shown_oracles(evidence)})),
         factor_pictures(findings.designs),
         all_maps_picture(scenes, [names[s.environment] for s in scenes]) if len(scenes) > 1 else None,
-        [Place(names[s.environment], _size(s.occupancy), list(map_pictures(s, names[s.environment]))) for s in scenes],
+        [
+            MapPictures(names[s.environment], _size(s.occupancy), list(map_pictures(s, names[s.environment])))
+            for s in scenes
+        ],
         _case_pictures(tables, findings),
     )
     figures = directory / "figures"

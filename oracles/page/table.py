@@ -12,7 +12,7 @@ from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.words import percent, span_of
 from vastflow.oracles.statistics.intervals import thousandths
 
-Kind: TypeAlias = Literal["text", "choice", "number", "rate", "class", "code"]
+ColumnKind: TypeAlias = Literal["text", "choice", "number", "rate", "class", "code"]
 """What a column has: words, words that can be chosen from, numbers, rates, classes of configurations, commands."""
 
 PLAIN_ROWS: Final = 40
@@ -24,7 +24,7 @@ class Column:
     """A column; `label` is its head."""
 
     label: str
-    kind: Kind = "text"
+    kind: ColumnKind = "text"
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from vastflow.oracles.figures.palette import GOAL_COLOR, INK, OBSTACLE_COLOR
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.pose import Pose
-from vastflow.sim.replay.snapshot import Box, Patch, Snapshot
+from vastflow.sim.replay.snapshot import Box, Patch, TickSnapshot
 from vastflow.sim.world.robot import Robot
 
 BELIEF_COLOR: Final = "#E69F00"
@@ -46,7 +46,7 @@ class Way:
     color: str
 
 
-def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: Snapshot, way: Way, box: Box) -> None:
+def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: TickSnapshot, way: Way, box: Box) -> None:
     """Fill `axes` with the part `box` of the map frame; the box should have the axes' proportions."""
     axes.set(xlim=(box.x0, box.x1), ylim=(box.y0, box.y1), xticks=[], yticks=[], facecolor=_hex(_UNKNOWN))
     axes.spines[:].set(color="#B8BEC6", linewidth=0.8)
@@ -184,7 +184,7 @@ def _outline(row: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(corners @ np.array([[c, s], [-s, c]]) + (x, y))
 
 
-def _draw_robot(axes: Axes, snapshot: Snapshot) -> None:
+def _draw_robot(axes: Axes, snapshot: TickSnapshot) -> None:
     """The true body, dark, and the padded footprint where the robot takes itself to be."""
     true, estimate = snapshot.moment.true, snapshot.moment.estimate
     radius_m = Robot().radius_m
@@ -206,7 +206,7 @@ def _heading(pose: Pose, length_m: float) -> list[tuple[float, float]]:
     return [(pose.x_m, pose.y_m), ahead]
 
 
-def _draw_goals(axes: Axes, snapshot: Snapshot, box: Box) -> None:
+def _draw_goals(axes: Axes, snapshot: TickSnapshot, box: Box) -> None:
     """Goals as diamonds, those that are not the robot's now hollow; its own, where it is out of sight, as an arrow."""
     for index, goal in enumerate(snapshot.goals):
         now = index == snapshot.moment.goal

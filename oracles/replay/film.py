@@ -13,7 +13,7 @@ from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK, OBSTACLE_C
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, INTENT_COLOR
 from vastflow.oracles.replay.still import still_images
 from vastflow.oracles.replay.story import Story
-from vastflow.sim.replay.snapshot import Snapshot
+from vastflow.sim.replay.snapshot import TickSnapshot
 
 FRAME_MS: Final = 100
 """For how long a picture is shown."""
@@ -33,7 +33,7 @@ _SHARES: Final = (0.2, 0.4, 0.6, 0.8, 1.0)
 _DISTINCT: Final = 12
 
 
-def write_film(file: Path, story: Story, snapshots: Sequence[Snapshot]) -> None:
+def write_film(file: Path, story: Story, snapshots: Sequence[TickSnapshot]) -> None:
     """Write the stills of `snapshots` (one or more) as a film; one picture is in memory at a time."""
     chosen = sorted({0, len(snapshots) // 2, len(snapshots) - 1})
     palette = _palette([*still_images(story, [snapshots[k] for k in chosen])])

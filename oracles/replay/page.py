@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.replay.close_up import draw_patch, ground, legend_handles
 from vastflow.oracles.replay.story import Story
-from vastflow.sim.replay.snapshot import Snapshot
+from vastflow.sim.replay.snapshot import TickSnapshot
 
 DPI: Final = 110
 HEAD_IN: Final = 1.0
@@ -70,7 +70,7 @@ def overview_size_in(story: Story, width_in: float, height_in: float) -> tuple[f
     return scale * (box.x1 - box.x0), scale * (box.y1 - box.y0)
 
 
-def draw_overview(axes: Axes, story: Story, snapshot: Snapshot, ticks: Sequence[int]) -> None:
+def draw_overview(axes: Axes, story: Story, snapshot: TickSnapshot, ticks: Sequence[int]) -> None:
     """What is known of the map with the global costs of `snapshot`, the way until then, the plan and the goals.
 
     Args:

@@ -26,7 +26,7 @@ from vastflow.oracles.replay.page import (
 )
 from vastflow.oracles.replay.story import RECENT_TICKS, Story
 from vastflow.oracles.replay.timeline import draw_now, draw_timeline
-from vastflow.sim.replay.snapshot import Snapshot
+from vastflow.sim.replay.snapshot import TickSnapshot
 
 _PICTURE_IN: Final = (6.6, 5.8)
 _SIDE_IN: Final = 4.4
@@ -57,7 +57,7 @@ class _Layout:
         return 0.5, HEAD_IN + self.height_in + 0.2, self.width_in + _SIDE_IN, _TIMELINE_IN
 
 
-def still_images(story: Story, snapshots: Sequence[Snapshot]) -> Iterator[Image.Image]:
+def still_images(story: Story, snapshots: Sequence[TickSnapshot]) -> Iterator[Image.Image]:
     """The stills of `snapshots` (one or more) as RGB pictures of one size; what does not move is drawn once."""
     layout = _layout(story, snapshots[0])
     background = Figure(figsize=layout.page_in, dpi=DPI)
@@ -75,7 +75,7 @@ def _image(figure: Figure) -> Image.Image:
     return Image.fromarray(np.asarray(canvas.buffer_rgba()))  # which knows its size in pixels
 
 
-def _layout(story: Story, snapshot: Snapshot) -> _Layout:
+def _layout(story: Story, snapshot: TickSnapshot) -> _Layout:
     box = story.view.box(snapshot.moment)
     scale = min(_PICTURE_IN[0] / (box.x1 - box.x0), _PICTURE_IN[1] / (box.y1 - box.y0))
     width_in, height_in = scale * (box.x1 - box.x0), scale * (box.y1 - box.y0)
@@ -89,7 +89,7 @@ def _draw_background(figure: Figure, layout: _Layout, story: Story) -> None:
     draw_timeline(place(figure, *layout.timeline_in), story.moments, {})
 
 
-def _draw_moment(figure: Figure, layout: _Layout, story: Story, snapshot: Snapshot) -> None:
+def _draw_moment(figure: Figure, layout: _Layout, story: Story, snapshot: TickSnapshot) -> None:
     moment, left_in = snapshot.moment, layout.side_in
     axes = place(figure, 0.15, HEAD_IN, layout.width_in, layout.height_in)
     draw_close_up(axes, story.occupancy, snapshot, story.way_until(moment.tick), story.view.box(moment))

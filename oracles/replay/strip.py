@@ -22,7 +22,7 @@ from vastflow.oracles.replay.page import (
 )
 from vastflow.oracles.replay.story import RECENT_TICKS, Story
 from vastflow.oracles.replay.timeline import draw_timeline
-from vastflow.sim.replay.snapshot import Snapshot
+from vastflow.sim.replay.snapshot import TickSnapshot
 
 MOST: Final = 48
 """Pictures of a strip; with more of them it is no picture any more."""
@@ -35,7 +35,7 @@ _TOP_IN: Final = 3.4
 _LEGEND_IN: Final = 0.75
 
 
-def strip_figure(story: Story, snapshots: Sequence[Snapshot]) -> Figure:
+def strip_figure(story: Story, snapshots: Sequence[TickSnapshot]) -> Figure:
     """Numbered close-ups of all `snapshots` (one or more) in a grid, below the way as a whole and the timeline."""
     rows = -(-len(snapshots) // _COLUMNS)
     box = story.view.box(snapshots[0].moment)
@@ -61,7 +61,7 @@ def strip_figure(story: Story, snapshots: Sequence[Snapshot]) -> Figure:
 
 
 def _write_caption(
-    figure: Figure, story: Story, snapshot: Snapshot, number: int, previous: int, left_in: float, top_in: float
+    figure: Figure, story: Story, snapshot: TickSnapshot, number: int, previous: int, left_in: float, top_in: float
 ) -> None:
     moment = snapshot.moment
     now = doing(moment, story.run)

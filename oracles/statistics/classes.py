@@ -20,7 +20,7 @@ _CANDIDATE: Final = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class ClassBounds:
     """Where the classes end, as success rates; those of the paper by default (§ on the number of runs).
 
     A configuration is *systematic* where its success rate p is at most `systematic`, *reliable* where it is at least `reliable`,
@@ -82,7 +82,7 @@ class TotalFailures:
         return self.failures / self.of_failures if self.of_failures else None
 
 
-def classify(passed: ArrayLike, judged: ArrayLike, bounds: Bounds | None = None, error: float = 0.05) -> Classes:
+def classify(passed: ArrayLike, judged: ArrayLike, bounds: ClassBounds | None = None, error: float = 0.05) -> Classes:
     """Classify configurations by exact binomial tests, with the false discovery rate of each class controlled.
 
     With X of n runs passed: *systematic* is claimed by rejecting that p > systematic, p-value P(X <= x | p = systematic); *reliable*
@@ -103,7 +103,7 @@ def classify(passed: ArrayLike, judged: ArrayLike, bounds: Bounds | None = None,
     Args:
         passed, judged: (m,) counts, one entry a configuration.
     """
-    bounds = bounds or Bounds()
+    bounds = bounds or ClassBounds()
     x, n = counts(passed, judged)
     claims = _p_values(x, n, bounds)
     nearest = claims.argmin(axis=0)
@@ -121,7 +121,7 @@ def classify(passed: ArrayLike, judged: ArrayLike, bounds: Bounds | None = None,
     return Classes(names, np.where(n > 0, claims.min(axis=0), 1.0), of_nearest, error, controls)
 
 
-def runs_for_a_claim(bounds: Bounds | None = None, error: float = 0.05) -> dict[ClassName, int]:
+def runs_for_a_claim(bounds: ClassBounds | None = None, error: float = 0.05) -> dict[ClassName, int]:
     """The least number of judged runs with which each class can be shown, of a configuration alone.
 
     At the default bounds and 5 %, 14 that all pass or all fail for *reliable* and *systematic*, and 10 for *flaky*.
@@ -129,10 +129,12 @@ def runs_for_a_claim(bounds: Bounds | None = None, error: float = 0.05) -> dict[
     Raises:
         ValueError: a class can't be shown with 10,000 runs.
     """
-    return dict(_least_runs(bounds or Bounds(), error))
+    return dict(_least_runs(bounds or ClassBounds(), error))
 
 
-def passes_that_show(runs: int, bounds: Bounds | None = None, error: float = 0.05) -> dict[ClassName, tuple[int, int]]:
+def passes_that_show(
+    runs: int, bounds: ClassBounds | None = None, error: float = 0.05
+) -> dict[ClassName, tuple[int, int]]:
     """Least and most passes of `runs` judged runs that show each class of a configuration alone; what can't be shown is left out."""
     names = [classify([x], [runs], bounds, error).names[0] for x in range(runs + 1)]
     shown = {name: [x for x, called in enumerate(names) if called == name] for name in CLAIMS}
@@ -140,7 +142,7 @@ def passes_that_show(runs: int, bounds: Bounds | None = None, error: float = 0.0
 
 
 @cache
-def _least_runs(bounds: Bounds, error: float) -> Mapping[ClassName, int]:
+def _least_runs(bounds: ClassBounds, error: float) -> Mapping[ClassName, int]:
     found: dict[ClassName, int] = {}
     for n in range(1, 10_001):
         x = np.arange(n + 1.0)
@@ -193,17 +195,17 @@ def _adjusted(given: Floats) -> Floats:
     return adjusted
 
 
-def _given(x: Floats, n: Floats, bounds: Bounds) -> Floats:
+def _given(x: Floats, n: Floats, bounds: ClassBounds) -> Floats:
     """(3, m) p-values of `CLAIMS` among their candidates."""
     return np.stack([np.max([tail.given() for tail in tails], axis=0) for tails in _tails(x, n, bounds)])
 
 
-def _p_values(x: Floats, n: Floats, bounds: Bounds) -> Floats:
+def _p_values(x: Floats, n: Floats, bounds: ClassBounds) -> Floats:
     """(3, m) p-values of `CLAIMS`."""
     return np.stack([np.max([tail.p_values for tail in tails], axis=0) for tails in _tails(x, n, bounds)])
 
 
-def _tails(x: Floats, n: Floats, bounds: Bounds) -> tuple[tuple[_Tail, ...], ...]:
+def _tails(x: Floats, n: Floats, bounds: ClassBounds) -> tuple[tuple[_Tail, ...], ...]:
     """The bounds that each of `CLAIMS` has to reject."""
     s, r = bounds.systematic, bounds.reliable
     above_s, below_r = _at_most(n - x, n, 1 - s), _at_most(x, n, r)

@@ -52,7 +52,7 @@ class Pairs:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class RateDifference:
     """The success rate after less that before.
 
     Attributes:
@@ -117,7 +117,7 @@ class LevelDifference:
 
     factor: str
     level: str
-    difference: Difference
+    difference: RateDifference
     adjusted: float | None
 
 
@@ -139,7 +139,7 @@ def mcnemar(lost: int, gained: int, mid_p: bool = False) -> float:
     return 1.0 - observed / 2 if lost == gained else exact - observed
 
 
-def difference(pairs: Pairs, level: float = LEVEL) -> Difference | None:
+def difference(pairs: Pairs, level: float = LEVEL) -> RateDifference | None:
     """The difference of all `pairs` together, each counting once; None without any.
 
     With d = +1 for a pair gained, -1 for one lost and 0 else, D = Σ d / N. Runs on one path change together, under whatever settings: they have
@@ -170,7 +170,7 @@ def difference(pairs: Pairs, level: float = LEVEL) -> Difference | None:
         p_value = 2.0 * float(stdtr(m - 1, -abs(d) / math.sqrt(max(variance, independent))))
     ends = max(-1.0, d - half), min(1.0, d + half)
     configurations = len(np.unique(pairs.configuration))
-    return Difference(
+    return RateDifference(
         n,
         configurations,
         lost,

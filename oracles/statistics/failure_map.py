@@ -14,7 +14,7 @@ MINIMUM_VISITS: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
-class Grid:
+class FailureGrid:
     """Square cells in the map frame.
 
     Attributes:
@@ -62,7 +62,7 @@ class FailureMap:
         squares: (3, H, W) sums over configurations of failures², failures · visits and visits².
     """
 
-    grid: Grid
+    grid: FailureGrid
     visits: NDArray[np.int64] = field(repr=False)
     failures: NDArray[np.int64] = field(repr=False)
     configurations: NDArray[np.int64] = field(repr=False)
@@ -135,20 +135,20 @@ class FailureMap:
         return found
 
 
-def grid_over(x0_m: float, y0_m: float, x1_m: float, y1_m: float, cell_m: float = 0.25) -> Grid:
+def grid_over(x0_m: float, y0_m: float, x1_m: float, y1_m: float, cell_m: float = 0.25) -> FailureGrid:
     """The grid with its lowest corner at (x0, y0) that covers the rectangle up to (x1, y1)."""
     columns, rows = (max(1, int(np.ceil((high - low) / cell_m - 1e-9))) for low, high in ((x0_m, x1_m), (y0_m, y1_m)))
-    return Grid((x0_m, y0_m), cell_m, (rows, columns))
+    return FailureGrid((x0_m, y0_m), cell_m, (rows, columns))
 
 
-def empty_map(grid: Grid) -> FailureMap:
+def empty_map(grid: FailureGrid) -> FailureMap:
     """A map without runs, to which others are added."""
     zeros = np.zeros(grid.shape, dtype=np.int64)
     return FailureMap(grid, zeros, zeros, zeros, np.zeros((3, *grid.shape), dtype=np.int64))
 
 
 def failure_map(
-    grid: Grid,
+    grid: FailureGrid,
     xy_m: Floats,
     starts: ArrayLike,
     failed: ArrayLike,
@@ -183,7 +183,7 @@ def failure_map(
 
 
 def _by_configuration(
-    grid: Grid, run: NDArray[np.int64], cell: NDArray[np.int64], of: NDArray[np.int64]
+    grid: FailureGrid, run: NDArray[np.int64], cell: NDArray[np.int64], of: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Runs in each (configuration, cell), as sorted keys configuration · cells + cell and how many."""
     cells = grid.shape[0] * grid.shape[1]
@@ -196,7 +196,7 @@ def _by_configuration(
 
 
 def _summed(
-    grid: Grid,
+    grid: FailureGrid,
     visits: tuple[NDArray[np.int64], NDArray[np.int64]],
     failures: tuple[NDArray[np.int64], NDArray[np.int64]],
 ) -> FailureMap:

@@ -13,7 +13,7 @@ from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_in
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class LevelPair:
     """Configurations with a pair of levels.
 
     Attributes:
@@ -40,7 +40,7 @@ class InteractionEffect:
     """
 
     names: tuple[str, str]
-    cells: tuple[Cell, ...]
+    cells: tuple[LevelPair, ...]
     departure: float
     share: float
     p_value: float | None
@@ -78,7 +78,7 @@ def interaction_effect(
             if group.any():
                 rate, expected = float(contrasts.response[group].mean()), float(fitted[group].mean())
                 interval = _interval_of_mean(contrasts.response[group], contrasts.blocks[group])
-                cells.append(Cell((first, second), int(group.sum()), rate, expected, interval))
+                cells.append(LevelPair((first, second), int(group.sum()), rate, expected, interval))
                 departures.append((rate - expected) * np.sqrt(group.sum()))
     most = int(np.argmax(np.abs(departures))) if cells else 0
     departure = cells[most].rate - cells[most].expected if cells else 0.0

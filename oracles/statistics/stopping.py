@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vastflow.oracles.statistics.classes import CLAIMS, Bounds, Classes, ClassName
+from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds, Classes, ClassName
 from vastflow.oracles.statistics.intervals import Floats, counts
 
 _OPEN: Final = -1
@@ -85,7 +85,7 @@ class StoppingRule:
 
     min_runs: int = 5
     max_runs: int = 20
-    bounds: Bounds = field(default_factory=Bounds)
+    bounds: ClassBounds = field(default_factory=ClassBounds)
     error: float = 0.05
 
     def __post_init__(self) -> None:
@@ -212,7 +212,7 @@ def runs_saved(rule: StoppingRule, runs: ArrayLike) -> Savings:
 
 
 def _characteristics(
-    lattice: Sequence[NDArray[np.intp]], looks: frozenset[int], rates: Floats, bounds: Bounds
+    lattice: Sequence[NDArray[np.intp]], looks: frozenset[int], rates: Floats, bounds: ClassBounds
 ) -> OperatingCharacteristics:
     """Follow the probabilities of (n, x) through the claims `lattice`, looked at after `looks` runs."""
     alive = np.zeros((len(rates), len(lattice)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 from vastflow.producers.configuration import ExcludedInstance, Partial
-from vastflow.producers.constraints.expression import Expression, Name, NotEvaluable, expression_of
+from vastflow.producers.constraints.expression import ConstraintExpression, ExpressionName, NotEvaluable, expression_of
 from vastflow.producers.constraints.quantities import QUANTITIES, Quantities, may_write_for
 from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.producer import Producer
@@ -16,7 +16,7 @@ MOST_REPORTED: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ConstraintPlace:
     """Where a constraint stands in a file, for messages."""
 
     file: str = "campaign"
@@ -29,7 +29,7 @@ class Place:
         return Fault(self.file, self.line, self.column, self.where, what, right)
 
 
-NOWHERE: Final = Place()
+NOWHERE: Final = ConstraintPlace()
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +41,15 @@ class Constraint:
     """
 
     name: str
-    expression: Expression
-    place: Place = NOWHERE
+    expression: ConstraintExpression
+    place: ConstraintPlace = NOWHERE
 
     def touched_by(self, producer: Producer[Any]) -> bool:
         """Whether what it looks at can depend on what a producer writes."""
         return any(_touches(producer, name) for name in self.expression.names)
 
 
-def constraint_of(name: str, text: str, place: Place | None = None) -> Constraint:
+def constraint_of(name: str, text: str, place: ConstraintPlace | None = None) -> Constraint:
     """A constraint from its text.
 
     Raises:
@@ -58,7 +58,7 @@ def constraint_of(name: str, text: str, place: Place | None = None) -> Constrain
     return Constraint(name, expression_of(text), place or NOWHERE)
 
 
-def _touches(producer: Producer[Any], name: Name) -> bool:
+def _touches(producer: Producer[Any], name: ExpressionName) -> bool:
     keys = [key for key, _ in name.readings]
     if any(key in producer.writes for key in keys):
         return True
@@ -108,13 +108,13 @@ class Checker:
             faults.append(constraint.place.fault(what, right))
 
     def _look(self, partial: Partial, looked: dict[str, Value]) -> Any:
-        def look(name: Name) -> Any:
+        def look(name: ExpressionName) -> Any:
             value = looked[name.text] = self._value(name, partial)
             return value
 
         return look
 
-    def _value(self, name: Name, partial: Partial) -> Any:
+    def _value(self, name: ExpressionName, partial: Partial) -> Any:
         for key, within in name.readings:
             if key in partial.values:
                 return _inside(name, partial.values[key], within)
@@ -126,7 +126,7 @@ class Checker:
         raise NotEvaluable(f"it has no {name.text!r}")
 
 
-def _inside(name: Name, value: Any, within: Sequence[str | int]) -> Any:
+def _inside(name: ExpressionName, value: Any, within: Sequence[str | int]) -> Any:
     for part in within:
         in_map = isinstance(part, str) and isinstance(value, Mapping) and part in value
         in_list = isinstance(part, int) and isinstance(value, list | tuple) and part < len(value)

@@ -17,8 +17,8 @@ from lark.exceptions import VisitError
 
 from vastflow.producers.constraints.operations import (
     FUNCTIONS,
-    Kind,
     NotEvaluable,
+    ValueKind,
     arithmetic,
     called,
     compared,
@@ -30,7 +30,7 @@ from vastflow.producers.constraints.operations import (
 )
 from vastflow.sim.reading.names import did_you_mean
 
-__all__ = ["Expression", "ExpressionFault", "Name", "NotEvaluable", "expression_of"]
+__all__ = ["ConstraintExpression", "ExpressionFault", "ExpressionName", "NotEvaluable", "expression_of"]
 
 MOST_CHARACTERS: Final = 2_000
 MOST_NESTED: Final = 60
@@ -76,7 +76,7 @@ KEY: /`[^`\n]+`/
 _PART: Final = re.compile(r"[A-Za-z_]\w*|\d+")
 SLIPS: Final = {"=": "'==' to compare", "&": "'and'", "|": "'or'", "!": "'not' or '!='", "/": "'/'", "^": "'**'"}
 
-Look: TypeAlias = Callable[["Name"], Any]
+Look: TypeAlias = Callable[["ExpressionName"], Any]
 """Gives the value of a name; raises `NotEvaluable` where there is none."""
 
 
@@ -95,7 +95,7 @@ class ExpressionFault(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Name:
+class ExpressionName:
     """A name in an expression.
 
     Attributes:
@@ -111,7 +111,7 @@ class Name:
 
 
 @dataclass(frozen=True, slots=True)
-class Expression:
+class ConstraintExpression:
     """An expression that is true or false of a configuration.
 
     Attributes:
@@ -119,7 +119,7 @@ class Expression:
     """
 
     text: str
-    names: tuple[Name, ...]
+    names: tuple[ExpressionName, ...]
     _evaluate: Callable[[Look], Any]
 
     def holds(self, look: Look) -> bool:
@@ -134,7 +134,7 @@ class Expression:
         return found
 
 
-def expression_of(text: str) -> Expression:
+def expression_of(text: str) -> ConstraintExpression:
     """Parse an expression.
 
     Raises:
@@ -159,10 +159,10 @@ def expression_of(text: str) -> Expression:
         raise _unreadable(text, len(text.rstrip()), error.expected) from None
     if node.kind not in (None, "truth"):
         raise ExpressionFault(node.offset, f"the whole is {spelled(node.kind)}", "a comparison: true or false")
-    names: dict[str, Name] = {}
+    names: dict[str, ExpressionName] = {}
     for name in node.names:
         names.setdefault(name.text, name)
-    return Expression(text, tuple(names.values()), node.evaluate)
+    return ConstraintExpression(text, tuple(names.values()), node.evaluate)
 
 
 @functools.cache
@@ -194,9 +194,9 @@ class _Node:
 
     offset: int
     depth: int
-    kind: Kind | None
+    kind: ValueKind | None
     evaluate: Callable[[Look], Any]
-    names: tuple[Name, ...]
+    names: tuple[ExpressionName, ...]
     is_name: bool
 
 
@@ -234,7 +234,7 @@ class _Builder(Transformer[Token, _Node]):
         return self._named(token, token[1:-1], ((token[1:-1], ()),))
 
     def _named(self, token: Token, text: str, readings: tuple[tuple[str, tuple[str | int, ...]], ...]) -> _Node:
-        name = Name(text, token.start_pos or 0, readings)
+        name = ExpressionName(text, token.start_pos or 0, readings)
         return _made(token.start_pos, [], None, lambda look: look(name), name)
 
     def listed(self, *items: _Node | None) -> _Node:
@@ -340,9 +340,9 @@ class _Builder(Transformer[Token, _Node]):
 def _made(
     offset: int | None,
     children: Sequence[_Node],
-    kind: Kind | None,
+    kind: ValueKind | None,
     evaluate: Callable[[Look], Any],
-    name: Name | None = None,
+    name: ExpressionName | None = None,
 ) -> _Node:
     depth = 1 + max((child.depth for child in children), default=0)
     if depth > MOST_NESTED:
@@ -351,7 +351,7 @@ def _made(
     return _Node(offset or 0, depth, kind, evaluate, names, name is not None)
 
 
-def _needs(kind: Kind, node: _Node) -> None:
+def _needs(kind: ValueKind, node: _Node) -> None:
     if node.kind not in (None, kind):
         raise ExpressionFault(node.offset, f"found {spelled(node.kind)}", spelled(kind))
 

@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, TypeAlias
 
 from vastflow.sim.digest import FileContent
 
-Kind: TypeAlias = Literal["number", "text", "truth", "list", "file", "map", "nothing"]
+ValueKind: TypeAlias = Literal["number", "text", "truth", "list", "file", "map", "nothing"]
 
 MOST_BITS: Final = 1_000
 """Of a whole number: below the greatest float, so that no power or product grows without end."""
@@ -27,7 +27,7 @@ MOST_DIGITS: Final = 30
 
 
 @dataclass(frozen=True, slots=True)
-class Function:
+class LanguageFunction:
     """A function of the language.
 
     Attributes:
@@ -37,16 +37,16 @@ class Function:
 
     call: Callable[..., Any]
     arguments: tuple[int, int]
-    takes: tuple[Kind, ...]
+    takes: tuple[ValueKind, ...]
 
 
-FUNCTIONS: Final[Mapping[str, Function]] = {
-    "abs": Function(abs, (1, 1), ("number",)),
-    "sqrt": Function(math.sqrt, (1, 1), ("number",)),
-    "round": Function(round, (1, 2), ("number",)),
-    "min": Function(min, (1, 99), ("number", "list")),
-    "max": Function(max, (1, 99), ("number", "list")),
-    "len": Function(len, (1, 1), ("list", "text")),
+FUNCTIONS: Final[Mapping[str, LanguageFunction]] = {
+    "abs": LanguageFunction(abs, (1, 1), ("number",)),
+    "sqrt": LanguageFunction(math.sqrt, (1, 1), ("number",)),
+    "round": LanguageFunction(round, (1, 2), ("number",)),
+    "min": LanguageFunction(min, (1, 99), ("number", "list")),
+    "max": LanguageFunction(max, (1, 99), ("number", "list")),
+    "len": LanguageFunction(len, (1, 1), ("list", "text")),
 }
 
 _ARITHMETIC: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
@@ -65,7 +65,7 @@ _RELATIONS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
     "==": operator.eq,
     "!=": operator.ne,
 }
-_SPELLED: Final[Mapping[Kind, str]] = {
+_SPELLED: Final[Mapping[ValueKind, str]] = {
     "number": "a number",
     "text": "text",
     "truth": "true or false",
@@ -76,7 +76,7 @@ _SPELLED: Final[Mapping[Kind, str]] = {
 }
 
 
-def kind_of(value: Any) -> Kind:
+def kind_of(value: Any) -> ValueKind:
     """What a value is in the language."""
     if isinstance(value, bool):
         return "truth"
@@ -98,7 +98,7 @@ def spelled(kind: object) -> str:
     return _SPELLED[kind] if isinstance(kind, str) and kind in _SPELLED else _SPELLED[kind_of(kind)]  # type: ignore[index]
 
 
-def result_kind(symbol: str, left: Kind | None, right: Kind | None) -> Kind | None:
+def result_kind(symbol: str, left: ValueKind | None, right: ValueKind | None) -> ValueKind | None:
     """What an operator of arithmetic gives; None where it can't be used on these."""
     return "number" if {left, right} <= {None, "number"} else None
 

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
-from vastflow.producers.constraints.constraint import Constraint, Place
-from vastflow.producers.constraints.expression import ExpressionFault, Name, expression_of
+from vastflow.producers.constraints.constraint import Constraint, ConstraintPlace
+from vastflow.producers.constraints.expression import ExpressionFault, ExpressionName, expression_of
 from vastflow.producers.constraints.quantities import QUANTITIES
 from vastflow.producers.faults import Fault, Location, path_text, shown
 from vastflow.producers.vast.document import Document
@@ -39,11 +39,11 @@ def read_constraints(document: Document, location: Location) -> tuple[list[Const
             faults.append(Fault(document.file, line, column, path_text(where), error.what, error.right))
             continue
         line, column = document.place(where)
-        constraints.append(Constraint(name, expression, Place(document.file, line, column, path_text(where))))
+        constraints.append(Constraint(name, expression, ConstraintPlace(document.file, line, column, path_text(where))))
     return constraints, faults
 
 
-def unknown_names(constraint: Constraint, written: set[str]) -> Iterator[tuple[Name, str, str]]:
+def unknown_names(constraint: Constraint, written: set[str]) -> Iterator[tuple[ExpressionName, str, str]]:
     """Names that are neither a key of `written` nor a quantity, with what is wrong and what would be right."""
     for name in constraint.expression.names:
         keys = [key for key, _ in name.readings]

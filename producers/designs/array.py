@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.designs.space import Block, TooLarge
+from vastflow.producers.designs.space import FactorBlock, TooLarge
 
 CANDIDATES: Final = 24
 MOST_TUPLES: Final = 3_000_000
@@ -28,7 +28,7 @@ class IncompleteDesign(RuntimeError):
     """An internal error: a design that does not do what it promises."""
 
 
-def covering_array(blocks: Sequence[Block], level_counts: Sequence[int], strength: int) -> NDArray[np.int64]:
+def covering_array(blocks: Sequence[FactorBlock], level_counts: Sequence[int], strength: int) -> NDArray[np.int64]:
     """(N, F) levels of each factor in rows that cover every admissible combination of `strength` factors.
 
     With fewer factors of more than one level than that, these are combined in all ways.
@@ -47,7 +47,7 @@ def covering_array(blocks: Sequence[Block], level_counts: Sequence[int], strengt
     return np.unique(np.array(rows, dtype=np.int64).reshape(len(rows), len(level_counts)), axis=0)
 
 
-def varied_factors(blocks: Sequence[Block]) -> tuple[int, ...]:
+def varied_factors(blocks: Sequence[FactorBlock]) -> tuple[int, ...]:
     """Factors with more than one admissible level, ascending."""
     return tuple(
         sorted(
@@ -60,7 +60,7 @@ def varied_factors(blocks: Sequence[Block]) -> tuple[int, ...]:
 
 
 def admissible_tuples(
-    blocks: Sequence[Block], level_counts: Sequence[int], factors: Sequence[int], strength: int
+    blocks: Sequence[FactorBlock], level_counts: Sequence[int], factors: Sequence[int], strength: int
 ) -> Cover:
     """A flag for each combination of levels of any `strength` of `factors` that some admissible row has."""
     total = sum(math.prod(level_counts[f] for f in combo) for combo in itertools.combinations(factors, strength))
@@ -89,7 +89,7 @@ def lower_bound(cover: Cover) -> int:
 
 class _Greedy:
     def __init__(
-        self, blocks: Sequence[Block], level_counts: Sequence[int], varied: Sequence[int], missing: Cover
+        self, blocks: Sequence[FactorBlock], level_counts: Sequence[int], varied: Sequence[int], missing: Cover
     ) -> None:
         self._blocks = blocks
         self._block_of = {f: b for b, block in enumerate(blocks) for f in block.factors}
@@ -173,7 +173,7 @@ class _Greedy:
 class _Candidate:
     """A row that grows; every step leaves at least one row of each block's table."""
 
-    def __init__(self, blocks: Sequence[Block], block_of: dict[int, int]) -> None:
+    def __init__(self, blocks: Sequence[FactorBlock], block_of: dict[int, int]) -> None:
         self.levels: dict[int, int] = {}
         self._blocks = blocks
         self._block_of = block_of
@@ -201,7 +201,7 @@ class _Candidate:
         return [self.levels[f] for f in range(n)]
 
 
-def verify(rows: NDArray[np.int64], blocks: Sequence[Block], strength: int) -> None:
+def verify(rows: NDArray[np.int64], blocks: Sequence[FactorBlock], strength: int) -> None:
     """Check an array in the plainest way, apart from what made it.
 
     Raises:

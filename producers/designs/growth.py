@@ -10,9 +10,9 @@ from vastflow.producers.constraints.constraint import Checker
 from vastflow.producers.coverage import FamilyCount
 from vastflow.producers.designs.array import IncompleteDesign, covering_array, verify
 from vastflow.producers.designs.sample import sampled
-from vastflow.producers.designs.space import Block, Space, TooLarge
+from vastflow.producers.designs.space import DesignSpace, FactorBlock, TooLarge
 from vastflow.producers.faults import CampaignError
-from vastflow.producers.growth import Family, Grown
+from vastflow.producers.growth import Grown, InstantiableFamily
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.sim.digest import Value
 
@@ -24,10 +24,10 @@ class DesignGrowth:
     rejected and constraints excluded on the way is told, each partial combination once.
     """
 
-    def __init__(self, family: Family) -> None:
+    def __init__(self, family: InstantiableFamily) -> None:
         self._family = family
         self._checker = Checker(family.name)
-        self._space = Space(
+        self._space = DesignSpace(
             family.name,
             family.values,
             family.dimensions,
@@ -67,7 +67,7 @@ class DesignGrowth:
         count = FamilyCount(self._family.name, self._family.producers, self._family.design, levels, blocks)
         return Grown(partials, self._space.rejections, self._space.excluded, count)
 
-    def _rows(self, blocks: Sequence[Block]) -> NDArray[np.int64]:
+    def _rows(self, blocks: Sequence[FactorBlock]) -> NDArray[np.int64]:
         design, levels = self._family.design, self._space.level_counts
         if design.sample is not None:
             return sampled(blocks, len(levels), design.sample)

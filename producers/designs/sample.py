@@ -8,14 +8,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.producers.designs.space import Block, product_of
+from vastflow.producers.designs.space import FactorBlock, product_of
 from vastflow.producers.vast.design import Sample
 
 DENSE: Final = 4
 """A sample of more than one in so many of all rows is filled up from a list of the others."""
 
 
-def sampled(blocks: Sequence[Block], n_factors: int, asked: Sample) -> NDArray[np.int64]:
+def sampled(blocks: Sequence[FactorBlock], n_factors: int, asked: Sample) -> NDArray[np.int64]:
     """(N, n_factors) levels; N is `asked.size`, or the size of the whole space where that is less.
 
     A point of the unit cube has a coordinate for each factor. In turn each is mapped onto the levels that the earlier
@@ -48,14 +48,14 @@ def _points(asked: Sample, n_factors: int, rng: np.random.Generator) -> NDArray[
 
 
 def _others(
-    blocks: Sequence[Block], n_factors: int, size: int, rng: np.random.Generator
+    blocks: Sequence[FactorBlock], n_factors: int, size: int, rng: np.random.Generator
 ) -> Iterator[NDArray[np.float64]]:
     """More points, where most of them meet a row that is not there yet."""
     while size * DENSE <= product_of(blocks):
         yield rng.random(n_factors)
 
 
-def _row(blocks: Sequence[Block], n_factors: int, point: NDArray[np.float64]) -> tuple[int, ...]:
+def _row(blocks: Sequence[FactorBlock], n_factors: int, point: NDArray[np.float64]) -> tuple[int, ...]:
     levels = [0] * n_factors
     for block in blocks:
         live = block.table
@@ -69,7 +69,11 @@ def _row(blocks: Sequence[Block], n_factors: int, point: NDArray[np.float64]) ->
 
 
 def _fill(
-    rows: dict[tuple[int, ...], None], blocks: Sequence[Block], n_factors: int, size: int, rng: np.random.Generator
+    rows: dict[tuple[int, ...], None],
+    blocks: Sequence[FactorBlock],
+    n_factors: int,
+    size: int,
+    rng: np.random.Generator,
 ) -> None:
     """Add rows drawn from all that are not there yet; the space is at most `DENSE` times the size."""
     rest = []

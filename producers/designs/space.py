@@ -42,7 +42,7 @@ class TooLarge(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class FactorBlock:
     """Factors that depend on each other, and on no others.
 
     Attributes:
@@ -65,7 +65,7 @@ class _Factor:
     written: set[str] = field(default_factory=set)
 
 
-class Space:
+class DesignSpace:
     """Grows producer by producer: `inputs` of the next one, then `join` with what it yielded.
 
     Attributes:
@@ -137,20 +137,20 @@ class Space:
         """For each factor the greatest number of choices it was asked for, rejections included."""
         return [max(map(len, factor.choices.values()), default=0) for factor in self._factors]
 
-    def blocks(self) -> list[Block]:
+    def blocks(self) -> list[FactorBlock]:
         """The whole space: every combination of one row of each block's table is a configuration, and no other is.
 
         Raises:
             TooLarge: a block has more rows than can be looked at.
         """
         if not self._combinations(()):
-            return [Block((i,), np.empty((0, 1), np.int64)) for i in range(len(self._factors))]
+            return [FactorBlock((i,), np.empty((0, 1), np.int64)) for i in range(len(self._factors))]
         groups = [{i, *factor.depends} for i, factor in enumerate(self._factors)]
         groups += [set(self._closed(touched)) for _, touched in self._touched if touched]
         blocks = []
         for factors in _merged(groups):
             rows = self._combinations(factors)
-            blocks.append(Block(factors, np.array(rows, dtype=np.int64).reshape(len(rows), len(factors))))
+            blocks.append(FactorBlock(factors, np.array(rows, dtype=np.int64).reshape(len(rows), len(factors))))
         return blocks
 
     def partial(self, levels: Sequence[int]) -> Partial:
@@ -237,7 +237,7 @@ class Space:
         return Partial("-".join([root.name, *numbers]), values, dimensions, tuple(steps))
 
 
-def product_of(blocks: Sequence[Block]) -> int:
+def product_of(blocks: Sequence[FactorBlock]) -> int:
     """How many configurations there are in all."""
     return math.prod(len(block.table) for block in blocks)
 

@@ -17,12 +17,12 @@ from vastflow.producers.floorplan.plan import (
     Feature,
     FeatureKind,
     FloorPlan,
-    Frame,
     Offset,
     Opening,
     OpeningKind,
     Outline,
-    Space,
+    PlanFrame,
+    PlanSpace,
 )
 
 ROUNDING_M: Final = 1e-9
@@ -59,7 +59,7 @@ class Wall:
 
 
 @dataclass(frozen=True, slots=True)
-class Obstacle:
+class SolidBlock:
     """A column or divider, solid from the floor to its height."""
 
     name: str
@@ -120,7 +120,7 @@ class Building:
     file: str
     rooms: tuple[Room, ...]
     walls: tuple[Wall, ...]
-    obstacles: tuple[Obstacle, ...]
+    obstacles: tuple[SolidBlock, ...]
     holes: tuple[Hole, ...]
     notes: tuple[Note, ...] = ()
 
@@ -133,7 +133,7 @@ class Building:
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """As `floor_bounds`, of everything."""
-        parts: list[Room | Wall | Obstacle] = [*self.rooms, *self.walls, *self.obstacles]
+        parts: list[Room | Wall | SolidBlock] = [*self.rooms, *self.walls, *self.obstacles]
         xs, ys = zip(*(point for part in parts for point in part.outline), strict=True)
         return min(xs), min(ys), max(xs), max(ys)
 
@@ -201,7 +201,7 @@ class _Builder:
                 else:
                     chain.append(self._spaces[before])
 
-    def _placed(self, space: Space) -> Transform:
+    def _placed(self, space: PlanSpace) -> Transform:
         """The world pose of a space whose `wrt` is placed: W · T(x, y, a) · O⁻¹."""
         wall_to_wall = space.wrt.wall is not None and space.of_wall is not None
         offset = space.offset
@@ -213,7 +213,7 @@ class _Builder:
         own = IDENTITY if space.of_wall is None else wall_frame(space.outline, space.of_wall)
         return self._frame(space.wrt).then(Transform(offset.x_m, y_m, yaw_rad)).then(own.inverse())
 
-    def _frame(self, frame: Frame) -> Transform:
+    def _frame(self, frame: PlanFrame) -> Transform:
         if frame.space is None:
             return IDENTITY
         pose = self._poses[frame.space]
@@ -221,7 +221,7 @@ class _Builder:
 
     # Walls, obstacles, openings
 
-    def _walls(self, space: Space) -> list[Wall]:
+    def _walls(self, space: PlanSpace) -> list[Wall]:
         pose, corners = self._poses[space.name], space.outline
         if (sharp := sharp_corner(corners)) is not None:
             x, y = corners[sharp]
@@ -242,11 +242,11 @@ class _Builder:
             )
         ]
 
-    def _obstacles(self) -> Iterable[Obstacle]:
+    def _obstacles(self) -> Iterable[SolidBlock]:
         count = Counter(feature.name for feature in self._plan.features)
         for feature in self._plan.features:
             name = feature.name if count[feature.name] == 1 else f"{feature.space or 'world'}.{feature.name}"
-            yield Obstacle(name, feature.kind, self._feature_outline(feature), feature.height_m)
+            yield SolidBlock(name, feature.kind, self._feature_outline(feature), feature.height_m)
 
     def _feature_outline(self, feature: Feature) -> Outline:
         return self._frame(feature.wrt).then(_transform(feature.offset)).outline(feature.outline)

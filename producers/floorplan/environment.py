@@ -15,7 +15,7 @@ from typing import Any, Final
 import platformdirs
 
 from vastflow.producers.floorplan.building import Building
-from vastflow.producers.floorplan.grid import Grid
+from vastflow.producers.floorplan.grid import FloorGrid
 from vastflow.producers.floorplan.plan import Outline
 from vastflow.sim.digest import FileContent, digest
 
@@ -53,7 +53,7 @@ class Environment:
         return digest({name: hashlib.sha256(content).hexdigest() for name, content in self.files.items()})
 
 
-def environment_of(building: Building, grid: Grid, text: str, provenance: Mapping[str, Any]) -> Environment:
+def environment_of(building: Building, grid: FloorGrid, text: str, provenance: Mapping[str, Any]) -> Environment:
     """The environment of a building, `text` being its plan."""
     from vastflow.producers.floorplan.mesh import mesh_of, stl  # scipy takes a fifth of a second
 

@@ -9,7 +9,7 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from vastflow.producers.floorplan.building import Building, Obstacle, Wall
+from vastflow.producers.floorplan.building import Building, SolidBlock, Wall
 from vastflow.producers.floorplan.faults import START, complain
 from vastflow.producers.floorplan.plan import Outline
 from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
@@ -34,7 +34,7 @@ ROUNDING_CELLS: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class FloorGrid:
     """An occupancy grid.
 
     Attributes:
@@ -74,7 +74,9 @@ class Grid:
         return yaml.safe_dump(content, sort_keys=False).encode()
 
 
-def grid_of(building: Building, resolution_m: float = RESOLUTION_M, laser_height_m: float = LASER_HEIGHT_M) -> Grid:
+def grid_of(
+    building: Building, resolution_m: float = RESOLUTION_M, laser_height_m: float = LASER_HEIGHT_M
+) -> FloorGrid:
     """The slice of a building at the height of the laser.
 
     Floors are free, walls occupied, columns and dividers occupied where they are as high as the laser; entryways that
@@ -105,7 +107,7 @@ def grid_of(building: Building, resolution_m: float = RESOLUTION_M, laser_height
     for room in building.rooms:
         fill(room.outline, GRAY_FREE)
     columns_first = sorted(building.obstacles, key=lambda obstacle: obstacle.kind)
-    solids: list[Wall | Obstacle] = [*building.walls, *columns_first]
+    solids: list[Wall | SolidBlock] = [*building.walls, *columns_first]
     for solid in solids:
         if laser_height_m <= solid.height_m:
             fill(solid.outline, GRAY_OCCUPIED)
@@ -116,7 +118,7 @@ def grid_of(building: Building, resolution_m: float = RESOLUTION_M, laser_height
     # To the micrometre: the map's digest must not hang on the last bit of a C library's cosine.
     origin_m = (round(low_x - border * resolution_m, 6), round(low_y - border * resolution_m, 6))
     gray = np.asarray(picture, dtype=np.uint8)[::-1]
-    return Grid(np.ascontiguousarray(gray), resolution_m, origin_m, laser_height_m)
+    return FloorGrid(np.ascontiguousarray(gray), resolution_m, origin_m, laser_height_m)
 
 
 def _cells(value: float) -> int:

@@ -11,7 +11,7 @@ from manifold3d import CrossSection, FillRule, Manifold, OpType  # type: ignore[
 from numpy.typing import NDArray
 from scipy import sparse
 
-from vastflow.producers.floorplan.building import Building, Hole, Obstacle, Wall
+from vastflow.producers.floorplan.building import Building, Hole, SolidBlock, Wall
 from vastflow.producers.floorplan.outline import signed_area
 
 MARGIN_M: Final = 0.05
@@ -31,7 +31,7 @@ LEAST_REACH_M2: Final = 1e-6
 
 STL_FACE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 
-Solid = Wall | Obstacle
+Solid = Wall | SolidBlock
 
 
 def mesh_of(building: Building) -> NDArray[np.float32]:

@@ -15,7 +15,7 @@ OpeningKind: TypeAlias = Literal["Entryway", "Window"]
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class PlanFrame:
     """The world's frame, a space's, or that of one of its walls.
 
     Attributes:
@@ -43,7 +43,7 @@ class Offset:
 
 
 @dataclass(frozen=True, slots=True)
-class Space:
+class PlanSpace:
     """A room: its floor, and a wall along each edge.
 
     Attributes:
@@ -60,7 +60,7 @@ class Space:
     outline: Outline
     thickness_m: float
     height_m: float
-    wrt: Frame
+    wrt: PlanFrame
     of_wall: int | None
     offset: Offset
     spaced: bool
@@ -81,7 +81,7 @@ class Feature:
     space: str | None
     outline: Outline
     height_m: float
-    wrt: Frame
+    wrt: PlanFrame
     offset: Offset
     place: Place = field(compare=False)
 
@@ -96,7 +96,7 @@ class Opening:
 
     kind: OpeningKind
     name: str
-    walls: tuple[Frame, ...]
+    walls: tuple[PlanFrame, ...]
     outline: Outline
     place: Place = field(compare=False)
 
@@ -112,7 +112,7 @@ class FloorPlan:
 
     name: str
     file: str
-    spaces: tuple[Space, ...]
+    spaces: tuple[PlanSpace, ...]
     features: tuple[Feature, ...]
     openings: tuple[Opening, ...]
     notes: tuple[Note, ...] = ()

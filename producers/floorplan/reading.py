@@ -10,8 +10,17 @@ from lark import Token
 from vastflow.producers.faults import Fault, Note
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.outline import SMALLEST_M, circle, outline_fault, rectangle, signed_area
-from vastflow.producers.floorplan.plan import Feature, FloorPlan, Frame, Offset, Opening, Outline, Space
-from vastflow.producers.floorplan.syntax import FrameText, Part, Parts, PlanText, Quantity, Section, ShapeText, parse
+from vastflow.producers.floorplan.plan import Feature, FloorPlan, Offset, Opening, Outline, PlanFrame, PlanSpace
+from vastflow.producers.floorplan.syntax import (
+    FrameText,
+    PlanSection,
+    PlanText,
+    Quantity,
+    SectionPart,
+    SectionParts,
+    ShapeText,
+    parse,
+)
 from vastflow.sim.reading.names import did_you_mean
 
 LARGEST_M: Final = 10_000.0
@@ -115,9 +124,9 @@ class _Reader:
                 right = f"another name; line {first[name].line} has it"
                 self._fault(name, f"{kind} {name}", f"a second {kind} {str(name)!r}", right)
 
-    def _once(self, parts: Parts, where: str, known: Sequence[str] | None = None) -> dict[str, Part]:
+    def _once(self, parts: SectionParts, where: str, known: Sequence[str] | None = None) -> dict[str, SectionPart]:
         """Parts by key: the first of each, those that are not `known` left out."""
-        found: dict[str, Part] = {}
+        found: dict[str, SectionPart] = {}
         for part in parts:
             if known is not None and part.key not in known:
                 self._fault(part.token, where, f"found {part.key!r}", f"only {', '.join(known)} can stand here")
@@ -180,7 +189,7 @@ class _Reader:
 
     # Shapes
 
-    def _outline(self, section: Section, given: Mapping[str, Part]) -> Outline:
+    def _outline(self, section: PlanSection, given: Mapping[str, SectionPart]) -> Outline:
         """Corners in the section's own frame, of an opening as (x, z); empty where they can't be told."""
         where = f"{section.kind} {section.token}"
         if "shape" not in given:
@@ -221,7 +230,7 @@ class _Reader:
 
     # Locations
 
-    def _location(self, section: Section, given: Mapping[str, Part], where: str) -> dict[str, Part]:
+    def _location(self, section: PlanSection, given: Mapping[str, SectionPart], where: str) -> dict[str, SectionPart]:
         """What stands in a section's location; what has to stand there and does not is a fault."""
         if "location" not in given:
             needed = " and ".join(NEEDED_IN_A_LOCATION[section.kind])
@@ -233,7 +242,7 @@ class _Reader:
                 self._fault(section.token, where, f"no {key!r} in its location", right)
         return found
 
-    def _offset(self, kind: str, given: Mapping[str, Part], where: str) -> Offset:
+    def _offset(self, kind: str, given: Mapping[str, SectionPart], where: str) -> Offset:
         """Translation and turn; of an opening, z for y and the turn about y."""
         along, about = MOVES[kind]
         moved_m = self._axes(given.get("translation"), f"{where}: translation", self._length)
@@ -244,7 +253,7 @@ class _Reader:
         return Offset(first_m, second_m, turned_rad[about][0])
 
     def _axes(
-        self, part: Part | None, where: str, read: Callable[[Quantity, str], float]
+        self, part: SectionPart | None, where: str, read: Callable[[Quantity, str], float]
     ) -> dict[str, tuple[float, Token | None]]:
         """Axis to its value and where it stands; 0 where nothing does."""
         found = self._once(part.value, where) if part is not None else {}
@@ -263,33 +272,33 @@ class _Reader:
             if axis not in free and token is not None and value != 0.0 and not math.isnan(value):
                 self._fault(token, where, f"found {axis}: {value:g} {unit}", f"{axis}: 0, or nothing; it {does} only")
 
-    def _frame(self, text: FrameText, where: str, this: str | None) -> Frame:
+    def _frame(self, text: FrameText, where: str, this: str | None) -> PlanFrame:
         """The frame that is named; the world's in place of one that does not exist."""
         name = text.name
         if name == WORLD and text.wall is None:
-            return Frame(None, None, _place(text.token))
+            return PlanFrame(None, None, _place(text.token))
         if name == THIS:
             if this is None:
                 self._fault(text.token, where, "found 'this'", "the name of a space; this is inside of none")
-                return Frame(None, None, _place(text.token))
+                return PlanFrame(None, None, _place(text.token))
             name = this
         if name not in self._corners:
             self._fault(text.token, where, f"no space {name!r}", did_you_mean(name, self._corners))
-            return Frame(None, None, _place(text.token))
+            return PlanFrame(None, None, _place(text.token))
         corners = self._corners[name]
         if corners is not None and text.wall is not None and text.wall >= corners:
             right = f"0 to {corners - 1}, for {name} has {corners} walls"
             self._fault(text.token, where, f"no wall {name}.walls[{text.wall}]", right)
-        return Frame(name, text.wall, _place(text.token))
+        return PlanFrame(name, text.wall, _place(text.token))
 
-    def _wrt(self, section: Section, given: Mapping[str, Part], where: str, this: str | None) -> Frame:
+    def _wrt(self, section: PlanSection, given: Mapping[str, SectionPart], where: str, this: str | None) -> PlanFrame:
         if "wrt" not in given:
-            return Frame(None, None, _place(section.token))
+            return PlanFrame(None, None, _place(section.token))
         return self._frame(given["wrt"].value, f"{where}: location", this)
 
     # Sections
 
-    def _defaults(self) -> dict[str, Part]:
+    def _defaults(self) -> dict[str, SectionPart]:
         sections = self._text.defaults
         for section in sections[1:]:
             right = f"one; line {sections[0].token.line} has it"
@@ -297,7 +306,9 @@ class _Reader:
         walls = next((walls for section in sections[:1] for walls in section.value), None)
         return self._once(walls.value, "Defaults: walls") if walls is not None else {}
 
-    def _space(self, section: Section, given: Mapping[str, Part], outline: Outline, defaults: dict[str, Part]) -> Space:
+    def _space(
+        self, section: PlanSection, given: Mapping[str, SectionPart], outline: Outline, defaults: dict[str, SectionPart]
+    ) -> PlanSpace:
         name = str(section.token)
         where = f"Space {name}"
         own = self._once(given["walls"].value, f"{where}: walls") if "walls" in given else {}
@@ -323,7 +334,7 @@ class _Reader:
         if outline and signed_area(outline) > 0.0:
             what = "its corners run counter-clockwise, so its walls grow inwards"
             self._note(section.token, where, what, "corners in clockwise order for walls outside of the floor")
-        return Space(
+        return PlanSpace(
             name,
             outline,
             values["thickness"],
@@ -336,7 +347,7 @@ class _Reader:
             _place(section.token),
         )
 
-    def _of(self, section: Section, location: Mapping[str, Part], where: str) -> int | None:
+    def _of(self, section: PlanSection, location: Mapping[str, SectionPart], where: str) -> int | None:
         name = str(section.token)
         if "of" not in location:
             return None
@@ -347,12 +358,12 @@ class _Reader:
             return None
         return self._frame(text, f"{where}: location", name).wall
 
-    def _features(self, sections: Iterable[Section], space: str | None) -> list[Feature]:
+    def _features(self, sections: Iterable[PlanSection], space: str | None) -> list[Feature]:
         sections = list(sections)
         self._distinct("feature", (section.token for section in sections))
         return [self._feature(section, space) for section in sections]
 
-    def _feature(self, section: Section, space: str | None) -> Feature:
+    def _feature(self, section: PlanSection, space: str | None) -> Feature:
         where = f"{section.kind} {f'{space}.' if space else ''}{section.token}"
         given = self._once(section.parts, where)
         if "height" not in given:
@@ -374,7 +385,7 @@ class _Reader:
             _place(section.token),
         )
 
-    def _opening(self, section: Section) -> Opening:
+    def _opening(self, section: PlanSection) -> Opening:
         where = f"{section.kind} {section.token}"
         given = self._once(section.parts, where)
         outline = self._outline(section, given)
@@ -389,7 +400,7 @@ class _Reader:
             _place(section.token),
         )
 
-    def _walls(self, section: Section, location: Mapping[str, Part], where: str) -> tuple[Frame, ...]:
+    def _walls(self, section: PlanSection, location: Mapping[str, SectionPart], where: str) -> tuple[PlanFrame, ...]:
         if "in" not in location:
             return ()
         texts: tuple[FrameText, ...] = location["in"].value

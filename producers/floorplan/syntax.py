@@ -135,7 +135,7 @@ class ShapeText:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SectionPart:
     """Something in a section that may stand there once: its keyword and what follows."""
 
     token: Token
@@ -143,16 +143,16 @@ class Part:
     value: Any
 
 
-Parts: TypeAlias = tuple[Part, ...]
+SectionParts: TypeAlias = tuple[SectionPart, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PlanSection:
     """A space, feature or opening: `kind` is its keyword."""
 
     kind: str
     token: Token
-    parts: Parts
+    parts: SectionParts
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,11 +177,11 @@ class PlanText:
     file: str
     text: str
     token: Token
-    defaults: tuple[Part, ...]
+    defaults: tuple[SectionPart, ...]
     variables: tuple[VariableText, ...]
-    spaces: tuple[Section, ...]
-    features: tuple[Section, ...]
-    openings: tuple[Section, ...]
+    spaces: tuple[PlanSection, ...]
+    features: tuple[PlanSection, ...]
+    openings: tuple[PlanSection, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,29 +196,29 @@ class _Builder(Transformer[Token, _Plan]):
     def plan(self, children: list[Any]) -> _Plan:
         return _Plan(children[1], tuple(children[2:]))
 
-    def defaults(self, children: list[Any]) -> Part:
-        return Part(children[0], "defaults", tuple(children[1:]))
+    def defaults(self, children: list[Any]) -> SectionPart:
+        return SectionPart(children[0], "defaults", tuple(children[1:]))
 
     def variable(self, children: list[Any]) -> VariableText:
         return VariableText(children[1], _number(children[2]))
 
-    def section(self, children: list[Any]) -> Section:
-        return Section(str(children[0]), children[1], tuple(children[2:]))
+    def section(self, children: list[Any]) -> PlanSection:
+        return PlanSection(str(children[0]), children[1], tuple(children[2:]))
 
     space = feature = opening = section
 
-    def block(self, children: list[Any]) -> Part:
-        return Part(children[0], _word(children[0]), tuple(child for child in children[1:] if child is not None))
+    def block(self, children: list[Any]) -> SectionPart:
+        return SectionPart(children[0], _word(children[0]), tuple(child for child in children[1:] if child is not None))
 
     features = walls = location = in_walls = translation = rotation = block
 
-    def single(self, children: list[Any]) -> Part:
-        return Part(children[0], _word(children[0]), children[1])
+    def single(self, children: list[Any]) -> SectionPart:
+        return SectionPart(children[0], _word(children[0]), children[1])
 
     thickness = height = shape_part = wrt = of = coordinate = single
 
-    def flag(self, children: list[Any]) -> Part:
-        return Part(children[0], " ".join(children[0].split()), None)
+    def flag(self, children: list[Any]) -> SectionPart:
+        return SectionPart(children[0], " ".join(children[0].split()), None)
 
     not_aligned = spaced = flag
 
@@ -279,7 +279,7 @@ def parse(text: str, file: str) -> PlanText:
 
 
 def _kind_of(section: Any) -> str:
-    if isinstance(section, Part):
+    if isinstance(section, SectionPart):
         return "defaults"
     if isinstance(section, VariableText):
         return "var"

@@ -10,7 +10,7 @@ from lark import Token
 
 from vastflow.producers.faults import Fault
 from vastflow.producers.floorplan.faults import FloorplanError
-from vastflow.producers.floorplan.syntax import PlanText, Quantity, Section
+from vastflow.producers.floorplan.syntax import PlanSection, PlanText, Quantity
 from vastflow.producers.floorplan.variation_syntax import Distribution, Path, VariationText
 from vastflow.sim.reading.names import did_you_mean
 
@@ -34,7 +34,7 @@ class Varied:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class PlanSample:
     """One variation of a plan.
 
     Attributes:
@@ -60,7 +60,7 @@ class Variation:
     plan: PlanText
     varied: tuple[Varied, ...]
 
-    def sample(self, seed: int) -> Sample:
+    def sample(self, seed: int) -> PlanSample:
         """The plan with every varied number drawn anew from `RandomState(seed)`.
 
         Args:
@@ -74,7 +74,7 @@ class Variation:
             text += [self.plan.text[behind : varied.start], repr(value)]
             behind = varied.end
         values = {varied.name: value for varied, value in drawn}
-        return Sample(seed, values, "".join([*text, self.plan.text[behind:]]))
+        return PlanSample(seed, values, "".join([*text, self.plan.text[behind:]]))
 
 
 def variation_of(text: VariationText, plan: PlanText) -> Variation:
@@ -117,7 +117,7 @@ class _Numbers:
         self._variables = {str(variable.token): variable.number for variable in plan.variables}
         own = [(str(section.token), section) for section in (*plan.spaces, *plan.openings, *plan.features)]
         inner = [(f"{space.token}.{feature.token}", feature) for space in plan.spaces for feature in _features(space)]
-        self._sections: dict[str, Section] = dict([*own, *inner])
+        self._sections: dict[str, PlanSection] = dict([*own, *inner])
         count = Counter(name for name, _ in own)
         self._ambiguous = {name for name in count if count[name] > 1}
 
@@ -161,13 +161,13 @@ def _of_today(attribute: str, kind: str) -> str:
     return ".".join(["location", *words])
 
 
-def _features(space: Section) -> Iterator[Section]:
+def _features(space: PlanSection) -> Iterator[PlanSection]:
     for part in space.parts:
         if part.key == "features":
             yield from part.value
 
 
-def _attributes(section: Section) -> Iterator[tuple[str, Quantity]]:
+def _attributes(section: PlanSection) -> Iterator[tuple[str, Quantity]]:
     """Every number that a section states and that may be varied, variables included, by its path."""
     parts: dict[str, Any] = {part.key: part.value for part in section.parts}
     if "shape" in parts:

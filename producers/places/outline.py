@@ -25,7 +25,7 @@ POLYGON: Final = 0.998
 
 
 @dataclass(frozen=True)
-class Outline:
+class ObstacleOutline:
     """Where an obstacle's floor area is."""
 
     obstacle: Obstacle
@@ -54,7 +54,7 @@ class Outline:
             return False
         return bool(self.footprint.distance(Point(point)) < distance_m)
 
-    def nearer_than(self, distance_m: float, other: "Outline") -> bool:
+    def nearer_than(self, distance_m: float, other: "ObstacleOutline") -> bool:
         """Whether two areas are nearer to each other than `distance_m`, which is more than 0."""
         apart_m = math.dist(self.center_m, other.center_m)
         if apart_m - self.least_m - other.least_m < distance_m - ROUNDING_M:

@@ -13,7 +13,7 @@ from shapely.geometry import Polygon
 
 from vastflow.producers.places.cells import touched_cells
 from vastflow.producers.places.ground import EIGHT_NEIGHBORS, Ground
-from vastflow.producers.places.outline import ROUNDING_M, Line, Outline
+from vastflow.producers.places.outline import ROUNDING_M, Line, ObstacleOutline
 from vastflow.sim.world.obstacle import Obstacle
 
 MARGIN_M: Final = 0.05
@@ -96,7 +96,7 @@ class _Layout:
         self._site = site
         self._refusals = refusals
         self._line = Line.along(site.path_xy_m)
-        self._outlines = [Outline(obstacle) for obstacle in site.standing]
+        self._outlines = [ObstacleOutline(obstacle) for obstacle in site.standing]
         self._passable = passable
 
     def add(self, wanted: Wanted, rng: np.random.Generator) -> bool:
@@ -112,7 +112,7 @@ class _Layout:
 
     def _refusal(self, obstacle: Obstacle) -> str | None:
         ground, stops = self._site.ground, self._site.stops_xy_m
-        outline = Outline(obstacle)
+        outline = ObstacleOutline(obstacle)
         clear_m = max(ground.robot_diameter_m / 2 + MARGIN_M, ground.room_m + ROUNDING_M)
         if any(outline.nearer_to(stop, clear_m) for stop in stops):
             return "left no room for the robot at its start or goals"

@@ -11,7 +11,7 @@ from yaml.constructor import SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.producers.faults import CampaignError, Fault, Location, Note, path_text, shown
-from vastflow.sim.files import Place, Unreadable, place_of, read_text, yaml_node
+from vastflow.sim.files import TextPlace, Unreadable, place_of, read_text, yaml_node
 
 TAG: Final = "tag:yaml.org,2002:"
 EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")
@@ -34,8 +34,8 @@ class Document:
 
     file: str
     data: dict[str, Any]
-    keys: Mapping[Location, Place]
-    values: Mapping[Location, Place]
+    keys: Mapping[Location, TextPlace]
+    values: Mapping[Location, TextPlace]
     faults: tuple[Fault, ...] = ()
     notes: tuple[Note, ...] = ()
     text: str = field(default="", repr=False)
@@ -55,7 +55,7 @@ class Document:
             found = found[part]
         return found
 
-    def place(self, location: Location, at: Literal["key", "value"] = "value") -> Place:
+    def place(self, location: Location, at: Literal["key", "value"] = "value") -> TextPlace:
         """Line and column of the value or its key, or of the nearest thing above that the file has."""
         found = self.known(location)
         return (self.keys.get(found) if at == "key" else None) or self.values[found]
@@ -98,8 +98,8 @@ class _Walk:
     """One walk over a composed node graph; `value` of the root fills the positions, faults and notes."""
 
     def __init__(self, file: str) -> None:
-        self.keys: dict[Location, Place] = {}
-        self.values: dict[Location, Place] = {}
+        self.keys: dict[Location, TextPlace] = {}
+        self.values: dict[Location, TextPlace] = {}
         self.faults: list[Fault] = []
         self.notes: list[Note] = []
         self._file = file

@@ -78,7 +78,7 @@ def notes_of(found: Interpretation) -> Iterator[Note]:
         yield _note(document, first, size)
 
 
-def _note(document: parameters.Document, finding: Finding, size: int) -> Note:
+def _note(document: parameters.ParameterDocument, finding: Finding, size: int) -> Note:
     if finding.status == "differs":
         what, right = f"found {shown(finding.value)}, which is not modelled", f"{shown(finding.used)} is built in"
     else:
@@ -86,6 +86,6 @@ def _note(document: parameters.Document, finding: Finding, size: int) -> Note:
     return Note("not modelled", document.file, *document.place(finding.about), short(finding.about), what, right)
 
 
-def short(path: parameters.Location) -> str:
+def short(path: parameters.ParameterLocation) -> str:
     """A path without `ros__parameters`, as campaign files may have it for a key."""
     return ".".join(name for name in path if name != parameters.PARAMETERS)

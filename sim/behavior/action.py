@@ -25,7 +25,7 @@ class Monitor(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class ActionSituation:
     """What an action of a run is made with.
 
     Attributes:
@@ -80,4 +80,4 @@ class Action(ABC):
         return -math.inf
 
 
-ActionFactory: TypeAlias = Callable[[Situation], Action]
+ActionFactory: TypeAlias = Callable[[ActionSituation], Action]

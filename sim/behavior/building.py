@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-from vastflow.sim.behavior.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.action import Action, ActionFactory, ActionSituation
 from vastflow.sim.behavior.composition import OneOf, Parallel, Sequence
 from vastflow.sim.behavior.evaluation import names_in
 from vastflow.sim.behavior.leaf import ActionCall, Emission, Waiting
@@ -76,7 +76,7 @@ def _node(behavior: Behavior, state: RunState, actions: Mapping[str, ActionFacto
             return _COMPOSITIONS[kind](label or kind, below, place, state)
         case Call():
             action = _implementation(actions, behavior.action, "action", behavior.place)(
-                Situation(
+                ActionSituation(
                     state.names[behavior.actor] if behavior.actor else {},
                     behavior.label,
                     state.clock,

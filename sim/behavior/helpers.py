@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from py_trees.common import Status
 
-from vastflow.sim.behavior.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.action import Action, ActionFactory, ActionSituation
 from vastflow.sim.behavior.message_members import member_of, pose_3d_in
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario_error import ScenarioError
@@ -31,7 +31,7 @@ SHARE: Final = "/opt/ros/share"
 class Immediate(Action):
     """An action that is over in the tick in which it begins."""
 
-    def __init__(self, situation: Situation) -> None:
+    def __init__(self, situation: ActionSituation) -> None:
         self.situation = situation
         self._status = Status.SUCCESS
 

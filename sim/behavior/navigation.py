@@ -10,7 +10,7 @@ from vastflow.sim.behavior.action import Action
 from vastflow.sim.behavior.helpers import Immediate
 from vastflow.sim.behavior.world import WorldAction
 from vastflow.sim.loop.simulation import COLUMNS_OF, Order, Simulation, distance_m
-from vastflow.sim.nav.mission import Kind, Mission
+from vastflow.sim.nav.mission import Mission, MissionKind
 from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.scenario_error import ScenarioError
 
@@ -42,9 +42,9 @@ class Navigate(Action):
     A waypoint that was left out fails `follow_waypoints` at the end of the round, unless it may be missed.
     """
 
-    def __init__(self, simulation: Simulation, kind: Kind) -> None:
+    def __init__(self, simulation: Simulation, kind: MissionKind) -> None:
         self._simulation = simulation
-        self._kind: Kind = kind
+        self._kind: MissionKind = kind
         self._order: Order | None = None
         self._refusal = ""
         self._on_acceptance = self._may_miss = False
@@ -119,7 +119,7 @@ class BagRecord(Immediate):
         return True
 
 
-def _navigate(kind: Kind) -> WorldAction:
+def _navigate(kind: MissionKind) -> WorldAction:
     return lambda simulation, _: Navigate(simulation, kind)
 
 

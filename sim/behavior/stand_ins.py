@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.behavior.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.action import Action, ActionFactory, ActionSituation
 from vastflow.sim.behavior.helpers import Immediate
 from vastflow.sim.scenario_error import ScenarioError
 
@@ -54,7 +54,7 @@ class RunsOn(Action):
     goes_along = True
     stands = ""
 
-    def __init__(self, situation: Situation) -> None:
+    def __init__(self, situation: ActionSituation) -> None:
         self.situation = situation
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
@@ -84,7 +84,7 @@ class RosLaunch(RunsOn):
         return self._status
 
 
-class BagRecord(AlreadyDone):
+class RosBagRecord(AlreadyDone):
     """Every run is recorded from its first tick to its end, asked or not, so what is asked for is being recorded."""
 
     stands = "bag_record: the run's recording holds what vastflow's simulator knows"
@@ -111,7 +111,7 @@ class WaitForSim(AlreadyDone):
 class CheckSimulatorProcess(Action):
     """Programs that the simulator stands for are running as long as it does; any other is looked for by `other`."""
 
-    def __init__(self, situation: Situation, other: ActionFactory | None = None) -> None:
+    def __init__(self, situation: ActionSituation, other: ActionFactory | None = None) -> None:
         self._other = None if other is None else other(situation)
         self._asks_other = False
         self._status = Status.FAILURE
@@ -149,7 +149,7 @@ def stand_ins(others: Mapping[str, ActionFactory]) -> dict[str, ActionFactory]:
     check = others.get("check_process_running")
     return {
         "ros_launch": RosLaunch,
-        "bag_record": BagRecord,
+        "bag_record": RosBagRecord,
         "capture_screen": CaptureScreen,
         "capture_window": CaptureScreen,
         "floorplan_generator.generate_gazebo_world": GenerateGazeboWorld,

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from py_trees.common import Status
 
-from vastflow.sim.behavior.action import Action, Situation
+from vastflow.sim.behavior.action import Action, ActionSituation
 from vastflow.sim.behavior.message_members import literal, member_of, pose_in, velocity_in, with_members
 from vastflow.sim.behavior.messages import count, message
 from vastflow.sim.behavior.requirements import lacking
@@ -34,7 +34,7 @@ OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
 class RosAction(Action):
     """An action on what a ROS machine would have, which it does not begin where that is not here."""
 
-    def __init__(self, simulation: Simulation, situation: Situation, name: str) -> None:
+    def __init__(self, simulation: Simulation, situation: ActionSituation, name: str) -> None:
         self.simulation = simulation
         self.situation = situation
         self._name = name
@@ -225,7 +225,7 @@ class TfCloseTo(RosAction):
         return Status.SUCCESS if away_m <= self._threshold_m else Status.RUNNING
 
 
-def _made(kind: type[RosAction], name: str, simulation: Simulation, situation: Situation) -> Action:
+def _made(kind: type[RosAction], name: str, simulation: Simulation, situation: ActionSituation) -> Action:
     return kind(simulation, situation, name)
 
 

@@ -4,10 +4,10 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
-from vastflow.sim.behavior.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.action import Action, ActionFactory, ActionSituation
 from vastflow.sim.loop.simulation import Simulation
 
-WorldAction: TypeAlias = Callable[[Simulation, Situation], Action]
+WorldAction: TypeAlias = Callable[[Simulation, ActionSituation], Action]
 """Makes an action of one run."""
 
 

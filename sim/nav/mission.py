@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias
 
 from vastflow.sim.pose import Pose
 
-Kind: TypeAlias = Literal["navigate_to_pose", "navigate_through_poses", "follow_waypoints"]
+MissionKind: TypeAlias = Literal["navigate_to_pose", "navigate_through_poses", "follow_waypoints"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +17,6 @@ class Mission:
         loops: Repetitions of `follow_waypoints` after the first round (Nav2's `number_of_loops`).
     """
 
-    kind: Kind
+    kind: MissionKind
     goals: tuple[Pose, ...]
     loops: int = 0

@@ -12,7 +12,7 @@ from typing import Any, Final
 import psutil
 from py_trees.common import Status
 
-from vastflow.sim.behavior.action import Action, ActionFactory, Situation
+from vastflow.sim.behavior.action import Action, ActionFactory, ActionSituation
 from vastflow.sim.osc.definition import EnumValue
 from vastflow.sim.process.folders import RunFolders
 from vastflow.sim.process.process import ProcessGroup
@@ -27,7 +27,7 @@ SHUTDOWN_TIMEOUT_S: Final = 10.0
 class RunAction(Action):
     """What the actions here have in common: the run they work on, and where and how they were called."""
 
-    def __init__(self, run: ProcessRun, situation: Situation) -> None:
+    def __init__(self, run: ProcessRun, situation: ActionSituation) -> None:
         self.run = run
         self.situation = situation
 
@@ -40,7 +40,7 @@ class RunProcess(RunAction):
     Given up, or at the end of the scenario, it gets `shutdown_signal` and is killed `shutdown_timeout` of host time later.
     """
 
-    def __init__(self, run: ProcessRun, situation: Situation) -> None:
+    def __init__(self, run: ProcessRun, situation: ActionSituation) -> None:
         super().__init__(run, situation)
         self._group: ProcessGroup | None = None
         self._begun: list[ProcessGroup] = []
@@ -251,7 +251,7 @@ def _written_to(folders: RunFolders, name: str) -> Path | None:
     return path if path.is_relative_to(folders.out) else None
 
 
-PROCESSES: Final[Mapping[str, Callable[[ProcessRun, Situation], Action]]] = {
+PROCESSES: Final[Mapping[str, Callable[[ProcessRun, ActionSituation], Action]]] = {
     "run_process": RunProcess,
     "process_log_check": ProcessLogCheck,
     "check_process_running": CheckProcessRunning,

@@ -11,7 +11,7 @@ import numpy as np
 from vastflow.sim.digest import digest
 from vastflow.sim.nav.state import TICK_S, Stack
 from vastflow.sim.recordings.recording import Recording, run_row
-from vastflow.sim.replay.snapshot import Box, Moment, Snapshot, moment_of, snapshot_of
+from vastflow.sim.replay.snapshot import Box, Moment, TickSnapshot, moment_of, snapshot_of
 from vastflow.sim.run import run
 from vastflow.sim.scenario import Scenario
 
@@ -27,7 +27,7 @@ class Replay:
 
     recording: Recording
     moments: Sequence[Moment] = field(repr=False)
-    snapshots: Sequence[Snapshot] = field(repr=False)
+    snapshots: Sequence[TickSnapshot] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def replay(scenario: Scenario, run_index: int, seed: int, looks: Mapping[int, Bo
         ValueError: what `run` raises.
     """
     moments: list[Moment] = []
-    snapshots: list[Snapshot] = []
+    snapshots: list[TickSnapshot] = []
 
     def watch(stack: Stack, tick: int) -> None:
         moments.append(moment_of(stack, tick))

@@ -110,7 +110,7 @@ class Patch:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Snapshot:
+class TickSnapshot:
     """What a run holds at one tick. Points are (N, 2) in the map frame: for what the robot senses and plans in its own
     odometry's frame, where it takes that to be.
 
@@ -162,7 +162,7 @@ def moment_of(stack: Stack, tick: int) -> Moment:
     )
 
 
-def snapshot_of(stack: Stack, moment: Moment, box: Box) -> Snapshot:
+def snapshot_of(stack: Stack, moment: Moment, box: Box) -> TickSnapshot:
     """Everything else of the same moment, copied.
 
     Args:
@@ -175,7 +175,7 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box) -> Snapshot:
     origin = float(p["origin_x"]), float(p["origin_y"])
     particles = stack.cloud.particles[:, : int(m["particles"])].T
     local = _local(stack, odom) if m["has_local"] else None
-    return Snapshot(
+    return TickSnapshot(
         moment=moment,
         plan_xy_m=frame.points_to_map(plan),
         ahead_xy_m=frame.points_to_map(_ahead(stack) if moment.activity == "following" else plan[:0]),

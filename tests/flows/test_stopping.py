@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from vastflow.flows.request.asked import SEQUENTIAL
 from vastflow.flows.request.stopping import MOST_WAVES, Stopping, stopping_of
 from vastflow.oracles.evidence.findings import STOPPING, stopping_rule
-from vastflow.oracles.statistics.classes import Bounds
+from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.vast.repetition import Sequential, Stop
 
 USUAL = Stopping(StoppingRule())
-RULES = [USUAL, Stopping(StoppingRule(2, 40)), Stopping(StoppingRule(1, 12, Bounds(0.4, 0.6), 0.3))]
+RULES = [USUAL, Stopping(StoppingRule(2, 40)), Stopping(StoppingRule(1, 12, ClassBounds(0.4, 0.6), 0.3))]
 
 SAID = st.sampled_from(["pass", "fail", "not judged"])
 RUNS = st.one_of(*(st.lists(said, max_size=45) for said in (SAID, st.just("pass"), st.sampled_from(["pass", "fail"]))))
@@ -101,7 +101,7 @@ def test_the_rule_is_the_files_and_metadata_has_it():
     row = json.loads(json.dumps(stopping.as_json))
     assert row == {"min": 4, "max": 30, "error": 0.1, "systematic": 0.3, "reliable": 0.9}
     assert STOPPING == SEQUENTIAL
-    assert stopping_rule({SEQUENTIAL: row}) == stopping.rule == StoppingRule(4, 30, Bounds(0.3, 0.9), 0.1)
+    assert stopping_rule({SEQUENTIAL: row}) == stopping.rule == StoppingRule(4, 30, ClassBounds(0.3, 0.9), 0.1)
 
 
 def test_a_fixed_number_of_runs_has_no_stopping():

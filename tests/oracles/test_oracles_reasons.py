@@ -11,7 +11,7 @@ from vastflow.oracles.page.reasons import failure_kinds, kind_of, rejection_rows
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.statistics.effects import FactorEffect, LevelEffect
-from vastflow.oracles.statistics.interactions import Cell, InteractionEffect
+from vastflow.oracles.statistics.interactions import InteractionEffect, LevelPair
 from vastflow.oracles.statistics.intervals import Interval
 
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
@@ -92,7 +92,7 @@ def test_few_runs_that_all_fail_are_not_called_a_finding_about_the_system(synthe
 
 def test_levels_of_a_pair_that_are_numbers_stand_in_their_order() -> None:
     levels = [("a", "1"), ("a", "10"), ("b", "1"), ("b", "2"), ("b", "10")]
-    cells = tuple(Cell(pair, 1, 0.5, 0.5, Interval(0.0, 1.0)) for pair in levels)
+    cells = tuple(LevelPair(pair, 1, 0.5, 0.5, Interval(0.0, 1.0)) for pair in levels)
     figure = interaction_figure([InteractionEffect(("kind", "size"), cells, 0.0, 0.0, None)])
     (axes,) = figure.axes
     assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2", "10"]

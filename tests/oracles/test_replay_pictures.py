@@ -19,7 +19,7 @@ from vastflow.oracles.replay.timeline import bands
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
 from vastflow.sim.recordings.recording import Event, Run
-from vastflow.sim.replay.snapshot import Box, Moment, Patch, Snapshot
+from vastflow.sim.replay.snapshot import Box, Moment, Patch, TickSnapshot
 
 GOAL = Pose(3.0, 1.0)
 BOX = Box(0.0, 0.0, 4.0, 4.0)
@@ -62,7 +62,7 @@ def a_snapshot(tick, **changes):
         "local_costs": Patch(local, Pose(1.0, 0.5, 0.3), 0.05),
         "overview": Patch(costs, Pose(0.0, 0.0), 0.05),
     }
-    return Snapshot(moment=moment, **{**said, **changes})
+    return TickSnapshot(moment=moment, **{**said, **changes})
 
 
 def a_story(occupancy, warning="", ticks=60):

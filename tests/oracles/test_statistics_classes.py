@@ -6,7 +6,7 @@ from scipy.stats import binom
 
 from vastflow.oracles.statistics.classes import (
     CLAIMS,
-    Bounds,
+    ClassBounds,
     classify,
     passes_that_show,
     runs_for_a_claim,
@@ -75,7 +75,7 @@ def test_of_each_class_few_claims_are_wrong_in_expectation(
     rng = np.random.default_rng(2)
     campaigns, m = 200, 60
     drawn = rng.choice(len(rates), (campaigns, m), p=np.array(weights) / sum(weights))
-    true = np.array([CLAIMS[k] for k in Bounds().of(np.array(rates))])
+    true = np.array([CLAIMS[k] for k in ClassBounds().of(np.array(rates))])
     shares = {claim: 0.0 for claim in CLAIMS}
     for kinds in drawn:
         names = np.array(classify(rng.binomial(runs, np.array(rates)[kinds]), np.full(m, runs)).names)
@@ -97,7 +97,7 @@ def test_no_configurations_have_no_classes() -> None:
 def test_fourteen_runs_that_agree_are_the_least_for_reliable_and_systematic() -> None:
     # 0.8^13 = 0.055, 0.8^14 = 0.044.
     assert runs_for_a_claim() == {"systematic": 14, "flaky": 10, "reliable": 14}
-    assert runs_for_a_claim(Bounds(0.5, 0.9), error=0.05)["reliable"] == 29  # 0.9^28 = 0.052, 0.9^29 = 0.047
+    assert runs_for_a_claim(ClassBounds(0.5, 0.9), error=0.05)["reliable"] == 29  # 0.9^28 = 0.052, 0.9^29 = 0.047
 
 
 def test_of_twenty_runs_all_none_or_about_half_have_to_pass() -> None:
@@ -108,7 +108,7 @@ def test_of_twenty_runs_all_none_or_about_half_have_to_pass() -> None:
 
 def test_bounds_that_leave_no_room_are_refused() -> None:
     with pytest.raises(ValueError, match=r"0 < systematic < reliable < 1 must hold, got 0\.8 and 0\.2"):
-        Bounds(0.8, 0.2)
+        ClassBounds(0.8, 0.2)
 
 
 def test_total_failures_are_counted_as_the_paper_counts_them() -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vastflow.oracles.statistics.failure_map import FailureMap, Grid, empty_map, failure_map, grid_over
+from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
 from vastflow.oracles.statistics.intervals import clustered_interval, wilson_intervals
 
 GRID = grid_over(0.0, 0.0, 4.0, 1.0, cell_m=1.0)
@@ -22,7 +22,7 @@ def drawn(rng: np.random.Generator, configurations: int, rates: np.ndarray) -> F
     failures = rng.binomial(10, rng.beta(2 * rates, 2 * (1 - rates), visits.shape))
     squares = np.stack([(failures**2).sum(0), (failures * visits).sum(0), (visits**2).sum(0)])
     came = np.full((1, len(rates)), configurations)
-    return FailureMap(Grid((0.0, 0.0), 0.25, came.shape), visits.sum(0), failures.sum(0), came, squares)
+    return FailureMap(FailureGrid((0.0, 0.0), 0.25, came.shape), visits.sum(0), failures.sum(0), came, squares)
 
 
 def test_a_run_visits_a_cell_once_however_often_it_comes_back() -> None:

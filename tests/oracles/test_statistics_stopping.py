@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from vastflow.oracles.statistics.classes import CLAIMS, Bounds
+from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule, classes_by, runs_saved
 
 
@@ -36,7 +36,7 @@ def test_the_thresholds_of_many_runs_come_near_walds() -> None:
 
 
 def test_the_characteristics_are_those_of_every_sequence_of_runs() -> None:
-    rule = StoppingRule(2, 10, Bounds(0.4, 0.6), error=0.2)
+    rule = StoppingRule(2, 10, ClassBounds(0.4, 0.6), error=0.2)
     assert len(rule.decidable) >= 2
     said = {(n, x): rule.decision(x, n) for n in range(1, 11) for x in range(n + 1)}
     for p in (0.3, 0.5, 0.9):
@@ -54,7 +54,9 @@ def test_the_characteristics_are_those_of_every_sequence_of_runs() -> None:
         assert found.expected_runs[0] == pytest.approx(runs)
 
 
-@pytest.mark.parametrize("rule", [StoppingRule(), StoppingRule(5, 60), StoppingRule(1, 30, Bounds(0.45, 0.55), 0.1)])
+@pytest.mark.parametrize(
+    "rule", [StoppingRule(), StoppingRule(5, 60), StoppingRule(1, 30, ClassBounds(0.45, 0.55), 0.1)]
+)
 def test_no_success_rate_makes_a_false_claim_likelier_than_stated(rule: StoppingRule) -> None:
     rates = np.linspace(0, 1, 997)
     assert rule.operating_characteristics(rates).wrong.max() <= rule.error

@@ -15,11 +15,11 @@ from vastflow.producers.designs.array import (
     varied_factors,
     verify,
 )
-from vastflow.producers.designs.space import Block, TooLarge
+from vastflow.producers.designs.space import FactorBlock, TooLarge
 
 
 def free(counts):
-    return [Block((i,), np.arange(n, dtype=np.int64).reshape(-1, 1)) for i, n in enumerate(counts)]
+    return [FactorBlock((i,), np.arange(n, dtype=np.int64).reshape(-1, 1)) for i, n in enumerate(counts)]
 
 
 def rows_of(blocks):
@@ -44,7 +44,7 @@ def spaces(draw):
     for factors in filter(None, (sorted(apart[:cut]), sorted(apart[cut:]))):
         every = list(itertools.product(*(range(counts[f]) for f in factors)))
         kept = [levels for levels in every if draw(st.integers(0, 2)) > 0]
-        blocks.append(Block(tuple(factors), np.array(kept, dtype=np.int64).reshape(len(kept), len(factors))))
+        blocks.append(FactorBlock(tuple(factors), np.array(kept, dtype=np.int64).reshape(len(kept), len(factors))))
     return sorted(blocks, key=lambda block: block.factors), counts
 
 
@@ -87,7 +87,7 @@ def test_strength_of_all_factors_is_the_full_product():
 def test_a_space_of_one_or_of_no_configuration_is_one_row_or_none():
     assert covering_array(free([1, 1]), [1, 1], 2).tolist() == [[0, 0]]
     assert covering_array([], [], 2).shape == (1, 0)
-    assert covering_array([*free([3]), Block((1,), np.empty((0, 1), np.int64))], [3, 2], 2).shape == (0, 2)
+    assert covering_array([*free([3]), FactorBlock((1,), np.empty((0, 1), np.int64))], [3, 2], 2).shape == (0, 2)
 
 
 def test_the_same_space_gives_the_same_rows():
@@ -100,7 +100,7 @@ def test_a_missing_tuple_and_a_wrong_row_are_found():
     with pytest.raises(IncompleteDesign, match=r"levels \(1, 1\) of factors \[0, 1\] are in no row"):
         verify(np.array([[0, 0], [0, 1], [1, 0]]), blocks, 2)
     with pytest.raises(IncompleteDesign, match=r"row .* is not admissible"):
-        verify(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]), [Block((0, 1), np.array([[0, 0], [0, 1], [1, 0]]))], 2)
+        verify(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]), [FactorBlock((0, 1), np.array([[0, 0], [0, 1], [1, 0]]))], 2)
 
 
 def test_more_tuples_than_can_be_looked_after_are_refused():

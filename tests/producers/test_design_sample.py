@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from vastflow.producers.designs.sample import sampled
-from vastflow.producers.designs.space import Block
+from vastflow.producers.designs.space import FactorBlock
 from vastflow.producers.vast.design import Sample
 
 METHODS = ["lhs", "sobol", "random"]
 
 
 def free(*counts):
-    return [Block((i,), np.arange(n, dtype=np.int64).reshape(-1, 1)) for i, n in enumerate(counts)]
+    return [FactorBlock((i,), np.arange(n, dtype=np.int64).reshape(-1, 1)) for i, n in enumerate(counts)]
 
 
 def rows(blocks, n, **asked):
@@ -48,7 +48,7 @@ def test_a_latin_hypercube_takes_every_level_equally_often():
 @pytest.mark.parametrize("method", METHODS)
 def test_every_row_of_a_sample_is_admissible(method):
     table = np.array([(i, j) for i in range(10) for j in range(10) if i < j])
-    blocks = [Block((0, 2), table), Block((1,), np.arange(4).reshape(-1, 1))]
+    blocks = [FactorBlock((0, 2), table), FactorBlock((1,), np.arange(4).reshape(-1, 1))]
     found = rows(blocks, 3, method=method, size=60)
     assert len(found) == 60
     assert (found[:, 0] < found[:, 2]).all()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from shapely.geometry import Point
 
 from vastflow.producers.places.ground import ground_of
-from vastflow.producers.places.outline import Line, Outline
+from vastflow.producers.places.outline import Line, ObstacleOutline
 from vastflow.producers.places.placement import covered_cells
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.obstacle import Obstacle
@@ -25,13 +25,13 @@ distances = st.sampled_from([0.05, 0.225, 0.4])
 
 @given(obstacles, near, near, distances)
 def test_it_is_nearer_to_a_point_where_its_polygon_is(obstacle, x, y, distance):
-    found = Outline(obstacle).nearer_to((x, y), distance)
+    found = ObstacleOutline(obstacle).nearer_to((x, y), distance)
     assert found == (obstacle.footprint().distance(Point(x, y)) < distance)
 
 
 @given(obstacles, obstacles, distances)
 def test_two_are_nearer_to_each_other_where_their_polygons_are(one, other, distance):
-    found = Outline(one).nearer_than(distance, Outline(other))
+    found = ObstacleOutline(one).nearer_than(distance, ObstacleOutline(other))
     assert found == (one.footprint().distance(other.footprint()) < distance)
 
 
@@ -51,7 +51,7 @@ def test_what_it_says_leaves_the_free_cells_does(ground, obstacle):
         obstacle.length_m,
         obstacle.width_m,
     )
-    if Outline(moved).leaves(ground.occupancy):
+    if ObstacleOutline(moved).leaves(ground.occupancy):
         assert covered_cells(ground, moved.footprint()) is None
 
 

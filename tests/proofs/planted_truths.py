@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
-from vastflow.oracles.statistics.classes import CLAIMS, Bounds, classify
+from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds, classify
 from vastflow.oracles.statistics.comparison import Pairs, changes, difference
 from vastflow.oracles.statistics.factors import factors_of
 from vastflow.oracles.statistics.intervals import clustered_interval
@@ -73,7 +73,7 @@ class Finding:
 def classes(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     """Campaigns of 400 configurations of six rates, 20 and 60 runs each; of total failures beside rates of 0.9; and of rates at bounds."""
     rates = np.repeat([0.0, 0.1, 0.3, 0.5, 0.9, 1.0], [60, 40, 60, 60, 80, 100])
-    true = Bounds().of(rates)
+    true = ClassBounds().of(rates)
     for runs, least in ((20, (1.0, 0.1, 1.0)), (60, (1.0, 0.97, 1.0))):
         shares = np.zeros(len(CLAIMS))
         found = np.zeros((len(CLAIMS), 2))
@@ -103,7 +103,7 @@ def classes(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     shares = np.zeros(len(CLAIMS))
     for _ in range(campaigns):
         claims = claims_of(rng.binomial(60, near), 60)
-        shares += [wrong_share(claims, Bounds().of(near), k) for k in range(len(CLAIMS))]
+        shares += [wrong_share(claims, ClassBounds().of(near), k) for k in range(len(CLAIMS))]
     for name, share in zip(CLAIMS, shares, strict=True):
         yield Finding(f"classes: wrong {name} claims, two thirds flaky next to a bound", share, campaigns, most=0.05)
 
@@ -237,7 +237,7 @@ def stopping(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     rule, configurations = StoppingRule(5, 40), 20
     for p in (0.02, 0.2, 0.2001, 0.5, 0.8, 0.97):
         expected = rule.operating_characteristics([p])
-        true = CLAIMS[int(Bounds().of(np.array([p]))[0])]
+        true = CLAIMS[int(ClassBounds().of(np.array([p]))[0])]
         wrong, runs = 0, 0
         for _ in range(campaigns * configurations):
             passed = np.cumsum(rng.random(rule.max_runs) < p)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from py_trees.common import Status
 
-from vastflow.sim.behavior.action import Situation
+from vastflow.sim.behavior.action import ActionSituation
 from vastflow.sim.behavior.helpers import HELPERS, helper_functions
 from vastflow.sim.behavior.stand_ins import SIMULATOR_PROCESSES, stand_ins
 from vastflow.sim.behavior.support import GENERIC, REASONS, unsupported
@@ -25,7 +25,7 @@ def made(lines):
     """Makes an action by name and enters it; answers status and message."""
 
     def make(action, variables=None, known=HELPERS, **arguments):
-        situation = Situation({}, "", None, {} if variables is None else variables, lines.append)
+        situation = ActionSituation({}, "", None, {} if variables is None else variables, lines.append)
         acting = known[action](situation)
         acting.enter(arguments)
         status = acting.update()
@@ -141,7 +141,7 @@ def test_stand_ins_say_in_the_log_what_stands_for_them(made, lines):
 
 def test_what_runs_until_the_end_never_wakes_the_tree():
     for action in ("ros_launch", "capture_screen"):
-        acting = stand_ins({})[action](Situation({}, "", None, {}, [].append))
+        acting = stand_ins({})[action](ActionSituation({}, "", None, {}, [].append))
         assert acting.wakes_s() == math.inf
 
 

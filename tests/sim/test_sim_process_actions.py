@@ -7,7 +7,7 @@ import pytest
 import yaml
 from py_trees.common import Status
 
-from vastflow.sim.behavior.action import Situation
+from vastflow.sim.behavior.action import ActionSituation
 from vastflow.sim.osc.definition import EnumValue
 from vastflow.sim.process.actions import process_actions
 from vastflow.sim.process.run import process_run
@@ -31,7 +31,7 @@ def entered(run):
     actions = []
 
     def enter(name, label="", **arguments):
-        situation = Situation({}, label, SimpleNamespace(now_s=0.0), {}, lambda line: None)
+        situation = ActionSituation({}, label, SimpleNamespace(now_s=0.0), {}, lambda line: None)
         action = process_actions(run)[name](situation)
         actions.append(action)
         action.enter(arguments)

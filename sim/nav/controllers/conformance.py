@@ -44,7 +44,7 @@ _CYCLES: Final = 160
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class PathMoment:
     """A moment on a path.
 
     Attributes:
@@ -79,27 +79,27 @@ def line(length_m: float) -> NDArray[np.float64]:
     return np.column_stack([points, np.zeros_like(points)])
 
 
-def sample_situations() -> tuple[Situation, ...]:
+def sample_situations() -> tuple[PathMoment, ...]:
     """Moments in which controllers err: at the goal, with it behind, off the path, closed in, a path of one point."""
     angles = np.linspace(0.0, math.pi / 2, 25)
     bend = np.column_stack([np.sin(angles), 1.0 - np.cos(angles)])
     box = (0.6, -1.0, 0.8, 1.0)
     return (
-        Situation("a straight path", line(1.4)),
-        Situation("a straight path at full speed", line(1.4), twist=(0.5, 0.1)),
-        Situation("a bend", bend, goal_yaw_rad=math.pi / 2),
-        Situation("off the path", line(1.4), (0.0, 0.4, -1.0)),
-        Situation("a path behind", -line(1.4), goal_yaw_rad=math.pi),
-        Situation("at the goal", line(0.1), (0.1, 0.0, 2.0)),
-        Situation("on the goal", line(0.0), goal_yaw_rad=-3.0),
-        Situation("one point, ahead", np.array([[0.3, 0.0]])),
-        Situation("a wall across the path", line(1.4), boxes=(box,)),
-        Situation("in a lethal cell", line(1.4), boxes=((-0.1, -0.1, 0.1, 0.1),)),
-        Situation("nothing known", line(1.4), unknown=True),
+        PathMoment("a straight path", line(1.4)),
+        PathMoment("a straight path at full speed", line(1.4), twist=(0.5, 0.1)),
+        PathMoment("a bend", bend, goal_yaw_rad=math.pi / 2),
+        PathMoment("off the path", line(1.4), (0.0, 0.4, -1.0)),
+        PathMoment("a path behind", -line(1.4), goal_yaw_rad=math.pi),
+        PathMoment("at the goal", line(0.1), (0.1, 0.0, 2.0)),
+        PathMoment("on the goal", line(0.0), goal_yaw_rad=-3.0),
+        PathMoment("one point, ahead", np.array([[0.3, 0.0]])),
+        PathMoment("a wall across the path", line(1.4), boxes=(box,)),
+        PathMoment("in a lethal cell", line(1.4), boxes=((-0.1, -0.1, 0.1, 0.1),)),
+        PathMoment("nothing known", line(1.4), unknown=True),
     )
 
 
-def check_controller(controller: Controller, situations: Sequence[Situation] | None = None) -> None:
+def check_controller(controller: Controller, situations: Sequence[PathMoment] | None = None) -> None:
     """Call `controller` in several situations and check that it keeps its contract: all of `CHECKS`, in their order.
 
     Args:
@@ -113,7 +113,7 @@ def check_controller(controller: Controller, situations: Sequence[Situation] | N
         check(controller, chosen)
 
 
-def check_kernels(controller: Controller, situations: Sequence[Situation]) -> None:
+def check_kernels(controller: Controller, situations: Sequence[PathMoment]) -> None:
     """Its parameters and memory are what kernels take, and its kernels compile and return what they should."""
     _started(controller)
     _must(
@@ -121,7 +121,7 @@ def check_kernels(controller: Controller, situations: Sequence[Situation]) -> No
     )
 
 
-def check_commands(controller: Controller, situations: Sequence[Situation]) -> None:
+def check_commands(controller: Controller, situations: Sequence[PathMoment]) -> None:
     """It raises nothing, and its commands are finite."""
     for situation in situations:
         found = _started(controller)
@@ -131,7 +131,7 @@ def check_commands(controller: Controller, situations: Sequence[Situation]) -> N
             _must(not valid or (math.isfinite(v_mps) and math.isfinite(w_radps)), type(controller), right)
 
 
-def check_determinism(controller: Controller, situations: Sequence[Situation]) -> None:
+def check_determinism(controller: Controller, situations: Sequence[PathMoment]) -> None:
     """The same memory, random numbers and situations give the same commands to the bit, whoever else is driving."""
     alone = _drawn(_started(controller), situations)
     one, other = _started(controller), _started(controller, seed=_SEED + 1)
@@ -145,7 +145,7 @@ def check_determinism(controller: Controller, situations: Sequence[Situation]) -
     _must(_bits(alone) == _bits(together) == _bits(_drawn(_started(controller), situations)), type(controller), right)
 
 
-def check_inputs_are_kept(controller: Controller, situations: Sequence[Situation]) -> None:
+def check_inputs_are_kept(controller: Controller, situations: Sequence[PathMoment]) -> None:
     """It leaves costmap, footprint and path as they are: the rest of the stack reads them."""
     for situation in situations:
         given = situation.given()
@@ -155,7 +155,7 @@ def check_inputs_are_kept(controller: Controller, situations: Sequence[Situation
         _must(kept, type(controller), f"must not change what it is given in {situation.name!r}")
 
 
-def check_allocations(controller: Controller, situations: Sequence[Situation]) -> None:
+def check_allocations(controller: Controller, situations: Sequence[PathMoment]) -> None:
     """A call allocates nothing: its memory has all the room it needs."""
     for situation in situations:
         found, given = _started(controller), situation.given()
@@ -171,7 +171,7 @@ def check_allocations(controller: Controller, situations: Sequence[Situation]) -
         _must(each == 0, type(controller), right)
 
 
-def check_time(controller: Controller, situations: Sequence[Situation], most_us: float = MOST_US) -> None:
+def check_time(controller: Controller, situations: Sequence[PathMoment], most_us: float = MOST_US) -> None:
     """A call takes at most `most_us` of CPU time, the fastest of several."""
     for situation in situations:
         found, given = _started(controller), situation.given()
@@ -185,11 +185,11 @@ def check_time(controller: Controller, situations: Sequence[Situation], most_us:
         _must(least_us <= most_us, type(controller), right)
 
 
-def check_obstacles(controller: Controller, situations: Sequence[Situation]) -> None:
+def check_obstacles(controller: Controller, situations: Sequence[PathMoment]) -> None:
     """Driven along a path that leads into a wall, or too close past a corner, it never commands the footprint into a lethal cell."""
     for scene in (
-        Situation("a wall across the path", line(3.0), boxes=((1.2, -2.0, 1.4, 2.0),)),
-        Situation("a corner beside the path", line(3.0), boxes=((1.0, -1.0, 1.3, -0.1),)),
+        PathMoment("a wall across the path", line(3.0), boxes=((1.2, -2.0, 1.4, 2.0),)),
+        PathMoment("a corner beside the path", line(3.0), boxes=((1.0, -1.0, 1.3, -0.1),)),
     ):
         found, pose, twist = _started(controller), scene.pose, scene.twist
         for _ in range(_CYCLES):
@@ -204,7 +204,7 @@ def check_obstacles(controller: Controller, situations: Sequence[Situation]) -> 
             pose = (x_m, y_m, yaw_rad)
 
 
-CHECKS: Final[tuple[Callable[[Controller, Sequence[Situation]], None], ...]] = (
+CHECKS: Final[tuple[Callable[[Controller, Sequence[PathMoment]], None], ...]] = (
     check_kernels,
     check_commands,
     check_determinism,
@@ -273,7 +273,7 @@ def _raised(kind: type[Controller], name: str, error: Exception) -> str:
     return f"{where}: {kind.__name__}.{name} must not raise, and raised {type(error).__name__}: {error}"
 
 
-def _drawn(found: RunningController, situations: Sequence[Situation]) -> list[tuple[bool, float, float]]:
+def _drawn(found: RunningController, situations: Sequence[PathMoment]) -> list[tuple[bool, float, float]]:
     return [_commanded(found, situation.given()) for situation in situations]
 
 
@@ -285,7 +285,7 @@ def _arrays_of(given: ControllerInput) -> tuple[NDArray[Any], ...]:
     return given.window.costs, given.window.place, given.outline, given.plan
 
 
-def _window(situation: Situation, pose: tuple[float, float, float]) -> Window:
+def _window(situation: PathMoment, pose: tuple[float, float, float]) -> Window:
     """The local costmap round a pose: its cells lie on a grid of the odom frame, as they do in a run."""
     corner = [math.floor(at / RESOLUTION_M) * RESOLUTION_M - CELLS / 2 * RESOLUTION_M for at in pose[:2]]
     costs = np.full((CELLS, CELLS), UNKNOWN if situation.unknown else 0, dtype=np.uint8)

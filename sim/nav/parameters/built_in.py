@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vastflow.sim.digest import Value
-from vastflow.sim.nav.parameters.document import Location
+from vastflow.sim.nav.parameters.document import ParameterLocation
 from vastflow.sim.nav.parameters.plugins import class_name
 
 
@@ -57,7 +57,7 @@ class BuiltIn:
 ANY: Final = BuiltIn()
 
 
-def built_in(kind: str, name: Location) -> BuiltIn | None:
+def built_in(kind: str, name: ParameterLocation) -> BuiltIn | None:
     """What is built in for a parameter of a group, None for one that is not modelled.
 
     Args:

@@ -11,10 +11,10 @@ from vastflow.sim.digest import FileContent, Value, canonical
 from vastflow.sim.nav.controllers.registry import FILE, find_parameters, known_controllers, short_names
 from vastflow.sim.nav.parameters.document import (
     PARAMETERS,
-    Document,
     DocumentError,
-    Location,
+    ParameterDocument,
     ParameterFault,
+    ParameterLocation,
     dotted,
 )
 from vastflow.sim.nav.parameters.interpretation import Interpretation, interpretation
@@ -50,7 +50,7 @@ class Chosen:
     """
 
     interpretation: Interpretation
-    touched: Mapping[str, tuple[Location, ...]]
+    touched: Mapping[str, tuple[ParameterLocation, ...]]
 
 
 def parameters_of(system: Mapping[str, Value]) -> NavParameters:
@@ -66,7 +66,7 @@ def parameters_of(system: Mapping[str, Value]) -> NavParameters:
     return _chosen(_System(canonical(dict(system)), system)).interpretation.parameters
 
 
-def document_of_system(system: Mapping[str, Value]) -> Document:
+def document_of_system(system: Mapping[str, Value]) -> ParameterDocument:
     """The document of a system dimension with all rewrites done.
 
     Raises:
@@ -88,7 +88,7 @@ def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[
     document, asked = chosen.interpretation.document, chosen.interpretation.reader.asked
     touched = {key: _targets(document, key) for key in undecided} | {**chosen.touched}
 
-    def is_read(path: Location) -> bool:
+    def is_read(path: ParameterLocation) -> bool:
         return path in asked or (path[-1].isdecimal() and path[:-1] in asked)
 
     unread_keys = (key for key, paths in touched.items() if not any(map(is_read, paths)))
@@ -118,12 +118,12 @@ def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
 
 
 @functools.cache
-def default_document() -> Document:
+def default_document() -> ParameterDocument:
     """Nav2 Jazzy's default file, as far as it is modelled."""
     return document_of(NavParameters())
 
 
-def with_controller(document: Document, name: Value) -> Document:
+def with_controller(document: ParameterDocument, name: Value) -> ParameterDocument:
     """The document with one controller: its own of that kind if it has one, else one with the default parameters.
 
     Args:
@@ -193,14 +193,14 @@ def _fields(system: _System, key: str) -> tuple[tuple[type[BaseModel], str], ...
     return fields if len(fields) == len(paths) and key not in (CONTROLLER_KEY, COVARIANCE_KEY) else None
 
 
-def _targets(document: Document, key: str) -> tuple[Location, ...]:
+def _targets(document: ParameterDocument, key: str) -> tuple[ParameterLocation, ...]:
     if key in PERTURBATION_KEYS:
         return tuple((name,) for name in PERTURBATION_KEYS[key])
     return targets(document.values, key)
 
 
-def _perturbation(own: Mapping[str, Value]) -> Mapping[Location, Value]:
-    values: dict[Location, Value] = {}
+def _perturbation(own: Mapping[str, Value]) -> Mapping[ParameterLocation, Value]:
+    values: dict[ParameterLocation, Value] = {}
     for key in sorted(own):
         names, items = PERTURBATION_KEYS[key], converted(own[key])
         if len(names) == 1:
@@ -212,7 +212,7 @@ def _perturbation(own: Mapping[str, Value]) -> Mapping[Location, Value]:
     return values
 
 
-def _named(fault: ParameterFault, touched: Mapping[str, tuple[Location, ...]]) -> ParameterFault:
+def _named(fault: ParameterFault, touched: Mapping[str, tuple[ParameterLocation, ...]]) -> ParameterFault:
     """A fault of what a key of the system wrote, as one of the key; the file is not to blame for it."""
     by = [key for key, paths in touched.items() if any(_within(fault.where, dotted(path)) for path in paths)]
     if not by or fault.together:
@@ -225,7 +225,7 @@ def _within(where: str, path: str) -> bool:
     return where == path or where.startswith(f"{path}.") or path.startswith(f"{where}.")
 
 
-def _document(system: Mapping[str, Value]) -> Document:
+def _document(system: Mapping[str, Value]) -> ParameterDocument:
     if FILE_KEY not in system:
         return default_document()
     content = system[FILE_KEY]

@@ -16,11 +16,11 @@ from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.sim.digest import Value
-from vastflow.sim.files import MOST_LEVELS, Place, Unreadable, place_of, read_text, yaml_node
+from vastflow.sim.files import MOST_LEVELS, TextPlace, Unreadable, place_of, read_text, yaml_node
 from vastflow.sim.nav.parameters.parameter import ParameterError
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
-Location: TypeAlias = tuple[str, ...]
+ParameterLocation: TypeAlias = tuple[str, ...]
 """Names from the top: nodes, `ros__parameters`, groups, the parameter."""
 PARAMETERS: Final = "ros__parameters"
 
@@ -44,7 +44,7 @@ class ParameterFault:
     where: str
     what: str
     right: str
-    place: Place = (0, 0)
+    place: TextPlace = (0, 0)
     together: bool = False
 
     def __str__(self) -> str:
@@ -67,7 +67,7 @@ class DocumentError(ParameterError):
 
 
 @dataclass(frozen=True)
-class Document:
+class ParameterDocument:
     """Parameters and their places.
 
     Attributes:
@@ -78,42 +78,42 @@ class Document:
         plug_ins: Those that it names as `file.py:Class`, to the copies that are loaded; the others are read when they are.
     """
 
-    values: Mapping[Location, Value]
-    places: Mapping[Location, Place] = field(default_factory=dict)
-    repeated: tuple[Location, ...] = ()
+    values: Mapping[ParameterLocation, Value]
+    places: Mapping[ParameterLocation, TextPlace] = field(default_factory=dict)
+    repeated: tuple[ParameterLocation, ...] = ()
     file: str = ""
     plug_ins: Mapping[str, Snapshot] = field(default_factory=dict)
 
-    def place(self, path: Location) -> Place:
+    def place(self, path: ParameterLocation) -> TextPlace:
         """Place of a path, or of the nearest thing above it; (0, 0) where there is none."""
         return next((self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places), (0, 0))
 
-    def below(self, prefix: Location) -> Iterator[Location]:
+    def below(self, prefix: ParameterLocation) -> Iterator[ParameterLocation]:
         """Paths of the parameters below `prefix`."""
         return (path for path in self.values if path[: len(prefix)] == prefix)
 
     @cached_property
-    def nodes(self) -> tuple[Location, ...]:
+    def nodes(self) -> tuple[ParameterLocation, ...]:
         """Paths of the nodes' parameters, each with `ros__parameters` for its end."""
         return tuple(dict.fromkeys(node_of(path) for path in (*self.values, *self.places) if PARAMETERS in path))
 
-    def node(self, *name: str) -> Location | None:
+    def node(self, *name: str) -> ParameterLocation | None:
         """Path of the parameters of a node, in whatever namespace; the least deep of several, None without one."""
         found = [node for node in self.nodes if node[-len(name) - 1 : -1] == name]
         return min(found, key=len, default=None)
 
 
-def node_of(path: Location) -> Location:
+def node_of(path: ParameterLocation) -> ParameterLocation:
     """Path of the parameters of the node that a parameter is of."""
     return path[: path.index(PARAMETERS) + 1]
 
 
-def dotted(path: Location) -> str:
+def dotted(path: ParameterLocation) -> str:
     """A path as RewrittenYaml writes it."""
     return ".".join(path)
 
 
-def read_document(path: str | Path) -> Document:
+def read_document(path: str | Path) -> ParameterDocument:
     """Read a Nav2 parameter file; of several YAML documents in it the first.
 
     Raises:
@@ -126,8 +126,8 @@ def read_document(path: str | Path) -> Document:
         raise _unreadable(error, file) from None
 
 
-def parse(text: str, file: str = "") -> Document:
-    """The document that `text` holds; for `file` see `Document`.
+def parse(text: str, file: str = "") -> ParameterDocument:
+    """The document that `text` holds; for `file` see `ParameterDocument`.
 
     Raises:
         DocumentError: as of `read_document`.
@@ -145,7 +145,7 @@ def parse(text: str, file: str = "") -> Document:
         walk.faults.append(ParameterFault("file", f"no {PARAMETERS} anywhere", WHOLE_FILE, (1, 1)))
     if walk.faults:
         raise DocumentError(sorted(walk.faults, key=lambda fault: fault.place), file)
-    return Document(walk.values, walk.places, tuple(walk.repeated), file)
+    return ParameterDocument(walk.values, walk.places, tuple(walk.repeated), file)
 
 
 def _unreadable(error: Unreadable, file: str) -> DocumentError:
@@ -157,13 +157,13 @@ class _Walk:
 
     def __init__(self, file: str) -> None:
         self._file = file
-        self.values: dict[Location, Value] = {}
-        self.places: dict[Location, Place] = {}
-        self.repeated: list[Location] = []
+        self.values: dict[ParameterLocation, Value] = {}
+        self.places: dict[ParameterLocation, TextPlace] = {}
+        self.repeated: list[ParameterLocation] = []
         self.faults: list[ParameterFault] = []
         self._constructor = SafeConstructor()
 
-    def nodes(self, mapping: MappingNode, above: Location) -> None:
+    def nodes(self, mapping: MappingNode, above: ParameterLocation) -> None:
         """Names of nodes and namespaces, down to their parameters."""
         for key, value, merged in self._items(mapping, above):
             path = self._below(above, filter(None, key.value.split("/")), key)
@@ -175,20 +175,20 @@ class _Walk:
             elif self._scalar(value, path) is not None:
                 self._fault(value, path, f"a value outside of {PARAMETERS}", f"parameters below '{PARAMETERS}:'")
 
-    def _below(self, above: Location, names: Iterable[str], key: Node) -> Location:
+    def _below(self, above: ParameterLocation, names: Iterable[str], key: Node) -> ParameterLocation:
         path = (*above, *names)
         if len(path) > MOST_LEVELS:
             fault = ParameterFault("file", f"more than {MOST_LEVELS} levels deep", "fewer levels", place_of(key))
             raise DocumentError([fault], self._file)
         return path
 
-    def _parameters(self, node: Node, path: Location, merged: bool) -> None:
+    def _parameters(self, node: Node, path: ParameterLocation, merged: bool) -> None:
         if isinstance(node, MappingNode):
             self._group(node, path, merged)
         elif self._scalar(node, path) is not None:
             self._fault(node, path, "found no mapping", "parameters, 'name: value'")
 
-    def _group(self, mapping: MappingNode, above: Location, merged: bool) -> None:
+    def _group(self, mapping: MappingNode, above: ParameterLocation, merged: bool) -> None:
         for key, value, brought in self._items(mapping, above):
             path = self._below(above, key.value.split("."), key)
             for n in range(len(above) + 1, len(path) + 1):
@@ -198,7 +198,7 @@ class _Walk:
             else:
                 self._enter(path, value, key, merged or brought)
 
-    def _enter(self, path: Location, value: Node, key: Node, merged: bool) -> None:
+    def _enter(self, path: ParameterLocation, value: Node, key: Node, merged: bool) -> None:
         if path in self.values:
             if merged:  # what stands in the file itself counts before what an alias brings
                 return
@@ -206,7 +206,7 @@ class _Walk:
         self.places[path] = place_of(value if isinstance(value, ScalarNode) and value.value else key)
         self.values[path] = self._value(value, path)
 
-    def _items(self, mapping: MappingNode, above: Location) -> Iterator[tuple[ScalarNode, Node, bool]]:
+    def _items(self, mapping: MappingNode, above: ParameterLocation) -> Iterator[tuple[ScalarNode, Node, bool]]:
         """Keys and values, those that `<<` brings last and marked."""
         for key, value in mapping.value:
             if isinstance(key, ScalarNode) and key.tag != f"{TAG}merge" and key.value:
@@ -217,7 +217,7 @@ class _Walk:
             for source in self._merged(key, value, above):
                 yield from ((name, item, True) for name, item, _ in self._items(source, above))
 
-    def _merged(self, key: Node, value: Node, above: Location) -> Iterator[MappingNode]:
+    def _merged(self, key: Node, value: Node, above: ParameterLocation) -> Iterator[MappingNode]:
         if key.tag != f"{TAG}merge":
             return
         for source in value.value if isinstance(value, SequenceNode) else [value]:
@@ -226,7 +226,7 @@ class _Walk:
             else:
                 self._fault(value, above, "found no mapping to merge", "an alias of another mapping")
 
-    def _value(self, node: Node, path: Location) -> Value:
+    def _value(self, node: Node, path: ParameterLocation) -> Value:
         if isinstance(node, ScalarNode):
             return self._scalar(node, path)
         items: list[Value] = []
@@ -239,7 +239,7 @@ class _Walk:
                     self._fault(item, path, "found a list or a mapping in a list", "text, numbers or flags")
         return items
 
-    def _scalar(self, node: Node, path: Location) -> Value:
+    def _scalar(self, node: Node, path: ParameterLocation) -> Value:
         if not isinstance(node, ScalarNode):
             return []
         kind, text = str(node.tag).removeprefix(TAG), str(node.value)
@@ -260,5 +260,5 @@ class _Walk:
         self._fault(node, path, what, "text, a number, or true or false")
         return None
 
-    def _fault(self, node: Node, path: Location, what: str, right: str) -> None:
+    def _fault(self, node: Node, path: ParameterLocation, what: str, right: str) -> None:
         self.faults.append(ParameterFault(dotted(path) or "file", what, right, place_of(node)))

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from vastflow.sim.digest import Value
-from vastflow.sim.files import Place
+from vastflow.sim.files import TextPlace
 from vastflow.sim.nav.parameters.built_in import NOT_MODELLED, TABLES, UNUSED_NODES, built_in
-from vastflow.sim.nav.parameters.document import PARAMETERS, Document, Location, node_of
+from vastflow.sim.nav.parameters.document import PARAMETERS, ParameterDocument, ParameterLocation, node_of
 from vastflow.sim.nav.parameters.interpretation import Interpretation
 from vastflow.sim.nav.parameters.reader import Reader
 
@@ -28,13 +28,13 @@ class Finding:
         about: The parameter, or a group with nothing in it that is modelled, which can be spoken of once.
     """
 
-    path: Location
-    place: Place
+    path: ParameterLocation
+    place: TextPlace
     value: Value
     status: Status
     used: Value
     why: str
-    about: Location
+    about: ParameterLocation
 
 
 def findings(found: Interpretation) -> tuple[Finding, ...]:
@@ -47,13 +47,13 @@ def findings(found: Interpretation) -> tuple[Finding, ...]:
     )
 
 
-def left_out(found: Interpretation) -> Mapping[Location, Value]:
+def left_out(found: Interpretation) -> Mapping[ParameterLocation, Value]:
     """The modelled parameters that a document's nodes do not give, with what Nav2's code takes for them."""
     reader, values = found.reader, found.document.values
     return {path: reader.asked[path] for path in reader.fields if PARAMETERS in path and path not in values}
 
 
-def _finding(reader: Reader, document: Document, path: Location) -> Finding:
+def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocation) -> Finding:
     value, place = document.values[path], document.place(path)
     if path in reader.asked:
         used = reader.asked[path]
@@ -84,13 +84,13 @@ def _finding(reader: Reader, document: Document, path: Location) -> Finding:
     return Finding(path, place, value, "not modelled", None, "", path)
 
 
-def _is_unlisted(document: Document, plugin: Location) -> bool:
+def _is_unlisted(document: ParameterDocument, plugin: ParameterLocation) -> bool:
     """Whether this is a plug-in that no list beside it names."""
     beside = [value for path, value in document.values.items() if path[:-1] == plugin[:-1]]
     lists = [value for value in beside if isinstance(value, Sequence)]
     return (*plugin, "plugin") in document.values and not any(plugin[-1] in names for names in lists)
 
 
-def _nearest(path: Location, groups: Mapping[Location, str]) -> Location | None:
+def _nearest(path: ParameterLocation, groups: Mapping[ParameterLocation, str]) -> ParameterLocation | None:
     """The longest path among `groups` that `path` is below of."""
     return next((path[:n] for n in range(len(path) - 1, 0, -1) if path[:n] in groups), None)

@@ -15,7 +15,7 @@ from vastflow.sim.nav.controllers.registry import (
 )
 from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.parameters.costmap import Costmap, InflationLayer, ObstacleLayer, StaticLayer, global_costmap
-from vastflow.sim.nav.parameters.document import Document, DocumentError, Location
+from vastflow.sim.nav.parameters.document import DocumentError, ParameterDocument, ParameterLocation
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
@@ -73,14 +73,14 @@ class Interpretation:
         left_away: Nodes that the document lacks and without which the stack does.
     """
 
-    document: Document
+    document: ParameterDocument
     parameters: NavParameters
     reader: Reader
     replaced: tuple[str, ...]
     left_away: tuple[str, ...]
 
 
-def interpretation(document: Document) -> Interpretation:
+def interpretation(document: ParameterDocument) -> Interpretation:
     """Read a document into the stack's parameters.
 
     A parameter that a node leaves out is as in Nav2's code. Without the node `collision_monitor` there is none, as in
@@ -110,21 +110,21 @@ def interpretation(document: Document) -> Interpretation:
     return Interpretation(document, NavParameters(**parts), reader, replaced, left_away)
 
 
-def _amcl(reader: Reader, node: Location) -> Parts:
+def _amcl(reader: Reader, node: ParameterLocation) -> Parts:
     return {"amcl": reader.group(AmclParameters, node)}
 
 
-def _local_costmap(reader: Reader, node: Location) -> Parts:
+def _local_costmap(reader: Reader, node: ParameterLocation) -> Parts:
     return {"local_costmap": _costmap(reader, node)}
 
 
-def _global_costmap(reader: Reader, node: Location) -> Parts:
+def _global_costmap(reader: Reader, node: ParameterLocation) -> Parts:
     default = global_costmap()
     return {"global_costmap": _costmap(reader, node, **{name: getattr(default, name) for name in OF_THE_MAP})}
 
 
-def _costmap(reader: Reader, node: Location, **given: Any) -> Costmap:
-    places: dict[str, Location] = {}
+def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
+    places: dict[str, ParameterLocation] = {}
     kinds: dict[str, str] = {}
     for layer in reader.plugins(node, LAYERS):
         field = {"StaticLayer": "static_layer", "InflationLayer": "inflation_layer"}.get(layer.kind, "obstacle_layer")
@@ -147,7 +147,7 @@ def _costmap(reader: Reader, node: Location, **given: Any) -> Costmap:
     return reader.group(Costmap, node, given=given)
 
 
-def _obstacle_layer(reader: Reader, place: Location, short_clearing_cells: int) -> ObstacleLayer:
+def _obstacle_layer(reader: Reader, place: ParameterLocation, short_clearing_cells: int) -> ObstacleLayer:
     """The layer with its laser scan; without one it neither marks nor clears."""
     scan = None
     for name in reader.names((*place, "observation_sources"), ()):
@@ -167,7 +167,7 @@ def _obstacle_layer(reader: Reader, place: Location, short_clearing_cells: int) 
     return reader.group(ObstacleLayer, place, {name: (*scan, name) for name in OF_THE_SCAN}, given)
 
 
-def _controller_server(reader: Reader, node: Location) -> Parts:
+def _controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer, node)}
     if progress := reader.plugin(node, PROGRESS_CHECKERS):
         parts["progress_checker"] = reader.group(ProgressChecker, (*node, progress.name))
@@ -180,7 +180,7 @@ def _controller_server(reader: Reader, node: Location) -> Parts:
     return parts
 
 
-def _controller(reader: Reader, place: Location, listed: Location) -> Parts:
+def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocation) -> Parts:
     """The controller with the parameters at `place`; one that can't be found is a fault."""
     document, path = reader.document, (*place, "plugin")
     text = reader.text(path, CONTROLLERS.defaults.get(place[-1], ""))
@@ -205,7 +205,9 @@ def _controller(reader: Reader, place: Location, listed: Location) -> Parts:
     return {"controller": reader.group(kind, place, given=_critics(reader, place, algorithm, kind()))}
 
 
-def _own_parameters(reader: Reader, kind: type[Group], place: Location, others: Collection[Location] = ()) -> Group:
+def _own_parameters(
+    reader: Reader, kind: type[Group], place: ParameterLocation, others: Collection[ParameterLocation] = ()
+) -> Group:
     """The parameters of a plug-in, and of groups in them; one that it does not have is a fault, for nobody else would read it."""
     groups = {name: each for name, field in kind.model_fields.items() if _is_group(each := field.annotation)}
     for path in reader.document.below(place):
@@ -227,7 +229,7 @@ def critics_of(controller: ParameterGroup) -> Mapping[str, Any]:
     return {name: value for name, value in controller if isinstance(value, ParameterGroup)}
 
 
-def _critics(reader: Reader, place: Location, algorithm: str, default: ParameterGroup) -> Parts:
+def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: ParameterGroup) -> Parts:
     """The critics that the list `critics` names; all others are not enabled.
 
     DWB's have their places in the list: those that are not in it keep the ones they have, and the others share theirs.
@@ -235,7 +237,7 @@ def _critics(reader: Reader, place: Location, algorithm: str, default: Parameter
     critics = critics_of(default)
     if not critics:
         return {}
-    loaded: dict[str, Location] = {}
+    loaded: dict[str, ParameterLocation] = {}
     listed = (*place, "critics")
     if algorithm == "DWB" and listed not in reader.document.values:
         reader.fault(place, "no 'critics'", f"a list of them, without which DWB does not start: {', '.join(critics)}")
@@ -266,16 +268,16 @@ def _critics(reader: Reader, place: Location, algorithm: str, default: Parameter
     return parts
 
 
-def _planner_server(reader: Reader, node: Location) -> Parts:
+def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
     planner = reader.plugin(node, PLANNERS)
     return {"planner": reader.group(NavFn, (*node, planner.name))} if planner else {}
 
 
-def _behavior_server(reader: Reader, node: Location) -> Parts:
+def _behavior_server(reader: Reader, node: ParameterLocation) -> Parts:
     return {"behavior_server": reader.group(BehaviorServer, node)}
 
 
-def _waypoint_follower(reader: Reader, node: Location) -> Parts:
+def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
     executor = (*node, reader.text((*node, "waypoint_task_executor_plugin"), "wait_at_waypoint"))
     pause = (*executor, "waypoint_pause_duration")
     if class_name(str(reader.document.values.get((*executor, "plugin"), WAIT_AT_WAYPOINT))) != WAIT_AT_WAYPOINT:
@@ -287,11 +289,11 @@ def _waypoint_follower(reader: Reader, node: Location) -> Parts:
     return {"waypoint_follower": found if waits else found.with_values(waypoint_pause_duration=0)}
 
 
-def _velocity_smoother(reader: Reader, node: Location) -> Parts:
+def _velocity_smoother(reader: Reader, node: ParameterLocation) -> Parts:
     return {"velocity_smoother": reader.group(VelocitySmoother, node)}
 
 
-def _collision_monitor(reader: Reader, node: Location) -> Parts:
+def _collision_monitor(reader: Reader, node: ParameterLocation) -> Parts:
     values = reader.document.values
     polygon = scan = None
     for name in reader.names((*node, "polygons"), ()):
@@ -321,7 +323,7 @@ def _collision_monitor(reader: Reader, node: Location) -> Parts:
     return {"collision_monitor": found}
 
 
-_NODES: Final[Mapping[tuple[str, ...], Callable[[Reader, Location], Parts]]] = {
+_NODES: Final[Mapping[tuple[str, ...], Callable[[Reader, ParameterLocation], Parts]]] = {
     ("amcl",): _amcl,
     ("controller_server",): _controller_server,
     ("local_costmap", "local_costmap"): _local_costmap,

@@ -11,8 +11,8 @@ from vastflow.sim.digest import FileContent, Value, digest
 from vastflow.sim.files import is_file
 from vastflow.sim.nav.controllers.registry import FILE, file_of
 from vastflow.sim.nav.parameters.document import (
-    Document,
     DocumentError,
+    ParameterDocument,
     ParameterFault,
     dotted,
     node_of,
@@ -51,7 +51,7 @@ def nav2_file(path: str | Path) -> FileContent:
     return file_value(document)
 
 
-def frozen(document: Document) -> Document:
+def frozen(document: ParameterDocument) -> ParameterDocument:
     """The document with copies of the plug-ins that it names, which are what is run; those that can't be copied are left out."""
     node = document.node("controller_server") or ()
     base = Path(document.file).parent
@@ -64,7 +64,7 @@ def frozen(document: Document) -> Document:
     return replace(document, plug_ins=plug_ins)
 
 
-def file_value(document: Document) -> FileContent:
+def file_value(document: ParameterDocument) -> FileContent:
     """The same for a document that was read from a file, frozen, and has no fault."""
     digest = _content_digest(document)
     return (
@@ -85,7 +85,7 @@ def plug_ins_in(values: Value) -> tuple[ParameterFile, ...]:
 
 
 @functools.lru_cache(maxsize=16)
-def loaded(content: FileContent) -> Document:
+def loaded(content: FileContent) -> ParameterDocument:
     """The document of a file's value.
 
     Raises:
@@ -100,7 +100,7 @@ def loaded(content: FileContent) -> Document:
     return document
 
 
-def _content_digest(document: Document) -> str:
+def _content_digest(document: ParameterDocument) -> str:
     nodes = {node for node in document.nodes if not MODELLED_NODES.isdisjoint(node[-2:-1])}
     values = {dotted(path): value for path, value in document.values.items() if node_of(path) in nodes}
     plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from vastflow.sim.digest import Value
-from vastflow.sim.nav.parameters.document import Document, Location, ParameterFault, dotted
+from vastflow.sim.nav.parameters.document import ParameterDocument, ParameterFault, ParameterLocation, dotted
 from vastflow.sim.nav.parameters.parameter import code_default, complaints
 from vastflow.sim.nav.parameters.plugins import Plugins, class_name
 
@@ -34,24 +34,24 @@ class Reader:
         faults: Everything wrong.
     """
 
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document: ParameterDocument) -> None:
         self.document = document
-        self.asked: dict[Location, Value] = {}
-        self.fields: dict[Location, tuple[type[BaseModel], str]] = {}
-        self.kinds: dict[Location, str] = {}
-        self.unmodelled: dict[Location, str] = {}
-        self.unused: dict[Location, str] = {}
+        self.asked: dict[ParameterLocation, Value] = {}
+        self.fields: dict[ParameterLocation, tuple[type[BaseModel], str]] = {}
+        self.kinds: dict[ParameterLocation, str] = {}
+        self.unmodelled: dict[ParameterLocation, str] = {}
+        self.unused: dict[ParameterLocation, str] = {}
         self.faults: list[ParameterFault] = []
 
-    def fault(self, path: Location, what: str, right: str) -> None:
+    def fault(self, path: ParameterLocation, what: str, right: str) -> None:
         """Note a mistake at `path`."""
         self.faults.append(ParameterFault(dotted(path), what, right, self.document.place(path)))
 
     def group(
         self,
         model: type[Group],
-        prefix: Location,
-        elsewhere: Mapping[str, Location] | None = None,
+        prefix: ParameterLocation,
+        elsewhere: Mapping[str, ParameterLocation] | None = None,
         given: Mapping[str, Any] | None = None,
     ) -> Group:
         """The parameters below `prefix`; those the document leaves out are as in Nav2's code.
@@ -63,7 +63,7 @@ class Reader:
             given: Values that are not to be read.
         """
         values: dict[str, Any] = dict(given or {})
-        paths: dict[str, Location] = {}
+        paths: dict[str, ParameterLocation] = {}
         for name, field in model.model_fields.items():
             if name not in values:
                 path = paths[name] = (elsewhere or {}).get(name, (*prefix, name))
@@ -77,7 +77,9 @@ class Reader:
         self.asked |= {path: getattr(group, name) for name, path in paths.items()}
         return group
 
-    def _faults_of(self, model: type[BaseModel], error: ValidationError, paths: Mapping[str, Location]) -> None:
+    def _faults_of(
+        self, model: type[BaseModel], error: ValidationError, paths: Mapping[str, ParameterLocation]
+    ) -> None:
         for name, right in complaints(model, error):
             if name:
                 self.fault(paths[name], f"found {shown(self.document.values.get(paths[name]))}", right)
@@ -87,15 +89,15 @@ class Reader:
             place = self.document.place(path)
             self.faults.append(ParameterFault(dotted(path), what, "values that agree", place, together=True))
 
-    def flag(self, path: Location, default: bool) -> bool:
+    def flag(self, path: ParameterLocation, default: bool) -> bool:
         """A flag that is no field of a group."""
         return bool(self._plain(path, default, bool, "true or false"))
 
-    def text(self, path: Location, default: str) -> str:
+    def text(self, path: ParameterLocation, default: str) -> str:
         """A text."""
         return str(self._plain(path, default, str, "text"))
 
-    def names(self, path: Location, default: Sequence[str]) -> list[str]:
+    def names(self, path: ParameterLocation, default: Sequence[str]) -> list[str]:
         """A list of names, or a text with blanks between them."""
         given: Value = self.document.values.get(path, list(default))
         found = given.split() if isinstance(given, str) else given
@@ -105,7 +107,7 @@ class Reader:
         self.asked[path] = given
         return [str(name) for name in found]
 
-    def _plain(self, path: Location, default: Value, kind: type, meaning: str) -> Value:
+    def _plain(self, path: ParameterLocation, default: Value, kind: type, meaning: str) -> Value:
         found = self.document.values.get(path, default)
         if not isinstance(found, kind):
             self.fault(path, f"found {shown(found)}", meaning)
@@ -113,20 +115,20 @@ class Reader:
         self.asked[path] = found
         return found
 
-    def plugins(self, prefix: Location, plugins: Plugins) -> list[Instance]:
+    def plugins(self, prefix: ParameterLocation, plugins: Plugins) -> list[Instance]:
         """The plug-ins that a list parameter below `prefix` names; those of unknown classes are faults."""
         path = self._list_of(prefix, plugins)
         names = self.names(path, tuple(plugins.defaults))
         found = [(name, self._kind(prefix, name, (*path, str(k)), plugins)) for k, name in enumerate(names)]
         return [Instance(name, kind) for name, kind in found if kind]
 
-    def plugin(self, prefix: Location, plugins: Plugins) -> Instance | None:
+    def plugin(self, prefix: ParameterLocation, plugins: Plugins) -> Instance | None:
         """The one that the default behavior trees use; None without one that is modelled, which is a fault."""
         used = self.used(prefix, plugins)
         kind = self._kind(prefix, *used, plugins) if used else None
         return Instance(used[0], kind) if used and kind else None
 
-    def used(self, prefix: Location, plugins: Plugins) -> tuple[str, Location] | None:
+    def used(self, prefix: ParameterLocation, plugins: Plugins) -> tuple[str, ParameterLocation] | None:
         """Name of the plug-in that the default behavior trees use, and where the list has it; None for an empty list, a fault."""
         path = self._list_of(prefix, plugins)
         names = self.names(path, tuple(plugins.defaults))
@@ -139,11 +141,11 @@ class Reader:
                 self.unused[(*prefix, name)] = f"the default behavior trees use {used}"
         return used, (*path, str(names.index(used)))
 
-    def _list_of(self, prefix: Location, plugins: Plugins) -> Location:
+    def _list_of(self, prefix: ParameterLocation, plugins: Plugins) -> ParameterLocation:
         paths = [(*prefix, name) for name in plugins.lists]
         return next((path for path in paths if path in self.document.values), paths[0])
 
-    def _kind(self, prefix: Location, name: str, listed: Location, plugins: Plugins) -> str | None:
+    def _kind(self, prefix: ParameterLocation, name: str, listed: ParameterLocation, plugins: Plugins) -> str | None:
         path = (*prefix, name, "plugin")
         default = plugins.defaults.get(name, "")
         found = class_name(self.text(path, default))

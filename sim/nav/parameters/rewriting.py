@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from vastflow.sim.digest import Value
-from vastflow.sim.nav.parameters.document import EXPONENT, PARAMETERS, Document, Location
+from vastflow.sim.nav.parameters.document import EXPONENT, PARAMETERS, ParameterDocument, ParameterLocation
 
 WHOLE: Final = re.compile(r"[-+]?\d+")
 POINTED: Final = re.compile(r"[-+]?(\d+\.\d*|\.\d+)")
@@ -20,18 +20,18 @@ class Rewritten:
         touched: Key to the paths it stands for.
     """
 
-    document: Document
-    touched: Mapping[str, tuple[Location, ...]]
+    document: ParameterDocument
+    touched: Mapping[str, tuple[ParameterLocation, ...]]
 
 
-def rewritten(document: Document, rewrites: Mapping[str, Value]) -> Rewritten:
+def rewritten(document: ParameterDocument, rewrites: Mapping[str, Value]) -> Rewritten:
     """Replace parameters of a document, or add them: each key at its `targets`.
 
     Of two keys for one path the longer one counts, in whatever order they come. Text that is a number or a flag is
     that.
     """
     values = dict(document.values)
-    touched: dict[str, tuple[Location, ...]] = {}
+    touched: dict[str, tuple[ParameterLocation, ...]] = {}
     for key in sorted(rewrites, key=lambda key: (key.count("."), key)):
         touched[key] = targets(values, key)
         for path in touched[key]:
@@ -44,7 +44,7 @@ def rewritten(document: Document, rewrites: Mapping[str, Value]) -> Rewritten:
     return Rewritten(replace(document, values=values), touched)
 
 
-def targets(values: Mapping[Location, Value], key: str) -> tuple[Location, ...]:
+def targets(values: Mapping[ParameterLocation, Value], key: str) -> tuple[ParameterLocation, ...]:
     """The paths that a key stands for.
 
     A key is the name of a parameter and stands for every occurrence of it, or a whole path with its nodes and
@@ -61,13 +61,13 @@ def targets(values: Mapping[Location, Value], key: str) -> tuple[Location, ...]:
     return (names,) if PARAMETERS in names[:-1] else ()
 
 
-def _occurrences(values: Mapping[Location, Value], names: Location) -> tuple[Location, ...]:
+def _occurrences(values: Mapping[ParameterLocation, Value], names: ParameterLocation) -> tuple[ParameterLocation, ...]:
     if names in values:
         return (names,)
     return tuple(path for path in values if path[-1:] == names[-1:] and _without_marker(path)[-len(names) :] == names)
 
 
-def _without_marker(path: Location) -> Location:
+def _without_marker(path: ParameterLocation) -> ParameterLocation:
     return tuple(name for name in path if name != PARAMETERS)
 
 

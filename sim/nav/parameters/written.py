@@ -6,7 +6,7 @@ from typing import Any
 from vastflow.sim.digest import Value
 from vastflow.sim.nav.controllers.registry import name_of
 from vastflow.sim.nav.parameters.costmap import Costmap
-from vastflow.sim.nav.parameters.document import PARAMETERS, Document, Location
+from vastflow.sim.nav.parameters.document import PARAMETERS, ParameterDocument, ParameterLocation
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.interpretation import OF_THE_MAP, critics_of
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
@@ -21,13 +21,13 @@ from vastflow.sim.nav.parameters.plugins import (
 )
 from vastflow.sim.nav.parameters.stack import NavParameters
 
-Values = dict[Location, Value]
+Values = dict[ParameterLocation, Value]
 
 
-def document_of(parameters: NavParameters) -> Document:
+def document_of(parameters: NavParameters) -> ParameterDocument:
     """A document that `interpretation` reads as `parameters`, under the names of Nav2 Jazzy's default file."""
     values: Values = {("amcl", PARAMETERS, name): value for name, value in _plain(parameters.amcl).items()}
-    node: Location = ("controller_server", PARAMETERS)
+    node: ParameterLocation = ("controller_server", PARAMETERS)
     values |= _below(node, parameters.controller_server)
     values |= _instance(node, PROGRESS_CHECKERS, "SimpleProgressChecker", parameters.progress_checker)
     values |= _instance(node, GOAL_CHECKERS, "SimpleGoalChecker", parameters.goal_checker)
@@ -40,10 +40,12 @@ def document_of(parameters: NavParameters) -> Document:
     }
     values |= _instance(("planner_server", PARAMETERS), PLANNERS, "NavFn", parameters.planner)
     values |= _below(("behavior_server", PARAMETERS), parameters.behavior_server)
-    return Document(values | _waypoint_follower(parameters) | _velocity_smoother(parameters) | _monitor(parameters))
+    return ParameterDocument(
+        values | _waypoint_follower(parameters) | _velocity_smoother(parameters) | _monitor(parameters)
+    )
 
 
-def controller_block(node: Location, controller: ParameterGroup) -> Values:
+def controller_block(node: ParameterLocation, controller: ParameterGroup) -> Values:
     """The list `controller_plugins` with one controller, and its parameters."""
     name = CONTROLLERS.used
     values: Values = {
@@ -65,7 +67,7 @@ def controller_block(node: Location, controller: ParameterGroup) -> Values:
     return values
 
 
-def _instance(node: Location, plugins: Plugins, kind: str, parameters: Any) -> Values:
+def _instance(node: ParameterLocation, plugins: Plugins, kind: str, parameters: Any) -> Values:
     name = plugins.used
     class_name = next(class_name for class_name, called in plugins.modelled.items() if called == kind)
     return {
@@ -136,7 +138,7 @@ def _monitor(parameters: NavParameters) -> Values:
     }
 
 
-def _below(prefix: Location, parameters: Any) -> Values:
+def _below(prefix: ParameterLocation, parameters: Any) -> Values:
     return {(*prefix, name): value for name, value in _plain(parameters).items()}
 
 
