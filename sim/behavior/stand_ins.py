@@ -84,7 +84,7 @@ class RosLaunch(RunsOn):
         return self._status
 
 
-class RosBagRecord(AlreadyDone):
+class BagRecord(AlreadyDone):
     """Every run is recorded from its first tick to its end, asked or not, so what is asked for is being recorded."""
 
     stands = "bag_record: the run's recording holds what vastflow's simulator knows"
@@ -149,7 +149,7 @@ def stand_ins(others: Mapping[str, ActionFactory]) -> dict[str, ActionFactory]:
     check = others.get("check_process_running")
     return {
         "ros_launch": RosLaunch,
-        "bag_record": RosBagRecord,
+        "bag_record": BagRecord,
         "capture_screen": CaptureScreen,
         "capture_window": CaptureScreen,
         "floorplan_generator.generate_gazebo_world": GenerateGazeboWorld,
