@@ -16,7 +16,7 @@ from vastflow.sim.files import is_file
 from vastflow.sim.osc.definition import ScenarioDefinition
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
-from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, AbstractError, content_of, definition_of
+from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, AbstractError, abstract_content, definition_of
 from vastflow.sim.reading.goals import goal_keys
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.reading.script import calls_of, is_optional_list, overrides_of
@@ -116,7 +116,7 @@ def abstract_scenario_of(document: Document, base: Path) -> tuple[AbstractScenar
     if not is_file(file):
         return None, [document.fault(WHERE, f"found {name!r}, and there is no such file", "an OpenSCENARIO DSL file")]
     try:
-        content = content_of(file)
+        content = abstract_content(file)
         definition = definition_of(content)
     except OscError as error:
         return None, [

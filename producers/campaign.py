@@ -287,7 +287,7 @@ def _search_plug_in_faults(document: Document, search: SearchSpec, base: Path) -
         named.append((("search", "extract", "plugin"), search.extract.plugin))
     named += [(("search", "variations", k, name), name) for k, entry in enumerate(search.variations) for name in entry]
     for where, reference in named:
-        what = plug_in_file.complaint(reference, base) if plug_in_file.names_file(reference) else None
+        what = plug_in_file.plug_in_complaint(reference, base) if plug_in_file.names_file(reference) else None
         if what is not None:
             at: Literal["key", "value"] = "key" if where[1] == "variations" else "value"
             yield document.fault(where, what, "file.py:Class, relative to this file", at)

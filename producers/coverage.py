@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
-from vastflow.producers.designs.array import admissible_tuples, lower_bound, varied_factors
+from vastflow.producers.designs.array import admissible_tuples, designed_factors, lower_bound
 from vastflow.producers.designs.space import FactorBlock, product_of
 from vastflow.producers.producer import Producer
 from vastflow.producers.vast.design import DesignSpec
@@ -161,7 +161,7 @@ def _design(family: FamilyCount, rows: int) -> dict[str, Any]:
     product = math.prod(family.levels)
     if family.design.t_way is not None and family.blocks is not None:
         strength = family.design.t_way.strength
-        varied = varied_factors(family.blocks)
+        varied = designed_factors(family.blocks)
         bound = lower_bound(admissible_tuples(family.blocks, family.levels, varied, min(strength, len(varied))))
         return {"kind": "t_way", "strength": strength, "rows": rows, "product": product, "lower_bound": bound}
     if family.design.sample is not None:

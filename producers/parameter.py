@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.places.ground import MAP_KEY, map_value, plain
+from vastflow.producers.places.ground import MAP_KEY, map_value, serializable
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Count, NotNegative, Number, Seed
 from vastflow.sim.digest import Value, digest
@@ -65,7 +65,7 @@ class ListParameters(producer.Parameters):
 
     name: ParameterName | Annotated[list[ParameterName], Field(min_length=1)]
     values: Annotated[
-        list[Annotated[Any, BeforeValidator(_listed_value), PlainSerializer(plain, return_type=Any)]],
+        list[Annotated[Any, BeforeValidator(_listed_value), PlainSerializer(serializable, return_type=Any)]],
         Field(min_length=1),
     ]
 

@@ -11,7 +11,7 @@ def names_file(reference: str) -> bool:
     return ".py:" in reference
 
 
-def complaint(reference: str, base: Path) -> str | None:
+def plug_in_complaint(reference: str, base: Path) -> str | None:
     """What is wrong with `file.py:Class`, the file seen from `base`; None where the file has such a class.
 
     A name that the file imports or assigns counts: what stands behind it only an import would tell.

@@ -68,7 +68,7 @@ class ProcessingStep:
     def complaint(self, base: Path) -> str | None:
         """Why the step can't be done, found without executing anything; None where nothing is known against it."""
         if self.kind == "plug-in":
-            return plug_in_file.complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
+            return plug_in_file.plug_in_complaint(f"{self.file}:{self.name.rpartition(':')[2]}", base)
         if self.kind == "unknown":
             known = [*RECORDED, *UNTOUCHED, COMMAND]
             return f"no step is called {self.name!r}; {did_you_mean(self.name, known)}, or file.py:Class"

@@ -31,7 +31,7 @@ def params(
 
     Every parameter of the file, with the value that is used or with what is done in its place.
     """
-    from vastflow.producers.vast.nav2_params import faults_of
+    from vastflow.producers.vast.nav2_params import parameter_faults
     from vastflow.sim.nav.parameters.document import DocumentError, read_document
     from vastflow.sim.nav.parameters.findings import findings
     from vastflow.sim.nav.parameters.interpretation import interpretation
@@ -39,7 +39,7 @@ def params(
     try:
         found = interpretation(read_document(file))
     except DocumentError as error:
-        print(*faults_of(error), sep="\n", file=sys.stderr)
+        print(*parameter_faults(error), sep="\n", file=sys.stderr)
         raise typer.Exit(2) from None
     rows = findings(found)
     if as_json:

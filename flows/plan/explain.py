@@ -11,7 +11,7 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.differences import change_text, value_changes
 from vastflow.flows.results.ingredients import changes, has_ingredients, stage_ingredients
-from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, recorded_as, scenario_of, writers
+from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, recorded_as, writers, written_scenario
 from vastflow.flows.results.replica import NotReplicable, replica
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.producers.faults import CampaignError
@@ -132,7 +132,7 @@ def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
 
 
 def _dimensions(row: Mapping[str, Any]) -> dict[str, list[Written]]:
-    who, parts = writers(row), scenario_of(row)
+    who, parts = writers(row), written_scenario(row)
     parts = {part: parts[part] for part in PARTS} | {"provenance": json.loads(row["provenance"])}
     return {
         part: [Written(key, value, who.get(key, FILE)) for key, value in values.items()]
@@ -163,7 +163,7 @@ def _differences(earlier: Past, past: Past, row: Mapping[str, Any]) -> list[str]
         same = earlier.by_digest.get(row["scenario_digest"])
         found.append("there is no such configuration" + (f"; {same['name']} has the same scenario" if same else ""))
     else:
-        found += [change_text(*change) for change in value_changes(scenario_of(namesake), scenario_of(row))]
+        found += [change_text(*change) for change in value_changes(written_scenario(namesake), written_scenario(row))]
     if not has_ingredients(earlier.metadata) or not has_ingredients(past.metadata):
         return [*found, "an earlier version wrote one of both: what else they follow from is not known"]
     reasons = (

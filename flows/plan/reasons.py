@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal
 
 from vastflow.flows.request.asked import asked_of
-from vastflow.flows.results.differences import change_text, few, short, value_changes
+from vastflow.flows.results.differences import change_text, few, short_text, value_changes
 from vastflow.flows.results.ingredients import (
     DueReason,
     Stage,
@@ -14,7 +14,7 @@ from vastflow.flows.results.ingredients import (
     has_ingredients,
     stage_ingredients,
 )
-from vastflow.flows.results.past import PARTS, Past, scenario_of, values_of, writers
+from vastflow.flows.results.past import PARTS, Past, values_of, writers, written_scenario
 from vastflow.flows.results.tables import Row, configuration_row, json_text
 from vastflow.producers.configuration import Configuration
 from vastflow.tasks.index import Member
@@ -93,7 +93,9 @@ class RunReasons:
             return DueReason("new configuration", f"family {configuration.family} is new")
         values = {key: value for key, value in values_of(now).items() if not key.startswith("_")}
         fresh = [
-            f"{key} = {short(value)}" for key, value in values.items() if json_text(value) not in known.get(key, ())
+            f"{key} = {short_text(value)}"
+            for key, value in values.items()
+            if json_text(value) not in known.get(key, ())
         ]
         words = f"first with {few(fresh)}" if fresh else "of values that were not together before"
         return DueReason("new configuration", "new configuration", words)
@@ -116,7 +118,7 @@ def lost(past: Past) -> DueReason:
 
 def scenario_reason(then: Row, now: Row) -> DueReason:
     """What makes the scenario of a row of `configurations.parquet` another than that of an earlier row."""
-    found = [*value_changes(scenario_of(then), scenario_of(now))]
+    found = [*value_changes(written_scenario(then), written_scenario(now))]
     keys = list(dict.fromkeys(_key(path) for path, _, _ in found))
     who = writers(now)
     by = dict.fromkeys(filter(None, (who.get(key.partition(".")[2]) for key in keys)))

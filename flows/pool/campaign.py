@@ -10,7 +10,7 @@ from vastflow.flows.campaign_run import CampaignRun
 from vastflow.flows.computing.artifacts import ProgressBar, key_of, tolerated
 from vastflow.flows.pool.driver import TAKEN_S, Driver
 from vastflow.flows.pool.service import Asking, PoolService, pool_type
-from vastflow.flows.request.campaign_job import asked_of
+from vastflow.flows.request.campaign_job import asked_of_containers
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.bundle import BundleError, Packer
@@ -64,7 +64,7 @@ def pool_of(run: CampaignRun) -> Iterator[CampaignPool | None]:
     with get_client(sync_client=True) as client:
         asking = Asking(client, run.tally.notice, lambda: run.engine.closed)
         kind = pool_type(asking, pool.name)
-        job_variables, workers = asked_of(kind, run.campaign, asked.workers)
+        job_variables, workers = asked_of_containers(kind, run.campaign, asked.workers)
         request = RunRequest(campaign=run.name, store=run.store.place, workers=workers).model_dump(
             exclude_defaults=True
         )

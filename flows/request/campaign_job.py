@@ -34,7 +34,9 @@ def requested_cores(kind: PoolType, description: "RunDescription") -> int | None
     return description.main.needs.cpu or CPU if kind is PoolType.kubernetes else None
 
 
-def asked_of(kind: PoolType, campaign: Campaign, workers: int | None) -> tuple[Mapping[str, Any], int | None]:
+def asked_of_containers(
+    kind: PoolType, campaign: Campaign, workers: int | None
+) -> tuple[Mapping[str, Any], int | None]:
     """What a campaign asks of the containers that compute its shards, as job variables, and the worker processes of each.
 
     Args:

@@ -41,11 +41,11 @@ def changes_text(then: Any, now: Any) -> str:
 def change_text(path: str, then: Any, now: Any) -> str:
     """One of `value_changes`: `x from 1 to 2`, `values gained 3, lost 4`."""
     if isinstance(then, list) and isinstance(now, list):
-        gained = [short(item) for item in now if item not in then]
-        lost = [short(item) for item in then if item not in now]
+        gained = [short_text(item) for item in now if item not in then]
+        lost = [short_text(item) for item in then if item not in now]
         words = [f"gained {few(gained)}"] * bool(gained) + [f"lost {few(lost)}"] * bool(lost)
         return " ".join(filter(None, [path, ", ".join(words) or "in another order or number"]))
-    return " ".join(filter(None, [path, f"from {short(then)} to {short(now)}"]))
+    return " ".join(filter(None, [path, f"from {short_text(then)} to {short_text(now)}"]))
 
 
 def few(words: Sequence[str], most: int = _MOST_SHOWN) -> str:
@@ -54,7 +54,7 @@ def few(words: Sequence[str], most: int = _MOST_SHOWN) -> str:
     return ", ".join(words) if more <= 0 else f"{', '.join(words[:most])} and {more} more"
 
 
-def short(value: Any) -> str:
+def short_text(value: Any) -> str:
     """A plain value in a few characters."""
     if isinstance(value, Mapping) and value.keys() == {"file"}:
         return f"file {str(value['file'])[:12]}"

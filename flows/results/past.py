@@ -134,7 +134,7 @@ def _newest_first(results: Path, name: str, before: str | None) -> Sequence[Path
     return [directory for _, _, directory in sorted(found, reverse=True)]
 
 
-def scenario_of(row: Mapping[str, Any]) -> dict[str, Any]:
+def written_scenario(row: Mapping[str, Any]) -> dict[str, Any]:
     """All that a row's configuration was executed with: its three dimensions and programs, decoded, beside what is in none."""
     said = {"abstract scenario": row["abstract"], "execution.timeout": row["timeout_s"]}
     return {**said, **json.loads(row["scenario"])}
@@ -142,7 +142,7 @@ def scenario_of(row: Mapping[str, Any]) -> dict[str, Any]:
 
 def values_of(row: Mapping[str, Any]) -> dict[str, Any]:
     """All that was written of a configuration, provenance included: key to plain value."""
-    parts = scenario_of(row)
+    parts = written_scenario(row)
     return {**{key: value for part in PARTS for key, value in parts[part].items()}, **json.loads(row["provenance"])}
 
 

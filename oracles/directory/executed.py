@@ -11,7 +11,7 @@ from vastflow.sim.digest import FileContent, file_digest
 from vastflow.sim.files import read_json
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.process.setup import setup_of
-from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.scenario import Scenario
 
@@ -82,7 +82,7 @@ def _digests(file: Path) -> Iterator[str]:
     yield file_digest(file)
     if file.suffix == ".osc":
         with suppress(ValueError):
-            yield content_of(file).digest
+            yield abstract_content(file).digest
     if file.suffix in (".yaml", ".yml"):
         for content in (map_content, nav2_file):
             with suppress(ValueError):

@@ -116,7 +116,7 @@ class Quantities:
         return self._walls[map_file.digest]
 
 
-def obstacles_of(partial: Partial) -> int:
+def obstacle_count(partial: Partial) -> int:
     """How many obstacles the environment has, under whatever keys."""
     return sum(
         isinstance(entry, Mapping) and "spawn_pose" in entry
@@ -131,7 +131,7 @@ def _density(quantities: Quantities, partial: Partial) -> float:
     length_m = quantities.way(partial).length_m
     if length_m <= 0.0:
         raise NotEvaluable("the path has no length")
-    return obstacles_of(partial) / length_m
+    return obstacle_count(partial) / length_m
 
 
 def _straight_m(quantities: Quantities, partial: Partial) -> float:
@@ -157,7 +157,7 @@ _COMPUTED: Final[Mapping[str, Callable[[Quantities, Partial], int | float]]] = {
     "start_clearance": lambda quantities, partial: quantities.clearances(partial)[1],
     "goal_clearance": lambda quantities, partial: quantities.clearances(partial)[2],
     "obstacle_density": _density,
-    "number_of_obstacles": lambda quantities, partial: obstacles_of(partial),
+    "number_of_obstacles": lambda quantities, partial: obstacle_count(partial),
     "number_of_goals": _goals,
     "straight_distance": _straight_m,
 }

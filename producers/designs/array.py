@@ -38,7 +38,7 @@ def covering_array(blocks: Sequence[FactorBlock], level_counts: Sequence[int], s
     """
     if any(len(block.table) == 0 for block in blocks):
         return np.empty((0, len(level_counts)), np.int64)
-    varied = varied_factors(blocks)
+    varied = designed_factors(blocks)
     missing = admissible_tuples(blocks, level_counts, varied, min(strength, len(varied)))
     greedy = _Greedy(blocks, level_counts, varied, missing)
     rows = []
@@ -47,7 +47,7 @@ def covering_array(blocks: Sequence[FactorBlock], level_counts: Sequence[int], s
     return np.unique(np.array(rows, dtype=np.int64).reshape(len(rows), len(level_counts)), axis=0)
 
 
-def varied_factors(blocks: Sequence[FactorBlock]) -> tuple[int, ...]:
+def designed_factors(blocks: Sequence[FactorBlock]) -> tuple[int, ...]:
     """Factors with more than one admissible level, ascending."""
     return tuple(
         sorted(

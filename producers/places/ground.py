@@ -173,19 +173,19 @@ def _map_parameter(value: Any, info: ValidationInfo) -> FileContent | str | None
     return map_value(value, info)
 
 
-def plain(value: Value) -> Value:
+def serializable(value: Value) -> Value:
     """`value` for JSON, files as `{"file": digest}`."""
     if isinstance(value, FileContent):
         return {"file": value.digest}
     if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+        return {key: serializable(item) for key, item in value.items()}
+    return [serializable(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 MapParameter: TypeAlias = Annotated[
     FileContent | str | None,
     PlainValidator(_map_parameter),
-    PlainSerializer(plain, return_type=Any),
+    PlainSerializer(serializable, return_type=Any),
     WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "null"}]}),
 ]
 """A map file, or `@key` of the configuration's key that holds one, or nothing: the configuration's `map_file`."""

@@ -42,11 +42,11 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
     try:
         found = interpretation(frozen(parameters.read_document(path)))
     except parameters.DocumentError as error:
-        return Nav2Params({}, tuple(faults_of(error)))
+        return Nav2Params({}, tuple(parameter_faults(error)))
     return Nav2Params({FILE_KEY: file_value(found.document)}, (), tuple(notes_of(found)))
 
 
-def faults_of(error: parameters.DocumentError) -> Iterator[Fault]:
+def parameter_faults(error: parameters.DocumentError) -> Iterator[Fault]:
     """A parameter file's faults at their places."""
     for fault in error.faults:
         line, column = fault.place

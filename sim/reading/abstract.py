@@ -19,7 +19,7 @@ SHIPPED: Final = ("navigate_to_pose", "navigate_through_poses", "follow_waypoint
 KEPT: Final = 32
 
 Abstract: TypeAlias = str | FileContent
-"""`builtin:` and a name, or a scenario file whose digest is that of what it defines, see `content_of`."""
+"""`builtin:` and a name, or a scenario file whose digest is that of what it defines, see `abstract_content`."""
 
 
 class AbstractError(ValueError):
@@ -42,7 +42,7 @@ def _beside_shipped(name: str) -> Path:
     return next(place for place in places if place.is_file())
 
 
-def content_of(file: Path) -> FileContent:
+def abstract_content(file: Path) -> FileContent:
     """A scenario file as a value: what it defines and in which lines, for recordings name them; wherever the file lies.
 
     Raises:

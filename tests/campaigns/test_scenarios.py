@@ -22,7 +22,7 @@ from vastflow.producers.instantiate import instantiate
 from vastflow.sim.behavior.support import unsupported
 from vastflow.sim.behavior.vocabulary import ACTIONS
 from vastflow.sim.pose import pose_of
-from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, content_of, definition_digest, definition_of
+from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, definition_digest, definition_of
 from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.run import run
 from vastflow.tasks.keys import Keys
@@ -47,7 +47,7 @@ def test_every_shipped_name_has_a_file_and_a_campaign():
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_name_stands_for_its_file_and_everything_in_it_can_be_done(name):
     definition = definition_of(BUILTIN + name)
-    assert content_of(SCENARIOS / f"{name}.osc").digest == definition_digest(definition)
+    assert abstract_content(SCENARIOS / f"{name}.osc").digest == definition_digest(definition)
     assert unsupported(definition, ACTIONS) == []
 
 

@@ -33,7 +33,7 @@ from vastflow.sim.nav.parameters.interpretation import interpretation
 from vastflow.sim.osc.definition import Field
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.reading.abstract import AbstractError, content_of, definition_of
+from vastflow.sim.reading.abstract import AbstractError, abstract_content, definition_of
 from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.recordings.archive import write_outputs
@@ -200,7 +200,7 @@ def _campaign(name: str, file: Path, trial: Trial) -> Row:
 
 def _scenario(name: str, file: Path, trial: Trial) -> Row:
     try:
-        content = content_of(file)
+        content = abstract_content(file)
         definition = definition_of(content)
     except OscError as error:
         return Row(name, "scenario", "refused", _first([f"{f.place.line}: {f.what}; {f.right}" for f in error.faults]))

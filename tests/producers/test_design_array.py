@@ -11,8 +11,8 @@ from vastflow.producers.designs.array import (
     IncompleteDesign,
     admissible_tuples,
     covering_array,
+    designed_factors,
     lower_bound,
-    varied_factors,
     verify,
 )
 from vastflow.producers.designs.space import FactorBlock, TooLarge
@@ -74,7 +74,7 @@ def test_ten_factors_of_four_levels_take_at_most_32_rows(loops):
 
 def test_the_lower_bound_of_free_factors_is_the_product_of_the_largest():
     counts = [2, 5, 3, 4]
-    bound = lower_bound(admissible_tuples(free(counts), counts, varied_factors(free(counts)), 2))
+    bound = lower_bound(admissible_tuples(free(counts), counts, designed_factors(free(counts)), 2))
     assert bound == 20
     assert len(covering_array(free(counts), counts, 2)) >= bound
 

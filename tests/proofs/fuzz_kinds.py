@@ -214,12 +214,12 @@ def _scenario(file: Path) -> None:
     from vastflow.sim.behavior.support import unsupported
     from vastflow.sim.behavior.vocabulary import ACTIONS
     from vastflow.sim.osc.reading import files_of, read_scenarios
-    from vastflow.sim.reading.abstract import content_of
+    from vastflow.sim.reading.abstract import abstract_content
 
     for definition in read_scenarios(file):
         unsupported(definition, ACTIONS)
     files_of(file)
-    content_of(file)
+    abstract_content(file)
 
 
 def _plan(file: Path) -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.scenario import Scenario, scenario_of
 
@@ -116,7 +116,7 @@ def staged(tmp_path: Path, two_rooms: FileContent) -> Callable[..., Scenario]:
         file.write_text(TRIAL + textwrap.indent(body, "    ") + "\n")
         given = {"map_file": two_rooms, "controller": "rpp", **values}
         tags = {"obstacles": "environment", "crates": "environment", "static_objects": "environment"}
-        return scenario_of(given, tags, abstract=content_of(file), timeout_s=timeout_s)
+        return scenario_of(given, tags, abstract=abstract_content(file), timeout_s=timeout_s)
 
     return make
 

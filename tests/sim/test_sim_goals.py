@@ -4,7 +4,7 @@ import pytest
 
 from vastflow.sim.osc.parameters import ParameterMismatch
 from vastflow.sim.pose import Pose
-from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.script import calls_of, script_of
 from vastflow.sim.scenario import Scenario
 
@@ -34,7 +34,7 @@ def script(tmp_path):
     def made(task, parameters="    boxes: list of spawn_entity\n"):
         file = tmp_path / "go.osc"
         file.write_text(ONE_GOAL.format(parameters=parameters))
-        return script_of(Scenario(content_of(file), 60.0, {}, {"start_pose": {"x": 0.0, "y": 0.0}, **task}, {}))
+        return script_of(Scenario(abstract_content(file), 60.0, {}, {"start_pose": {"x": 0.0, "y": 0.0}, **task}, {}))
 
     return made
 

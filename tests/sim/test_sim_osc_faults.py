@@ -8,7 +8,7 @@ import pytest
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.osc.grammar import MOST_PARSED
 from vastflow.sim.osc.reading import files_of, read_scenarios, read_text
-from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.abstract import abstract_content
 
 HEAD = "import osc.helpers\nimport osc.ros\nimport osc.nav2\nimport osc.gazebo\n"
 
@@ -350,7 +350,7 @@ def test_modifiers_in_one_another_have_a_limit_and_below_it_the_definition_has_a
     def with_timeouts(n):
         timeouts = "    timeout(60s)\n" * n
         file.write_text(f"import osc.helpers\nscenario a:\n{timeouts}    do log('x')\n")
-        return content_of(file)
+        return abstract_content(file)
 
     assert with_timeouts(140).digest
     with pytest.raises(

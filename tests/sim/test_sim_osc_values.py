@@ -9,7 +9,7 @@ from vastflow.sim.behavior.helpers import HELPERS, helper_functions
 from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.osc.parameters import bound
 from vastflow.sim.osc.reading import read_text
-from vastflow.sim.reading.abstract import AbstractError, content_of, definition_of
+from vastflow.sim.reading.abstract import AbstractError, abstract_content, definition_of
 
 HEAD = "import osc.helpers\nimport osc.gazebo\nimport osc.nav2\nimport osc.ros\n"
 
@@ -218,7 +218,7 @@ def test_of_a_file_with_a_scenario_that_another_inherits_from_the_other_is_run(t
     file = tmp_path / "trial.osc"
     base = f"{HEAD}scenario base:\n    p: string = 'a'\n    do log(p)\n"
     file.write_text(f"{base}scenario derived inherits base:\n    p: string = 'b'\n")
-    assert definition_of(content_of(file)).name == "derived"
+    assert definition_of(abstract_content(file)).name == "derived"
     file.write_text(f"{base}scenario other:\n    do log('x')\n")
     with pytest.raises(AbstractError, match="found the scenarios base, other; one"):
-        content_of(file)
+        abstract_content(file)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.reading.abstract import content_of, definition_of
+from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.run import run
 
@@ -28,7 +28,7 @@ def test_a_file_is_read_once_for_all_its_scenarios(staged):
 
 def test_reading_a_file_and_making_its_script_are_small_beside_a_run(staged, loops):
     scenario = staged(TEXT)
-    assert loops(lambda: content_of(Path(scenario.abstract.path))) < 4
+    assert loops(lambda: abstract_content(Path(scenario.abstract.path))) < 4
     assert loops(lambda: script_of(scenario), 10) < 0.2
 
 

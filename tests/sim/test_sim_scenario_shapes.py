@@ -8,7 +8,7 @@ import pytest
 from vastflow.sim.behavior.support import unsupported
 from vastflow.sim.behavior.vocabulary import ACTIONS
 from vastflow.sim.osc.reading import read_scenarios
-from vastflow.sim.reading.abstract import content_of, hall_file
+from vastflow.sim.reading.abstract import abstract_content, hall_file
 from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.run import execute
 from vastflow.sim.scenario import scenario_of
@@ -234,7 +234,7 @@ def driven(file, two_rooms, **given):
     known = {parameter.name for parameter in definition.parameters}
     values = {key: value for key, value in {**GIVEN, **given}.items() if key in {"start_pose", *known}}
     tags = {"static_objects": "environment"}
-    scenario = scenario_of({**values, "map_file": two_rooms}, tags, abstract=content_of(file), timeout_s=400.0)
+    scenario = scenario_of({**values, "map_file": two_rooms}, tags, abstract=abstract_content(file), timeout_s=400.0)
     return execute(scenario, 0).recording.run
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from vastflow.sim.osc.parameters import ParameterMismatch
 from vastflow.sim.pose import Pose
-from vastflow.sim.reading.abstract import AbstractError, content_of, definition_of
+from vastflow.sim.reading.abstract import AbstractError, abstract_content, definition_of
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.scenario import Scenario
 
@@ -46,7 +46,7 @@ def test_without_a_start_pose_the_robot_starts_where_init_nav2_puts_it(tmp_path)
         "import osc.nav2\nimport osc.ros\n\nscenario go:\n    robot: differential_drive_robot\n    do serial:\n"
         "        robot.init_nav2(pose_3d(position_3d(5.0m, 1.0m)))\n"
     )
-    assert script_of(Scenario(content_of(file), 60.0, {}, {}, {})).start == Pose(5.0, 1.0)
+    assert script_of(Scenario(abstract_content(file), 60.0, {}, {}, {})).start == Pose(5.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_scenario_file_counts_by_what_it_defines_and_in_which_lines(tmp_path):
     for name, text in texts.items():
         (tmp_path / name).mkdir()
         (tmp_path / name / "go.osc").write_text(text)
-        contents[name] = content_of(tmp_path / name / "go.osc")
+        contents[name] = abstract_content(tmp_path / name / "go.osc")
     assert contents["one"] == contents["elsewhere"] == contents["commented"]
     assert len({contents[name].digest for name in ("one", "moved", "other")}) == 3
 
@@ -98,7 +98,7 @@ def test_a_scenario_file_counts_by_what_it_defines_and_in_which_lines(tmp_path):
 def test_a_file_that_changed_since_it_was_read_is_refused(tmp_path):
     file = tmp_path / "go.osc"
     file.write_text("import osc.types\n" + GO)
-    content = content_of(file)
+    content = abstract_content(file)
     file.write_text("import osc.types\n" + GO.replace("1s", "3s"))
     with pytest.raises(AbstractError, match=r"go\.osc changed since the campaign was read; run the campaign again"):
         definition_of(content)
@@ -108,4 +108,4 @@ def test_a_file_of_two_scenarios_is_refused(tmp_path):
     file = tmp_path / "go.osc"
     file.write_text("import osc.types\n" + GO + GO.replace("go", "come"))
     with pytest.raises(AbstractError, match="found the scenarios go, come; one, for a run is one scenario"):
-        content_of(file)
+        abstract_content(file)

@@ -16,7 +16,7 @@ from vastflow.sim.digest import FileContent, file_digest
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.process.folder import copy_in, files_matching
 from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.reading.abstract import content_of, definition_of
+from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.reading.map_file import load_map, map_content
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.bundle import BundleError, Packer, differences, promise_of, unpacked
@@ -74,7 +74,7 @@ def store(tmp_path):
 def member(home, name="hall-1", **parts):
     """A member that uses files of every kind."""
     scenario = Scenario(
-        content_of(home / "drive.osc"),
+        abstract_content(home / "drive.osc"),
         30,
         {"map_file": map_content(home / ".." / "maps" / "hall.yaml"), "obstacles": [{"x": 1.0, "name": "box"}]},
         {"start_pose": {"x": 1.0, "y": -0.0, "yaw": 1e-300}},

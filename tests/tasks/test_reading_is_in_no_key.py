@@ -14,7 +14,7 @@ import pytest
 from vastflow.sim.digest import FileContent
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, nav2_file
 from vastflow.sim.reading import checked
-from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
@@ -202,9 +202,9 @@ def test_a_controller_of_ones_own_its_helper_and_its_library_compute_again(tmp_p
 def test_a_shipped_scenario_and_its_copy_are_the_same_runs_where_lines_are_the_same(tmp_path):
     source = next(iter(find_spec("vastflow.campaigns.scenarios").submodule_search_locations))
     copy = Path(shutil.copy(Path(source) / "navigate_to_pose.osc", tmp_path))
-    assert checked_digest(driving(content_of(copy))) == checked_digest(driving())
+    assert checked_digest(driving(abstract_content(copy))) == checked_digest(driving())
     copy.write_text("# a line above, and recordings name lines\n" + copy.read_text())
-    assert checked_digest(driving(content_of(copy))) != checked_digest(driving())
+    assert checked_digest(driving(abstract_content(copy))) != checked_digest(driving())
 
 
 def test_a_key_that_nothing_reads_computes_nothing_again():

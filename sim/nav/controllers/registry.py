@@ -75,7 +75,7 @@ def name_of(kind: type[ParameterGroup]) -> str:
     return next(name for name, entry in known_controllers().items() if entry.value == value)
 
 
-def file_of(name: str, base: Path) -> Path:
+def controller_file(name: str, base: Path) -> Path:
     """The file in the name of a controller; a relative one lies below `base`."""
     return base / name.rpartition(":")[0]
 
@@ -101,7 +101,7 @@ def find_controller(name: str, base: Path = Path(), snapshot: Snapshot | None = 
         UnknownController: no such entry point, file or class, a class that is no controller, or a file that can't be loaded.
     """
     if FILE in name:
-        found = _class_of_file(name, file_of(name, base), snapshot)
+        found = _class_of_file(name, controller_file(name, base), snapshot)
     else:
         entry = known_controllers().get(name)
         if entry is None:

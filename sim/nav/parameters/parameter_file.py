@@ -9,7 +9,7 @@ from typing import Final
 
 from vastflow.sim.digest import FileContent, Value, digest
 from vastflow.sim.files import is_file
-from vastflow.sim.nav.controllers.registry import FILE, file_of
+from vastflow.sim.nav.controllers.registry import FILE, controller_file
 from vastflow.sim.nav.parameters.document import (
     DocumentError,
     ParameterDocument,
@@ -58,7 +58,12 @@ def frozen(document: ParameterDocument) -> ParameterDocument:
     plug_ins: dict[str, Snapshot] = {}
     for path in document.below(node):
         name = document.values[path]
-        if path[-1] == "plugin" and isinstance(name, str) and FILE in name and is_file(file := file_of(name, base)):
+        if (
+            path[-1] == "plugin"
+            and isinstance(name, str)
+            and FILE in name
+            and is_file(file := controller_file(name, base))
+        ):
             with suppress(PlugInError):  # it is one of the faults of the document
                 plug_ins[name] = snapshot_of(file, base)
     return replace(document, plug_ins=plug_ins)
