@@ -8,6 +8,8 @@ the scanner sees, neither mark nor clear.
 import math
 from typing import Any, Final
 
+import numpy as np
+
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
 
@@ -97,20 +99,50 @@ def clear_line(layer: Any, col0: int, row0: int, col1: int, row1: int, short_cel
 
 
 @inner
-def clear_disc(layer: Any, x_cells: float, y_cells: float, radius_cells: float) -> None:
-    """Footprint clearing: nothing is marked in a cell that the robot's outline lies in or surrounds.
+def clear_polygon(layer: Any, place: Any, outline: Any, x_m: float, y_m: float, yaw_rad: float) -> None:
+    """Footprint clearing: nothing is marked in a cell of the robot's outline, or in one that lies between two of its column.
 
-    The outline's own cells are cleared as well (Nav2 fills the polygon with its edge), or else the controller would
-    take what the robot stands beside for a collision where it stands.
+    That is how Nav2 fills a polygon, edge and all. Where a vertex lies off the layer nothing is cleared.
+
+    Args:
+        outline: (V, 2) of the robot at (x, y, yaw) in the layer's frame.
     """
     rows, columns = layer.shape
-    row0, row1 = max(0, math.floor(y_cells - radius_cells)), min(rows, math.floor(y_cells + radius_cells) + 1)
-    col0, col1 = max(0, math.floor(x_cells - radius_cells)), min(columns, math.floor(x_cells + radius_cells) + 1)
-    for r in range(row0, row1):
-        for c in range(col0, col1):
-            dx, dy = max(c - x_cells, x_cells - c - 1, 0.0), max(r - y_cells, y_cells - r - 1, 0.0)
-            if dx * dx + dy * dy <= radius_cells * radius_cells:
-                layer[r, c] = SEEN_FREE
+    count = outline.shape[0]
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    vertices = np.empty((count, 2), dtype=np.int64)
+    for k in range(count):
+        vertices[k, 0] = math.floor((x_m + (outline[k, 0] * c - outline[k, 1] * s) - place[0]) / place[2])
+        vertices[k, 1] = math.floor((y_m + (outline[k, 0] * s + outline[k, 1] * c) - place[1]) / place[2])
+    left, right = vertices[:, 0].min(), vertices[:, 0].max()
+    if left < 0 or right >= columns or vertices[:, 1].min() < 0 or vertices[:, 1].max() >= rows:
+        return
+    lowest, highest = np.full(right - left + 1, rows), np.full(right - left + 1, -1)
+    for k in range(count):
+        end = (k + 1) % count
+        _extend(lowest, highest, vertices[k, 0] - left, vertices[k, 1], vertices[end, 0] - left, vertices[end, 1])
+    for column in range(right - left + 1):
+        for row in range(lowest[column], highest[column] + 1):
+            layer[row, left + column] = SEEN_FREE
+
+
+@inner
+def _extend(lowest: Any, highest: Any, column: int, row: int, end_column: int, end_row: int) -> None:
+    """Let the rows of each column reach over the cells of a line."""
+    d_column, d_row = abs(end_column - column), abs(end_row - row)
+    step_column, step_row = (1 if end_column > column else -1), (1 if end_row > row else -1)
+    longer, error = max(d_column, d_row), max(d_column, d_row) // 2
+    for k in range(longer + 1):
+        lowest[column], highest[column] = min(lowest[column], row), max(highest[column], row)
+        if k == longer:
+            break
+        error += min(d_column, d_row)
+        over = error >= longer
+        error -= longer if over else 0
+        if d_column >= d_row or over:
+            column += step_column
+        if d_column < d_row or over:
+            row += step_row
 
 
 @inner

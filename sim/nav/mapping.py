@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from vastflow.sim.kernels.numeric import inner
-from vastflow.sim.nav.costmap import MARKED, UNSEEN, clear_disc, merge_window, observe, roll
+from vastflow.sim.nav.costmap import MARKED, UNSEEN, clear_polygon, merge_window, observe, roll
 from vastflow.sim.nav.inflation import FREE, LETHAL, stamp_lethal
 from vastflow.sim.nav.navfn import fill_travel_costs
 from vastflow.sim.nav.state import Grids, Local
@@ -12,7 +12,7 @@ from vastflow.sim.nav.state import Grids, Local
 
 @inner
 def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
-    """Roll the window to the robot, clear and mark by the newest scan, inflate."""
+    """Roll the window to the robot, clear and mark by the newest scan from where it was taken, inflate."""
     q = p.local_costmap
     resolution = q.resolution
     rows, columns = local.layer.shape
@@ -24,8 +24,9 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
     place = local.window.place
     place[0], place[1] = column * resolution, row * resolution
     if q.obstacle_layer.enabled:
-        c, sn = math.cos(m.odom_yaw), math.sin(m.odom_yaw)
-        sensor = m.odom_x + c * p.mount_x - sn * p.mount_y, m.odom_y + sn * p.mount_x + c * p.mount_y, m.odom_yaw
+        x, y, yaw = m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw
+        c, sn = math.cos(yaw), math.sin(yaw)
+        sensor = x + c * p.mount_x - sn * p.mount_y, y + sn * p.mount_x + c * p.mount_y, yaw
         observe(
             q.obstacle_layer,
             local.layer,
@@ -37,8 +38,7 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
             p.range_max,
         )
         if q.obstacle_layer.footprint_clearing_enabled:
-            radius = (q.robot_radius + q.footprint_padding) / resolution
-            clear_disc(local.layer, m.odom_x / resolution - column, m.odom_y / resolution - row, radius)
+            clear_polygon(local.layer, place, m.outline, m.odom_x, m.odom_y, m.odom_yaw)
     costs = local.window.costs
     for r in range(rows):
         for k in range(columns):
@@ -75,27 +75,31 @@ def _mark_static(p: Any, m: Any, static: Any, local: Local) -> None:
 
 @inner
 def update_global(p: Any, m: Any, g: Grids) -> None:
-    """Clear and mark by the newest scan at the estimated pose, then merge and inflate what it can have changed."""
+    """Clear and mark by the newest scan from where it was taken by the estimate, then merge and inflate what it can have changed."""
     q = p.global_costmap
     m.global_current = 1
     if q.obstacle_layer.enabled == 0:
         return
     column = math.floor((m.x - p.origin_x) / p.resolution)
     row = math.floor((m.y - p.origin_y) / p.resolution)
-    c, sn = math.cos(m.yaw), math.sin(m.yaw)
+    c, sn = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
+    x = m.map_odom_x + c * m.scan_odom_x - sn * m.scan_odom_y
+    y = m.map_odom_y + sn * m.scan_odom_x + c * m.scan_odom_y
+    yaw = m.map_odom_yaw + m.scan_odom_yaw
+    c, sn = math.cos(yaw), math.sin(yaw)
+    place = (p.origin_x, p.origin_y, p.resolution)
     observe(
         q.obstacle_layer,
         g.layer,
-        (p.origin_x, p.origin_y, p.resolution),
-        (m.x + c * p.mount_x - sn * p.mount_y, m.y + sn * p.mount_x + c * p.mount_y, m.yaw),
+        place,
+        (x + c * p.mount_x - sn * p.mount_y, y + sn * p.mount_x + c * p.mount_y, yaw),
         m.directions,
         m.ranges,
         p.range_min,
         p.range_max,
     )
     if q.obstacle_layer.footprint_clearing_enabled:
-        radius = (q.robot_radius + q.footprint_padding) / p.resolution
-        clear_disc(g.layer, (m.x - p.origin_x) / p.resolution, (m.y - p.origin_y) / p.resolution, radius)
+        clear_polygon(g.layer, place, m.outline, m.x, m.y, m.yaw)
     reach_m = max(q.obstacle_layer.raytrace_max_range, q.obstacle_layer.obstacle_max_range) + 0.1
     _merge(p, g, column, row, math.ceil(reach_m / p.resolution) + g.stamp.shape[0] // 2)
 

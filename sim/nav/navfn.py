@@ -54,7 +54,7 @@ def path(
     travel = travel_costs(costmap_u8, allow_unknown)
     values = potential(costmap_u8, start_cell, goal_cell, allow_unknown, use_astar)
     out = np.empty((4 * max(travel.shape), 2))
-    n = descend(values, travel, float(goal_cell[0]), float(goal_cell[1]), start_cell[0], start_cell[1], out)
+    n = descend(values, goal_cell[0], goal_cell[1], start_cell[0], start_cell[1], out)
     return out[:n][::-1].copy()
 
 
@@ -152,8 +152,8 @@ def _propagate(
     potential_of[root] = 0.0
     current, following, overflow = 0, 1, 2
     n_current, n_following, n_overflow = 0, 0, 0
-    for side in range(4):
-        cell = root + beside[side]
+    for step in (1, -1, -columns, columns):
+        cell = root + step
         if 0 <= cell < cost_of.shape[0] and cost_of[cell] < OBSTACLE:
             pending[cell] = 1
             buffers[current, n_current] = cell
@@ -176,8 +176,9 @@ def _propagate(
             if difference >= cost:
                 value = base + cost
             else:
-                d = difference / cost
-                value = base + cost * (np.float32(-0.2301) * d * d + np.float32(0.5307) * d + np.float32(0.7040))
+                # NavFn's constants have 64 bits, its numbers 32: what rounding decides may lead round another corner.
+                d = np.float64(difference / cost)
+                value = base + cost * np.float32(-0.2301 * d * d + 0.5307 * d + 0.7040)
             if value >= potential_of[cell]:
                 continue
             potential_of[cell] = value
@@ -193,7 +194,7 @@ def _propagate(
                 price = cost_of[there]
                 if price >= OBSTACLE or pending[there] != 0:
                     continue
-                if not potential_of[there] > rank + np.float32(0.707106781) * np.float32(price):
+                if not potential_of[there] > rank + np.float32(0.707106781 * price):
                     continue
                 if value + lower_of[there] > bound:
                     continue
@@ -224,92 +225,96 @@ def _propagate(
 
 
 @njit
-def descend(values: Any, travel: Any, from_x: float, from_y: float, root_x: int, root_y: int, out: Any) -> int:
-    """Walk down the gradient of `values` (H, W) from a cell to the root in half-cell steps.
+def descend(values: Any, from_x: int, from_y: int, root_x: int, root_y: int, out: Any) -> int:
+    """Walk down the gradient of `values` (H, W) from a cell to the root in half-cell steps, in NavFn's numbers of 32 bits.
 
     Writes (x, y) in cell units into `out` (M, 2), the root cell last, and returns their number;
     0 where the walk fails (no gradient, or `out` is full: NavFn's cap on a path's length is M = 4 max(H, W)).
     """
     rows, columns = values.shape
-    x, y = int(from_x), int(from_y)
-    dx, dy = from_x - x, from_y - y
-    n = 0
-    while n < out.shape[0]:
-        near_x, near_y = math.floor(x + dx + 0.5), math.floor(y + dy + 0.5)
-        near_x, near_y = min(max(near_x, 0), columns - 1), min(max(near_y, 0), rows - 1)
-        if values[near_y, near_x] < NEUTRAL:
+    cells = values.ravel()
+    at, size = from_y * columns + from_x, rows * columns
+    dx, dy, one, none = np.float32(0.0), np.float32(0.0), np.float32(1.0), np.float32(0.0)
+    for n in range(out.shape[0]):
+        near = min(max(at + _rounded(dx) + columns * _rounded(dy), 0), size - 1)
+        if cells[near] < NEUTRAL:
             out[n, 0], out[n, 1] = root_x, root_y
             return n + 1
-        if x < 2 or y < 2 or x >= columns - 2 or y >= rows - 2:
+        if at < columns or at >= size - columns:
             return 0
-        out[n, 0], out[n, 1] = x + dx, y + dy
-        n += 1
-        oscillates = n > 2 and out[n - 1, 0] == out[n - 3, 0] and out[n - 1, 1] == out[n - 3, 1]
-        rough = oscillates
-        for r in range(y - 1, y + 2):
-            for c in range(x - 1, x + 2):
-                rough = rough or values[r, c] >= UNREACHED
+        out[n, 0], out[n, 1] = np.float32(at % columns) + dx, np.float32(at // columns) + dy
+        rough = n > 1 and out[n, 0] == out[n - 2, 0] and out[n, 1] == out[n - 2, 1]
+        for row in range(at - columns, at + columns + 1, columns):
+            for cell in range(row - 1, row + 2):
+                rough = rough or cells[cell] >= UNREACHED
         if rough:
-            best_x, best_y, best = x, y, values[y, x]
-            for r in range(y - 1, y + 2):
-                for c in range(x - 1, x + 2):
-                    if values[r, c] < best:
-                        best_x, best_y, best = c, r, values[r, c]
-            x, y, dx, dy = best_x, best_y, 0.0, 0.0
-            if best >= UNREACHED:
+            if cells[at] >= UNREACHED:
                 return 0
+            # NavFn holds the least in a whole number.
+            best, least = at, int(cells[at])
+            for row in range(at - columns, at + columns + 1, columns):
+                for cell in range(row - 1, row + 2):
+                    if cell != at and cells[cell] < least:
+                        best, least = cell, int(cells[cell])
+            at, dx, dy = best, none, none
             continue
-        gx00, gy00 = _gradient(values, x, y)
-        gx10, gy10 = _gradient(values, x + 1, y)
-        gx01, gy01 = _gradient(values, x, y + 1)
-        gx11, gy11 = _gradient(values, x + 1, y + 1)
-        gx0, gy0 = (1.0 - dx) * gx00 + dx * gx10, (1.0 - dx) * gy00 + dx * gy10
-        gx1, gy1 = (1.0 - dx) * gx01 + dx * gx11, (1.0 - dx) * gy01 + dx * gy11
-        gx, gy = (1.0 - dy) * gx0 + dy * gx1, (1.0 - dy) * gy0 + dy * gy1
-        if gx == 0.0 and gy == 0.0:
+        gx00, gy00 = _gradient(cells, at, columns)
+        gx10, gy10 = _gradient(cells, at + 1, columns)
+        gx01, gy01 = _gradient(cells, at + columns, columns)
+        gx11, gy11 = _gradient(cells, at + columns + 1, columns)
+        gx = _between(dy, _between(dx, gx00, gx10), _between(dx, gx01, gx11))
+        gy = _between(dy, _between(dx, gy00, gy10), _between(dx, gy01, gy11))
+        if gx == none and gy == none:
             return 0
-        step = PATH_STEP_CELLS / math.hypot(gx, gy)
+        step = np.float32(PATH_STEP_CELLS) / _hypot(gx, gy)
         dx += gx * step
         dy += gy * step
-        if dx > 1.0:
-            x, dx = x + 1, dx - 1.0
-        if dx < -1.0:
-            x, dx = x - 1, dx + 1.0
-        if dy > 1.0:
-            y, dy = y + 1, dy - 1.0
-        if dy < -1.0:
-            y, dy = y - 1, dy + 1.0
+        if dx > one:
+            at, dx = at + 1, dx - one
+        if dx < -one:
+            at, dx = at - 1, dx + one
+        if dy > one:
+            at, dy = at + columns, dy - one
+        if dy < -one:
+            at, dy = at - columns, dy + one
     return 0
 
 
 @inner
-def _gradient(values: Any, x: int, y: int) -> Any:
-    """Unit vector down the potential at a cell; inside obstacles it points to the side that has a value."""
-    rows, columns = values.shape
-    if x < 1 or y < 1 or x >= columns - 1 or y >= rows - 1:
-        return 0.0, 0.0
-    here = values[y, x]
-    left, right, up, down = values[y, x - 1], values[y, x + 1], values[y - 1, x], values[y + 1, x]
-    gx, gy = 0.0, 0.0
-    if here >= UNREACHED:
-        if left < UNREACHED:
-            gx = -float(OBSTACLE)
-        elif right < UNREACHED:
-            gx = float(OBSTACLE)
-        if up < UNREACHED:
-            gy = -float(OBSTACLE)
-        elif down < UNREACHED:
-            gy = float(OBSTACLE)
-    else:
-        if left < UNREACHED:
-            gx += left - here
-        if right < UNREACHED:
-            gx += here - right
-        if up < UNREACHED:
-            gy += up - here
-        if down < UNREACHED:
-            gy += here - down
-    norm = math.hypot(gx, gy)
-    if norm == 0.0:
-        return 0.0, 0.0
-    return gx / norm, gy / norm
+def _rounded(offset: Any) -> int:
+    """The nearest whole number, of two the one farther from 0."""
+    whole = int(abs(offset) + 0.5)
+    return whole if offset >= 0.0 else -whole
+
+
+@inner
+def _between(part: Any, low: Any, high: Any) -> Any:
+    return np.float32((1.0 - part) * low + part * high)
+
+
+@inner
+def _hypot(x: Any, y: Any) -> Any:
+    wide_x, wide_y = np.float64(x), np.float64(y)
+    return np.float32(math.sqrt(wide_x * wide_x + wide_y * wide_y))
+
+
+@inner
+def _gradient(cells: Any, at: int, columns: int) -> Any:
+    """Unit vector down the potential at a cell that has a value, zero in the outermost rows."""
+    gx, gy = np.float32(0.0), np.float32(0.0)
+    if at < columns or at >= cells.shape[0] - columns:
+        return gx, gy
+    here = cells[at]
+    left, right, down, up = cells[at - 1], cells[at + 1], cells[at - columns], cells[at + columns]
+    if left < UNREACHED:
+        gx += left - here
+    if right < UNREACHED:
+        gx += here - right
+    if down < UNREACHED:
+        gy += down - here
+    if up < UNREACHED:
+        gy += here - up
+    norm = _hypot(gx, gy)
+    if norm > np.float32(0.0):
+        norm = np.float32(1.0 / norm)
+    return norm * gx, norm * gy

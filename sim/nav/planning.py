@@ -95,66 +95,97 @@ def _plan_leg(
 ) -> int:
     """Path from a cell to a goal into `route.leg`, in cell units, its last point first; 0 points when there is none.
 
-    A goal in an obstacle is replaced by the reachable cell nearest to it within NavFn's `tolerance`.
+    A goal in an obstacle is replaced by the nearest point that can be reached, as `_nearest` has them.
     """
     if not inside(g.travel, column, row):
         return 0
-    goal_column, goal_row = cell(p, goal_x_m, goal_y_m)
-    m.end_x, m.end_y = goal_x_m, goal_y_m
     before = g.travel[row, column]
     g.travel[row, column] = NEUTRAL
     n = 0
-    # The nearest free cell is the nearest that can be reached, unless the flood says otherwise.
-    end_column, end_row = _nearest(p, g, goal_column, goal_row, False)
-    if end_column >= 0 and not _flood(p, m, g, route.bounds, leg, column, row, end_column, end_row):
-        end_column, end_row = _nearest(p, g, goal_column, goal_row, True)
-    if end_column >= 0:
-        if end_column != goal_column or end_row != goal_row:
-            m.end_x = p.origin_x + end_column * p.resolution
-            m.end_y = p.origin_y + end_row * p.resolution
-        n = descend(g.potential, g.travel, float(end_column), float(end_row), column, row, route.leg)
+    # The nearest free point is the nearest that can be reached, unless the flood says otherwise.
+    found, x_m, y_m = _nearest(p, g, goal_x_m, goal_y_m, False)
+    if found:
+        # NavFn floods until it meets the goal: where that can't be reached, until there is nothing left.
+        stop_column, stop_row = cell(p, goal_x_m, goal_y_m)
+        end_column, end_row = cell(p, x_m, y_m)
+        if not _flood(p, m, g, route.bounds, leg, column, row, end_column, end_row, stop_column, stop_row):
+            found, x_m, y_m = _nearest(p, g, goal_x_m, goal_y_m, True)
+    if found:
+        m.end_x, m.end_y = x_m, y_m
+        end_column, end_row = cell(p, x_m, y_m)
+        n = descend(g.potential, end_column, end_row, column, row, route.leg)
     g.travel[row, column] = before
     return n
 
 
 @inner
-def _nearest(p: Any, g: Grids, column: int, row: int, reached: bool) -> Any:
-    """The free, or the flooded, cell nearest to one within NavFn's `tolerance`, itself if it is one; (-1, -1) if there is none."""
-    reach = int(p.planner.tolerance / p.resolution)
-    nearest, best_column, best_row = math.inf, -1, -1
-    if inside(g.travel, column, row) and _open(g, column, row, reached):
-        return column, row
-    for r in range(row - reach, row + reach + 1):
-        for c in range(column - reach, column + reach + 1):
-            away = math.hypot(c - column, r - row)
-            if away < nearest and inside(g.travel, c, r) and _open(g, c, r, reached):
-                nearest, best_column, best_row = away, c, r
-    return best_column, best_row
+def _nearest(p: Any, g: Grids, x_m: float, y_m: float, reached: bool) -> Any:
+    """(found, x, y): the point itself if its cell is free, or flooded; else the nearest such within NavFn's `tolerance`.
+
+    NavFn tries points a cell apart, from `tolerance` below and left of the goal on: they lie off the cells as that does.
+    """
+    if _open(p, g, x_m, y_m, reached):
+        return True, x_m, y_m
+    tolerance, nearest, found, best_x, best_y = p.planner.tolerance, math.inf, False, x_m, y_m
+    y = y_m - tolerance
+    while y <= y_m + tolerance:
+        x = x_m - tolerance
+        while x <= x_m + tolerance:
+            square = (x - x_m) * (x - x_m) + (y - y_m) * (y - y_m)
+            if square < nearest and _open(p, g, x, y, reached):
+                nearest, found, best_x, best_y = square, True, x, y
+            x += p.resolution
+        y += p.resolution
+    return found, best_x, best_y
 
 
 @inner
-def _open(g: Grids, column: int, row: int, reached: bool) -> bool:
+def _open(p: Any, g: Grids, x_m: float, y_m: float, reached: bool) -> bool:
+    column, row = cell(p, x_m, y_m)
+    if not inside(g.travel, column, row):
+        return False
     return bool(g.potential[row, column] < UNREACHED if reached else g.travel[row, column] < OBSTACLE)
 
 
 @inner
 def _flood(
-    p: Any, m: Any, g: Grids, bounds: Bounds, leg: int, column: int, row: int, end_column: int, end_row: int
+    p: Any,
+    m: Any,
+    g: Grids,
+    bounds: Bounds,
+    leg: int,
+    column: int,
+    row: int,
+    end_column: int,
+    end_row: int,
+    stop_column: int,
+    stop_row: int,
 ) -> bool:
-    """NavFn's potential from a cell until another has a value; whether it has one. If not, all that can be reached is flooded."""
+    """NavFn's potential from a cell until the stop has a value; whether the end has one. If not, all that can be reached is flooded."""
     # A* does not find the best way, and which one it finds hangs on every cell it has been to.
     if p.planner.use_astar != 0:
         m.floods += 1
-        return bool(propagate_astar(g.travel, column, row, end_column, end_row, g.potential, g.scratch))
-    if _flood_within_bounds(m, g, bounds, leg, column, row, end_column, end_row):
+        propagate_astar(g.travel, column, row, stop_column, stop_row, g.potential, g.scratch)
+        return bool(g.potential[end_row, end_column] < UNREACHED)
+    if _flood_within_bounds(m, g, bounds, leg, column, row, end_column, end_row, stop_column, stop_row):
         return True
     m.floods += 1
-    return bool(propagate(g.travel, column, row, end_column, end_row, g.potential, g.scratch))
+    propagate(g.travel, column, row, stop_column, stop_row, g.potential, g.scratch)
+    return bool(g.potential[end_row, end_column] < UNREACHED)
 
 
 @inner
 def _flood_within_bounds(
-    m: Any, g: Grids, bounds: Bounds, leg: int, column: int, row: int, end_column: int, end_row: int
+    m: Any,
+    g: Grids,
+    bounds: Bounds,
+    leg: int,
+    column: int,
+    row: int,
+    end_column: int,
+    end_row: int,
+    stop_column: int,
+    stop_row: int,
 ) -> bool:
     """The same among ways little dearer than the one to be expected; whether it was among them."""
     b, least, to_goal = bounds.legs[leg], bounds.least, bounds.to_goal[leg]
@@ -174,7 +205,8 @@ def _flood_within_bounds(
                 b, least, to_goal, column, row, end_column, end_row, FARTHER * bound, g.potential, g.scratch
             )
         m.floods += 1
-        if propagate_within(g.travel, column, row, end_column, end_row, to_goal, bound, g.potential, g.scratch):
+        propagate_within(g.travel, column, row, stop_column, stop_row, to_goal, bound, g.potential, g.scratch)
+        if g.potential[end_row, end_column] < UNREACHED:
             expected = g.potential[end_row, end_column]
             # A way that only just fits has been cut at its sides.
             if expected + 0.5 * margin <= bound:

@@ -7,19 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from shapely import Point, Polygon
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.costmap import (
     MARKED,
     SEEN_FREE,
     UNSEEN,
-    clear_disc,
     clear_line,
+    clear_polygon,
     merge_window,
     observe,
     roll,
 )
 from vastflow.sim.nav.inflation import cost_stamp, inflate, inflation_of
+from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.costmap import ObstacleLayer
 from vastflow.sim.nav.record import record_of
 
@@ -35,8 +37,8 @@ def rolled(layer, shift_columns, shift_rows):
 
 
 @njit
-def disc_cleared(layer, x_cells, y_cells, radius_cells):
-    clear_disc(layer, x_cells, y_cells, radius_cells)
+def polygon_cleared(layer, outline, x, y, yaw):
+    clear_polygon(layer, (0.0, 0.0, 0.05), outline, x, y, yaw)
 
 
 @njit
@@ -204,15 +206,39 @@ def test_a_rolled_window_keeps_what_is_in_both_and_sees_nothing_new(layer, shift
         assert layer[row, column] == (before[old] if inside else UNSEEN)
 
 
-@given(st.floats(-2, 22), st.floats(-2, 22), st.floats(0.1, 6.0))
+@given(st.floats(0.3, 0.7), st.floats(0.3, 0.7), st.floats(-3.2, 3.2), st.floats(0.1, 0.24))
 @settings(deadline=None)
-def test_under_the_robot_every_cell_that_its_outline_touches_is_cleared(x, y, radius):
+def test_under_the_robot_the_cells_of_its_outline_and_those_within_are_cleared(x, y, yaw, radius_m):
+    outline = padded_outline(radius_m, 0.01)
     layer = np.full((20, 20), MARKED, dtype=np.uint8)
-    disc_cleared(layer, x, y, radius)
+    polygon_cleared(layer, outline, x, y, yaw)
+    c, s = math.cos(yaw), math.sin(yaw)
+    footprint = Polygon(outline @ np.array([[c, s], [-s, c]]) + (x, y))
     for row, column in np.ndindex(layer.shape):
-        away = math.hypot(max(column - x, x - column - 1, 0.0), max(row - y, y - row - 1, 0.0))
-        if abs(away - radius) > 1e-9:
-            assert layer[row, column] == (SEEN_FREE if away < radius else MARKED)
+        center = Point((column + 0.5) * RESOLUTION_M, (row + 0.5) * RESOLUTION_M)
+        if footprint.contains(center) and footprint.exterior.distance(center) > 0.03:
+            assert layer[row, column] == SEEN_FREE
+        # Half a cell off the line, by which Bresenham's cells stray, and half a cell from there to the center.
+        if footprint.distance(center) > RESOLUTION_M:
+            assert layer[row, column] == MARKED
+    for vertex_x, vertex_y in footprint.exterior.coords:
+        assert layer[int(vertex_y / RESOLUTION_M), int(vertex_x / RESOLUTION_M)] == SEEN_FREE
+
+
+def test_the_corners_that_the_footprints_disc_touches_are_left_where_no_line_of_its_outline_passes():
+    layer = np.full((20, 20), MARKED, dtype=np.uint8)
+    polygon_cleared(layer, padded_outline(0.22, 0.01), 0.525, 0.525, 0.0)
+    columns, rows = np.meshgrid(*[np.maximum(np.abs(np.arange(20) - 10.0) - 0.5, 0.0) * RESOLUTION_M] * 2)
+    touched = np.hypot(columns, rows) < 0.23
+    cleared = layer == SEEN_FREE
+    assert not (cleared & ~touched).any()
+    assert 4 <= (touched & ~cleared).sum() <= 12
+
+
+def test_a_footprint_that_reaches_off_the_layer_clears_nothing():
+    layer = np.full((20, 20), MARKED, dtype=np.uint8)
+    polygon_cleared(layer, padded_outline(0.22, 0.01), 0.2, 0.5, 0.0)
+    assert (layer == MARKED).all()
 
 
 @given(

@@ -1,4 +1,4 @@
-"""NavFn: its potential against a plain reimplementation of its buffers, its paths and the widths it passes."""
+"""NavFn's floods, its paths and the widths it passes; `test_sim_nav2_conformance` has both beside Nav2's answers."""
 
 import math
 
@@ -26,68 +26,9 @@ UNREACHED = F(1e10)
 INSCRIBED_M = inscribed_radius_m(padded_outline(0.22, 0.01))
 
 
-def by_the_book(travel, root, stop, astar=False):
-    """NavFn's three buffers in plain Python, as its description reads; `root` and `stop` are (x, y)."""
-    rows, columns = travel.shape
-    values = np.full(travel.shape, UNREACHED, dtype=F)
-    x, y = root
-    values[y, x] = 0
-    current = [(x + dx, y + dy) for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)) if travel[y + dy, x + dx] < 254]
-    pending, later, threshold = set(current), [], F(254)
-    if astar:
-        threshold += F(50 * math.dist(root, stop))
-    for _ in range(max(rows * columns // 20, rows + columns)):
-        if not current:
-            break
-        pending -= set(current)
-        following = []
-        for x, y in current:
-            across, along = min(values[y, x - 1], values[y, x + 1]), min(values[y - 1, x], values[y + 1, x])
-            low, apart, cost = min(across, along), abs(across - along), F(travel[y, x])
-            if apart >= cost:
-                value = low + cost
-            else:
-                d = apart / cost
-                value = low + cost * (F(-0.2301) * d * d + F(0.5307) * d + F(0.7040))
-            if not value < values[y, x]:
-                continue
-            values[y, x] = value
-            if astar:
-                value += F(50 * math.dist((x, y), stop))
-            for there in ((x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)):
-                price = travel[there[1], there[0]]
-                if (
-                    price < 254
-                    and there not in pending
-                    and values[there[1], there[0]] > value + F(0.707106781) * F(price)
-                ):
-                    (following if value < threshold else later).append(there)
-                    pending.add(there)
-        current = following
-        if not current:
-            threshold += F(100)
-            current, later = later, []
-        if stop is not None and values[stop[1], stop[0]] < UNREACHED:
-            break
-    return values
-
-
 COSTMAPS = st.tuples(st.integers(5, 24), st.integers(5, 24)).flatmap(
     lambda shape: arrays(np.uint8, shape, elements=st.sampled_from([0] * 6 + [60, 128, 252, 253, 254, 255]))
 )
-
-
-@given(COSTMAPS, st.data())
-@settings(max_examples=120, deadline=None)
-def test_the_potential_is_that_of_navfn_s_buffers(costmap, data):
-    rows, columns = costmap.shape
-    root = data.draw(st.integers(1, columns - 2)), data.draw(st.integers(1, rows - 2))
-    stop = data.draw(st.none() | st.tuples(st.integers(1, columns - 2), st.integers(1, rows - 2)))
-    unknown = data.draw(st.booleans())
-    travel = travel_costs(costmap, unknown)
-    travel[root[1], root[0]] = 50
-    expected = by_the_book(travel, root, stop)
-    np.testing.assert_allclose(potential(costmap, root, stop, unknown), expected, rtol=1e-6)
 
 
 @given(COSTMAPS, st.data())
@@ -104,17 +45,6 @@ def test_a_flood_in_used_memory_is_a_flood_in_new_memory(costmap, data):
         assert propagate(travel, *root, *stop, out, scratch) == reached
         np.testing.assert_array_equal(out, fresh)
         assert not scratch[1].any()
-
-
-@given(COSTMAPS, st.data())
-@settings(max_examples=120, deadline=None)
-def test_a_star_s_potential_is_that_of_navfn_s_buffers(costmap, data):
-    rows, columns = costmap.shape
-    root, stop = ((data.draw(st.integers(1, columns - 2)), data.draw(st.integers(1, rows - 2))) for _ in range(2))
-    travel = travel_costs(costmap)
-    travel[root[1], root[0]] = 50
-    expected = by_the_book(travel, root, stop, astar=True)
-    np.testing.assert_allclose(potential(costmap, root, stop, use_astar=True), expected, rtol=1e-6)
 
 
 @given(COSTMAPS, st.floats(50.0, 3000.0), st.data())

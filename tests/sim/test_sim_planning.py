@@ -162,10 +162,21 @@ def test_unknown_ground_that_is_seen_to_be_free_is_driven_at_once():
 
 def test_a_goal_in_an_obstacle_is_replaced_by_the_nearest_cell_that_can_be_reached():
     desk = Desk(two_doors(), (7.0, 1.5))
-    desk.cost(slice(25, 36), slice(136, 145), 254)
+    desk.cost(slice(24, 37), slice(136, 147), 254)
     assert desk.plan(1.0, 3.0) == 0
     assert (desk.m["goal_x"], desk.m["goal_y"]) == pytest.approx((6.75, 1.5))
     assert desk.path[-1] == pytest.approx((135, 30))
+
+
+def test_a_goal_that_is_moved_keeps_its_place_within_the_cell():
+    """NavFn looks for another in steps of a cell from the goal, and not at the cells' own points."""
+    desk = Desk(two_doors(), (7.013, 1.489))
+    desk.cost(slice(25, 36), slice(136, 145), 254)
+    assert desk.plan(1.0, 3.0) == 0
+    moved = (np.array([desk.m["goal_x"], desk.m["goal_y"]]) - (7.013, 1.489)) / RESOLUTION_M
+    assert np.abs(moved).max() > 3.0
+    np.testing.assert_allclose(moved, np.rint(moved), atol=1e-9)
+    assert desk.path[-1] * RESOLUTION_M == pytest.approx((desk.m["goal_x"], desk.m["goal_y"]))
 
 
 def test_a_free_cell_that_is_walled_in_is_no_goal():
