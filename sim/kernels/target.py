@@ -8,6 +8,7 @@ the same recordings, and the same functions.
 import importlib
 import os
 import sys
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, Final
 
@@ -28,16 +29,29 @@ TARGET: Final = "vastflow"
 _OPTIMIZATION: Final = 2
 
 
+AVX2: Final = "+avx2"
+AVX512: Final = "+avx2,+avx512f,+avx512bw,+avx512dq,+avx512vl"
+
+
 def processor_features() -> str:
-    """What kernels use of the processor beyond its architecture's minimum: AVX2 where there is one.
+    """What kernels use of the processor beyond its architecture's minimum: the widest registers that are fast.
 
     Wider registers change no bit of a result, since nothing is reordered and nothing fused (FMA stays off). numba's own
     variable `NUMBA_CPU_FEATURES` takes precedence.
     """
     given = os.environ.get("NUMBA_CPU_FEATURES")
-    if given is not None:
-        return given
-    return "+avx2" if binding.get_host_cpu_features().get("avx2") else ""
+    return given if given is not None else widest(binding.get_host_cpu_features())
+
+
+def widest(host: Mapping[str, bool]) -> str:
+    """Of a processor's features those of its widest registers.
+
+    AVX-512 counts where bfloat16 came with it, from Sapphire Rapids and Zen 4 on: processors before them lower their clock
+    for it, or load from tables slowly since they were mended against Downfall.
+    """
+    if all(host.get(name) for name in ("avx512f", "avx512bw", "avx512dq", "avx512vl", "avx512vbmi2", "avx512bf16")):
+        return AVX512
+    return AVX2 if host.get("avx2") else ""
 
 
 class _Processor(CPU):  # type: ignore[misc]  # numba has no types

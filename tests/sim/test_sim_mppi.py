@@ -63,7 +63,7 @@ def blob(column, row, cost=254, half=2):
 def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
     """Costs (K,), controls (K, T, 2) and the next sequence before it is smoothed, as the reference describes them."""
     T, K, dt = q.time_steps, q.batch_size, q.model_dt
-    c = sequence[None] + numbers * (q.vx_std, q.wz_std)
+    c = sequence[None] + numbers
     v, w = np.full(K, twist[0]), np.full(K, twist[1])
     vs, ws = np.zeros((K, T)), np.zeros((K, T))
     vs[:, 0], ws[:, 0] = v, w
@@ -151,11 +151,17 @@ def smoothed(q, sequence, history):
 
 def numbers_of(memory, q):
     """The noise (K, T, 2) that the last cycle used."""
-    groups = math.ceil(q.batch_size / 8)
+    groups = math.ceil(q.batch_size / 16)
     used = groups * q.time_steps * 16
     start = int(memory.next_noise[0]) - used
-    rows = np.asarray(memory.noise)[start : start + used].reshape(groups, q.time_steps, 2, 8)
-    return rows.transpose(0, 3, 1, 2).reshape(groups * 8, q.time_steps, 2)[: q.batch_size].astype(float)
+    rows = numbers_in(memory.noise[start : start + used]).reshape(2, groups, q.time_steps, 16)
+    return rows.transpose(1, 3, 2, 0).reshape(groups * 16, q.time_steps, 2)[: q.batch_size]
+
+
+def numbers_in(words):
+    """Noise (2, n) for v and ω of words (n,)."""
+    both = np.array([words, np.asarray(words) << np.uint32(16)], dtype=np.uint32)
+    return both.view(np.float32).astype(float)
 
 
 AHEAD = (5.0, 0.0, 0.0)
@@ -289,11 +295,18 @@ def test_it_backs_along_a_path_that_lies_exactly_behind_it():
 
 
 def test_the_shared_noise_is_normal_and_no_number_follows_from_another():
-    numbers = np.asarray(noise(112_000), dtype=float)
-    assert numbers.mean() == pytest.approx(0.0, abs=0.005)
-    assert numbers.std() == pytest.approx(1.0, abs=0.005)
-    for lag in (1, 8, 16, 896, 112_000):
-        assert np.corrcoef(numbers[:-lag], numbers[lag:])[0, 1] == pytest.approx(0.0, abs=0.005)
+    for numbers, spread in zip(numbers_in(noise(112_000, 0.2, 0.4)), (0.2, 0.4), strict=True):
+        assert numbers.mean() == pytest.approx(0.0, abs=0.003 * spread)
+        assert numbers.std() == pytest.approx(spread, rel=0.003)
+        assert (numbers**4).mean() == pytest.approx(3.0 * spread**4, rel=0.01)
+        for lag in (1, 8, 16, 896, 112_000):
+            assert np.corrcoef(numbers[:-lag], numbers[lag:])[0, 1] == pytest.approx(0.0, abs=0.005)
+
+
+def test_the_noise_of_speed_and_turning_share_a_word_and_nothing_else():
+    v, w = numbers_in(noise(112_000, 0.2, 0.4))
+    for f, g in ((v, w), (np.abs(v), np.abs(w)), (np.abs(v), w), (v, np.abs(w))):
+        assert np.corrcoef(f, g)[0, 1] == pytest.approx(0.0, abs=0.005)
 
 
 @pytest.mark.parametrize("name", ["open", "beside a blob", "near the goal"])
@@ -308,7 +321,7 @@ def test_commands_from_the_pool_are_spread_like_those_from_fresh_noise(name):
             record_of(SMALL), memory, window(costs), OUTLINE, pose, twist, plan, len(plan), goal[2], goal
         )
         pooled.append(result[1:])
-        numbers = rng.standard_normal((SMALL.batch_size, 56, 2))
+        numbers = rng.standard_normal((SMALL.batch_size, 56, 2)) * (SMALL.vx_std, SMALL.wz_std)
         _, mean = plain(SMALL, np.zeros((56, 2)), numbers, window(costs), pose, twist, plan, goal[2], goal)
         fresh.append(smoothed(SMALL, mean, np.zeros((4, 2)))[1])
     pooled, fresh = np.array(pooled), np.array(fresh)

@@ -12,9 +12,9 @@ import pytest
 from llvmlite import binding
 
 from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.target import AVX512, widest
 from vastflow.sim.nav.controllers import mppi
 from vastflow.sim.nav.controllers.controller import ControllerInput
-from vastflow.sim.nav.controllers.lanes import WIDTH
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
@@ -50,22 +50,43 @@ def commands() -> list[str]:
 
 
 def commands_with(features: str) -> list[str]:
-    """Width of the registers and the commands, from a process whose kernels are compiled for these features."""
+    """The commands from a process whose kernels are compiled for these features."""
     environment = {**os.environ, "NUMBA_CPU_FEATURES": features}
     command = [sys.executable, __file__]
-    done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=240)
+    done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
-    return done.stdout.split("\n")
+    return done.stdout.split()
 
 
-@pytest.mark.skipif(not binding.get_host_cpu_features().get("avx2"), reason="the processor has no AVX2")
-def test_wide_and_narrow_registers_give_the_same_commands_and_costs():
-    narrow, wide = commands_with(""), commands_with("+avx2")
-    assert (narrow[0], wide[0]) == ("4", "8")
-    assert len(narrow) == 12
-    assert [line[:60] for line in narrow[1:]] == [line[:60] for line in wide[1:]]
-    assert narrow[1:] == wide[1:]
+@pytest.fixture(scope="module")
+def narrow():
+    found = commands_with("")
+    assert len(found) == 30
+    return found
+
+
+@pytest.mark.parametrize(("needed", "features"), [("avx2", "+avx2"), ("avx512f", AVX512)], ids=["AVX2", "AVX-512"])
+def test_wide_and_narrow_registers_give_the_same_commands_and_costs(narrow, needed, features):
+    if not binding.get_host_cpu_features().get(needed):
+        pytest.skip(f"the processor has no {needed}")
+    wide = commands_with(features)
+    assert [line[:60] for line in narrow] == [line[:60] for line in wide]
+    assert narrow == wide
+
+
+@pytest.mark.parametrize(
+    ("processor", "features"),
+    [
+        ("Westmere", ""),
+        ("avx2 Haswell", "+avx2"),
+        ("avx2 avx512f avx512bw avx512dq avx512vl Skylake", "+avx2"),
+        ("avx2 avx512f avx512bw avx512dq avx512vl avx512vbmi2 IceLake", "+avx2"),
+        ("avx2 avx512f avx512bw avx512dq avx512vl avx512vbmi2 avx512bf16 SapphireRapids", AVX512),
+    ],
+)
+def test_the_widest_registers_are_used_that_slow_no_processor_down(processor, features):
+    assert widest(dict.fromkeys(processor.split(), True)) == features
 
 
 if __name__ == "__main__":
-    print(WIDTH, *commands(), sep="\n")
+    print(*commands(), sep="\n")

@@ -1,8 +1,9 @@
-"""Four or eight float32 numbers at once: LLVM's vectors as a type of kernels.
+"""Sixteen float32 numbers at once: LLVM's vectors as a type of kernels.
 
 The compiler vectorises a loop over samples by itself, but then it writes every sample's state to memory after each
 step of time, which costs more than the steps do. With lanes, a loop over time keeps the samples' states in registers.
-A lane's result is that of the scalar operation, so the bits do not depend on the width of the processor's registers.
+They fill one, two or four of the processor's registers, which LLVM sees to: two that do not wait for each other are faster
+than one. A lane's result is that of the scalar operation, so the bits do not depend on the width of the registers.
 """
 
 import operator
@@ -17,12 +18,14 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 
 from vastflow.sim.kernels.target import processor_features
 
-WIDTH: Final = 8 if "avx" in processor_features() else 4
-"""Numbers in a register of the processor that kernels are compiled for."""
+WIDTH: Final = 16
+"""Numbers in lanes."""
+_GATHERS: Final = "avx512f" in processor_features()
 
 _FLOATS: Final = ir.VectorType(ir.FloatType(), WIDTH)
-_WORDS: Final = ir.VectorType(ir.IntType(16), WIDTH)
+_SHORTS: Final = ir.VectorType(ir.IntType(16), WIDTH)
 _INTS: Final = ir.VectorType(ir.IntType(32), WIDTH)
+_FLAGS: Final = ir.VectorType(ir.IntType(1), WIDTH)
 
 
 class _Lanes(types.Type):  # type: ignore[misc]
@@ -61,6 +64,7 @@ _define(operator.truediv, "fdiv")
 
 FLOATS: Final = types.CPointer(types.float32)
 NUMBERS: Final = types.CPointer(types.uint16)
+WORDS: Final = types.CPointer(types.uint32)
 
 
 @intrinsic
@@ -68,7 +72,7 @@ def data_of(typing: Any, array: Any) -> Any:
     """Address of an array's first element.
 
     Lanes are loaded from and stored to addresses, since numba counts references to arrays at every call of a kernel, which
-    takes longer than what the kernel does with eight samples.
+    takes longer than what the kernel does with sixteen samples.
     """
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
@@ -89,7 +93,7 @@ def splat(typing: Any, value: Any) -> Any:
 
 @intrinsic
 def load(typing: Any, floats: Any, start: Any) -> Any:
-    """Lanes from eight neighbors among float32 numbers."""
+    """Lanes from neighbors among float32 numbers."""
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
         return builder.load(_place(builder, values, _FLOATS), align=4)
@@ -98,8 +102,29 @@ def load(typing: Any, floats: Any, start: Any) -> Any:
 
 
 @intrinsic
+def load_upper(typing: Any, words: Any, start: Any) -> Any:
+    """Lanes from neighbors among uint32 words: the bits of each as a float32 number."""
+
+    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
+        return builder.load(_place(builder, values, _FLOATS), align=4)
+
+    return LANES(WORDS, types.intp), lowered
+
+
+@intrinsic
+def load_lower(typing: Any, words: Any, start: Any) -> Any:
+    """The same of the lower 16 bits of each as the upper half of a float32 number."""
+
+    def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
+        bits = builder.load(_place(builder, values, _INTS), align=4)
+        return builder.bitcast(builder.shl(bits, ir.Constant(_INTS, [16] * WIDTH)), _FLOATS)
+
+    return LANES(WORDS, types.intp), lowered
+
+
+@intrinsic
 def store(typing: Any, floats: Any, start: Any, lanes: Any) -> Any:
-    """Write lanes to eight neighbors among float32 numbers."""
+    """Write lanes to neighbors among float32 numbers."""
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
         builder.store(values[2], _place(builder, values, _FLOATS), align=4)
@@ -181,11 +206,11 @@ def whole(typing: Any, a: Any) -> Any:
 
 @intrinsic
 def store_whole(typing: Any, numbers: Any, start: Any, lanes: Any) -> Any:
-    """Write lanes without what is behind the point to eight neighbors among uint16 numbers."""
+    """Write lanes without what is behind the point to neighbors among uint16 numbers."""
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
-        words = builder.fptosi(values[2], _WORDS)
-        builder.store(words, _place(builder, values, _WORDS), align=2)
+        words = builder.fptosi(values[2], _SHORTS)
+        builder.store(words, _place(builder, values, _SHORTS), align=2)
         return context.get_dummy_value()
 
     return types.none(NUMBERS, types.intp, LANES), lowered
@@ -193,7 +218,7 @@ def store_whole(typing: Any, numbers: Any, start: Any, lanes: Any) -> Any:
 
 @intrinsic
 def store_cells(typing: Any, numbers: Any, start: Any, x: Any, y: Any, columns: Any, rows: Any) -> Any:
-    """Write the numbers of the cells that hold points to eight neighbors among uint16 numbers.
+    """Write the numbers of the cells that hold points to neighbors among uint16 numbers.
 
     Cell (0, 0) is number 0, a row has `columns` of them and there are `rows` of rows: no more than 65,536 cells in all.
     A point outside counts as in the nearest cell of the border.
@@ -203,15 +228,15 @@ def store_cells(typing: Any, numbers: Any, start: Any, x: Any, y: Any, columns: 
         columns, rows = (builder.trunc(value, ir.IntType(16)) for value in values[4:])
 
         def inside(at: Any, count: Any) -> Any:
-            zero, one = ir.Constant(_WORDS, [0] * WIDTH), ir.Constant(ir.IntType(16), 1)
-            last = _spread(builder, builder.sub(count, one), _WORDS)
-            at = builder.fptosi(at, _WORDS)
+            zero, one = ir.Constant(_SHORTS, [0] * WIDTH), ir.Constant(ir.IntType(16), 1)
+            last = _spread(builder, builder.sub(count, one), _SHORTS)
+            at = builder.fptosi(at, _SHORTS)
             at = builder.select(builder.icmp_signed(">", at, zero), at, zero)
             return builder.select(builder.icmp_signed("<", at, last), at, last)
 
-        row = builder.mul(inside(values[3], rows), _spread(builder, columns, _WORDS))
+        row = builder.mul(inside(values[3], rows), _spread(builder, columns, _SHORTS))
         cells = builder.add(row, inside(values[2], columns))
-        builder.store(cells, _place(builder, values, _WORDS), align=2)
+        builder.store(cells, _place(builder, values, _SHORTS), align=2)
         return context.get_dummy_value()
 
     return types.none(NUMBERS, types.intp, LANES, LANES, types.int64, types.int64), lowered
@@ -219,10 +244,16 @@ def store_cells(typing: Any, numbers: Any, start: Any, x: Any, y: Any, columns: 
 
 @intrinsic
 def gather(typing: Any, table: Any, numbers: Any, start: Any) -> Any:
-    """Entries of a float32 table under the numbers of eight neighbors among uint16 numbers."""
+    """Entries of a float32 table under the numbers of neighbors among uint16 numbers."""
 
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
         table, numbers, start = values
+        if _GATHERS:
+            places = builder.zext(builder.load(_place(builder, (numbers, start), _SHORTS), align=2), _INTS)
+            kind = ir.FunctionType(_FLOATS, [_FLOATS, table.type, _INTS, _FLAGS, ir.IntType(32)])
+            gathered = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.mask.gather.dps.512")
+            none, every = ir.Constant(_FLOATS, ir.Undefined), ir.Constant(_FLAGS, [1] * WIDTH)
+            return builder.call(gathered, (none, table, places, every, ir.Constant(ir.IntType(32), 4)))
         lanes = ir.Constant(_FLOATS, ir.Undefined)
         for lane in range(WIDTH):
             at = builder.add(start, ir.Constant(start.type, lane))

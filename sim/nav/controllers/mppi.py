@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.controllers.controller import PERIOD_S, Controller, ControllerInput, Setting
-from vastflow.sim.nav.controllers.lanes import WIDTH, data_of, either, load, lower, splat, store
+from vastflow.sim.nav.controllers.lanes import data_of, either, load, lower, splat, store
 from vastflow.sim.nav.controllers.mppi_critics import (
     BINS,
     COLLISION,
@@ -27,7 +27,18 @@ from vastflow.sim.nav.controllers.mppi_critics import (
     lay_table,
     mark,
 )
-from vastflow.sim.nav.controllers.mppi_samples import ROW, STEP, Limits, Prices, Space, draw, follow, next_noise, noise
+from vastflow.sim.nav.controllers.mppi_samples import (
+    ROW,
+    STEP,
+    Draw,
+    Prices,
+    Space,
+    add_weighted,
+    aligned,
+    follow,
+    next_noise,
+    noise,
+)
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.window import Window
 from vastflow.sim.world.robot import wrapped
@@ -47,7 +58,7 @@ class MppiMemory(NamedTuple):
         history: (2, 4) float64, the last commands.
         stream: (1,) uint64.
         next_noise: (1,) int64, where the next cycle's noise may begin.
-        noise: (N,) float32, read-only and shared.
+        noise: (N,) uint32, read-only and shared.
         values: (256,) float32, cost by the costmap's cost.
         lengths, free: (n,) float64 and bool: of the plan's points the length so far, and whether they are free.
         line: (T + 8,) float64, what is smoothed.
@@ -65,8 +76,7 @@ class MppiMemory(NamedTuple):
     free: Any
     line: Any
     center: Any
-    gains: Any
-    controls: Any
+    turns: Any
     track: Any
     ends: Any
     marks: Any
@@ -88,32 +98,31 @@ def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64]) -> MppiMe
     cells = (steps - 1) // parameters.CostCritic.trajectory_point_step + 1
 
     def rows(count: int) -> NDArray[np.float32]:
-        return np.zeros(ROW * count, dtype=np.float32)
+        return aligned(ROW * count, np.float32)
 
     return MppiMemory(
         sequence=np.zeros((2, steps)),
         history=np.zeros((2, 4)),
         stream=stream,
         next_noise=np.zeros(1, dtype=np.int64),
-        noise=noise(STEP * steps * groups),
+        noise=noise(ROW * steps * groups, parameters.vx_std, parameters.wz_std),
         values=np.zeros(256, dtype=np.float32),
         lengths=np.zeros(PLAN_POINTS),
         free=np.zeros(PLAN_POINTS, dtype=np.bool_),
         line=np.zeros(steps + 8),
-        center=rows(2 * steps),
-        gains=rows(2 * steps),
-        controls=rows(2 * steps),
+        center=aligned(4 * steps, np.float32),
+        turns=rows(steps),
         track=rows(2 * steps),
         ends=rows(4 * groups),
         marks=rows(3 * marks * groups),
-        cells=np.zeros(ROW * max(cells, marks), dtype=np.uint16),
+        cells=aligned(ROW * max(cells, marks), np.uint16),
         frame=np.zeros(SIDE * SIDE, dtype=np.float32),
         touched=rows(groups),
         costs=rows(groups),
         weights=rows(groups),
-        plan=rows(2 * PLAN_POINTS),
-        table_x=rows(BINS * PLAN_POINTS // ROW),
-        table_y=rows(BINS * PLAN_POINTS // ROW),
+        plan=aligned(2 * PLAN_POINTS, np.float32),
+        table_x=aligned(BINS * PLAN_POINTS, np.float32),
+        table_y=aligned(BINS * PLAN_POINTS, np.float32),
         sums=rows(2 * steps),
     )
 
@@ -137,8 +146,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     space = Space(
         data_of(memory.noise),
         data_of(memory.center),
-        data_of(memory.gains),
-        data_of(memory.controls),
+        data_of(memory.turns),
         data_of(memory.track),
         data_of(memory.ends),
         data_of(memory.marks),
@@ -155,15 +163,15 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     goal_m = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
     near_goal = goal_m < q.CostCritic.near_goal_distance
     frame = lay_frame(q.CostCritic, space.frame, data_of(memory.values), window, pose, near_goal)
-    used = sequence.shape[1] * memory.costs.shape[0] * 2
-    spread = (q.vx_std, q.wz_std)
-    limits = Limits(q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max)
+    used = sequence.shape[1] * memory.costs.shape[0]
+    rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max
     for _ in range(1 + q.retry_attempt_limit):
         noise_at = next_noise(memory.stream, memory.next_noise, memory.noise.shape[0], used)
-        if _sample(q, space, sequence, frame, noise_at, spread, limits, pose, twist, end_yaw_rad, goal, goal_m):
+        draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn)
+        if _sample(q, space, sequence, frame, draw, pose, twist, end_yaw_rad, goal, goal_m):
             _judge_plan(q, space, sequence.shape[1], frame, window, pose, plan, n, goal_m, free, lengths)
             _weigh(space, q.batch_size, q.temperature)
-            _average(space, sequence, q.batch_size, noise_at, twist, spread, limits)
+            _average(space, sequence, q.batch_size, draw)
             _limit(q, sequence)
             shift = 1 if abs(q.model_dt - PERIOD_S) < 1e-6 else 0
             _smooth(sequence, history, memory.line, shift)
@@ -182,9 +190,7 @@ def _sample(
     space: Space,
     sequence: Any,
     frame: Frame,
-    noise_at: int,
-    spread: Any,
-    limits: Limits,
+    draw: Draw,
     pose: Any,
     twist: Any,
     end_yaw_rad: float,
@@ -223,9 +229,8 @@ def _sample(
     aligned = q.PathAlignCritic.enabled != 0 and goal_m >= q.PathAlignCritic.threshold_to_consider
     mark_stride = q.PathAlignCritic.trajectory_point_step
     marks = (steps - 1) // mark_stride
-    for first in range(0, q.batch_size, WIDTH):
-        draw(space, first, steps, noise_at, twist, spread, limits)
-        follow(space, first, steps, start, scale, dt_s, prices)
+    for first in range(0, q.batch_size, ROW):
+        follow(space, first, steps, draw, start, scale, dt_s, prices)
         if priced:
             judge_cells(space, first, cells, cell_stride, frame, cell_weight, crash)
         if at_goal:
@@ -277,7 +282,7 @@ def _judge_plan(
     align_weight = q.PathAlignCritic.cost_weight * frame.resolution_m
     follow_weight = q.PathFollowCritic.cost_weight * frame.resolution_m
     angle_weight = q.PathAngleCritic.cost_weight
-    for first in range(0, q.batch_size, WIDTH):
+    for first in range(0, q.batch_size, ROW):
         if scale > 0.0:
             judge_alignment(space, first, marks, furthest, scale, align_weight)
         if followed:
@@ -288,13 +293,13 @@ def _judge_plan(
 
 @inner
 def _center(q: Any, space: Space, sequence: Any) -> None:
-    """Write the sequence and the gains of γ in rows."""
+    """Write the sequence and the gains of γ."""
     gain_v, gain_w = q.gamma / (q.vx_std * q.vx_std), q.gamma / (q.wz_std * q.wz_std)
+    center = space.center
     for t in range(sequence.shape[1]):
         v, w = sequence[0, t], sequence[1, t]
-        for k in range(t * STEP, t * STEP + ROW):
-            space.center[k], space.center[k + ROW] = v, w
-            space.gains[k], space.gains[k + ROW] = gain_v * v, gain_w * w
+        center[4 * t], center[4 * t + 1] = v, w
+        center[4 * t + 2], center[4 * t + 3] = gain_v * v, gain_w * w
 
 
 @inner
@@ -307,7 +312,7 @@ def _weigh(space: Space, samples: int, temperature: float) -> None:
     # exp(-z) is the 64th power of exp(-z / 64), Taylor's polynomial; past 40 nothing is left of it.
     best, scale, most = splat(least), splat(1.0 / (64.0 * temperature)), splat(40.0 / 64.0)
     one, none = splat(1.0), splat(0.0)
-    for k in range(0, samples, WIDTH):
+    for k in range(0, samples, ROW):
         z = (load(costs, k) - best) * scale
         x = lower(z, most)
         e = one - x * splat(1.0 / 6.0)
@@ -324,27 +329,21 @@ def _weigh(space: Space, samples: int, temperature: float) -> None:
 
 
 @inner
-def _average(space: Space, sequence: Any, samples: int, noise_at: int, twist: Any, spread: Any, limits: Limits) -> None:
+def _average(space: Space, sequence: Any, samples: int, draw: Draw) -> None:
     """The sequence becomes the weighted mean of the samples, which are drawn again: they would not fit in the cache."""
-    controls, weights, sums = space.controls, space.weights, space.sums
+    weights, sums = space.weights, space.sums
     steps = sequence.shape[1]
-    length = steps * STEP
-    for k in range(length):
+    for k in range(steps * STEP):
         sums[k] = 0.0
     total = 0.0
-    for group in range(0, samples, ROW):
+    for first in range(0, samples, ROW):
         share = 0.0
-        for sample in range(group, group + ROW):
+        for sample in range(first, first + ROW):
             share += weights[sample]
         if share < NEGLIGIBLE:
             continue
         total += share
-        for first in range(group, group + ROW, WIDTH):
-            draw(space, first, steps, noise_at, twist, spread, limits)
-            weight = load(weights, first)
-            lane = first - group
-            for k in range(0, length, ROW):
-                store(sums, k + lane, load(sums, k + lane) + weight * load(controls, k))
+        add_weighted(space, first, steps, draw)
     for t in range(steps):
         for axis in range(2):
             mean = 0.0

@@ -1,6 +1,6 @@
 """MPPI's critics (nav2_mppi_controller, Jazzy): what each adds to the cost of the samples.
 
-The first ones judge a group of eight while its track is at hand, those of the plan all groups after that, since they ask
+The first ones judge a group of samples while its track is at hand, those of the plan all groups after that, since they ask
 how far along the plan any sample gets. Positions are in cells of the cost frame.
 """
 
@@ -113,16 +113,16 @@ def judge_goal(space: Space, first: int, steps: int, goal: Any, weight: float) -
 @inner
 def judge_goal_angle(space: Space, first: int, steps: int, dt_s: float, off_rad: float, weight: float) -> None:
     """GoalAngleCritic: the angles between the samples' headings and the goal's, the first of them `off_rad`."""
-    controls, costs = space.controls, space.costs
+    turns, costs = space.turns, space.costs
     dt, turn, per_turn = splat(dt_s), splat(2.0 * math.pi), splat(0.5 / math.pi)
     # A whole number of turns is added before rounding, which is towards zero; no robot turns 1000 times in a horizon.
     shift, unshift = splat(1000.5), splat(1000.0)
     off = splat(off_rad)
     total = size(off)
-    for k in range(0, (steps - 1) * STEP, STEP):
-        off = off + load(controls, k + ROW) * dt
-        turns = whole(off * per_turn + shift) - unshift
-        total = total + size(off - turns * turn)
+    for k in range(0, (steps - 1) * ROW, ROW):
+        off = off + load(turns, k) * dt
+        rounds = whole(off * per_turn + shift) - unshift
+        total = total + size(off - rounds * turn)
     store(costs, first, load(costs, first) + total * splat(weight))
 
 
@@ -147,10 +147,10 @@ def mark(space: Space, first: int, points: int, stride: int) -> None:
 
 @inner
 def lay_plan(out: Any, free: Any, window: Window, frame: Frame, plan: Any, n: int) -> None:
-    """The local plan in cells, each number eight times over, and which of its points but the last are free."""
+    """The local plan in cells, and which of its points but the last are free."""
     for i in range(n):
-        store(out, i * STEP, splat((plan[i, 0] - frame.left_m) / frame.resolution_m))
-        store(out, i * STEP + ROW, splat((plan[i, 1] - frame.bottom_m) / frame.resolution_m))
+        out[2 * i] = (plan[i, 0] - frame.left_m) / frame.resolution_m
+        out[2 * i + 1] = (plan[i, 1] - frame.bottom_m) / frame.resolution_m
     for i in range(n - 1):
         free[i] = cost_at(window, plan[i, 0], plan[i, 1]) < INSCRIBED
 
@@ -163,11 +163,11 @@ def furthest_point(space: Space, samples: int, n: int) -> int:
     for first in range(0, samples, WIDTH):
         end = rows_of(first, 4)
         x, y = load(ends, end), load(ends, end + ROW)
-        dx, dy = load(plan, furthest * STEP) - x, load(plan, furthest * STEP + ROW) - y
+        dx, dy = splat(plan[2 * furthest]) - x, splat(plan[2 * furthest + 1]) - y
         here = dx * dx + dy * dy
         beyond = here
-        for k in range((furthest + 1) * STEP, n * STEP, STEP):
-            dx, dy = load(plan, k) - x, load(plan, k + ROW) - y
+        for i in range(furthest + 1, n):
+            dx, dy = splat(plan[2 * i]) - x, splat(plan[2 * i + 1]) - y
             beyond = lower(beyond, dx * dx + dy * dy)
         if any_below(beyond, here):
             for sample in range(first, min(first + WIDTH, samples)):
@@ -182,7 +182,7 @@ def _nearest(space: Space, sample: int, begin: int, n: int) -> int:
     x, y = space.ends[at], space.ends[at + ROW]
     nearest, found = math.inf, begin
     for i in range(begin, n):
-        dx, dy = space.plan[i * STEP] - x, space.plan[i * STEP + ROW] - y
+        dx, dy = space.plan[2 * i] - x, space.plan[2 * i + 1] - y
         square = dx * dx + dy * dy
         if square < nearest:
             nearest, found = square, i
@@ -206,7 +206,7 @@ def lay_table(q: Any, space: Space, free: Any, lengths: Any, furthest: int) -> f
     plan = space.plan
     lengths[0] = 0.0
     for i in range(1, furthest):
-        dx, dy = plan[i * STEP] - plan[(i - 1) * STEP], plan[i * STEP + ROW] - plan[(i - 1) * STEP + ROW]
+        dx, dy = plan[2 * i] - plan[2 * i - 2], plan[2 * i + 1] - plan[2 * i - 1]
         lengths[i] = lengths[i - 1] + math.sqrt(dx * dx + dy * dy)
     entries = BINS * (furthest - 1) + 1
     scale = (entries - 1) / lengths[furthest - 1] if lengths[furthest - 1] > 0.0 else 1.0
@@ -215,8 +215,8 @@ def lay_table(q: Any, space: Space, free: Any, lengths: Any, furthest: int) -> f
         middle = (entry + 0.5) * per_entry
         while i < furthest - 1 and middle >= 0.5 * (lengths[i] + lengths[i + 1]):
             i += 1
-        space.table_x[entry] = plan[i * STEP] if free[i] else FAR
-        space.table_y[entry] = plan[i * STEP + ROW]
+        space.table_x[entry] = plan[2 * i] if free[i] else FAR
+        space.table_y[entry] = plan[2 * i + 1]
     return float(scale)
 
 
@@ -254,8 +254,8 @@ def judge_following(space: Space, first: int, point: int, weight: float) -> None
     """PathFollowCritic: the distance of the samples' ends to a point of the plan."""
     ends, costs = space.ends, space.costs
     end = rows_of(first, 4)
-    dx = load(ends, end) - load(space.plan, point * STEP)
-    dy = load(ends, end + ROW) - load(space.plan, point * STEP + ROW)
+    dx = load(ends, end) - splat(space.plan[2 * point])
+    dy = load(ends, end + ROW) - splat(space.plan[2 * point + 1])
     cost = root(dx * dx + dy * dy) * splat(weight)
     store(costs, first, load(costs, first) + cost)
 
@@ -265,8 +265,8 @@ def judge_bearing(space: Space, first: int, point: int, mode: int, weight: float
     """PathAngleCritic: the angle between the samples' last headings and the bearing of a point of the plan."""
     ends, costs = space.ends, space.costs
     end = rows_of(first, 4)
-    dx = load(space.plan, point * STEP) - load(ends, end)
-    dy = load(space.plan, point * STEP + ROW) - load(ends, end + ROW)
+    dx = splat(space.plan[2 * point]) - load(ends, end)
+    dy = splat(space.plan[2 * point + 1]) - load(ends, end + ROW)
     c, s = load(ends, end + 2 * ROW), load(ends, end + 3 * ROW)
     ahead, aside = c * dx + s * dy, size(c * dy - s * dx)
     if mode == 1:

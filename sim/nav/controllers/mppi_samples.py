@@ -1,7 +1,7 @@
 """MPPI's samples: control sequences drawn round the current one, limited, and followed from where the robot is.
 
 Positions are in cells of the cost frame, so that the cell of a position is its whole part. Working space is in rows of
-eight numbers, one for each sample of a group; a group has so and so many rows for a step. See `Space`.
+sixteen numbers, one for each sample of a group; a group has so and so many rows for a step. See `Space`.
 """
 
 import functools
@@ -13,39 +13,49 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.streams import integer_below
-from vastflow.sim.nav.controllers.lanes import either, higher, load, lower, size, splat, store
+from vastflow.sim.nav.controllers.lanes import (
+    WIDTH,
+    either,
+    higher,
+    load,
+    load_lower,
+    load_upper,
+    lower,
+    size,
+    splat,
+    store,
+)
 
-ROW: Final = 8
-"""Samples in a group. Lanes are as many or half of them: what is computed is the same."""
+ROW: Final = WIDTH
+"""Samples in a group."""
 STEP: Final = 2 * ROW
 """A row of the one kind (v, x), and one of the other (ω, y)."""
+LINE_BYTES: Final = 64
 NOISE_SEED: Final = 20_241
 CYCLES_OF_NOISE: Final = 8
-GAP_ROWS: Final = 4096
+GAP_ROWS: Final = 1024
 
 
 class Space(NamedTuple):
-    """Addresses of the working space, all float32 but `cells`; G groups, T steps, a row eight numbers.
+    """Addresses of the working space, all float32 but `noise` and `cells`; G groups, T steps, a row sixteen numbers.
 
     Attributes:
-        noise: Standard normal numbers.
-        center: T times a row of v, one of ω: the sequence, each number eight times over.
-        gains: T times a row for v, one for ω: what 1 m/s and 1 rad/s cost by γ.
-        controls, track: T times a row of v, one of ω, or of x and y: of the samples at hand.
+        noise: uint32, normal numbers for v and ω, see `noise`.
+        center: T times v and ω of the sequence, and what 1 m/s and 1 rad/s cost by γ.
+        turns, track: T times a row of ω, T times one of x and one of y: of the samples at hand.
         ends: G times a row of x, y, cosine and sine of the heading.
         marks: G times P times a row of x, y and length, for the P points of PathAlignCritic.
-        cells: uint16: numbers of cells, or of entries of the table, for the lanes at hand.
+        cells: uint16: numbers of cells, or of entries of the table, for the samples at hand.
         frame: Cost of a cell.
         touched, costs, weights: G rows: costs under the track, costs in all, weights in the mean.
-        plan: n times a row of x, one of y, each number eight times over.
+        plan: n times x and y.
         table_x, table_y: Points of the plan by the length along it.
         sums: T times a row for v, one for ω.
     """
 
     noise: Any
     center: Any
-    gains: Any
-    controls: Any
+    turns: Any
     track: Any
     ends: Any
     marks: Any
@@ -60,9 +70,18 @@ class Space(NamedTuple):
     sums: Any
 
 
-class Limits(NamedTuple):
-    """How much a step may add to v, take from v, and change ω."""
+class Draw(NamedTuple):
+    """How controls are drawn.
 
+    Attributes:
+        noise_at: Where this cycle's noise begins.
+        v_mps, w_radps: Measured speeds.
+        rise, fall, turn: How much a step may add to v, take from v, and change ω.
+    """
+
+    noise_at: int
+    v_mps: float
+    w_radps: float
     rise: float
     fall: float
     turn: float
@@ -84,16 +103,32 @@ class Prices(NamedTuple):
 
 
 @functools.lru_cache(maxsize=4)
-def noise(cycle: int) -> NDArray[np.float32]:
-    """Read-only standard normal numbers, drawn once in a process and shared by all its runs.
+def noise(cycle: int, spread_v: float, spread_w: float) -> NDArray[np.uint32]:
+    """Read-only normal numbers for v and ω, two in a word, drawn once in a process and shared by all its runs.
+
+    A number has 16 bits: sign, exponent and seven bits behind the first of a float32 number, half of whose memory it takes. The
+    word is that for v, whose lower half is noise all the same, and ω's is its lower half.
 
     Args:
-        cycle: How many of them one control cycle uses.
+        cycle: How many words one control cycle uses.
+        spread_v, spread_w: Standard deviations.
     """
     length = 1 << math.ceil(math.log2(CYCLES_OF_NOISE * cycle))
-    numbers = np.random.default_rng(NOISE_SEED).standard_normal(length, dtype=np.float32)
-    numbers.flags.writeable = False
-    return numbers
+    drawn = np.random.default_rng(NOISE_SEED).standard_normal((2, length), dtype=np.float32)
+    drawn *= np.array([[spread_v], [spread_w]], dtype=np.float32)
+    v, w = drawn.view(np.uint32)
+    words = aligned(length, np.uint32)
+    words[:] = (v & 0xFFFF_0000) | ((w + 0x8000) >> 16)
+    words.flags.writeable = False
+    return words
+
+
+def aligned(length: int, kind: type[Any]) -> NDArray[Any]:
+    """Zeros (length,) that begin with a line of the cache: lanes that lie in two lines take twice as long to load."""
+    size = np.dtype(kind).itemsize
+    room = np.zeros(length * size + LINE_BYTES, dtype=np.uint8)
+    begin = -room.ctypes.data % LINE_BYTES
+    return room[begin : begin + length * size].view(kind)
 
 
 @inner
@@ -112,50 +147,18 @@ def next_noise(stream: Any, at: Any, length: int, used: int) -> int:
 
 @inner
 def rows_of(first: int, rows: int) -> int:
-    """Where the lanes that begin with sample `first` begin, if each group has so many rows."""
+    """Where a sample is in a group's first row, if each group has so many rows."""
     return first // ROW * rows * ROW + first % ROW
 
 
 @inner
-def draw(space: Space, first: int, steps: int, noise_at: int, twist: Any, spread: Any, limits: Limits) -> None:
-    """Draw the controls of the samples from `first` on: noise round the sequence, within reach of the speed before.
+def follow(
+    space: Space, first: int, steps: int, draw: Draw, start: Any, scale: float, dt_s: float, prices: Prices
+) -> None:
+    """Draw a group of samples and follow it, and begin its costs by what its speeds cost.
 
-    Args:
-        noise_at: Where this cycle's noise begins.
-        twist: Measured (v, ω).
-        spread: Standard deviations of v and ω.
-
-    The last control moves nothing any more and is not limited, as in Nav2.
-    """
-    center, numbers, controls = space.center, space.noise, space.controls
-    spread_v, spread_w = splat(spread[0]), splat(spread[1])
-    rise, fall, turn, none = splat(limits.rise), splat(limits.fall), splat(limits.turn), splat(0.0)
-    v, w = splat(twist[0]), splat(twist[1])
-    noise_at += rows_of(first, 2 * steps)
-    last = (steps - 1) * STEP
-    if limits.rise == limits.fall:
-        for k in range(0, last, STEP):
-            wish_v = load(center, k) + spread_v * load(numbers, noise_at + k)
-            wish_w = load(center, k + ROW) + spread_w * load(numbers, noise_at + k + ROW)
-            v, w = lower(higher(wish_v, v - rise), v + rise), lower(higher(wish_w, w - turn), w + turn)
-            store(controls, k, v)
-            store(controls, k + ROW, w)
-    else:
-        for k in range(0, last, STEP):
-            wish_v = load(center, k) + spread_v * load(numbers, noise_at + k)
-            wish_w = load(center, k + ROW) + spread_w * load(numbers, noise_at + k + ROW)
-            # Backwards, speeding up and slowing down change places.
-            slower, faster = either(none, v, fall, rise), either(none, v, rise, fall)
-            v, w = lower(higher(wish_v, v - slower), v + faster), lower(higher(wish_w, w - turn), w + turn)
-            store(controls, k, v)
-            store(controls, k + ROW, w)
-    store(controls, last, load(center, last) + spread_v * load(numbers, noise_at + last))
-    store(controls, last + ROW, load(center, last + ROW) + spread_w * load(numbers, noise_at + last + ROW))
-
-
-@inner
-def follow(space: Space, first: int, steps: int, start: Any, scale: float, dt_s: float, prices: Prices) -> None:
-    """Follow the controls just drawn, and begin the costs of these samples by what their speeds cost.
+    Controls are noise round the sequence, within reach of the speed before. The last one moves nothing any more and is not
+    limited, as in Nav2.
 
     Args:
         start: x, y and the heading's cosine and sine after the first step, which goes by the measured speeds.
@@ -164,31 +167,70 @@ def follow(space: Space, first: int, steps: int, start: Any, scale: float, dt_s:
     A heading is a vector that is turned by δ = ω dt. 1 - δ²/2 stands for cos δ and δ - δ³/6 for sin δ: the vector shrinks
     by δ⁴/24 a step, 2e-4 in all for a robot that turns at 1.9 rad/s all the time.
     """
-    gains, controls, track, ends = space.gains, space.controls, space.track, space.ends
+    center, numbers, turns, track, ends = space.center, space.noise, space.turns, space.track, space.ends
+    rise, fall, turn, even = splat(draw.rise), splat(draw.fall), splat(draw.turn), draw.rise == draw.fall
     middle, half = splat(0.5 * (prices.highest + prices.lowest)), splat(0.5 * (prices.highest - prices.lowest))
-    beyond, backwards = splat(prices.beyond), splat(-prices.backwards)
     linear, cubic, squared = splat(dt_s), splat(dt_s * dt_s * dt_s / 6.0), splat(dt_s * dt_s / 2.0)
     none, one = splat(0.0), splat(1.0)
+    v, w = splat(draw.v_mps), splat(draw.w_radps)
     x, y = splat(start[0]), splat(start[1])
     c, s = splat(scale * start[2]), splat(scale * start[3])
-    cost = none
+    cost, reached, back = none, none, none
     store(track, 0, x)
     store(track, ROW, y)
-    last = (steps - 1) * STEP
-    for k in range(0, last, STEP):
-        v, w = load(controls, k), load(controls, k + ROW)
+    at = draw.noise_at + first * steps
+    last = steps - 1
+    for t in range(last):
+        wish_v = splat(center[4 * t]) + load_upper(numbers, at)
+        wish_w = splat(center[4 * t + 1]) + load_lower(numbers, at)
+        at += ROW
+        if even:
+            v = lower(higher(wish_v, v - rise), v + rise)
+        else:  # backwards, speeding up and slowing down change places
+            v = lower(higher(wish_v, v - either(none, v, fall, rise)), v + either(none, v, rise, fall))
+        w = lower(higher(wish_w, w - turn), w + turn)
         x, y = x + v * c, y + v * s
-        store(track, k + STEP, x)
-        store(track, k + STEP + ROW, y)
+        store(turns, t * ROW, w)
+        store(track, (t + 1) * STEP, x)
+        store(track, (t + 1) * STEP + ROW, y)
         square = w * w
         sine, cosine = w * (linear - square * cubic), one - square * squared
         c, s = c * cosine - s * sine, s * cosine + c * sine
-        excess = (higher(size(v - middle), half) - half) * beyond
-        cost = cost + ((v * load(gains, k) + w * load(gains, k + ROW)) + (excess + lower(v, none) * backwards))
-    v, w = load(controls, last), load(controls, last + ROW)
-    store(space.costs, first, cost + (v * load(gains, last) + w * load(gains, last + ROW)))
-    end = rows_of(first, 4)
+        cost = cost + (v * splat(center[4 * t + 2]) + w * splat(center[4 * t + 3]))
+        reached = reached + higher(size(v - middle), half)
+        back = back + lower(v, none)
+    v = splat(center[4 * last]) + load_upper(numbers, at)
+    w = splat(center[4 * last + 1]) + load_lower(numbers, at)
+    cost = cost + (v * splat(center[4 * last + 2]) + w * splat(center[4 * last + 3]))
+    cost = cost + (reached - splat(float(last)) * half) * splat(prices.beyond)
+    store(space.costs, first, cost - back * splat(prices.backwards))
+    end = first * 4
     store(ends, end, x)
     store(ends, end + ROW, y)
     store(ends, end + 2 * ROW, c)
     store(ends, end + 3 * ROW, s)
+
+
+@inner
+def add_weighted(space: Space, first: int, steps: int, draw: Draw) -> None:
+    """Draw a group of samples again, and add its controls to the sums with the samples' weights."""
+    center, numbers, sums = space.center, space.noise, space.sums
+    rise, fall, turn, even = splat(draw.rise), splat(draw.fall), splat(draw.turn), draw.rise == draw.fall
+    none, weight = splat(0.0), load(space.weights, first)
+    v, w = splat(draw.v_mps), splat(draw.w_radps)
+    at = draw.noise_at + first * steps
+    last = steps - 1
+    for t in range(steps):
+        wish_v = splat(center[4 * t]) + load_upper(numbers, at)
+        wish_w = splat(center[4 * t + 1]) + load_lower(numbers, at)
+        at += ROW
+        if t == last:
+            v, w = wish_v, wish_w
+        else:
+            if even:
+                v = lower(higher(wish_v, v - rise), v + rise)
+            else:
+                v = lower(higher(wish_v, v - either(none, v, fall, rise)), v + either(none, v, rise, fall))
+            w = lower(higher(wish_w, w - turn), w + turn)
+        store(sums, t * STEP, load(sums, t * STEP) + weight * v)
+        store(sums, t * STEP + ROW, load(sums, t * STEP + ROW) + weight * w)
