@@ -1,16 +1,21 @@
 """Compiled kernels in files that are checked before they are used: a damaged one is removed and compiled again.
 
 numba takes its cache as it is: an emptied file, as a power cut leaves it, raises in every process, and changed machine code
-would run. It also keeps all caches in one folder, that of `numba.config.CACHE_DIR`, which is the user's to choose.
+would run. Its index of a kernel's files has a path in it, so that every clone and environment would compile its own, and loses
+what two processes write at the same time. Here a file is found by its name alone, which follows from what is in it, and lies
+where all installations of a user look.
 """
 
 import functools
 import hashlib
 import inspect
 import logging
+import os
+import pickle
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -18,18 +23,19 @@ from typing import Any, Final
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
-    IndexDataCacheFile,
     _CacheLocator,
     _SourceFileBackedLocatorMixin,
 )
+from numba.core.serialize import dumps
 
 LOGGER: Final = logging.getLogger("vastflow.kernels")
 
 _CHECKSUM_BYTES: Final = hashlib.sha256().digest_size
+_OWN: Final = Path(__file__).parents[1]
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
-    """A kernel's compiled forms, each file with a checksum behind its content.
+    """A kernel's compiled forms, each in a file with a checksum behind its content.
 
     Args:
         function: The kernel as Python has it.
@@ -40,7 +46,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
         self._impl_class = functools.partial(_Kernel, folder=folder)
         super().__init__(function)
         locator = self._impl.locator
-        self._cache_file = _CheckedFile(self._cache_path, self._impl.filename_base, locator.get_source_stamp())
+        self._cache_file = _Files(Path(self._cache_path), self._impl.filename_base, locator.get_source_stamp())
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what was compiled for a signature; where that is impossible, every process compiles its own."""
@@ -67,56 +73,75 @@ class _Kernel(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class _Place(_SourceFileBackedLocatorMixin, _CacheLocator):  # type: ignore[misc]
-    """Below the folder of kernels, by the folder and line of the source, which must be the same as when it was compiled."""
+    """Below the folder of kernels: a module of the simulator's by its package, wherever that lies, another by its path."""
 
     def __init__(self, file: str, line: int, folder: Path) -> None:
         self._py_file = file
         self._lineno = line
-        self._folder = folder / self.get_suitable_cache_subpath(file)
+        own = Path(file).is_relative_to(_OWN)
+        inner_folder = Path(file).parent.relative_to(_OWN) if own else self.get_suitable_cache_subpath(file)
+        self._folder = folder / inner_folder
 
     def get_cache_path(self) -> str:
         return str(self._folder)
 
 
-class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
-    """numba's index and data files. Both are read as pickles, which end before the checksum."""
+class _Files:
+    """A kernel's files, one for each compiled form, named by the types and the processor that it is for.
+
+    A file is two pickles, what it was compiled from and for, and what came of it; then the checksum of both.
+
+    Args:
+        stamp: Of the kernel's source.
+    """
+
+    def __init__(self, folder: Path, name: str, stamp: Any) -> None:
+        self._folder = folder
+        self._name = name
+        self._stamp = stamp
 
     def load(self, key: Any) -> Any:
-        """What was compiled for `key`; None where there is nothing or it is damaged."""
-        if not _is_sound(Path(self._index_path)):
+        """What was compiled for `key`; None where there is nothing, or it is damaged or of another source."""
+        content = _sound(self._file(key))
+        if content is None:
             return None
-        name = self._load_index().get(key)
-        if name is None or not _is_sound(Path(self._data_path(name))):
-            return None
-        return super().load(key)
+        pickles = BytesIO(content)
+        return pickle.load(pickles) if pickle.load(pickles) == (self._stamp, key) else None
 
     def save(self, key: Any, data: Any) -> None:
         """Keep what was compiled for `key`."""
-        _is_sound(Path(self._index_path))  # else it is gone, and a new one is begun
-        super().save(key, data)
+        content = dumps((self._stamp, key)) + dumps(data)
+        with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
+            try:
+                file.write(content + hashlib.sha256(content).digest())
+                file.close()
+                os.replace(file.name, self._file(key))
+            except BaseException:
+                os.unlink(file.name)
+                raise
 
-    @contextmanager
-    def _open_for_write(self, filepath: str) -> Iterator[BytesIO]:
-        content = BytesIO()
-        yield content
-        with super()._open_for_write(filepath) as file:
-            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+    def _file(self, key: Any) -> Path:
+        return self._folder / f"{self._name}.{hashlib.sha256(str(key).encode()).hexdigest()[:16]}.nbc"
 
 
-def _is_sound(file: Path) -> bool:
-    """Whether a file is there and whole; one damaged file removes all that are damaged in its folder, with a line in the log."""
-    if not file.exists() or _is_whole(file):
-        return file.exists()
-    damaged = [each for each in sorted(file.parent.glob("*.nb[ic]")) if not _is_whole(each)]
+def _sound(file: Path) -> bytes | None:
+    """A file's content before its checksum; one damaged file removes all that are damaged in its folder, with a line in the log."""
+    content = _content(file)
+    if content is None or _is_whole(content):
+        return content and content[:-_CHECKSUM_BYTES]
+    damaged = [each for each in sorted(file.parent.glob("*.nbc")) if not _is_whole(_content(each))]
     for each in damaged:
         each.unlink(missing_ok=True)
     LOGGER.warning("%s: compiled kernels are damaged (files: %d) and compiled again", file.parent, len(damaged))
-    return False
+    return None
 
 
-def _is_whole(file: Path) -> bool:
-    """Whether a file ends with the checksum of what is before it; one that another process removed does no harm."""
-    with suppress(FileNotFoundError):
-        content = file.read_bytes()
-        return hashlib.sha256(content[:-_CHECKSUM_BYTES]).digest() == content[-_CHECKSUM_BYTES:]
-    return True
+def _content(file: Path) -> bytes | None:
+    with suppress(FileNotFoundError, NotADirectoryError):
+        return file.read_bytes()
+    return None
+
+
+def _is_whole(content: bytes | None) -> bool:
+    """Whether a file's content ends with the checksum of what is before it; a file that another process removed does no harm."""
+    return content is None or hashlib.sha256(content[:-_CHECKSUM_BYTES]).digest() == content[-_CHECKSUM_BYTES:]

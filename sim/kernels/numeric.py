@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import llvmlite
 import numba
 import platformdirs
 
@@ -47,8 +48,8 @@ def _imported(root: Path, text: str) -> Iterator[Path]:
 
 
 def kernel_cache_dir() -> Path:
-    """Folder of compiled kernels for exactly this source of theirs and this numba."""
-    content = hashlib.sha256(numba.__version__.encode())
+    """Folder of compiled kernels for exactly this source of theirs, this numba and this LLVM, wherever the source lies."""
+    content = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}".encode())
     root = Path(__file__).parents[1]
     for module in kernel_sources():
         content.update(module.relative_to(root).as_posix().encode() + b"\0" + module.read_bytes() + b"\0")

@@ -1,10 +1,17 @@
 """Compiled kernels on disk: used while they are whole, compiled again when they are not."""
 
 import logging
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+import vastflow
 from vastflow.sim.kernels import numeric
+from vastflow.sim.kernels.kernel_cache import _Files
 
 
 def double(x):
@@ -33,7 +40,7 @@ def hits(kernel):
 def test_a_compiled_kernel_is_loaded_by_the_next_process(files):
     assert hits(used()) == 0
     assert hits(used()) == 2
-    assert len(files(".nbi")) == 1 and len(files(".nbc")) == 2
+    assert len(files(".nbc")) == 2
 
 
 DAMAGE = {
@@ -45,17 +52,15 @@ DAMAGE = {
 }
 
 
-@pytest.mark.parametrize("suffix", [".nbi", ".nbc", ".nb?"])
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
-def test_damaged_kernels_are_compiled_again_with_one_line_in_the_log(files, suffix, damage, caplog):
+def test_damaged_kernels_are_compiled_again_with_one_line_in_the_log(files, damage, caplog):
     used()
-    for file in files(suffix):
+    for file in files(".nbc"):
         file.write_bytes(damage(file.read_bytes()))
-    damaged = len(files(suffix))
     with caplog.at_level(logging.WARNING, "vastflow.kernels"):
         assert hits(used()) == 0
         assert [record.getMessage().partition(": ")[2] for record in caplog.records] == [
-            f"compiled kernels are damaged (files: {damaged}) and compiled again"
+            "compiled kernels are damaged (files: 2) and compiled again"
         ]
         caplog.clear()
         assert hits(used()) == 2
@@ -68,6 +73,21 @@ def test_a_kernel_that_another_process_removes_is_compiled_again(files):
         file.unlink()
     assert hits(used()) == 0
     assert hits(used()) == 2
+
+
+def test_one_damaged_kernel_of_two_is_compiled_again_alone(files):
+    used()
+    files(".nbc")[0].write_bytes(b"")
+    assert hits(used()) == 1
+    assert hits(used()) == 2
+
+
+def test_a_file_that_was_compiled_from_another_source_is_not_used(tmp_path):
+    files = _Files(tmp_path, "double", "the source")
+    files.save("int64", "its machine code")
+    assert files.load("int64") == "its machine code"
+    assert files.load("float64") is None
+    assert _Files(tmp_path, "double", "another source").load("int64") is None
 
 
 def test_kernels_that_can_not_be_kept_are_said_once_and_compiled(files, tmp_path, caplog):
@@ -88,4 +108,48 @@ def test_importing_kernels_writes_nothing(files, tmp_path):
 def test_a_kernel_that_is_in_no_file_is_compiled_and_not_kept(files):
     kernel = numeric.njit(eval("lambda x: 3 * x"))
     assert kernel(2) == 6
-    assert files(".nb?") == []
+    assert files(".nbc") == []
+
+
+USES_KERNELS = """
+from vastflow.sim.kernels import kernel_cache, streams
+stream = streams.streams_of([1])[0]
+streams.normal_pair(stream)
+streams.integer_below(stream, 9)
+kernels = [streams.uniform, streams.normal_pair, streams.integer_below]
+counts = [sum(sum(getattr(kernel.stats, what).values()) for kernel in kernels) for what in ("cache_hits", "cache_misses")]
+print(kernel_cache.__file__, *counts)
+"""
+
+
+@pytest.fixture
+def installation(tmp_path):
+    """Copies the package to a folder of its own; gives what uses kernels there: (their file, loaded, compiled)."""
+
+    def make(name, edit=lambda package: None):
+        package = tmp_path / name / "vastflow"
+        shutil.copytree(Path(vastflow.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+        edit(package)
+        environment = {**os.environ, "PYTHONPATH": str(package.parent), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+        command = [sys.executable, "-c", USES_KERNELS]
+        done = subprocess.run(command, check=True, env=environment, capture_output=True, text=True, timeout=600)
+        file, loaded, compiled = done.stdout.split()
+        assert Path(file).is_relative_to(package)
+        return int(loaded), int(compiled)
+
+    return make
+
+
+def test_another_installation_of_the_same_version_compiles_nothing(installation):
+    assert installation("first") == (0, 3)
+    loaded, compiled = installation("second")
+    assert loaded > 0 and compiled == 0
+
+
+def test_another_version_of_any_kernel_compiles_its_own(installation):
+    def edit(package):
+        with (package / "sim/kernels/ziggurat.py").open("a") as file:
+            file.write("OTHER = 1\n")
+
+    installation("first")
+    assert installation("edited", edit) == (0, 3)
