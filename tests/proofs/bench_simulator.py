@@ -9,7 +9,7 @@ import argparse
 import itertools
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -68,11 +68,12 @@ def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
     a run costs before its first tick, is given beside it.
 
     Args:
-        profile: Drive the routes of the large floor once more and say which stage of a tick took how long.
+        profile: Say which stage of a tick took how long.
 
     Returns:
         `x_real_time` (simulated seconds per CPU second) and what it was measured with: of the large floor, and of
-        the small one under `small`.
+        the small one under `small`; and under `control_cycle`, from a second drive over the large floor, what one call of the
+        controller took: microseconds, and how many a core computes in a second.
 
     Raises:
         ValueError: a controller there is not.
@@ -82,8 +83,10 @@ def bench(controller: str = "mppi", *, profile: bool = False) -> dict[str, Any]:
     parameters, lidar = NavParameters(controller=find_controller(short_names()[controller])()), Lidar()
     large, small = _Course(LARGE, parameters), _Course(SMALL, parameters)
     measured = {"controller": controller, **large.measured(), "small": small.measured()}
+    stages = large.profile()
+    measured["control_cycle"] = _cycle(stages["controller"])
     if profile:
-        measured["profile"] = large.profile()
+        measured["profile"] = stages
     return measured | {
         "reference_cpu_s": round(_reference_cpu_s(), 3),
         "lidar": {"beams": lidar.beams, "rate_hz": lidar.rate_hz, "range_max_m": lidar.range_max_m},
@@ -199,6 +202,12 @@ def _table(laps: NDArray[np.float64], simulated_s: float) -> dict[str, Any]:
         for index, (stage, (spent_us, count)) in enumerate(zip(STAGES, laps.tolist(), strict=True))
         if index != CLOCK
     }
+
+
+def _cycle(stage: Mapping[str, float]) -> dict[str, Any]:
+    """One call of the controller, from local costmap and path to a command."""
+    cycle_us = 1e3 * stage["ms_per_simulated_s"] / stage["per_simulated_s"]
+    return {"us": round(cycle_us, 2), "per_s_and_core": round(1e6 / cycle_us)}
 
 
 def _entropy(index: int) -> Sequence[int]:

@@ -1,8 +1,10 @@
 """The benchmark: pinned, so that its figure means the same thing next year."""
 
+import json
 import math
 
 import pytest
+from bench_show import shown
 from bench_simulator import LARGE, ROUTES, SMALL, bench, benchmark_map, benchmark_routes
 
 from vastflow.sim.maps.octile import passable, shortest_path
@@ -71,3 +73,16 @@ def test_the_stages_of_a_profile_add_up_to_about_what_the_run_takes(measured):
     assert stages["controller"]["per_simulated_s"] == pytest.approx(20.0, rel=0.05)
     assert stages["lidar"]["per_simulated_s"] == pytest.approx(10.0, rel=0.05)
     assert stages["planner"]["per_simulated_s"] == pytest.approx(1.0, rel=0.2)
+
+
+def test_a_control_cycle_is_the_profile_s_stage_divided_by_its_calls(measured):
+    cycle, stage = measured["control_cycle"], measured["profile"]["controller"]
+    assert cycle["us"] * stage["per_simulated_s"] == pytest.approx(1e3 * stage["ms_per_simulated_s"], rel=0.01)
+    assert cycle["us"] * cycle["per_s_and_core"] == pytest.approx(1e6, rel=0.01)
+
+
+def test_the_control_cycle_is_said_plainly_and_as_json(measured):
+    cycle = measured["control_cycle"]
+    lines = dict(line.split(maxsplit=1) for line in shown(measured, as_json=False).splitlines())
+    assert float(lines["control_cycle.us"]) == pytest.approx(cycle["us"], rel=1e-3)
+    assert json.loads(shown(measured, as_json=True))["control_cycle"] == cycle
