@@ -336,6 +336,7 @@ def _average(space: Space, sequence: Any, samples: int, draw: Draw) -> None:
     for k in range(steps * STEP):
         sums[k] = 0.0
     total = 0.0
+    waiting = -1
     for first in range(0, samples, ROW):
         share = 0.0
         for sample in range(first, first + ROW):
@@ -343,7 +344,13 @@ def _average(space: Space, sequence: Any, samples: int, draw: Draw) -> None:
         if share < NEGLIGIBLE:
             continue
         total += share
-        add_weighted(space, first, steps, draw)
+        if waiting < 0:
+            waiting = first
+        else:
+            add_weighted(space, waiting, load(weights, waiting), first, load(weights, first), steps, draw)
+            waiting = -1
+    if waiting >= 0:
+        add_weighted(space, waiting, load(weights, waiting), waiting, splat(0.0), steps, draw)
     for t in range(steps):
         for axis in range(2):
             mean = 0.0

@@ -168,7 +168,6 @@ def follow(
     by δ⁴/24 a step, 2e-4 in all for a robot that turns at 1.9 rad/s all the time.
     """
     center, numbers, turns, track, ends = space.center, space.noise, space.turns, space.track, space.ends
-    rise, fall, turn, even = splat(draw.rise), splat(draw.fall), splat(draw.turn), draw.rise == draw.fall
     middle, half = splat(0.5 * (prices.highest + prices.lowest)), splat(0.5 * (prices.highest - prices.lowest))
     linear, cubic, squared = splat(dt_s), splat(dt_s * dt_s * dt_s / 6.0), splat(dt_s * dt_s / 2.0)
     none, one = splat(0.0), splat(1.0)
@@ -181,14 +180,8 @@ def follow(
     at = draw.noise_at + first * steps
     last = steps - 1
     for t in range(last):
-        wish_v = splat(center[4 * t]) + load_upper(numbers, at)
-        wish_w = splat(center[4 * t + 1]) + load_lower(numbers, at)
+        v, w = _drawn(space, at, splat(center[4 * t]), splat(center[4 * t + 1]), v, w, draw)
         at += ROW
-        if even:
-            v = lower(higher(wish_v, v - rise), v + rise)
-        else:  # backwards, speeding up and slowing down change places
-            v = lower(higher(wish_v, v - either(none, v, fall, rise)), v + either(none, v, rise, fall))
-        w = lower(higher(wish_w, w - turn), w + turn)
         x, y = x + v * c, y + v * s
         store(turns, t * ROW, w)
         store(track, (t + 1) * STEP, x)
@@ -212,25 +205,38 @@ def follow(
 
 
 @inner
-def add_weighted(space: Space, first: int, steps: int, draw: Draw) -> None:
-    """Draw a group of samples again, and add its controls to the sums with the samples' weights."""
-    center, numbers, sums = space.center, space.noise, space.sums
-    rise, fall, turn, even = splat(draw.rise), splat(draw.fall), splat(draw.turn), draw.rise == draw.fall
-    none, weight = splat(0.0), load(space.weights, first)
+def add_weighted(space: Space, first: int, weight: Any, second: int, other_weight: Any, steps: int, draw: Draw) -> None:
+    """Draw two groups of samples again, and add their controls to the sums by the samples' weights.
+
+    Each step waits for the one before: two groups take hardly longer than one.
+    """
+    center, sums = space.center, space.sums
     v, w = splat(draw.v_mps), splat(draw.w_radps)
-    at = draw.noise_at + first * steps
+    other_v, other_w = v, w
+    at, other_at = draw.noise_at + first * steps, draw.noise_at + second * steps
     last = steps - 1
-    for t in range(steps):
-        wish_v = splat(center[4 * t]) + load_upper(numbers, at)
-        wish_w = splat(center[4 * t + 1]) + load_lower(numbers, at)
+    for t in range(last):
+        mean_v, mean_w = splat(center[4 * t]), splat(center[4 * t + 1])
+        v, w = _drawn(space, at, mean_v, mean_w, v, w, draw)
+        other_v, other_w = _drawn(space, other_at, mean_v, mean_w, other_v, other_w, draw)
         at += ROW
-        if t == last:
-            v, w = wish_v, wish_w
-        else:
-            if even:
-                v = lower(higher(wish_v, v - rise), v + rise)
-            else:
-                v = lower(higher(wish_v, v - either(none, v, fall, rise)), v + either(none, v, rise, fall))
-            w = lower(higher(wish_w, w - turn), w + turn)
-        store(sums, t * STEP, load(sums, t * STEP) + weight * v)
-        store(sums, t * STEP + ROW, load(sums, t * STEP + ROW) + weight * w)
+        other_at += ROW
+        store(sums, t * STEP, load(sums, t * STEP) + (weight * v + other_weight * other_v))
+        store(sums, t * STEP + ROW, load(sums, t * STEP + ROW) + (weight * w + other_weight * other_w))
+    numbers, mean_v, mean_w, k = space.noise, splat(center[4 * last]), splat(center[4 * last + 1]), last * STEP
+    v, w = mean_v + load_upper(numbers, at), mean_w + load_lower(numbers, at)
+    other_v, other_w = mean_v + load_upper(numbers, other_at), mean_w + load_lower(numbers, other_at)
+    store(sums, k, load(sums, k) + (weight * v + other_weight * other_v))
+    store(sums, k + ROW, load(sums, k + ROW) + (weight * w + other_weight * other_w))
+
+
+@inner
+def _drawn(space: Space, at: int, mean_v: Any, mean_w: Any, v: Any, w: Any, draw: Draw) -> Any:
+    """The next controls (v, w): noise round their mean, within reach of the ones before."""
+    wish_v, wish_w = mean_v + load_upper(space.noise, at), mean_w + load_lower(space.noise, at)
+    rise, fall, turn, none = splat(draw.rise), splat(draw.fall), splat(draw.turn), splat(0.0)
+    if draw.rise == draw.fall:
+        v = lower(higher(wish_v, v - rise), v + rise)
+    else:  # backwards, speeding up and slowing down change places
+        v = lower(higher(wish_v, v - either(none, v, fall, rise)), v + either(none, v, rise, fall))
+    return v, lower(higher(wish_w, w - turn), w + turn)
