@@ -10,7 +10,7 @@ from vastflow.flows.computing.flow_call import FlowCall, end_orphans
 from vastflow.flows.reporting import assess, deliver, report
 from vastflow.flows.request.run_request import RunRequest, option_parameters, request_of
 from vastflow.flows.results.directory import new_directory
-from vastflow.flows.results.results import Results
+from vastflow.flows.results.summary import Results
 from vastflow.tasks.progress import Observer
 from vastflow.tasks.store import Lost
 

@@ -27,8 +27,7 @@ from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.found import RunFault, StoredResult
 from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import Inputs, inputs_of
-from vastflow.flows.results.results import Results
-from vastflow.flows.results.summary import Work
+from vastflow.flows.results.summary import Results, Work
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
@@ -250,6 +249,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
     Raises:
         CampaignError: faults of the file.
         StoreError: the store can't be used.
+        SurroundingsError: this machine lacks something that a computation needs.
     """
     clock, created, tally = CampaignClock(), datetime.now(), Tally()
     with ending.terminable(), few_collections(), Reporter(tally, observer):

@@ -5,10 +5,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from vastflow.flows.campaign_run import CampaignRun
+from vastflow.flows.results.basis import basis_of
 from vastflow.flows.results.directory import NewDirectory
+from vastflow.flows.results.kept_answer import keep_answer
 from vastflow.flows.results.kept_report import KeptReport
 from vastflow.flows.results.report_key import report_key
-from vastflow.flows.results.results import Assessed, Results, write_report, write_tables
+from vastflow.flows.results.results import Assessed, write_report, write_tables
+from vastflow.flows.results.summary import Results
 from vastflow.producers.postprocessing import steps_of
 from vastflow.tasks.store import store_address
 
@@ -62,13 +65,18 @@ def report(run: CampaignRun, assessed: Assessed) -> Results:
 
 
 def deliver(run: CampaignRun, written: Results) -> Results:
-    """Run the campaign file's steps of postprocessing over the finished directory, and bring it where it belongs."""
+    """Run the campaign file's steps of postprocessing over the finished directory, and bring it where it belongs.
+
+    Where nothing can make another of it, the same request is answered with it the next time.
+    """
     if steps := steps_of(run.campaign.spec.results_processing.postprocessing):
         from vastflow.flows.postprocessing.postprocess import postprocessed
 
         run.tally.begin("postprocessing")
         written = postprocessed(written, steps, run.campaign.path.parent)
     run.results = run.delivery.delivered(written)
+    if run.delivery.address is None and (basis := basis_of(run.campaign, run.oracles, run.inputs)) is not None:
+        keep_answer(run.request, basis, run.results, run.created.timestamp())
     return run.results
 
 

@@ -170,7 +170,7 @@ class SourceTree:
         """The code of a snapshot, its data by content, and the versions of all that it imports from elsewhere."""
         own = {snapshot.local_name(place): snapshot.folder / place for place in snapshot.modules}
         own = {PLUG_IN if file == snapshot.file else f"{PLUG_IN}/{name}": file for name, file in own.items()}
-        live = {top: place for top in snapshot.outside if (place := _live_source(top)) is not None}
+        live = {top: place for top in snapshot.outside if (place := live_source(top)) is not None}
         packages = {top: place for top, place in live.items() if place.is_dir()}
         single = {top: place for top, place in live.items() if not place.is_dir()}
         code = self._with(packages, {**own, **single}).code(*own)
@@ -341,7 +341,7 @@ def _text(content: bytes) -> str:
     return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _live_source(top: str) -> Path | None:
+def live_source(top: str) -> Path | None:
     """Folder or file of a module that is found and is part of no installed distribution, whose version would tell of an edit."""
     try:
         spec = importlib.util.find_spec(top)

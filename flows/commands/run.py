@@ -17,7 +17,7 @@ from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.request_options import asking
 
 if TYPE_CHECKING:
-    from vastflow.flows.results.results import Results
+    from vastflow.flows.results.summary import Results
 
 BAD_INPUT: Final = 2
 FAULT: Final = 3
@@ -74,6 +74,25 @@ def run_and_show(request: RunRequest, as_json: bool) -> None:
     if not is_address(request.results) and (wrong := unwritable(Path(request.results))):
         print(f"--results {wrong}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
+    found = _kept(request) or _run(request)
+    for note in found.notes:
+        print(note, file=sys.stderr)
+    if as_json:
+        print(found.summary.json_text())
+    else:
+        _show(found)
+    if found.faults:
+        raise typer.Exit(FAULT)
+
+
+def _kept(request: RunRequest) -> "Results | None":
+    """What an earlier run with this request came to, if nothing has changed since."""
+    from vastflow.flows.results.kept_answer import kept_answer
+
+    return kept_answer(request)
+
+
+def _run(request: RunRequest) -> "Results":
     going_on = f"`{command_line(sys.argv)}` again computes only what is missing"
     with Interruptible(f"interrupted; {going_on}") as interruptible:
         from vastflow.flows.terminal.display import Display
@@ -89,21 +108,13 @@ def run_and_show(request: RunRequest, as_json: bool) -> None:
             from vastflow.tasks.surroundings import SurroundingsError
 
             try:
-                found = run_campaign(request, observer=display)
+                return run_campaign(request, observer=display)
             except (CampaignError, StoreError, ResultsError, SurroundingsError, WorkPoolError) as error:
                 display.close(str(error))
                 raise typer.Exit(BAD_INPUT) from None
             except (PrefectUnavailable, WorkersFailed) as error:
                 display.close(f"{error}; {going_on}")
                 raise typer.Exit(FAULT) from None
-    for note in found.notes:
-        print(note, file=sys.stderr)
-    if as_json:
-        print(found.summary.json_text())
-    else:
-        _show(found)
-    if found.faults:
-        raise typer.Exit(FAULT)
 
 
 def unwritable(results: Path) -> str | None:

@@ -16,7 +16,7 @@ from prefect.client.orchestration import get_client
 from prefect.client.schemas.actions import ArtifactCreate, ArtifactUpdate
 from prefect.runtime import flow_run
 
-from vastflow.flows.results.results import Results
+from vastflow.flows.results.summary import Results
 from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.evidence import Group, evidence_of
 from vastflow.oracles.evidence.rates import LEVEL

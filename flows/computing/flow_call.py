@@ -22,7 +22,6 @@ from vastflow.tasks.server import (
     embedded,
     prefect_home,
 )
-from vastflow.tasks.surroundings import check_surroundings
 
 LOGGER: Final = logging.getLogger("vastflow.flow_call")
 
@@ -43,13 +42,9 @@ class FlowCall:
     Args:
         engine: What the flow computes with; an interrupt ends it.
         log: File for all that would be said on the terminal otherwise.
-
-    Raises:
-        SurroundingsError: this machine lacks something that a computation needs.
     """
 
     def __init__(self, engine: Engine, tally: Tally, log: Path) -> None:
-        check_surroundings()
         # Where one is configured it costs no processor time beside it; a profile of Prefect's says so only later.
         self._server = None if os.environ.get(CONFIGURED) else ApiServer(log)
         self._engine = engine

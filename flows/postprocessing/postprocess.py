@@ -17,7 +17,7 @@ from vastflow.flows.export.export import SHARED, export
 from vastflow.flows.postprocessing.plug_in import Request
 from vastflow.flows.postprocessing.processed import FOLDER, Processed, earlier, write_processed
 from vastflow.flows.results.found import RunFault
-from vastflow.flows.results.results import Results
+from vastflow.flows.results.summary import Results
 from vastflow.producers.postprocessing import CONFIG, ProcessingStep
 from vastflow.sim.digest import digest, file_digest
 

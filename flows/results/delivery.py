@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from vastflow.tasks.store import WRITING_S, Store, is_address
 
 if TYPE_CHECKING:
-    from vastflow.flows.results.results import Results
+    from vastflow.flows.results.summary import Results
 
 METADATA: Final = "metadata.json"
 """It makes a folder a campaign directory, so it goes last: half a delivery is none."""

@@ -1,5 +1,6 @@
 """The files a campaign was asked for with, kept as they were when it was read."""
 
+import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -34,12 +35,15 @@ class Inputs:
         maps: Digest to map.
         places: File from elsewhere, relative to the campaign file's folder, to its place below `inputs/`. A map of the
             user's folder of maps is kept as if it lay beside the campaign file, for there it is looked for first.
+        read: Absolute path of each file, the campaign file too, to the SHA-256 of what was read; None for a path where none was
+            found that would have been read.
     """
 
     campaign: bytes = field(repr=False)
     files: Mapping[str, bytes] = field(repr=False)
     maps: Mapping[str, OccupancyMap] = field(repr=False)
     places: Mapping[str, str] = field(default_factory=dict)
+    read: Mapping[str, str | None] = field(default_factory=dict, repr=False)
 
     def write(self, directory: Path) -> None:
         """Write `campaign.vast` and `inputs/` into the campaign directory."""
@@ -59,55 +63,87 @@ def inputs_of(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Inputs:
     controllers = plug_ins_in(fixed)
     parameter_files = files_in(*(values.pop(FILE_KEY, None) for values in fixed))
     map_files = files_in(*fixed, *(p.parameters for p in producers))
-    files: dict[str, bytes] = {}
-    places: dict[str, str] = {}
+    kept = _Kept(base)
     for parameter_file in map(Path, parameter_files.values()):
-        _keep(files, places, base, parameter_file)
+        kept.keep(parameter_file)
     for content in controllers:
-        _keep_beside(files, places, base, content)
+        kept.keep_beside(content)
     for path in map_files.values():
         borrowed = campaign.borrowed_maps.get(path)
         beside = Path(path) if borrowed is None else base / borrowed
+        if borrowed is not None:
+            kept.read[os.path.abspath(beside)] = None
         picture = _picture(Path(path))
-        _keep(files, places, base, Path(path), Path(path).parent / picture, at=[beside, beside.parent / picture])
+        kept.keep(Path(path), Path(path).parent / picture, at=[beside, beside.parent / picture])
     for plan_file in dict.fromkeys(name for producer in producers for name in _plan_files(producer.parameters)):
-        _keep(files, places, base, base / plan_file)
+        kept.keep(base / plan_file)
     if isinstance(campaign.abstract, FileContent):
         for scenario_file in files_of(Path(campaign.abstract.path)):
-            _keep(files, places, base, scenario_file)
+            kept.keep(scenario_file)
     for _, run_file in campaign.programs.files if campaign.programs else ():
-        _keep(files, places, base, Path(run_file.path))
+        kept.keep(Path(run_file.path))
     for plug_in in (*producers, *oracles):
         if (snapshot := snapshot_behind(type(plug_in))) is not None:
-            _keep_snapshot(files, places, base, snapshot)
+            kept.keep_snapshot(snapshot)
     for step in steps_of(campaign.spec.results_processing.postprocessing):
         for step_file in step.files(base):
-            _keep(files, places, base, step_file)
+            kept.keep(step_file)
     maps = {key: load_map(file) for key, file in map_files.items()}
-    return Inputs(campaign.path.read_bytes(), files, maps, places)
+    written = campaign.path.read_bytes()
+    kept.read[os.path.abspath(campaign.path)] = _sha256(written)
+    return Inputs(written, kept.files, maps, kept.places, kept.read)
 
 
-def _keep_snapshot(files: dict[str, bytes], places: dict[str, str], base: Path, snapshot: Snapshot) -> None:
-    """Keep a plug-in with all that it uses, as they were when it was loaded."""
-    for place in snapshot.files:
-        path, home = snapshot.origin / place, Path(os.path.abspath(base))
-        name = path.relative_to(home) if path.is_relative_to(home) else Path(snapshot.digest[:12], place)
-        files[name.as_posix()] = snapshot.read(place)
-        if not path.is_relative_to(home):
-            places[Path(os.path.relpath(path, home)).as_posix()] = name.as_posix()
+@dataclass
+class _Kept:
+    """What has been read so far, see `Inputs`.
 
+    Attributes:
+        base: The campaign file's folder.
+    """
 
-def _keep_beside(files: dict[str, bytes], places: dict[str, str], base: Path, content: ParameterFile) -> None:
-    """Keep a parameter file's plug-ins where the kept parameter file names them."""
-    home = Path(os.path.abspath(content.path)).parent
-    kept = places.get(Path(os.path.relpath(content.path, base)).as_posix())
-    for snapshot in content.plug_ins.values():
-        if kept is None:
-            _keep_snapshot(files, places, base, snapshot)
-            continue
+    base: Path
+    files: dict[str, bytes] = field(default_factory=dict)
+    places: dict[str, str] = field(default_factory=dict)
+    read: dict[str, str | None] = field(default_factory=dict)
+
+    def keep(self, *together: Path, at: Sequence[Path] | None = None) -> None:
+        """Keep files at their places below `base`, or as if they lay `at` others; those elsewhere, in a folder named by content."""
+        contents = [path.read_bytes() for path in together]
+        self.read |= {os.path.abspath(path): _sha256(content) for path, content in zip(together, contents, strict=True)}
+        elsewhere, home = digest([content.hex() for content in contents])[:12], self.base.resolve()
+        for path, content in zip(at or together, contents, strict=True):
+            inside = path.resolve().is_relative_to(home)
+            name = path.resolve().relative_to(home) if inside else Path(elsewhere, path.name)
+            self.files[name.as_posix()] = content
+            if not inside:
+                # by links as they are named
+                self.places[Path(os.path.relpath(path, self.base)).as_posix()] = name.as_posix()
+
+    def keep_snapshot(self, snapshot: Snapshot) -> None:
+        """Keep a plug-in with all that it uses, as they were when it was loaded."""
         for place in snapshot.files:
-            name = os.path.normpath(Path(kept).parent / os.path.relpath(snapshot.origin / place, home))
-            files[Path(name).as_posix()] = snapshot.read(place)
+            path, home = snapshot.origin / place, Path(os.path.abspath(self.base))
+            name = path.relative_to(home) if path.is_relative_to(home) else Path(snapshot.digest[:12], place)
+            self._keep_copy(snapshot, place, name.as_posix())
+            if not path.is_relative_to(home):
+                self.places[Path(os.path.relpath(path, home)).as_posix()] = name.as_posix()
+
+    def keep_beside(self, content: ParameterFile) -> None:
+        """Keep a parameter file's plug-ins where the kept parameter file names them."""
+        home = Path(os.path.abspath(content.path)).parent
+        kept = self.places.get(Path(os.path.relpath(content.path, self.base)).as_posix())
+        for snapshot in content.plug_ins.values():
+            if kept is None:
+                self.keep_snapshot(snapshot)
+                continue
+            for place in snapshot.files:
+                name = os.path.normpath(Path(kept).parent / os.path.relpath(snapshot.origin / place, home))
+                self._keep_copy(snapshot, place, Path(name).as_posix())
+
+    def _keep_copy(self, snapshot: Snapshot, place: str, name: str) -> None:
+        self.files[name] = snapshot.read(place)
+        self.read[os.path.abspath(snapshot.origin / place)] = snapshot.files[place]
 
 
 def _plan_files(parameters: BaseModel) -> Iterator[str]:
@@ -125,15 +161,5 @@ def _picture(map_file: Path) -> str:
     return str(yaml_value(read_text(map_file))["image"])
 
 
-def _keep(
-    files: dict[str, bytes], places: dict[str, str], base: Path, *together: Path, at: Sequence[Path] | None = None
-) -> None:
-    """Keep files at their places below `base`, or as if they lay `at` others; those elsewhere, in a folder named by content."""
-    contents = [path.read_bytes() for path in together]
-    elsewhere = digest([content.hex() for content in contents])[:12]
-    for path, content in zip(at or together, contents, strict=True):
-        inside = path.resolve().is_relative_to(base.resolve())
-        name = path.resolve().relative_to(base.resolve()) if inside else Path(elsewhere, path.name)
-        files[name.as_posix()] = content
-        if not inside:
-            places[Path(os.path.relpath(path, base)).as_posix()] = name.as_posix()  # by links as they are named
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

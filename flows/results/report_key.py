@@ -23,7 +23,7 @@ _PACKAGES: Final = ("vastflow.flows.request", "vastflow.flows.results")
 _DATA: Final = "vastflow.oracles"
 _PAGE: Final = (".css", ".j2", ".js")
 """Package with the report's template, and how the names of its files end."""
-_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
+REPORT_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
 
 
 def report_key(
@@ -51,7 +51,7 @@ def report_key(
     same["selection"] = [metadata.get("asked", {}).get("only"), instantiation.sampled_from]
     if SEQUENTIAL in metadata:
         same[SEQUENTIAL] = metadata[SEQUENTIAL]
-    libraries = {name: importlib.metadata.version(name) for name in _LIBRARIES}
+    libraries = {name: importlib.metadata.version(name) for name in REPORT_LIBRARIES}
     said = [[oracle.name, inspect.getdoc(type(oracle))] for oracle in oracles]
     for part in (
         [same, libraries, hashlib.sha256(campaign).hexdigest(), runs, said],

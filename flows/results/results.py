@@ -25,7 +25,7 @@ from vastflow.flows.results.inputs import Inputs
 from vastflow.flows.results.kept_report import KeptReport, Restored, renew_work
 from vastflow.flows.results.member_files import written
 from vastflow.flows.results.origin import origin_row
-from vastflow.flows.results.summary import OutcomeTally, Summary, Work
+from vastflow.flows.results.summary import OutcomeTally, Results, Summary, Work
 from vastflow.oracles.directory.executed import NAMED_FILES
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
@@ -36,22 +36,6 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.tasks.keys import Keys
 
 LOGGER: Final = logging.getLogger("vastflow.results")
-
-
-@dataclass(frozen=True, slots=True)
-class Results:
-    """A campaign directory that has been written.
-
-    Attributes:
-        faults: What broke; without any, every run was judged as far as the oracles could.
-        notes: What a user should know of the campaign's files, line by line as `terminal_lines` has it; `metadata.json`
-            has all.
-    """
-
-    directory: Path
-    summary: Summary
-    faults: tuple[RunFault, ...]
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)

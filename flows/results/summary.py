@@ -1,10 +1,15 @@
-"""The summary: a campaign's counts, as `--json` prints them."""
+"""The summary: a campaign's counts, as `--json` prints them, and where its directory is."""
 
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vastflow.oracles.evidence.rates import Counts
+
+if TYPE_CHECKING:
+    from vastflow.flows.results.found import RunFault
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,3 +92,19 @@ class Summary:
     def json_text(self) -> str:
         """One line of JSON."""
         return json.dumps(self.as_json(), ensure_ascii=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """A campaign directory that has been written.
+
+    Attributes:
+        faults: What broke; without any, every run was judged as far as the oracles could.
+        notes: What a user should know of the campaign's files, line by line as `terminal_lines` has it; `metadata.json`
+            has all.
+    """
+
+    directory: Path
+    summary: Summary
+    faults: "tuple[RunFault, ...]"
+    notes: tuple[str, ...]

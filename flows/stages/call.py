@@ -23,6 +23,7 @@ from vastflow.tasks.pool import Pool
 from vastflow.tasks.progress import Observer, Reporter, Tally
 from vastflow.tasks.shards import Shard, missing_shards
 from vastflow.tasks.store import Lost
+from vastflow.tasks.surroundings import check_surroundings
 
 if TYPE_CHECKING:
     from vastflow.flows.computing.task_runs import TaskRuns
@@ -119,6 +120,9 @@ def stage_run(
     Args:
         keys: Of what is computed.
         oracles: Those that judge, if any do.
+
+    Raises:
+        SurroundingsError: this machine lacks something that a computation needs.
     """
     created, tally = datetime.now(), Tally()
     with ending.terminable(), Reporter(tally, observer):
@@ -126,6 +130,7 @@ def stage_run(
         with campaign_log.own_log(log):
             title = f"{stage} {opened.name} {created:%Y-%m-%d %H:%M:%S}"
             count = workers or cores()
+            check_surroundings()
             engine = Engine(Index(opened.store, keys), Pool(count, log), tally, pickle.dumps(tuple(oracles)))
             try:
                 yield StageRun(opened.name, stage, title, engine, count, tally, log)

@@ -22,8 +22,7 @@ from vastflow.flows.computing.artifacts import (
     size_text,
     tolerated,
 )
-from vastflow.flows.results.results import Results
-from vastflow.flows.results.summary import Summary
+from vastflow.flows.results.summary import Results, Summary
 from vastflow.tasks.progress import Progress
 
 FLOW_RUN = str(uuid4())

@@ -161,25 +161,72 @@ execution: {scenario_file: nothing.osc, runs: 2, timeout: 10}
 """
 
 
-@pytest.mark.timeout(900)
-def test_where_nothing_is_missing_the_report_comes_from_the_store_and_nothing_is_drawn(
-    tmp_path, monkeypatch, prefect_home
-):
-    monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
-    monkeypatch.delenv("PREFECT_API_URL", raising=False)
-    (tmp_path / "nothing.osc").write_text(NOTHING)
-    (tmp_path / "nothing.vast").write_text(CAMPAIGN)
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory, prefect_home):
+    """A folder with a campaign, and what a run of it came to; all of it is in the store."""
+    folder = tmp_path_factory.mktemp("nothing")
+    (folder / "nothing.osc").write_text(NOTHING)
+    (folder / "nothing.vast").write_text(CAMPAIGN)
+    (folder / "work").mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
+        patch.delenv("PREFECT_API_URL", raising=False)
+        first = run_campaign(folder / "nothing.vast", results=folder / "results", store=folder / "store", workers=1)
+    return folder, first
 
-    campaign, store = tmp_path / "nothing.vast", tmp_path / "store"
-    first = run_campaign(campaign, results=tmp_path / "results", store=store, workers=1)
+
+HEAVY = "{'prefect', 'numba', 'scipy', 'matplotlib', 'pandas', 'jinja2', 'pymunk'}"
+
+
+@pytest.mark.timeout(900)
+def test_where_nothing_is_missing_the_report_comes_from_the_store_and_nothing_is_drawn(computed, tmp_path):
+    folder, first = computed
+    campaign, store = folder / "nothing.vast", folder / "store"
     script = (
         "import sys; from vastflow.flows import run_campaign; "
         f"print(run_campaign({str(campaign)!r}, results={str(tmp_path / 'again')!r}, store={str(store)!r}).directory); "
-        "print(*{'prefect', 'numba', 'scipy', 'matplotlib', 'pandas', 'jinja2', 'pymunk'} & sys.modules.keys())"
+        f"print(*{HEAVY} & sys.modules.keys())"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=True)
     directory, loaded = done.stdout.splitlines()
     before, after = files(first.directory), files(Path(directory))
     assert before.keys() - {"logs/campaign.log"} == after.keys()
     assert {name for name in after if before[name] != after[name]} == {"metadata.json", "report.html"}
     assert loaded == ""
+
+
+def command(folder, *arguments):
+    """What the command line prints in a folder, and which modules it loads for that."""
+    script = (
+        f"import sys; sys.argv = ['vastflow', *{[str(each) for each in arguments]!r}]\n"
+        "from vastflow.flows.__main__ import main\n"
+        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code, end.code\n"
+        f"print(*({HEAVY} | {{'lark', 'py_trees', 'vastflow.producers'}}) & sys.modules.keys())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, timeout=300, check=True
+    )
+    *said, loaded = done.stdout.splitlines()
+    return said, loaded
+
+
+@pytest.mark.timeout(900)
+def test_a_command_that_is_given_again_is_answered_with_the_directory_that_is_there(computed):
+    folder, _ = computed
+    asked = ["run", folder / "nothing.vast", "--results", folder / "commands", "--store", folder / "store", "--json"]
+    (said, _), (said_again, loaded) = command(folder / "work", *asked), command(folder / "work", *asked)
+    made, again = json.loads(said[0]), json.loads(said_again[0])
+    assert (made["executed"], again["executed"], again["reused"]) == (0, 0, 6)
+    same = made.keys() - {"cpu_s", "wall_s"}
+    assert {name: made[name] for name in same} == {name: again[name] for name in same}
+    assert [each.name for each in (folder / "commands").iterdir()] == [Path(made["results"]).name]
+    assert loaded == ""
+
+    words, loaded = command(folder / "work", *asked[:-1])
+    assert any("0 runs executed, 6 from the store" in line for line in words)
+    assert f"report: {made['results']}/report.html" in words
+
+    (Path(made["results"]) / "verdicts.parquet").unlink()
+    (said, _) = command(folder / "work", *asked)
+    assert json.loads(said[0])["results"] != made["results"]
+    assert len(list((folder / "commands").iterdir())) == 2

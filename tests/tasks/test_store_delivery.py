@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.results.delivery import delivery_to
-from vastflow.flows.results.results import Results
-from vastflow.flows.results.summary import Summary
+from vastflow.flows.results.summary import Results, Summary
 from vastflow.tasks.remote_files import file_system
 from vastflow.tasks.store import StoreError, open_store
 
