@@ -58,27 +58,29 @@ DIFFERS: Final[Mapping[str, str]] = {
 
 
 def _with_args(schema: dict[str, Any]) -> None:
-    schema["properties"]["args"] = {**schema["properties"]["xacro_arguments"], "title": "Args"}
+    schema["properties"]["args"] = {
+        **schema["properties"]["xacro_arguments"],
+        "title": "Args",
+        "description": "`xacro_arguments` for short.",
+    }
 
 
 class ObstacleConfig(BaseModel):
-    """One kind of obstacle.
+    """One kind of obstacle."""
 
-    Attributes:
-        amount: How many.
-        amount_per_m: How many per meter of path, rounded down; one value or several. This or `amount`.
-        max_distance: Greatest distance of a center from the path (m), one value or several.
-        model: `box` or `cylinder`, or a model file whose name says which.
-        xacro_arguments: The size, such as `width:=0.5, length:=0.5`; `args` for short.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, json_schema_extra=_with_args)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, json_schema_extra=_with_args)
 
     amount: Annotated[Amount, Field(le=MOST_OBSTACLES)] | None = None
+    """How many obstacles of this kind. This or `amount_per_m`."""
     amount_per_m: NotNegatives | None = None
+    """How many per meter of path, rounded down; one value or several. This or `amount`."""
     max_distance: NotNegatives
+    """Greatest distance of a center from the path (m); one value or several."""
     model: str = "box"
+    """`box` or `cylinder`, or a model file whose name contains one of these words."""
     xacro_arguments: str = Field("", validation_alias=AliasChoices("xacro_arguments", "args"))
+    """The size (m): `width:=0.5, length:=0.5` of a box, `radius:=0.2` or `diameter:=0.4` of a cylinder; 0.5 m where none is given.
+    `args` for short."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -137,26 +139,23 @@ class ObstacleConfig(BaseModel):
 
 
 class ObstacleParameters(producer.Parameters):
-    """Of `ObstacleVariation`.
-
-    Attributes:
-        name: Key of the list of obstacles. What is in there already stays.
-        obstacle_configs: The kinds of obstacle in each configuration. Listed values are combined, within a
-            kind and over the kinds.
-        count: Placements drawn of each combination.
-        placement: `constructive`, clear of walls, of each other and of the robot; or `as_v1`, as version 1 of RoboVAST places
-            them: centers apart and a way left, but into walls and into each other.
-        robot_diameter: Of the robot that must stand at its stops and find a way (m).
-        map_file: A map, in place of the configuration's own.
-    """
+    """Of `ObstacleVariation`."""
 
     name: KeyParameter = LIST_KEY
+    """Key of the list of obstacles. What is in there already stays."""
     obstacle_configs: list[ObstacleConfig] = Field(min_length=1)
+    """The kinds of obstacle in each configuration. Listed values are combined, within a kind and over the kinds."""
     count: Count = 1
+    """Placements drawn of each combination."""
     placement: Placement = "constructive"
+    """`constructive`: clear of walls, of each other, and of the robot. `as_v1`: as version 1 of RoboVAST places them, with centers apart
+    and a path left, but into walls and into each other."""
     seed: Seed = 0
+    """Seed of the draws of places."""
     robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
+    """Diameter of the robot that must stand at its stops and find a path (m)."""
     map_file: MapParameter = None
+    """A map for the places, in place of the configuration's own."""
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -77,13 +77,10 @@ Child: TypeAlias = Annotated[
 
 
 class OneOfParameters(producer.Parameters):
-    """Of `OneOfVariation`.
-
-    Attributes:
-        variations: The alternatives, `- Producer: {parameters}`; a producer is a known name or `file.py:Class`.
-    """
+    """Of `OneOfVariation`."""
 
     variations: list[Child] = Field(min_length=1)
+    """The alternatives, `- Producer: {parameters}`; a producer is a known name or `file.py:Class`."""
 
 
 class OneOfVariation(Producer[OneOfParameters]):

@@ -55,19 +55,15 @@ def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
 
 
 class ListParameters(producer.Parameters):
-    """Of `ParameterVariationList`.
-
-    Attributes:
-        name: Key to vary, or several that vary in lockstep.
-        values: The values in turn; with several names each value is a list, one item for each name.
-            Values of `map_file` are paths of maps.
-    """
+    """Of `ParameterVariationList`."""
 
     name: ParameterName | Annotated[list[ParameterName], Field(min_length=1)]
+    """Key to vary, or several that vary in lockstep."""
     values: Annotated[
         list[Annotated[Any, BeforeValidator(_listed_value), PlainSerializer(serializable, return_type=Any)]],
         Field(min_length=1),
     ]
+    """The values in turn; with several names each value is a list, one item for each name. Values of `map_file` are paths of maps."""
 
 
 class ParameterVariationList(Producer[ListParameters]):
@@ -99,15 +95,12 @@ class ParameterVariationList(Producer[ListParameters]):
 
 
 class DistributionParameters(producer.Parameters):
-    """What the parameters of every distribution have.
-
-    Attributes:
-        name: Key to vary.
-        num_variations: How many values are drawn.
-    """
+    """What the parameters of every distribution have."""
 
     name: ParameterName
+    """Key to vary."""
     num_variations: Count
+    """How many values are drawn."""
 
 
 D = TypeVar("D", bound=DistributionParameters)
@@ -142,17 +135,16 @@ class DistributionProducer(Producer[D]):
 
 
 class UniformParameters(DistributionParameters):
-    """Of `ParameterVariationDistributionUniform`.
-
-    Attributes:
-        min, max: Bounds, both included for whole numbers. For `bool`, `max` is the probability of true.
-        type: What the values are; `str` writes the drawn number as text.
-    """
+    """Of `ParameterVariationDistributionUniform`."""
 
     min: Number
+    """Lower bound, in the unit of the value; included for whole numbers."""
     max: Number
+    """Upper bound, in the unit of the value; included for whole numbers. For `bool`, the probability of true."""
     type: ParameterKind = "float"
+    """What the values are; `str` writes the drawn number as text."""
     seed: Seed | None = None
+    """Seed of the draws; 0 where none is given."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -181,20 +173,20 @@ class ParameterVariationDistributionUniform(DistributionProducer[UniformParamete
 
 
 class GaussianParameters(DistributionParameters):
-    """Of `ParameterVariationDistributionGaussian`.
-
-    Attributes:
-        mean, std: Of the normal distribution, in the unit of the value.
-        min, max: Values beyond are set to the bound, not drawn again.
-        type: What the values are. Whole numbers are rounded; a `bool` is true from the mean upwards.
-    """
+    """Of `ParameterVariationDistributionGaussian`."""
 
     mean: Number
+    """Mean of the normal distribution, in the unit of the value."""
     std: NotNegative
+    """Standard deviation of the normal distribution, in the unit of the value."""
     min: Number | None = None
+    """Values below are set to this bound, not drawn again; no bound where none is given."""
     max: Number | None = None
+    """Values above are set to this bound, not drawn again; no bound where none is given."""
     type: ParameterKind = "float"
+    """What the values are. Whole numbers are rounded; a `bool` is true from the mean upwards."""
     seed: Seed
+    """Seed of the draws."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

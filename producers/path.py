@@ -67,33 +67,30 @@ ARRIVAL_M: Final = 0.5
 
 
 class PathParameters(producer.Parameters):
-    """Of `PathVariationRandom`.
-
-    Attributes:
-        path_length: Octile length from the start through the goals (m), one value or several.
-        path_length_tolerance: How much a length may miss `path_length` by (m).
-        num_paths: Paths drawn for each length and number of goals.
-        min_distance: Least straight distance (m) between a stop and the next.
-        num_goal_poses: Number of goals; 1 where neither this nor `num_goal_poses_per_m` is given.
-        num_goal_poses_per_m: Goals per meter of `path_length`, rounded, at least one; one value or several.
-        robot_diameter: Of the disc that must fit all along the path (m).
-        start_pose: Key of the start, or the start itself.
-        goal_poses: Key of the goals, or the goals themselves. The key `goal_pose` holds one pose, any other a list.
-        map_file: A map for the path, in place of the configuration's own; it becomes the configuration's
-            map where that has none.
-    """
+    """Of `PathVariationRandom`."""
 
     path_length: Positives
+    """Length of the shortest path on the map's grid, from the start through the goals (m); one value or several."""
     path_length_tolerance: NotNegative = 0.5
+    """How much a length may miss `path_length` by (m)."""
     num_paths: Count = 1
+    """Paths drawn for each length and number of goals."""
     min_distance: NotNegative = 1.0
+    """Least straight distance (m) between a stop and the next."""
     num_goal_poses: Goals | None = None
+    """Number of goals; 1 where neither this nor `num_goal_poses_per_m` is given."""
     num_goal_poses_per_m: Positives | None = None
+    """Goals per meter of `path_length`, rounded, at least one; one value or several. Instead of `num_goal_poses`."""
     robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
+    """Diameter of the disc that must fit all along the path (m)."""
     seed: Seed = 0
+    """Seed of the draws of start and goals."""
     start_pose: StartParameter = START_KEY
+    """Key of the start, or the start itself: `{x, y, yaw}` in meters and radians."""
     goal_poses: GoalsParameter = GOALS_KEY
+    """Key of the goals, or the goals themselves, one or several. The key `goal_pose` holds one pose, any other a list."""
     map_file: MapParameter = None
+    """A map for the path, in place of the configuration's own; it becomes the configuration's map where that has none."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -28,15 +28,13 @@ MOST_UNTOLD: Final = 100_000
 
 
 class Parameters(BaseModel):
-    """Base of every producer's parameter model: unknown keys are faults, values don't change.
+    """Base of every producer's parameter model: unknown keys are faults, values don't change."""
 
-    Attributes:
-        dimension: Overrides the dimension of everything the producer writes.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     dimension: Dimension | None = None
+    """Dimension of everything the producer writes: `environment`, `task` or `system`; else that of each key. Not part of version 1
+    elsewhere."""
 
 
 P = TypeVar("P", bound=Parameters)

@@ -36,29 +36,26 @@ ROUNDING_CELLS: Final = 1e-6
 
 
 class RasterParameters(producer.Parameters):
-    """Of `PathVariationRasterized`.
-
-    Attributes:
-        start_pose: Key of the start, or the start itself.
-        num_goal_poses: Number of goals.
-        raster_size: Spacing of the points (m).
-        raster_offset_x, raster_offset_y: Of the raster from the map's lower left corner (m).
-        path_length: Octile length from the start through the goals (m), one value or several.
-        path_length_tolerance: How much a length may miss `path_length` by (m).
-        robot_diameter: Of the disc that must fit all along the path (m).
-        map_file: A map for the path, in place of the configuration's own; it becomes the configuration's
-            map where that has none.
-    """
+    """Of `PathVariationRasterized`."""
 
     start_pose: StartParameter = START_KEY
+    """Key of the start, or the start itself: `{x, y, yaw}` in meters and radians."""
     num_goal_poses: Goals = 1
+    """Number of goals on the path."""
     map_file: MapParameter = None
+    """A map for the path, in place of the configuration's own; it becomes the configuration's map where that has none."""
     raster_size: Positive
+    """Spacing of the raster's points (m)."""
     raster_offset_x: Number = 0.0
+    """Offset of the raster from the map's lower left corner along x (m)."""
     raster_offset_y: Number = 0.0
+    """Offset of the raster from the map's lower left corner along y (m)."""
     path_length: Positives
+    """Length of the shortest path on the map's grid, from the start through the goals (m); one value or several."""
     path_length_tolerance: NotNegative = 0.5
+    """How much a length may miss `path_length` by (m)."""
     robot_diameter: Positive = DEFAULT_ROBOT_DIAMETER_M
+    """Diameter of the disc that must fit all along the path (m)."""
 
 
 class PathVariationRasterized(Producer[RasterParameters]):

@@ -24,22 +24,20 @@ from vastflow.sim.scenario import Dimension
 
 
 class TriggeredObstacleParameters(ObstacleParameters):
-    """Of `ObstacleVariationWithDistanceTrigger`: those of `ObstacleVariation`, for one obstacle, and its trigger.
-
-    Attributes:
-        spawn_trigger_point: Key of the point at which the obstacle appears.
-        spawn_trigger_threshold: Key of the distance (m) from that point at which the robot triggers it.
-        trigger_distance: That distance (m), one value or several.
-        spawn_delay_s: Time from then until the obstacle appears (s), one value or several.
-        start_pose, goal_pose: Keys of the path's ends, or the poses themselves.
-    """
+    """Of `ObstacleVariationWithDistanceTrigger`: those of `ObstacleVariation`, for one obstacle, and its trigger."""
 
     spawn_trigger_point: KeyParameter
+    """Key of the point that triggers the obstacle: the obstacle's own place."""
     spawn_trigger_threshold: KeyParameter
+    """Key of the distance (m) from that point at which the robot triggers the obstacle."""
     trigger_distance: Positives
+    """That distance (m); one value or several."""
     spawn_delay_s: NotNegatives = (0.0,)
+    """Time from the trigger until the obstacle appears (s), as a simulator needs to spawn it; one value or several."""
     start_pose: StartParameter = START_KEY
+    """Key of the path's start, or the start itself: `{x, y, yaw}` in meters and radians."""
     goal_pose: GoalsParameter = GOAL_KEY
+    """Key of the path's goal, or the goal itself."""
 
     @property
     def delay_key(self) -> str:

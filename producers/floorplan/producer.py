@@ -100,17 +100,14 @@ VariedPlan: TypeAlias = Annotated[
 
 
 class EnvironmentParameters(producer.Parameters):
-    """Of both producers.
-
-    Attributes:
-        name: Keys of the map and of the mesh.
-        resolution: Edge of a cell of the map (m).
-        laser_height: Height of the slice that is the map (m).
-    """
+    """Of both producers."""
 
     name: Annotated[tuple[str, ...], Field(min_length=2, max_length=2)] = (MAP_KEY, MESH_KEY)
+    """Keys of the map and of the mesh."""
     resolution: Positive = RESOLUTION_M
+    """Edge of a cell of the map (m)."""
     laser_height: NotNegative = LASER_HEIGHT_M
+    """Height of the slice through the building that is the map (m)."""
 
     @model_validator(mode="after")
     def _check_name(self) -> Self:
@@ -155,13 +152,10 @@ class EnvironmentProducer(Producer[E]):
 
 
 class FloorplanGenerationParameters(EnvironmentParameters):
-    """Of `FloorplanGeneration`.
-
-    Attributes:
-        floorplans: FloorPlan DSL files (`.fpm`), relative to the campaign file.
-    """
+    """Of `FloorplanGeneration`."""
 
     floorplans: Annotated[tuple[Plan, ...], AtLeastOne]
+    """FloorPlan DSL files (`.fpm`), relative to the campaign file."""
 
 
 class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
@@ -186,17 +180,14 @@ class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
 
 
 class FloorplanVariationParameters(EnvironmentParameters):
-    """Of `FloorplanVariation`.
-
-    Attributes:
-        variation_files: Variation DSL files (`.variation`), relative to the campaign file.
-        num_variations: Environments drawn from each file.
-        seed: Of the first variation of each file; the next ones have the next numbers.
-    """
+    """Of `FloorplanVariation`."""
 
     variation_files: Annotated[tuple[VariedPlan, ...], AtLeastOne]
+    """Variation DSL files (`.variation`), relative to the campaign file."""
     num_variations: Count = 1
+    """Buildings drawn from each file."""
     seed: Seed = 0
+    """Seed of the first building of each file; the next ones have the next numbers."""
 
     @model_validator(mode="after")
     def _check_seed(self) -> Self:

@@ -28,6 +28,7 @@ class Sample(Section):
     size: Count
     """How many."""
     seed: Seed = 0
+    """Seed of the sample."""
 
 
 def _named(value: Any) -> Any:
@@ -47,7 +48,9 @@ class DesignSpec(Section):
     cartesian: Section | None = None
     """Every combination."""
     t_way: TWay | None = None
+    """Few combinations, in which every possible one of any `strength` producers' choices occurs."""
     sample: Sample | None = None
+    """A number of combinations, spread over all of them."""
 
     @model_validator(mode="after")
     def _one(self) -> Self:

@@ -1,7 +1,7 @@
 """The JSON Schema of campaign files, for editors."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic.json_schema import models_json_schema
 
@@ -9,6 +9,7 @@ from vastflow.producers.producer import find_producer, known_producers
 from vastflow.producers.vast.spec import CampaignSpec
 
 TITLE = "vastflow campaign file, version 1"
+_PLACE: Final = "#/$defs/"
 
 
 def campaign_schema() -> dict[str, Any]:
@@ -17,7 +18,7 @@ def campaign_schema() -> dict[str, Any]:
     models = {producer.Parameters: name for name, producer in producers.items()}
     references, definitions = models_json_schema(
         [(CampaignSpec, "validation"), *((model, "validation") for model in models)],
-        ref_template="#/$defs/{model}",
+        ref_template=_PLACE + "{model}",
     )
     schemas: dict[str, Any] = dict(definitions.get("$defs", {}))
     variation = {
@@ -40,5 +41,22 @@ def campaign_schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **campaign,
         "title": TITLE,
-        "$defs": schemas,
+        "$defs": {name: schemas[name] for name in sorted(_named(campaign, schemas))},
     }
+
+
+def _named(said: Any, schemas: dict[str, Any]) -> set[str]:
+    """Names of the definitions that are referred to, from one to the next: pydantic also lists those of values that no file has."""
+    found: set[str] = set()
+    waiting = [said]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += value.values()
+            name = str(value.get("$ref", "")).removeprefix(_PLACE)
+            if name in schemas and name not in found:
+                found.add(name)
+                waiting.append(schemas[name])
+        elif isinstance(value, (list, tuple)):
+            waiting += value
+    return found

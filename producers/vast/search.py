@@ -25,11 +25,17 @@ class SearchDimension(Section):
     `{type: choice, values}` or `{type: bool}`."""
 
     type: Literal["float", "int", "choice", "bool"]
+    """What the values are: a number, a whole number, one of `values`, or true and false."""
     low: Number | None = None
+    """Least value of a number, included."""
     high: Number | None = None
+    """Greatest value of a number, included."""
     log: Annotated[bool, Field(strict=True)] = False
+    """Whether a number is searched on a logarithmic scale; `low` is then greater than 0."""
     step: Annotated[int, Field(strict=True, ge=1)] | None = None
+    """Distance between whole numbers that are tried; 1 where none is given. Not together with `log`."""
     values: Annotated[list[Any], Field(min_length=1)] | None = None
+    """The values of a `choice`."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -73,20 +79,25 @@ class Extract(Section):
     """The plug-in that turns a point's runs into objectives: `failure_rate` or `file.py:Class`."""
 
     plugin: Annotated[str, Field(min_length=1)]
+    """`failure_rate`, or `file.py:Class` relative to the campaign file."""
     params: dict[str, Any] = Field(default_factory=dict)
+    """Parameters of the plug-in."""
 
 
 class Objective(Section):
     """A number that the search drives."""
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the number, as the plug-in of `extract` gives it."""
     direction: Literal["maximize", "minimize"] = "maximize"
+    """Whether the search looks for its greatest or its least value."""
 
 
 class Budget(Section):
     """How much the search may spend."""
 
     batches: Count | None = None
+    """Batches of points."""
     time: Positive | None = None
     """Seconds on the clock."""
     runs: Count | None = None
@@ -104,15 +115,20 @@ class NoImprovement(Section):
     """Stop when the objective stands still; a number alone is `patience`."""
 
     patience: Count
+    """How often in a row the objective may miss improving before the search ends."""
     min_delta: NotNegative = 0.0
+    """Least change of the objective, in its unit, that counts as improvement."""
 
 
 class StopMetric(Section):
     """Stop when a number that the strategy reports passes a value."""
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the number, as the strategy reports it."""
     op: Literal[">", ">=", "<", "<=", "==", "!="]
+    """Comparison of the number with `value`."""
     value: Number
+    """What it is compared with, in the unit of the number."""
 
 
 def _patience(value: Any) -> Any:
@@ -123,8 +139,11 @@ class Stopping(Section):
     """When the search ends before its budget is spent."""
 
     target_objective: Number | None = None
+    """Value of the objective, in its unit, at which the search ends."""
     no_improvement: Annotated[NoImprovement, BeforeValidator(_patience)] | None = None
+    """When the objective stands still: a number of batches, or `{patience, min_delta}`."""
     metric: StopMetric | None = None
+    """When a number that the strategy reports passes a value."""
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -153,16 +172,25 @@ class SearchSpec(Section):
     search_space: Annotated[dict[str, SearchDimension], Field(min_length=1)]
     """Name to domain. One that no `$name` stands for is a parameter of the scenario."""
     extract: Extract | None = None
+    """The plug-in that turns a point's runs into objectives."""
     objectives: list[Objective] = Field(default_factory=list)
+    """The number that the search drives; at most one."""
     per_batch: Count = 1
+    """Points proposed at a time."""
     budget: Budgets = Field(default_factory=list)
+    """How much the search may spend; this or `stopping` must be given, and what is reached first ends it."""
     stopping: Stoppings = Field(default_factory=list)
+    """When the search ends before its budget is spent."""
     seed: Seed | None = None
+    """Seed of the strategy."""
     variations: SingleKeys = Field(default_factory=list)
     """Producers as in a family; `$name` stands for a searched parameter."""
     parameters: SingleKeys = Field(default_factory=list)
+    """Fixed parameters as in a family; `$name` stands for a searched parameter."""
     postprocessing: NamedSteps = Field(default_factory=list)
+    """Steps over the results of a batch, before objectives are taken from them."""
     strategy_parameters: dict[str, Any] = Field(default_factory=dict)
+    """Parameters of the strategy."""
 
     @model_validator(mode="after")
     def _ends(self) -> Self:

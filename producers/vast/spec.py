@@ -78,15 +78,20 @@ class Resources(Section):
     """What a container asks of its node; a list gives each cluster (kubeconfig context) its own."""
 
     cpu: Count | PerCluster | None = None
+    """Cores; a number, or a list `- cluster: number`."""
     memory: str | list[dict[str, str]] | None = None
+    """Memory in units of Kubernetes, such as `8Gi` or `512Mi`; an amount, or a list `- cluster: amount`."""
     gpu: Amount | None = None
+    """Number of GPUs."""
 
 
 class SecondaryContainer(Section):
     """A container beside the main one: `name`, or `{name: , resources: {...}}`."""
 
     name: str
+    """Name of the container, unique in the campaign."""
     resources: Resources | None = None
+    """What the container asks of its node."""
 
     @model_validator(mode="before")
     @classmethod
@@ -111,13 +116,16 @@ class Nodes(Section):
     """Which nodes of a cluster are chosen."""
 
     node_labels: FreeForm = Field(default_factory=dict)
+    """Labels that a node must have, `label: value`."""
 
 
 class Kubernetes(Section):
     """Settings of runs in a cluster."""
 
     jobs: Nodes | None = None
+    """Nodes for the jobs that execute runs."""
     control: Nodes | None = None
+    """Nodes for what controls the campaign."""
 
 
 class ExecutionSpec(Section):
@@ -202,18 +210,24 @@ class ResultsProcessingSpec(Section):
     postprocessing: NamedSteps = Field(default_factory=list)
     """Steps over a copy of the results, `- file.py:Class`, `- command: {script, args}`, or a name that RoboVAST has."""
     metadata_processing: Annotated[NamedSteps, Unexecuted()] = Field(default_factory=list)
+    """Steps over the metadata of the results."""
     publication: Annotated[NamedSteps, Unexecuted("results stay in the campaign directory")] = Field(
         default_factory=list
     )
+    """Steps that publish the results."""
 
 
 class Notebooks(Section):
     """Notebooks of one tab."""
 
     run: str | None = None
+    """Notebook about one run, relative to the campaign file."""
     config: str | None = None
+    """Notebook about one configuration, relative to the campaign file."""
     batch: str | None = None
+    """Notebook about one batch of a search, relative to the campaign file."""
     campaign: str | None = None
+    """Notebook about the whole campaign, relative to the campaign file."""
 
 
 def _one_tab(entry: dict[str, Notebooks]) -> dict[str, Notebooks]:
@@ -250,8 +264,11 @@ class CampaignSpec(Section):
     constraints: Constraints = None
     """What the configurations of every family must fulfil. Not part of version 1 elsewhere."""
     execution: Annotated[ExecutionSpec, EmptyIsMap] = Field(default_factory=ExecutionSpec)
+    """Runs of each configuration, their scenario and time, and where they are executed."""
     results_processing: Annotated[ResultsProcessingSpec, EmptyIsMap] = Field(default_factory=ResultsProcessingSpec)
+    """Steps over the results, once the campaign directory is complete."""
     evaluation: Annotated[EvaluationSpec, EmptyIsMap] = Field(default_factory=EvaluationSpec)
+    """The oracles that judge each run."""
 
 
 def is_tolerated_in_family(key: str) -> bool:

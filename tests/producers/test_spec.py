@@ -1,5 +1,6 @@
 """The keys of version 1 of the format and their rules."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -228,6 +229,36 @@ def test_every_reference_in_the_schema_leads_somewhere() -> None:
         return [found for item in value for found in references(item)] if isinstance(value, list) else []
 
     assert {reference.removeprefix("#/$defs/") for reference in references(schema)} <= set(schema["$defs"])
+
+
+def test_every_property_in_the_schema_is_described() -> None:
+    found: list[str] = []
+    bare: list[str] = []
+
+    def visit(said: Any, place: str) -> None:
+        if isinstance(said, dict):
+            for name, each in said.get("properties", {}).items():
+                found.append(f"{place}.{name}")
+                if not each.get("description"):
+                    bare.append(found[-1])
+                visit(each, found[-1])
+            for name in ("$defs", "items", "anyOf"):
+                visit(said.get(name), place)
+            for name, each in said.get("$defs", {}).items():
+                visit(each, name)
+        elif isinstance(said, list):
+            for each in said:
+                visit(each, place)
+
+    visit(campaign_schema(), "")
+    assert bare == []
+    assert len(found) > 180
+
+
+def test_the_schema_defines_nothing_that_no_key_takes() -> None:
+    schema = campaign_schema()
+    text = json.dumps(schema)
+    assert [name for name in schema["$defs"] if f'"#/$defs/{name}"' not in text] == []
 
 
 def test_the_schema_describes_keys_in_words_and_marks_those_without_effect() -> None:
