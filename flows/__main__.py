@@ -5,11 +5,12 @@ imported inside the commands.
 """
 
 import sys
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+import vastflow
 from vastflow.flows.commands.bench import bench
 from vastflow.flows.commands.compare import compare
 from vastflow.flows.commands.coverage import coverage
@@ -19,6 +20,7 @@ from vastflow.flows.commands.explain import explain
 from vastflow.flows.commands.export import export
 from vastflow.flows.commands.file import schema, validate
 from vastflow.flows.commands.floorplan import floorplan
+from vastflow.flows.commands.init import init
 from vastflow.flows.commands.paper import paper
 from vastflow.flows.commands.params import params
 from vastflow.flows.commands.preview import preview
@@ -42,15 +44,32 @@ class Commands(TyperGroup):
             raise typer.Exit(3) from None
 
 
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"vastflow {vastflow.__version__}")
+        raise typer.Exit
+
+
 app = typer.Typer(
     cls=Commands,
     help="Find out whether a robot's navigation can be trusted: from a campaign file to evidence.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # a fifth of a second for a frame round the help
 )
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """What `vastflow` itself takes, without a command."""
+
+
 for command in (
+    init,
     run,
     resume,
     validate,

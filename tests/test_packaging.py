@@ -13,6 +13,7 @@ from pathlib import Path
 import grimp
 import pytest
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 
 from vastflow.sim.reading.abstract import SHIPPED
 
@@ -26,8 +27,8 @@ MADE_HERE = {"build", "dist", "results"}
 """What building and running leave behind; git ignores it."""
 
 
-SHIPPED_SCENARIOS = "vastflow.campaigns.scenarios"
-"""Data that is installed: what the names `builtin:…` stand for."""
+SHIPPED_DATA = ("quickstart", "scenarios")
+"""Folders of `campaigns` that are installed: what `vastflow init` writes, and what the names `builtin:…` stand for."""
 
 
 def package_folders() -> list[Path]:
@@ -69,13 +70,15 @@ def run(*command, **options):
 def test_every_folder_with_an_init_file_is_a_package_of_the_distribution():
     # A sub-package that is missing from the list still imports here, but is absent from the wheel.
     folders = ["vastflow." + ".".join(folder.relative_to(ROOT).parts) for folder in package_folders()]
-    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(["vastflow", *folders, SHIPPED_SCENARIOS])
+    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(
+        ["vastflow", *folders, *(f"vastflow.campaigns.{name}" for name in SHIPPED_DATA)]
+    )
 
 
 def test_the_package_links_to_every_folder_of_it():
     links = {path: path.resolve() for path in PACKAGE.rglob("*") if path.is_symlink()}
     folders = {PACKAGE / layer: ROOT / layer for layer in LAYERS}
-    assert links == folders | {PACKAGE / "campaigns" / "scenarios": ROOT / "campaigns" / "scenarios"}
+    assert links == folders | {PACKAGE / "campaigns" / name: ROOT / "campaigns" / name for name in SHIPPED_DATA}
 
 
 def test_an_editable_install_is_a_folder_on_the_path_which_editors_and_type_checkers_can_follow():
@@ -247,8 +250,32 @@ def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(wheel):
     assert described and {f"vastflow/{file.relative_to(ROOT).as_posix()}" for file in described} <= {*names}
     scenarios = {f"vastflow/campaigns/scenarios/{name}.osc" for name in SHIPPED}
     hall = {f"vastflow/campaigns/scenarios/hall.{kind}" for kind in ("yaml", "png")}
-    assert {name for name in names if name.startswith("vastflow/campaigns/")} == scenarios | hall
+    first = {
+        f"vastflow/campaigns/quickstart/{name}" for name in ("quickstart.vast", "maps/office.pgm", "maps/office.yaml")
+    }
+    assert {name for name in names if name.startswith("vastflow/campaigns/")} == scenarios | hall | first
     assert f"{stem}/licenses/docs/LICENSE" in names
+
+
+def test_a_wheel_is_enough_for_a_first_campaign(wheel, tmp_path, monkeypatch):
+    # tests/proofs/installed.py installs it with all that it needs, and runs what is written here.
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "site"))
+    made = run(sys.executable, "-m", "vastflow.flows", "init", tmp_path / "first")
+    assert made.returncode == 0, made.stderr
+    _, _, campaign = made.stdout.splitlines()[-1].partition("vastflow run ")
+    for command in ("validate", "preview"):
+        done = run(sys.executable, "-m", "vastflow.flows", command, campaign)
+        assert done.returncode == 0, done.stderr
+    assert "24" in done.stdout
+    assert Path(campaign).read_bytes() == (ROOT / "campaigns" / "quickstart" / "quickstart.vast").read_bytes()
+
+
+def test_every_python_that_the_wheel_is_tried_with_is_one_that_is_allowed():
+    page = (ROOT / "docs" / "operate.md").read_text()
+    tried = re.search(r"Tried with Python ([\d., and]+)", page)[1]
+    allowed = SpecifierSet(PYPROJECT["project"]["requires-python"])
+    assert all(python in allowed for python in re.findall(r"\d+\.\d+(?:\.\d+)?", tried))
 
 
 KEYS = """

@@ -37,6 +37,9 @@ def run(
         typer.Option(metavar="RESULTS", help="With --dry-run: compare with this campaign, else with the newest."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON summary and nothing else.")] = False,
+    open_report: Annotated[
+        bool, typer.Option("--open", help="Open the report in the browser at the end; never where CI is set.")
+    ] = False,
 ) -> None:
     """Run a campaign and write its report.
 
@@ -49,7 +52,7 @@ def run(
     if dry_run:
         print_dry_run(request, since=since, as_json=as_json)
         return
-    run_and_show(request, as_json)
+    run_and_show(request, as_json, open_report=open_report)
 
 
 def asked_request(file: Path, asked: Mapping[str, Any]) -> RunRequest:
@@ -67,7 +70,7 @@ def _wrong_since(since: Path, dry_run: bool) -> str | None:
     return wrong_directory(since)
 
 
-def run_and_show(request: RunRequest, as_json: bool) -> None:
+def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = False) -> None:
     """Run a campaign as the command line does: with a display, the outcome in words, and an exit code."""
     from vastflow.tasks.store import is_address
 
@@ -81,6 +84,8 @@ def run_and_show(request: RunRequest, as_json: bool) -> None:
         print(found.summary.json_text())
     else:
         _show(found)
+    if open_report and not os.environ.get("CI"):
+        _open(found.directory / "report.html")
     if found.faults:
         raise typer.Exit(FAULT)
 
@@ -141,6 +146,14 @@ def unwritable(results: Path) -> str | None:
 def command_line(arguments: list[str]) -> str:
     """The command as it was typed, with `vastflow` for its first word."""
     return shlex.join(["vastflow", *arguments[1:]])
+
+
+def _open(report: Path) -> None:
+    """Open a report in the user's browser; where there is none, its path was said."""
+    import webbrowser
+
+    if not (report.exists() and webbrowser.open(report.absolute().as_uri())):
+        print(f"--open: no browser opens {report}", file=sys.stderr)
 
 
 def _show(found: "Results") -> None:
