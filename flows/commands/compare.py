@@ -3,7 +3,7 @@
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from vastflow.flows.comparison.campaigns import Compared
     from vastflow.oracles.directory.tables import Tables
 
-DOES_NOT_HOLD: Final = 1
+Target = Literal["these", "others"]
 
 
 def compare(
@@ -26,8 +26,12 @@ def compare(
         str | None, typer.Option(metavar="NAME", help="Compare by this oracle alone, else by all that judged both.")
     ] = None,
     gate: Annotated[
-        bool, typer.Option("--gate", help="Exit code 1 unless a loss of the margin or more is ruled out.")
+        bool,
+        typer.Option("--gate", help="Exit code 1 unless a loss of the margin is ruled out, 4 if it can't be told."),
     ] = False,
+    target: Annotated[
+        Target, typer.Option(help="Speak of these very scenarios, run again, or of others of their kind.")
+    ] = "these",
     margin: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Loss of success rate that may be, as a share of the runs.")
     ] = 0.02,
@@ -55,7 +59,7 @@ def compare(
         tables = _tables(before), _tables(after)
         with reading(after):
             try:
-                found = compared(*tables, oracle, margin)
+                found = compared(*tables, oracle, margin, target)
             except NotComparable as error:
                 _end(str(error))
         try:
@@ -72,8 +76,8 @@ def compare(
             from vastflow.flows.terminal.outcome import printed
 
             printed(compared_text(found, drawn))
-    if gate and not found.holds:
-        raise typer.Exit(DOES_NOT_HOLD)
+    if gate:
+        raise typer.Exit(found.gate.exit_code)
 
 
 def _tables(directory: Path) -> "Tables":

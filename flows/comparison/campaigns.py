@@ -5,6 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from vastflow.flows.comparison.gate import Gate, gate_of
+from vastflow.flows.request.campaign_keys import recorded_keys
+from vastflow.flows.results.past import recorded_as
 from vastflow.oracles.directory.environment_names import environment_names
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.pairing import Pairing, pairing_of
@@ -13,6 +16,7 @@ from vastflow.oracles.statistics.comparison import (
     Change,
     LevelDifference,
     RateDifference,
+    Target,
     by_level,
     changes,
     difference,
@@ -34,8 +38,9 @@ class Compared:
         whole: All pairs together, by that.
         oracles: Each oracle by itself, where it judged a pair both times.
         changes: Configurations whose runs do not all end as before, the most certain first.
+        new_faults: Of the later campaign in configurations of which the earlier one has none.
         levels: The difference at each level of each factor of the later campaign.
-        margin: Loss that the gate allows.
+        gate: Whether a loss is ruled out.
     """
 
     before: Tables = field(repr=False)
@@ -46,26 +51,22 @@ class Compared:
     oracles: dict[str, RateDifference]
     changes: Sequence[Change]
     levels: Sequence[LevelDifference]
-    margin: float
-
-    @property
-    def holds(self) -> bool:
-        """Whether a loss of the margin or more is ruled out, which it is not where runs can no longer be judged."""
-        return self.whole.non_inferior(self.margin) and not self.new_faults
-
-    @property
-    def new_faults(self) -> int:
-        """Faults of the later campaign in configurations of which the earlier one has none."""
-        before, after = (_faulty(tables) for tables in (self.before, self.after))
-        return sum(after[match.after] for match in self.pairing.matches if not before[match.before])
+    new_faults: int
+    gate: Gate
 
     def shown(self, *, worse: bool) -> list[Change]:
         """Configurations that are shown to fail newly, or to pass newly."""
         return [change for change in self.changes if change.shown and change.worse == worse]
 
 
-def compared(before: Tables, after: Tables, oracle: str | None = None, margin: float = 0.02) -> Compared:
+def compared(
+    before: Tables, after: Tables, oracle: str | None = None, margin: float = 0.02, target: Target = "these"
+) -> Compared:
     """Compare two campaigns.
+
+    Args:
+        margin: Loss that the gate allows.
+        target: What differences and the gate are about.
 
     Raises:
         NotComparable: an unknown oracle, or no pair of runs that was judged both times.
@@ -75,12 +76,35 @@ def compared(before: Tables, after: Tables, oracle: str | None = None, margin: f
         hint = did_you_mean(oracle, pairing.oracles, "both have none", listed="both have")
         raise NotComparable(f"--oracle {oracle}: did not judge both campaigns; {hint}")
     pairs = pairing.pairs(oracle)
-    whole = difference(pairs)
+    whole = difference(pairs, target)
     if whole is None:
         raise NotComparable(f"{before.directory} and {after.directory}: nothing to compare: {_why(pairing)}")
-    each = {name: found for name in pairing.oracles if (found := difference(pairing.pairs(name))) is not None}
+    each = {name: found for name in pairing.oracles if (found := difference(pairing.pairs(name), target)) is not None}
     factors, _ = factors_of(_rows(after, [match.after for match in pairing.matches]))
-    return Compared(before, after, pairing, oracle, whole, each, changes(pairs), by_level(factors, pairs), margin)
+    faults = _new_faults(before, after, pairing)
+    same = same_keys(before, after, pairing)
+    gate = gate_of(pairing, whole, target, margin, oracle=oracle, new_faults=faults, same_keys=same)
+    levels = by_level(factors, pairs, target)
+    return Compared(before, after, pairing, oracle, whole, each, changes(pairs), levels, faults, gate)
+
+
+def same_keys(before: Tables, after: Tables, pairing: Pairing) -> bool:
+    """Whether the runs of two campaigns have the same keys: equal scenarios, code, oracles, seed and kind of machine."""
+    then, now = recorded_keys(before.metadata), recorded_keys(after.metadata)
+    if then is None or then != now:
+        return False
+    scenarios = [_checked(tables) for tables in (before, after)]
+    return all(scenarios[0][match.before] == scenarios[1][match.after] for match in pairing.matches)
+
+
+def _checked(tables: Tables) -> dict[str, str]:
+    found = tables.configurations.table.select(["name", "checked_digest", "scenario_digest"])
+    return {row["name"]: recorded_as(row) for row in found.to_pylist()}
+
+
+def _new_faults(before: Tables, after: Tables, pairing: Pairing) -> int:
+    then, now = (_faulty(tables) for tables in (before, after))
+    return sum(now[match.after] for match in pairing.matches if not then[match.before])
 
 
 def _faulty(tables: Tables) -> Counter[str]:

@@ -1,14 +1,14 @@
 """A comparison as a JUnit file."""
 
 from vastflow.flows.comparison.campaigns import Compared
-from vastflow.flows.comparison.text import gate_text, points, share
+from vastflow.flows.comparison.text import points, share
 from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report
 
 
 def compared_report(found: Compared) -> bytes:
     """A suite with the gate alone, and one with a case for each paired configuration.
 
-    The gate fails where it does not hold, with or without `--gate`; a configuration where it is shown to fail newly.
+    The gate fails where it does not hold, with or without `--gate`, and is an error where it can't be claimed; a configuration where it is shown to fail newly.
     """
     whole = found.whole
     stated = {
@@ -20,9 +20,11 @@ def compared_report(found: Compared) -> bytes:
         "lost": str(whole.lost),
         "gained": str(whole.gained),
     }
-    flaw = None if found.holds else Flaw("failure", gate_text(found))
-    gate = Case("non-inferiority", "comparison", 0.0, properties=stated, flaw=flaw)
-    return campaign_report("compare", [Suite("gate", [gate]), Suite("configurations", _cases(found))])
+    gate = found.gate
+    stated |= {"target": gate.target, "status": gate.status, "paths": str(whole.paths), "needed": str(gate.needed)}
+    flaw = None if gate.holds else Flaw("error" if gate.status == "too few paths" else "failure", gate.text)
+    case = Case("non-inferiority", "comparison", 0.0, properties=stated, flaw=flaw)
+    return campaign_report("compare", [Suite("gate", [case]), Suite("configurations", _cases(found))])
 
 
 def _cases(found: Compared) -> list[Case]:

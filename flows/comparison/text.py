@@ -87,19 +87,16 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
             {"factor": one.factor, "level": one.level, **_difference_json(one.difference), "adjusted": one.adjusted}
             for one in found.levels
         ],
-        "gate": {"margin": found.margin, "holds": found.holds, "new_faults": found.new_faults},
+        "gate": {
+            "target": found.gate.target,
+            "status": found.gate.status,
+            "holds": found.gate.holds,
+            "margin": found.gate.margin,
+            "paths": found.whole.paths,
+            "needed": found.gate.needed,
+            "new_faults": found.new_faults,
+        },
     }
-
-
-def gate_text(found: Compared) -> str:
-    """What the gate says, and why."""
-    low, margin = 100 * found.whole.interval[0], 100 * found.margin
-    if found.new_faults:
-        several = "s" if found.new_faults > 1 else ""
-        return f"gate does not hold: {found.new_faults:,} new fault{several} in B, whose runs could not be judged"
-    if found.holds:
-        return f"gate holds: a loss of {margin:g} points or more is ruled out (lower end of the interval {low:+.2f})"
-    return f"gate does not hold: a loss of {margin:g} points is not ruled out (lower end of the interval {low:+.2f})"
 
 
 def share(rate: float) -> str:
@@ -113,7 +110,7 @@ def points(interval: tuple[float, float]) -> str:
 
 
 def _difference_json(one: RateDifference) -> dict[str, Any]:
-    return {**asdict(one), "difference": one.difference}
+    return asdict(one)
 
 
 def _change_json(found: Compared, change: Change, drawn: Mapping[str, Path]) -> dict[str, Any]:
@@ -160,7 +157,9 @@ def _unpaired(found: Compared) -> Iterator[str]:
 
 
 def _differences(found: Compared) -> Table:
-    table = _table(("judged by",), ("A", "B", "difference", "95 %", "lost", "gained", "McNemar p"))
+    table = _table(
+        ("judged by",), ("A", "B", "difference", f"95 %, {found.gate.target}", "lost", "gained", "McNemar p")
+    )
     one = len(found.oracles) == 1
     rows = {} if one and found.oracle is None else {found.oracle or "all oracles": found.whole}
     rows |= {name: each for name, each in found.oracles.items() if name != found.oracle}
@@ -215,7 +214,7 @@ def _levels(found: Compared) -> Table:
 
 
 def _gate(found: Compared) -> Text:
-    return Text(gate_text(found), "green" if found.holds else "red")
+    return Text(found.gate.text, "green" if found.gate.holds else "red")
 
 
 def _table(names: Sequence[str], numbers: Sequence[str]) -> Table:

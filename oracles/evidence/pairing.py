@@ -64,6 +64,23 @@ class Pairing:
         k = self.oracles.index(oracle)
         return self.said_before[:, k], self.said_after[:, k]
 
+    @property
+    def unpaired(self) -> str:
+        """How many configurations and runs have no counterpart, in words; empty where all have."""
+        found = (
+            (len(self.only_before), "configuration", "only in A"),
+            (len(self.only_after), "configuration", "only in B"),
+            (len(self.ambiguous), "configuration", "in B with several counterparts in A"),
+            (self.lonely_before, "run", "of A with a seed that B has not"),
+            (self.lonely_after, "run", "of B with a seed that A has not"),
+        )
+        return ", ".join(f"{n:,} {noun}{'' if n == 1 else 's'} {where}" for n, noun, where in found if n)
+
+    def no_longer_judged(self, oracle: str | None = None) -> int:
+        """Pairs that were judged before and not after."""
+        before, after = self.judged(oracle)
+        return int(((before < NOT_JUDGED) & (after >= NOT_JUDGED)).sum())
+
     def pairs(self, oracle: str | None = None) -> Pairs:
         """The pairs that were judged in both campaigns."""
         before, after = self.judged(oracle)

@@ -3,17 +3,21 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.statistics.analysis import holm
+from vastflow.oracles.statistics.bounded_mean import mean_interval
 from vastflow.oracles.statistics.classes import benjamini_hochberg
 from vastflow.oracles.statistics.factors import Factor
-from vastflow.oracles.statistics.intervals import LEVEL, Floats, normal_quantile
+from vastflow.oracles.statistics.intervals import LEVEL, Floats
 
 Bools = NDArray[np.bool_]
 Codes = NDArray[np.int64]
+Target: TypeAlias = Literal["these", "others"]
+"""What a difference is about: these very scenarios, run again, or others of their kind."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +48,14 @@ class Pairs:
         block = None if self.block is None else self.block[chosen]
         return Pairs(self.configuration[chosen], self.before[chosen], self.after[chosen], block)
 
+    @property
+    def paths(self) -> Codes:
+        """(P,) the block of each pair, or its configuration where each is its own."""
+        return self.configuration if self.block is None else self.block
+
     def clusters(self) -> Codes:
         """(P,) what pairs change together by: their block, or their configuration where there is but one block."""
-        if self.block is None or not (self.block != self.block[:1]).any():
-            return self.configuration
-        return self.block
+        return self.paths if (self.paths != self.paths[:1]).any() else self.configuration
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +63,10 @@ class RateDifference:
     """The success rate after less that before.
 
     Attributes:
+        paths: Blocks of configurations.
         lost, gained: Pairs that passed before alone, and after alone.
         before, after: Success rates.
+        difference: After less before, of all pairs; of paths, each counting once, where it is about others.
         interval: Of the difference, within -1..1.
         mcnemar: p-value of McNemar's exact test, pairs taken as independent.
         p_value: Of no difference, blocks as clusters; None for fewer than two configurations.
@@ -65,18 +74,15 @@ class RateDifference:
 
     pairs: int
     configurations: int
+    paths: int
     lost: int
     gained: int
     before: float
     after: float
+    difference: float
     interval: tuple[float, float]
     mcnemar: float
     p_value: float | None
-
-    @property
-    def difference(self) -> float:
-        """After less before."""
-        return self.after - self.before
 
     def non_inferior(self, margin: float) -> bool:
         """Whether a loss of `margin` or more is ruled out: the lower end of the interval is above -margin."""
@@ -139,48 +145,55 @@ def mcnemar(lost: int, gained: int, mid_p: bool = False) -> float:
     return 1.0 - observed / 2 if lost == gained else exact - observed
 
 
-def difference(pairs: Pairs, level: float = LEVEL) -> RateDifference | None:
-    """The difference of all `pairs` together, each counting once; None without any.
+def difference(pairs: Pairs, target: Target = "these", level: float = LEVEL) -> RateDifference | None:
+    """The difference of all `pairs` together; None without any.
 
-    With d = +1 for a pair gained, -1 for one lost and 0 else, D = Σ d / N. Runs on one path change together, under whatever settings: they have
-    the path and the seeds of their noise in common. So blocks are clusters, and configurations where there is one block:
-    V = m/(m - 1) Σ (d_i - D n_i)² / N² over the m clusters' sums d_i of n_i pairs (the ratio
-    estimator, Cochran 1977, §6.3), with Student's t at m - 1 degrees of freedom. Where hardly anything changed V says next to nothing:
-    the interval is never narrower than that of Agresti and Min for independent pairs (Statistics in Medicine 24 (2005) 729), which adds
-    half a pair to each of the four outcomes. With a single configuration that is all there is, and speaks of it alone.
+    A pair that was gained is +1, one that was lost -1, any other 0. Of `these` scenarios what varies is the repetition: pairs are
+    independent, and the interval is that of their mean (`mean_interval`). That pairs of different scenarios differ in their chances makes it
+    wide rather than narrow. Of `others` each path is one draw, whose value is the mean of its pairs: a loss may hit few paths, wholly.
+
+    The p-value has blocks as clusters, or configurations where there is one block: V = m/(m - 1) Σ (d_i - D n_i)² / N² over the m
+    clusters' sums d_i of n_i pairs (the ratio estimator, Cochran 1977, §6.3), with Student's t at m - 1 degrees of freedom. Where hardly
+    anything changed V says next to nothing, and is no less than that of Agresti and Min for independent pairs (Statistics in Medicine 24
+    (2005) 729), which adds half a pair to each of the four outcomes.
     """
     n = len(pairs)
     if n == 0:
         return None
     change = pairs.after.astype(np.float64) - pairs.before
     lost, gained = int((change < 0).sum()), int((change > 0).sum())
-    d = float(change.mean())
+    _, path = np.unique(pairs.paths, return_inverse=True)
+    of_path = np.bincount(path, weights=change) / np.bincount(path)
+    drawn = of_path if target == "others" else change
+    return RateDifference(
+        pairs=n,
+        configurations=len(np.unique(pairs.configuration)),
+        paths=len(of_path),
+        lost=lost,
+        gained=gained,
+        before=float(pairs.before.mean()),
+        after=float(pairs.after.mean()),
+        difference=float(drawn.mean()),
+        interval=mean_interval(drawn, level),
+        mcnemar=mcnemar(lost, gained),
+        p_value=_p_value(pairs, change),
+    )
+
+
+def _p_value(pairs: Pairs, change: Floats) -> float | None:
+    """Of no difference; see `difference`."""
+    n, d = len(change), float(change.mean())
     _, at = np.unique(pairs.clusters(), return_inverse=True)
     sums, sizes = np.bincount(at, weights=change), np.bincount(at)
     m = len(sizes)
-    variance = m / (m - 1) * float(((sums - d * sizes) ** 2).sum()) / n**2 if m > 1 else 0.0
-    adjusted_d = (gained - lost) / (n + 2)
-    independent = ((lost + gained + 1) / (n + 2) - adjusted_d**2) / (n + 2)
-    half = normal_quantile(level) * math.sqrt(independent)
-    p_value = None
-    if m > 1:
-        from scipy.special import stdtr, stdtrit
+    if m < 2:
+        return None
+    from scipy.special import stdtr
 
-        half = max(half, float(stdtrit(m - 1, (1 + level) / 2)) * math.sqrt(variance))
-        p_value = 2.0 * float(stdtr(m - 1, -abs(d) / math.sqrt(max(variance, independent))))
-    ends = max(-1.0, d - half), min(1.0, d + half)
-    configurations = len(np.unique(pairs.configuration))
-    return RateDifference(
-        n,
-        configurations,
-        lost,
-        gained,
-        float(pairs.before.mean()),
-        float(pairs.after.mean()),
-        ends,
-        mcnemar(lost, gained),
-        p_value,
-    )
+    variance = m / (m - 1) * float(((sums - d * sizes) ** 2).sum()) / n**2
+    adjusted_d = float(change.sum()) / (n + 2)
+    independent = ((float(np.abs(change).sum()) + 1) / (n + 2) - adjusted_d**2) / (n + 2)
+    return 2.0 * float(stdtr(m - 1, -abs(d) / math.sqrt(max(variance, independent))))
 
 
 def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
@@ -218,7 +231,9 @@ def changes(pairs: Pairs, error: float = 0.05) -> list[Change]:
     return sorted(found, key=lambda one: (one.adjusted, one.p_value, -abs(one.after - one.before), one.configuration))
 
 
-def by_level(factors: Sequence[Factor], pairs: Pairs, level: float = LEVEL) -> list[LevelDifference]:
+def by_level(
+    factors: Sequence[Factor], pairs: Pairs, target: Target = "these", level: float = LEVEL
+) -> list[LevelDifference]:
     """The difference at each level of each factor, in their order.
 
     Args:
@@ -228,7 +243,7 @@ def by_level(factors: Sequence[Factor], pairs: Pairs, level: float = LEVEL) -> l
         (factor.name, name, found)
         for factor in factors
         for k, name in enumerate(factor.levels)
-        if (found := difference(pairs.of(factor.codes[pairs.configuration] == k), level)) is not None
+        if (found := difference(pairs.of(factor.codes[pairs.configuration] == k), target, level)) is not None
     ]
     adjusted = holm([one.p_value for _, _, one in found])
     return [LevelDifference(*row, p) for row, p in zip(found, adjusted, strict=True)]

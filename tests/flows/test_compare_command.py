@@ -73,11 +73,124 @@ def worse(tmp_path):
     return write(tmp_path / "worse", {**same("p" * 10, system=1), "c3": (3, 1, "f" * 10)})
 
 
-def test_equal_campaigns_have_no_difference_and_hold_the_gate(before, tmp_path):
-    result = called(before, write(tmp_path / "after", same("p" * 10)), "--gate")
+def of_one_code(directory, **other):
+    """The directory, as computed by some code."""
+    metadata = json.loads((directory / "metadata.json").read_text())
+    source = dict.fromkeys(("execute", "observe", "judge"), "5ca1ab1e")
+    keys = {"numeric_class": "x86_64; glibc", "seed": 1, "source": source, "oracles": []}
+    (directory / "metadata.json").write_text(json.dumps({**metadata, **keys, **other}))
+    return directory
+
+
+def test_campaigns_that_end_alike_have_no_difference_and_hold_the_gate(before, tmp_path):
+    result = called(before, write(tmp_path / "after", same("p" * 10)), "--gate", "--margin", 0.04)
     assert result.exit_code == 0, result.output
     assert "12 configurations paired (all equal), 120 pairs of runs" in result.stdout
-    assert "gate holds: a loss of 2 points or more is ruled out" in result.stdout
+    assert "gate holds: a loss of 4 points or more in these scenarios is ruled out" in result.stdout
+
+
+def test_few_pairs_without_a_change_rule_out_no_loss_and_the_gate_says_how_many_do(before, tmp_path):
+    # 0.98 to the power of 182 is above 0.025, of 183 below: a loss of 2 points shows none in 120 pairs in one of eleven cases.
+    result = called(before, write(tmp_path / "after", same("p" * 10)), "--gate")
+    assert result.exit_code == 1
+    assert "gate does not hold: a loss of 2 points in these scenarios is not ruled out" in result.stdout
+    assert "it takes 183 pairs without a change" in result.stdout
+
+
+@pytest.mark.parametrize("target", ["these", "others"])
+def test_a_campaign_of_equal_keys_passes_though_it_is_small(before, tmp_path, target):
+    after = of_one_code(write(tmp_path / "elsewhere", same("p" * 10)))
+    result = called(of_one_code(before), after, "--gate", "--target", target)
+    assert result.exit_code == 0, result.output
+    assert "gate holds: nothing changed" in result.stdout
+
+
+@pytest.mark.parametrize(
+    "other", [{"seed": 2}, {"numeric_class": "aarch64; glibc"}, {"oracles": [{"name": "success", "parameters": {}}]}]
+)
+def test_other_code_seed_or_machine_may_have_changed_something(before, tmp_path, other):
+    after = of_one_code(write(tmp_path / "elsewhere", same("p" * 10)), **other)
+    assert as_json(of_one_code(before), after)["gate"]["status"] == "not ruled out"
+
+
+def test_another_system_may_have_changed_something_though_the_code_is_the_same(before, tmp_path):
+    after = of_one_code(write(tmp_path / "elsewhere", same("p" * 10, system=1)))
+    assert as_json(of_one_code(before), after)["gate"]["status"] == "not ruled out"
+
+
+def test_few_paths_cant_speak_of_others_and_the_exit_code_is_one_of_its_own(before, tmp_path):
+    result = called(before, write(tmp_path / "after", same("p" * 10)), "--gate", "--target", "others")
+    assert result.exit_code == 4
+    assert "gate can't be claimed: 12 paths can't rule out a loss of 2 points in others of their kind" in result.stdout
+    assert "it takes 183, even if nothing changes on any" in result.stdout
+
+
+def test_few_paths_of_which_one_is_lost_do_not_hold_the_gate_for_others(before, worse):
+    assert called(before, worse, "--gate", "--target", "others").exit_code == 1
+
+
+def test_as_many_paths_as_the_margin_needs_speak_of_others(tmp_path):
+    then, now = (write(tmp_path / name, same("pp", configurations=36)) for name in ("then", "now"))
+    arguments = then, now, "--gate", "--target", "others", "--margin"
+    assert called(*arguments, 0.1).exit_code == 0
+    assert called(*arguments, 0.09).exit_code == 4
+
+
+def test_no_number_of_paths_rules_out_every_loss(before, tmp_path):
+    after = write(tmp_path / "after", same("p" * 10))
+    result = called(before, after, "--gate", "--target", "others", "--margin", 0)
+    assert result.exit_code == 4
+    assert "no number of paths is enough" in result.stdout
+
+
+def test_the_json_names_target_and_status_of_the_gate(before, worse):
+    assert as_json(before, worse)["gate"] == {
+        "target": "these",
+        "status": "not ruled out",
+        "holds": False,
+        "margin": 0.02,
+        "paths": 12,
+        "needed": 183,
+        "new_faults": 0,
+    }
+    assert as_json(before, before, "--target", "others")["gate"]["status"] == "too few paths"
+
+
+def test_campaigns_of_other_runs_never_hold_the_gate(tmp_path):
+    then = write(tmp_path / "then", same("p" * 40))
+    fewer = write(tmp_path / "fewer", same("p" * 40, configurations=11))
+    shorter = write(tmp_path / "shorter", {**same("p" * 40), "c3": (3, 0, "p" * 39)})
+    for a, b, why in (
+        (then, fewer, "1 configuration only in A"),
+        (fewer, then, "1 configuration only in B"),
+        (then, shorter, "1 run of A with a seed that B has not"),
+        (shorter, then, "1 run of B with a seed that A has not"),
+    ):
+        result = called(a, b, "--gate", "--margin", 0.5)
+        assert result.exit_code == 1
+        assert f"gate does not hold: {why}; it takes the same configurations and runs in both" in result.stdout
+
+
+@pytest.mark.parametrize(("said", "held"), [("p" * 40, True), ("n" + "p" * 39, True), ("nn" + "p" * 38, False)])
+def test_runs_that_can_no_longer_be_judged_may_be_as_many_as_may_be_lost(tmp_path, said, held):
+    then, now = write(tmp_path / "then", same("p" * 40)), write(tmp_path / "now", same(said))
+    assert as_json(then, now, "--margin", 0.03)["gate"]["holds"] == held
+
+
+def test_campaigns_that_are_mostly_not_judged_never_hold_the_gate(tmp_path):
+    then, now = (write(tmp_path / name, same("n" * 20 + "p" * 20)) for name in ("then", "now"))
+    result = called(then, now, "--gate", "--margin", 0.5)
+    assert result.exit_code == 1
+    assert "gate does not hold: of 480 pairs, 240 were judged both times and 0 only in A" in result.stdout
+
+
+def test_the_junit_file_has_target_and_status_and_what_cant_be_claimed_is_an_error(before, tmp_path):
+    called(before, before, "--target", "others", "--junit", tmp_path / "compare.xml")
+    gate, _ = ElementTree.parse(tmp_path / "compare.xml").getroot()
+    (case,) = gate
+    stated = {one.get("name"): one.get("value") for one in case.find("properties")}
+    assert (stated["target"], stated["status"], stated["needed"]) == ("others", "too few paths", "183")
+    assert case.find("error").get("message").startswith("gate can't be claimed: 12 paths")
 
 
 def test_a_configuration_that_fails_newly_is_named_and_the_gate_does_not_hold(before, worse):
@@ -114,7 +227,7 @@ def test_a_change_by_which_runs_can_no_longer_be_judged_does_not_hold_the_gate(b
 
 def test_faults_that_were_there_before_do_not_count_against_a_change(tmp_path):
     then, now = (faulty(write(tmp_path / name, same("p" * 10)), "c1") for name in ("then", "now"))
-    assert called(then, now, "--gate").exit_code == 0
+    assert called(then, now, "--gate", "--margin", 0.04).exit_code == 0
 
 
 def test_what_passes_newly_is_shown_as_such(before, worse):

@@ -56,7 +56,7 @@ def test_a_system_that_freezes_in_a_third_of_the_runs_fails_the_gate_and_the_one
     assert f"B  stood still at the start: 40 runs (40: {CAUSE})" in " ".join(called.stdout.split()).replace(
         "B stood", "B  stood"
     )
-    equal = CliRunner().invoke(app, ["compare", thin, thin, "--gate", "--pictures", "0", "--json"])
+    equal = CliRunner().invoke(app, ["compare", thin, thin, "--gate", "--margin", "0.04", "--pictures", "0", "--json"])
     assert equal.exit_code == 0
     assert json.loads(equal.stdout)["stood_still"] == {"before": 0, "after": 0}
 

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, t
 
-from vastflow.oracles.statistics.comparison import Pairs, by_level, changes, difference, mcnemar
+from vastflow.oracles.statistics.comparison import Pairs, Target, by_level, changes, difference, mcnemar
 from vastflow.oracles.statistics.factors import factors_of
+
+TARGETS: tuple[Target, ...] = ("these", "others")
 
 
 def pairs(*configurations: tuple[int, int, int, int]) -> Pairs:
@@ -38,20 +40,30 @@ def test_pairs_that_agree_show_nothing() -> None:
 
 
 def test_the_difference_of_approval_ratings_has_the_published_interval() -> None:
-    # Agresti: -0.04 with a standard error of 0.0095, -0.059 to -0.021; each person is a cluster.
-    found = difference(pairs(*[(1, 0, 0, 0)] * 794, *[(0, 1, 0, 0)] * 150, *[(0, 0, 1, 0)] * 86, *[(0, 0, 0, 1)] * 570))
-    assert found is not None
-    assert found.difference == pytest.approx(-0.04)
-    assert found.interval == pytest.approx((-0.059, -0.021), abs=5e-4)
+    # Agresti: -0.04 with a standard error of 0.0095, -0.059 to -0.021; each person is a path of its own.
+    found = pairs(*[(1, 0, 0, 0)] * 794, *[(0, 1, 0, 0)] * 150, *[(0, 0, 1, 0)] * 86, *[(0, 0, 0, 1)] * 570)
+    for target in TARGETS:
+        said = difference(found, target)
+        assert said is not None
+        assert said.difference == pytest.approx(-0.04)
+        assert said.interval == pytest.approx((-0.059, -0.021), abs=1e-3)
 
 
-def test_runs_of_one_configuration_change_together() -> None:
+def test_a_path_that_lost_all_is_one_observation_of_others_and_many_of_these() -> None:
+    # One of four paths lost all: of others, the exact interval of one in four; of these, that of ten in forty.
+    lost = pairs((0, 10, 0, 0), *[(10, 0, 0, 0)] * 3)
+    for target, ends in (("others", binomtest(1, 4)), ("these", binomtest(10, 40))):
+        found = difference(lost, target)
+        assert found is not None
+        assert found.difference == -0.25
+        assert found.interval[0] == pytest.approx(-ends.proportion_ci(0.95, "exact").high, abs=1e-6)
+
+
+def test_changes_on_one_path_have_a_p_value_with_paths_as_clusters() -> None:
     # Four configurations of ten pairs, one of which lost all: D = -1/4, deviations -7.5, 2.5, 2.5, 2.5;
     # V = 4/3 · 75 / 1600 = 1/16, t with 3 degrees of freedom.
     found = difference(pairs((0, 10, 0, 0), *[(10, 0, 0, 0)] * 3))
     assert found is not None
-    half = float(t.ppf(0.975, 3)) / 4
-    assert found.interval == pytest.approx((max(-1.0, -0.25 - half), -0.25 + half))
     assert found.p_value == pytest.approx(2 * float(t.sf(1.0, 3)))
     assert found.mcnemar == pytest.approx(2 / 2**10)
 
@@ -59,15 +71,27 @@ def test_runs_of_one_configuration_change_together() -> None:
 def test_configurations_on_one_path_change_together() -> None:
     # Two settings on each of four paths; on one path both lost all: the same as four configurations of twenty pairs.
     found = pairs(*[(0, 10, 0, 0)] * 2, *[(10, 0, 0, 0)] * 6)
-    blocked = difference(replace(found, block=found.configuration // 2))
-    alone = difference(pairs((0, 20, 0, 0), *[(20, 0, 0, 0)] * 3))
+    blocked = difference(replace(found, block=found.configuration // 2), "others")
+    alone = difference(pairs((0, 20, 0, 0), *[(20, 0, 0, 0)] * 3), "others")
     assert blocked is not None and alone is not None
     assert (blocked.interval, blocked.p_value, blocked.configurations) == (alone.interval, alone.p_value, 8)
 
 
-def test_on_a_single_path_configurations_are_what_changes_together() -> None:
+def test_of_others_each_path_counts_once_however_many_settings_it_has() -> None:
+    found = pairs(*[(10, 0, 0, 0)] * 3, (0, 10, 0, 0))
+    said = difference(replace(found, block=(found.configuration == 3).astype(np.int64)), "others")
+    assert said is not None
+    assert (said.difference, said.paths) == (-0.5, 2)
+
+
+def test_on_a_single_path_configurations_are_what_changes_together_and_others_are_unknown() -> None:
     found = pairs((5, 5, 0, 0), (10, 0, 0, 0), (8, 2, 0, 0))
-    assert difference(replace(found, block=np.zeros(30, dtype=np.int64))) == difference(found)
+    blocked, alone = difference(replace(found, block=np.zeros(30, dtype=np.int64))), difference(found)
+    assert blocked is not None and alone is not None
+    assert replace(blocked, paths=3) == alone
+    of_others = difference(replace(found, block=np.zeros(30, dtype=np.int64)), "others")
+    assert of_others is not None
+    assert of_others.interval[1] - of_others.interval[0] > 1.0
 
 
 def test_some_of_the_pairs_keep_their_blocks() -> None:
@@ -76,11 +100,11 @@ def test_some_of_the_pairs_keep_their_blocks() -> None:
     assert some.block is not None and set(some.block.tolist()) == {8}
 
 
-def test_pairs_without_a_change_leave_the_interval_of_agresti_and_min() -> None:
-    # (0 + 0 + 1) / 102² of variance.
+def test_pairs_without_a_change_leave_the_exact_interval_of_none_in_so_many() -> None:
+    # (1 - 0.025^(1/100)), by hand.
     found = difference(pairs(*[(10, 0, 0, 0)] * 10))
     assert found is not None
-    assert found.interval == pytest.approx((-1.96 / 102, 1.96 / 102), abs=1e-5)
+    assert found.interval == pytest.approx((0.025**0.01 - 1, 1 - 0.025**0.01), abs=1e-6)
 
 
 def test_one_configuration_speaks_of_itself() -> None:
@@ -97,8 +121,8 @@ def test_without_a_pair_there_is_no_difference() -> None:
 def test_a_loss_is_ruled_out_where_the_whole_interval_is_above_it() -> None:
     found = difference(pairs(*[(10, 0, 0, 0)] * 10))
     assert found is not None
-    assert found.non_inferior(0.02)
-    assert not found.non_inferior(0.019)
+    assert found.non_inferior(0.037)
+    assert not found.non_inferior(0.036)
     assert not found.non_inferior(-found.interval[0])  # a loss of just as much may be
 
 

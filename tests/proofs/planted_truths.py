@@ -256,36 +256,29 @@ def comparison(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     A last comparison is of 25 paths with 4 settings each, whose paths gain and lose, all their settings alike, and nothing on the whole.
     """
     configuration = np.repeat(np.arange(100), 20)
-    held = passed_gate = false = found = of = wrong_gate = shared = 0
+    held = false = found = of = shared = 0
     for _ in range(campaigns):
         rates = rng.beta(4.0, 0.5, 100)
         before, after = (rng.random(2000) < rates[configuration] for _ in range(2))
         same = difference(Pairs(configuration, before, after))
         assert same is not None
         held += same.interval[0] <= 0.0 <= same.interval[1]
-        passed_gate += same.non_inferior(0.05)
         false += any(change.shown for change in changes(Pairs(configuration, before, after)))
         lost = rates - np.where(np.arange(100) < 10, 0.95 * rates, 0.0)
         after = rng.random(2000) < lost[configuration]
         shown = {change.configuration for change in changes(Pairs(configuration, before, after)) if change.shown}
         found, of = found + len(shown & set(range(10))), of + 10
-        margin = float((rates - lost).mean())
-        worse = difference(Pairs(configuration, before, after))
-        assert worse is not None
-        wrong_gate += worse.non_inferior(margin)
         gain = np.repeat(rng.uniform(-0.3, 0.3, 25), 4)
         before, after = rng.random(2000) < 0.6, rng.random(2000) < (0.6 + gain)[configuration]
-        on_paths = difference(Pairs(configuration, before, after, configuration // 4))
+        on_paths = difference(Pairs(configuration, before, after, configuration // 4), "others")
         assert on_paths is not None
         shared += on_paths.interval[0] <= 0.0 <= on_paths.interval[1]
     yield Finding(
         "comparison: the interval holds no difference where paths gain and lose", shared, campaigns, least=0.94
     )
     yield Finding("comparison: the interval holds no difference", held, campaigns, least=0.95)
-    yield Finding("comparison: a gate of 5 points holds without a loss", passed_gate, campaigns, least=0.9)
     yield Finding("comparison: any configuration seems changed where none is", false, campaigns, most=0.05)
     yield Finding("comparison: configurations that lost 95 % of their rate are found", found, of, least=0.75)
-    yield Finding("comparison: the gate holds at a margin that was lost", wrong_gate, campaigns, most=0.025)
 
 
 PARTS: tuple[Callable[[int, np.random.Generator], Iterator[Finding]], ...] = (
