@@ -110,8 +110,9 @@ def evidence_json(
         "intervals": {
             "interval": "Wilson score interval of these configurations' runs",
             "exact": "Clopper-Pearson interval of the same: at least the level whatever the rate, and wider",
-            "clustered": "Wilson interval at the effective sample size with blocks as clusters, configurations on one map with "
-            "one task, or with configurations where there is one block: what to expect of others of the kind; null for fewer than two",
+            "clustered": "beta-binomial interval, averaged over the intraclass correlation, with blocks as clusters, configurations on "
+            "one map with one task, or with configurations where there is one block: what to expect of others of the kind; null for fewer "
+            "than two",
         },
         "all_oracles": _document(evidence[None], {}),
         "oracles": {oracle: _document(evidence[oracle], spreads[oracle]) for oracle in tables.oracles},

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vastflow.oracles.statistics.intervals import LEVEL, Floats, Interval, clustered_interval, counts
+from vastflow.oracles.statistics.clustered import clustered_interval
+from vastflow.oracles.statistics.intervals import LEVEL, Floats, Interval, counts
 
 _LEAST_SIZE: Final = 1e-6
 _LARGEST_SIZE: Final = 1e7

@@ -52,9 +52,10 @@ class FailureMap:
     meter: the place where it ended, and a robot that struggles to and fro there fails there once. The rate of a cell is thus the
     share of its visitors that failed there.
 
-    Runs of one configuration take the same way and fail together, so intervals have configurations as clusters: with the sums below
-    the effective number of visits is that of `clustered_interval`, cell by cell; one visiting configuration counts as one
-    observation. Maps of different configurations on one grid are added with `+`.
+    Runs of one configuration take the same path and fail together, so intervals have configurations as clusters, cell by cell: with the sums
+    below, m configurations of n_i visits and x_i failures, N = Σ n_i and p = Σ x_i / N, the variance of the ratio estimator is
+    V = m/(m - 1) Σ (x_i - p n_i)² / N² (Cochran, Sampling Techniques, 1977, §6.3) and the effective number of visits p(1 - p) / V, at most N;
+    one visiting configuration counts as one observation. Maps of different configurations on one grid are added with `+`.
 
     Attributes:
         visits, failures: Runs.
@@ -99,7 +100,11 @@ class FailureMap:
         return np.where(self.visits > 0, np.minimum(effective, n), 0.0)
 
     def intervals(self, level: float = LEVEL) -> Floats:
-        """Wilson intervals (H, W, 2) of the rates, as `clustered_interval` has them; 0..1 without visits."""
+        """Wilson intervals (H, W, 2) of the rates at the effective number of visits, which is less by (z/t)² with Student's t at m - 1
+        degrees of freedom (Korn and Graubard, Survey Methodology 24 (1998) 193); 0..1 without visits.
+
+        There are too many cells for `clustered_interval`, and these intervals are too narrow where failures are rare.
+        """
         n, m = self.effective_visits(), self.configurations
         mixed = (self.failures > 0) & (self.failures < self.visits) & (m > 1)
         n = np.where(mixed, n * few_clusters(m, level), n)

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.oracles.statistics.clustered import clustered_interval
 from vastflow.oracles.statistics.contrast import Contrasts, Tested
 from vastflow.oracles.statistics.effects import share_of
 from vastflow.oracles.statistics.factors import Factor
-from vastflow.oracles.statistics.intervals import Floats, Interval, clustered_interval
+from vastflow.oracles.statistics.intervals import Floats, Interval
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,49 +88,8 @@ def clopper_pearson_intervals(passed: ArrayLike, judged: ArrayLike, level: float
     return np.stack((low, high), axis=-1)
 
 
-def clustered_interval(
-    passed: ArrayLike, judged: ArrayLike, level: float = LEVEL, blocks: ArrayLike | None = None
-) -> Interval | None:
-    """Interval of the rate among configurations *like* these, which are themselves a sample (clusters).
-
-    Runs of one configuration resemble each other, so pooled runs tell less of other configurations than
-    as many independent ones. With m clusters of n_i judged runs, x_i passes, N = Σ n_i, p = Σ x_i / N: the variance of
-    the ratio estimator is V = m/(m - 1) Σ (x_i - p n_i)² / N² (Cochran, Sampling Techniques, 1977, §6.3), the effective
-    sample size p(1 - p) / V, times (z/t)² with Student's t at m - 1 degrees of freedom for what few clusters tell of V, at most N;
-    Wilson's interval is taken at that size (Korn and Graubard, Survey Methodology 24 (1998) 193, do so with Clopper-Pearson). Where
-    all runs agree V says nothing, and each cluster counts once.
-
-    Simulated coverage at 95 %, clusters of 20 runs: 0.91 to 1.00 for 2 to 6 of them, 0.89 to 0.96 for 10, 0.91 to 0.96 for 30 and
-    0.94 to 0.95 for 100; the least at a rate of 0.95.
-
-    Configurations of one block share what makes them hard (a path under twenty settings, see `blocks_of`), so that blocks are the
-    clusters where there are several; where there is one, its configurations are, and others are others of that block.
-
-    None for fewer than two configurations with judged runs: one says nothing of others.
-
-    Args:
-        passed, judged: (m,), one entry a configuration.
-        blocks: (m,) equal numbers for configurations of one block; by default each is its own.
-    """
-    x, n = counts(passed, judged)
-    of = None if blocks is None else np.asarray(blocks)[n > 0]
-    x, n = x[n > 0], n[n > 0]
-    if of is not None and len(found := np.unique(of, return_inverse=True)[1]) and found.max() > 0:
-        x, n = (np.bincount(found, weights=each).astype(np.float64) for each in (x, n))
-    m, total, all_passed = len(n), float(n.sum()), float(x.sum())
-    if m < 2:
-        return None
-    p = all_passed / total
-    if all_passed in (0.0, total):
-        return interval(wilson_intervals(p * m, m, level))
-    variance = m / (m - 1) * float(((x - p * n) ** 2).sum()) / total**2
-    alone = p * (1 - p) / variance if variance > 1e-15 else total
-    effective = min(total, alone * float(few_clusters(m, level)))
-    return interval(wilson_intervals(p * effective, effective, level))
-
-
 def few_clusters(clusters: ArrayLike, level: float = LEVEL) -> Floats:
-    """(z/t)²: what a sample size is worth whose variance was estimated from (…) `clusters`, see `clustered_interval`."""
+    """(z/t)² with Student's t at m - 1 degrees of freedom: what a sample size is worth whose variance is that of m `clusters`."""
     from scipy.special import stdtrit
 
     freedom = np.maximum(np.asarray(clusters, dtype=np.float64) - 1.0, 1.0)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.stats import betabinom
 
+from vastflow.oracles.statistics.clustered import clustered_interval
 from vastflow.oracles.statistics.dispersion import dispersion
-from vastflow.oracles.statistics.intervals import clustered_interval
 
 # Boys among the first 12 children of 6115 families with 13 (Saxony, A. Geißler 1889; Lindsey and Altham 1998).
 FAMILIES = np.repeat(np.arange(13), [3, 24, 104, 286, 670, 1033, 1343, 1112, 829, 478, 181, 45, 7])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
-from vastflow.oracles.statistics.intervals import clustered_interval, wilson_intervals
+from vastflow.oracles.statistics.intervals import wilson_intervals
 
 GRID = grid_over(0.0, 0.0, 4.0, 1.0, cell_m=1.0)
 
@@ -72,9 +72,10 @@ def test_intervals_have_configurations_as_clusters() -> None:
     ways = [along(0.5)] * sum(visits)
     failed = [k < f for f, v in zip(failures, visits, strict=True) for k in range(v)]
     found = mapped(*ways, failed=failed, configurations=np.repeat(np.arange(4), visits))
-    expected = clustered_interval(failures, visits)
-    assert expected is not None
-    assert found.intervals()[0, 0] == pytest.approx([expected.low, expected.high])
+    # p = 8/19, x - p n = 17/19, -40/19, 36/19, -13/19: V = 4/3 · 3354/19² / 19² = 0.034315, so p(1 - p)/V = 7.1034 visits;
+    # t with 3 degrees of freedom is 3.182446.
+    effective = 7.1034 * (1.959964 / 3.182446) ** 2
+    assert found.intervals()[0, 0] == pytest.approx(wilson_intervals(8 / 19 * effective, effective), abs=1e-4)
 
 
 def test_one_configuration_counts_as_one_observation() -> None:

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, clustered_interval, wilson_intervals
+from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, wilson_intervals
 
 
 @given(st.integers(1, 300), st.floats(0, 1), st.sampled_from([0.8, 0.95, 0.99]))
@@ -46,17 +46,6 @@ def test_many_configurations_take_one_call() -> None:
     assert intervals[7] == pytest.approx(wilson_intervals(7, 20))
 
 
-@pytest.mark.parametrize("clusters", [2, 3, 4, 6, 12])
-def test_the_interval_for_others_holds_the_rate_of_their_kind_however_few_there_are(clusters: int) -> None:
-    # Success rates from B(1.2, 0.8), mean 0.6: runs of a configuration correlate by 1/3.
-    rng = np.random.default_rng(7)
-    held = 0
-    for _ in range(800):
-        found = clustered_interval(rng.binomial(20, rng.beta(1.2, 0.8, clusters)), np.full(clusters, 20))
-        held += found is not None and found.low <= 0.6 <= found.high
-    assert held / 800 >= 0.95 - 4 * (0.95 * 0.05 / 800) ** 0.5
-
-
 def test_the_published_intervals_of_newcombe_with_few_runs_and_none_passed() -> None:
     # R. G. Newcombe, Statistics in Medicine 17 (1998) 857, table I, methods 3 and 5.
     assert wilson_intervals([15, 0, 1], [148, 20, 29]) == pytest.approx(
@@ -65,8 +54,3 @@ def test_the_published_intervals_of_newcombe_with_few_runs_and_none_passed() -> 
     assert clopper_pearson_intervals([15, 1], [148, 29]) == pytest.approx(
         np.array([[0.0578, 0.1617], [0.0009, 0.1776]]), abs=5e-5
     )
-
-
-def test_configurations_without_judged_runs_are_no_clusters() -> None:
-    assert clustered_interval([4, 0], [5, 0]) is None
-    assert clustered_interval([4, 3, 0], [5, 5, 0]) == clustered_interval([4, 3], [5, 5])

@@ -1,0 +1,148 @@
+"""The interval for others holds the rate of their kind, over rates, numbers of clusters and how alike the runs of a cluster are.
+
+Campaigns are drawn of clusters of 20 runs whose rates are beta-distributed with a given mean and intraclass correlation; 0 is independent
+runs, 1 clusters that pass or fail wholly. *mixed* is another kind: clusters that always fail beside clusters with one rate, which no beta
+distribution is. For each number of clusters are told:
+
+- the least coverage, and where; of mixed clusters it is told beside, and nothing is asked: where none fails that was drawn, no interval
+  can hold their rate that is much narrower than that of whole clusters;
+- the width of intervals where runs are independent, over that of Clopper and Pearson's interval of all runs, at each rate;
+- how many intervals are wider than Clopper and Pearson's of whole clusters.
+
+    python tests/proofs/clustered_coverage.py [--campaigns 1000]
+
+Exit code 1 where the coverage is below 0.93, by more than four standard errors of the simulation, or an interval is too wide.
+"""
+
+import argparse
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.statistics.clustered import clustered_interval
+from vastflow.oracles.statistics.intervals import clopper_pearson_intervals
+
+RUNS: Final = 20
+LEAST: Final = 0.93
+CLUSTERS: Final = (5, 10, 20, 30, 50)
+RATES: Final = (0.5, 0.8, 0.9, 0.95, 0.98, 0.99)
+CORRELATIONS: Final = (0.0, 0.05, 0.2, 0.5, 0.8, 1.0)
+MIXED: Final = -1.0
+"""Stands for a correlation: clusters that always fail, beside others that pass with a rate of 0.995 at most."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The campaigns of one kind.
+
+    Attributes:
+        held: Of `of` campaigns, those whose interval holds the rate.
+        width: Mean width over that of the exact interval of all runs, as if they were independent.
+        too_wide: Intervals that are wider than the exact one of whole clusters.
+    """
+
+    clusters: int
+    rate: float
+    correlation: float
+    held: int
+    of: int
+    width: float
+    too_wide: int
+
+    @property
+    def coverage(self) -> float:
+        return self.held / self.of
+
+    @property
+    def good(self) -> bool:
+        return self.correlation == MIXED or (
+            self.coverage >= LEAST - 4 * math.sqrt(LEAST * (1 - LEAST) / self.of) and not self.too_wide
+        )
+
+
+def drawn(
+    clusters: int, rate: float, correlation: float, campaigns: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """(campaigns, clusters) passes."""
+    shape = campaigns, clusters
+    if correlation == MIXED:
+        most = max(0.995, rate)
+        rates = np.where(rng.random(shape) < rate / most, most, 0.0)
+    elif correlation == 0.0:
+        rates = np.full(shape, rate)
+    elif correlation == 1.0:
+        rates = (rng.random(shape) < rate).astype(np.float64)
+    else:
+        size = (1 - correlation) / correlation
+        rates = rng.beta(rate * size, (1 - rate) * size, shape)
+    return rng.binomial(RUNS, rates)
+
+
+def cell(clusters: int, rate: float, correlation: float, campaigns: int, rng: np.random.Generator) -> Cell:
+    """Draw and ask; campaigns that are alike but for the order of their clusters are asked once."""
+    passed = np.sort(drawn(clusters, rate, correlation, campaigns, rng), axis=1)
+    kinds, times = np.unique(passed, axis=0, return_counts=True)
+    found = [clustered_interval(kind, np.full(clusters, RUNS)) for kind in kinds]
+    low, high = np.array([(each.low, each.high) for each in found if each is not None]).T
+    sums = kinds.sum(axis=1)
+    of_runs, of_clusters = (
+        np.diff(clopper_pearson_intervals(sums / runs, np.full(len(sums), clusters * RUNS / runs)))[:, 0]
+        for runs in (1, RUNS)
+    )
+    held = int(times[(low <= rate) & (rate <= high)].sum())
+    width = float(times @ (high - low) / (times @ of_runs))
+    too_wide = int(times[high - low > of_clusters + 1e-9].sum())
+    return Cell(clusters, rate, correlation, held, campaigns, width, too_wide)
+
+
+def cells(
+    campaigns: int,
+    seed: int,
+    clusters: Sequence[int] = CLUSTERS,
+    rates: Sequence[float] = RATES,
+    correlations: Sequence[float] = (*CORRELATIONS, MIXED),
+) -> Iterator[Cell]:
+    """The whole grid."""
+    for k, m in enumerate(clusters):
+        for rate in rates:
+            for correlation in correlations:
+                yield cell(
+                    m,
+                    rate,
+                    correlation,
+                    campaigns,
+                    np.random.default_rng([seed, k, int(1000 * rate), int(100 * (correlation + 1))]),
+                )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--campaigns", type=int, default=1000, metavar="N", help="of each kind")
+    parser.add_argument("--seed", type=int, default=18)
+    options = parser.parse_args()
+    good, began = True, time.process_time()
+    print(
+        "| clusters | least coverage | at | mixed | width at "
+        + " | ".join(f"{rate:g}" for rate in RATES)
+        + " | too wide |"
+    )
+    for m in CLUSTERS:
+        found = list(cells(options.campaigns, options.seed, [m]))
+        least = min((each for each in found if each.correlation != MIXED), key=lambda each: each.coverage)
+        mixed = min(each.coverage for each in found if each.correlation == MIXED)
+        widths = " | ".join(f"{each.width:.2f}" for each in found if each.correlation == 0.0)
+        where = f"rate {least.rate:g}, correlation {least.correlation:g}"
+        too_wide = sum(each.too_wide for each in found)
+        print(f"| {m} | {least.coverage:.3f} | {where} | {mixed:.3f} | {widths} | {too_wide} |", flush=True)
+        good = good and all(each.good for each in found)
+    print(f"{time.process_time() - began:.0f} s CPU")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
