@@ -264,10 +264,8 @@ def test_a_wheel_is_enough_for_a_first_campaign(wheel, tmp_path, monkeypatch):
     made = run(sys.executable, "-m", "vastflow.flows", "init", tmp_path / "first")
     assert made.returncode == 0, made.stderr
     _, _, campaign = made.stdout.splitlines()[-1].partition("vastflow run ")
-    for command in ("validate", "preview"):
-        done = run(sys.executable, "-m", "vastflow.flows", command, campaign)
-        assert done.returncode == 0, done.stderr
-    assert "24" in done.stdout
+    done = run(sys.executable, "-m", "vastflow.flows", "validate", campaign)
+    assert done.stdout == "OK: 2 families, 5 producers, 3 oracles\n", done.stderr
     assert Path(campaign).read_bytes() == (ROOT / "campaigns" / "quickstart" / "quickstart.vast").read_bytes()
 
 
