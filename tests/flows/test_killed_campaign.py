@@ -9,6 +9,7 @@ import random
 import shutil
 import signal
 import socket
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -56,6 +57,17 @@ def lab(killed, tmp_path_factory):
 def alone(killed, lab):
     """What the campaign comes to when nothing happens to it, and when each of its processes was there."""
     return killed.undisturbed(lab, twice=False)
+
+
+def test_the_proof_runs_its_copy_of_the_code_so_that_an_edit_of_the_checkout_changes_nothing(killed, tmp_path):
+    lab = killed.Lab.made(tmp_path)
+    packages = ("", ".deployments", ".flows", ".oracles", ".producers", ".sim", ".tasks")
+    names = [f"vastflow{name}" for name in packages]
+    look = f"from importlib.util import find_spec; print(*(find_spec(name).origin for name in {names}), sep='\\n')"
+    environment = killed.Place(lab, "first").environment()
+    found = subprocess.check_output([sys.executable, "-c", look], env=environment, text=True, timeout=60).split()
+    copies = [tmp_path / "code" / Path(*name.split("."), "__init__.py") for name in names]
+    assert [Path(file) for file in found] == copies
 
 
 @pytest.mark.parametrize("victim", ["flow", "worker", "server"])

@@ -159,11 +159,9 @@ class Lab:
         """Write all that is needed; with a copy of the code, or else with the code as it is installed."""
         code = folder / "code"
         code.mkdir()
-        if copied:
-            root = Path(__file__).parents[2]
-            for name in ("deployments", "flows", "oracles", "producers", "sim", "tasks", "campaigns/scenarios"):
-                ignore = shutil.ignore_patterns("__pycache__")
-                shutil.copytree(root / name, code / "vastflow" / name, ignore=ignore)
+        if copied:  # with the root package's own file: without it the installed package is found, and follows edits
+            package = Path(__file__).parents[2] / ".package" / "vastflow"
+            shutil.copytree(package, code / "vastflow", ignore=shutil.ignore_patterns("__pycache__"))
         (code / "sitecustomize.py").write_text(TRACER)
         (folder / "nothing.osc").write_text(SCENARIO)
         (folder / "room.yaml").write_text(ROOM)
