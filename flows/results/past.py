@@ -7,9 +7,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
-
 from vastflow.flows.request.asked import asked_of
+from vastflow.flows.results.past_content import check_configurations, check_metadata, check_runs
+from vastflow.oracles.directory.column import table_rows
 from vastflow.sim.files import read_json
 
 PARTS = ("environment", "task", "system")
@@ -39,7 +39,9 @@ class Past:
     @cached_property
     def rows(self) -> list[dict[str, Any]]:
         """Rows of `configurations.parquet`, JSON columns as text."""
-        return _rows(self.directory / "configurations.parquet")
+        rows = table_rows(self.directory / "configurations.parquet")
+        check_configurations(rows, "configurations.parquet")
+        return rows
 
     @cached_property
     def by_name(self) -> Mapping[str, dict[str, Any]]:
@@ -59,8 +61,7 @@ class Past:
     @cached_property
     def recorded(self) -> frozenset[tuple[str, int]]:
         """Configuration and index of every run that was recorded."""
-        rows = _rows(self.directory / "runs.parquet", "configuration", "run_index")
-        return frozenset((row["configuration"], row["run_index"]) for row in rows)
+        return frozenset((row["configuration"], row["run_index"]) for row in self._runs("runs.parquet"))
 
     @property
     def runs(self) -> int:
@@ -73,23 +74,27 @@ class Past:
 
     @cached_property
     def _wanted(self) -> Mapping[str, int]:
-        rows = _rows(self.directory / "verdicts.parquet", "configuration", "run_index")
         wanted: dict[str, int] = {}
-        for row in rows:
+        for row in self._runs("verdicts.parquet"):
             wanted[row["configuration"]] = max(wanted.get(row["configuration"], 0), row["run_index"] + 1)
         return wanted
 
+    def _runs(self, file: str) -> list[dict[str, Any]]:
+        rows = table_rows(self.directory / file, "configuration", "run_index")
+        check_runs(rows, file)
+        return rows
+
     def check(self) -> None:
-        """Read all that is asked later.
+        """Read all that is asked later, so that nothing else can be damaged then.
 
         Raises:
             NoPast: something is missing or damaged.
         """
         try:
-            _ = self.by_digest, self.by_key, self.recorded, self.metadata["name"], self.metadata["created"], self.runs
-        except (OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
-            words = " ".join(str(error).split())
-            raise NoPast(f"{self.directory}: damaged campaign directory: {words}") from None
+            check_metadata(self.metadata)
+            _ = self.rows, self.recorded, self._wanted if asked_of(self.metadata).sequential else None
+        except ValueError as error:
+            raise NoPast(f"{self.directory}: damaged campaign directory: {error}") from None
 
 
 def past_of(directory: Path) -> Past:
@@ -100,7 +105,7 @@ def past_of(directory: Path) -> Past:
     """
     try:
         metadata = read_json(directory / "metadata.json")
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise NoPast(f"{directory}: damaged campaign directory: {error}") from None
     past = Past(directory, metadata)
     past.check()
@@ -127,8 +132,9 @@ def _newest_first(results: Path, name: str, before: str | None) -> Sequence[Path
     for file in results.glob("[!.]*/metadata.json"):
         try:
             metadata = read_json(file)
-            if metadata["name"] == name and (before is None or metadata["created"] < before):
-                found.append((metadata["created"], file.stat().st_mtime_ns, file.parent))
+            created = str(metadata["created"])
+            if metadata["name"] == name and (before is None or created < before):
+                found.append((created, file.stat().st_mtime_ns, file.parent))
         except (OSError, ValueError, KeyError, TypeError):
             continue
     return [directory for _, _, directory in sorted(found, reverse=True)]
@@ -144,11 +150,6 @@ def values_of(row: Mapping[str, Any]) -> dict[str, Any]:
     """All that was written of a configuration, provenance included: key to plain value."""
     parts = written_scenario(row)
     return {**{key: value for part in PARTS for key, value in parts[part].items()}, **json.loads(row["provenance"])}
-
-
-def _rows(file: Path, *columns: str) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = pq.ParquetFile(file).read(columns=list(columns) or None).to_pylist()
-    return rows
 
 
 def writers(row: Mapping[str, Any]) -> dict[str, str]:

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
-
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.past import recorded_as
 from vastflow.flows.results.replica import replica
+from vastflow.oracles.directory.column import table_rows
 from vastflow.sim.files import read_json
 from vastflow.tasks.instantiation import EvaluationRequest, Instantiator, NotEvaluated
 from vastflow.tasks.keys import Keys
@@ -62,8 +61,8 @@ def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
     try:
         metadata = read_json(directory / "metadata.json")
         keys = recorded_keys(metadata)
-        table = pq.ParquetFile(directory / "configurations.parquet").read(["scenario_digest", "checked_digest"])
-        scenarios = sorted({recorded_as(row) for row in table.to_pylist()})
+        rows = table_rows(directory / "configurations.parquet", "scenario_digest", "checked_digest")
+        scenarios = sorted({recorded_as(row) for row in rows})
     except (OSError, ValueError, KeyError, TypeError) as error:
         words = " ".join(str(error).split())
         raise UnknownReferences(

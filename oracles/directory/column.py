@@ -5,6 +5,8 @@ costs 0.4 s where only a terminal wants a number; so buffers are handed over as 
 """
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +17,41 @@ import pyarrow.json
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from vastflow.sim.files import Missing, Unreadable
+
 
 def read_columns(file: Path, *texts: str) -> pa.Table:
-    """A parquet file, its columns `texts` dictionary-encoded."""
-    table = pq.ParquetFile(file, read_dictionary=list(texts)).read()  # pq.read_table imports 0.1 s more
-    return table.unify_dictionaries().combine_chunks()
+    """A parquet file, its columns `texts` dictionary-encoded.
+
+    Raises:
+        Unreadable: it is missing or damaged.
+    """
+    with _reading(file):
+        table = pq.ParquetFile(file, read_dictionary=list(texts)).read()  # pq.read_table imports 0.1 s more
+        return table.unify_dictionaries().combine_chunks()
+
+
+def table_rows(file: Path, *columns: str) -> list[dict[str, Any]]:
+    """The rows of a parquet file, of all columns or those of `columns` that it has.
+
+    Raises:
+        Unreadable: it is missing or damaged.
+    """
+    with _reading(file):
+        rows: list[dict[str, Any]] = pq.ParquetFile(file).read(columns=list(columns) or None).to_pylist()
+    return rows
+
+
+@contextmanager
+def _reading(file: Path) -> Iterator[None]:
+    """Say in one class of errors what pyarrow says in many: of a damaged file it takes any part for any other."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise Missing(f"{file.name}: no such file", "a whole campaign directory") from None
+    except (pa.ArrowException, OSError, ValueError, LookupError, TypeError, ArithmeticError) as error:
+        what = f"{file.name}: can't be read: {' '.join(str(error).split())}"
+        raise Unreadable(what, "a table as it was written") from None
 
 
 def floats(column: Any) -> NDArray[np.float64]:

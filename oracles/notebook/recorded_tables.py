@@ -3,8 +3,7 @@
 import json
 from pathlib import Path
 
-import pyarrow.parquet as pq
-
+from vastflow.oracles.directory.column import table_rows
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.notebook.run_tables import RunTables, run_tables
 from vastflow.oracles.situation import situation_of
@@ -19,7 +18,7 @@ def recorded_tables(directory: Path | str, configuration: str) -> RunTables:
         ValueError: the directory has no recordings of a configuration of this name.
     """
     directory = Path(directory)
-    known = {row["name"]: row for row in pq.ParquetFile(directory / "configurations.parquet").read().to_pylist()}
+    known = {row["name"]: row for row in table_rows(directory / "configurations.parquet")}
     files = [directory / folder / f"{configuration}.parquet" for folder in ("recordings", "traces")]
     if configuration not in known or not all(file.is_file() for file in files):
         recorded = ", ".join(sorted(file.stem for file in (directory / "recordings").glob("*.parquet"))) or "nothing"

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
+import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from vastflow.oracles.directory.behaviors import Behaviors
+from vastflow.oracles.directory.column import read_columns, table_rows
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.sim.files import read_json
@@ -67,16 +68,16 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
         )
     except NotRecorded as error:
         raise NotRecorded(f"{directory}: {error}") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:  # pyarrow's and json's errors are ValueErrors
+    except (pa.ArrowException, OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         raise NotRecorded(f"{directory}: {_DAMAGED}: {' '.join(str(error).split())}") from None
 
 
 def _configuration(directory: Path, name: str) -> dict[str, Any]:
     file = directory / "configurations.parquet"
-    rows = _rows(file, name=name)
-    if rows:
-        return rows[0]
-    names: list[str] = pq.ParquetFile(file).read(columns=["name"]).column("name").to_pylist()
+    rows = table_rows(file)
+    if found := [row for row in rows if row["name"] == name]:
+        return found[0]
+    names = [row["name"] for row in rows]
     raise NotRecorded(f"no configuration {name!r}; {did_you_mean(name, names, 'it has none', listed='it has')}")
 
 
@@ -126,7 +127,7 @@ def _metadata(directory: Path) -> Mapping[str, Any]:
 
 
 def _rows(file: Path, **wanted: str | int) -> list[dict[str, Any]]:
-    table = pq.ParquetFile(file).read()
+    table = read_columns(file)
     for column, value in wanted.items():
         table = table.filter(pc.equal(table.column(column), value))
     rows: list[dict[str, Any]] = table.to_pylist()

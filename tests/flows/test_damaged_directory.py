@@ -3,6 +3,8 @@
 import json
 from datetime import datetime
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
@@ -10,12 +12,15 @@ from vastflow.flows.__main__ import app
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
+from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
+from vastflow.flows.results.past import NoPast, newest_past, past_of
 from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiate import instantiate
 from vastflow.tasks.keys import Keys
+from vastflow.tasks.source import installed_tree
 
 
 @pytest.fixture
@@ -31,7 +36,10 @@ def directory(small_room, tmp_path):
         runs=2,
         oracles=["success"],
         keys=Keys("x86_64; glibc 2.36; ; ", "e" * 64, "o" * 64, "j" * 64, 0, []),
-        record={"asked": Asked("room.vast", 2).as_json()},
+        record={
+            "asked": Asked("room.vast", 2).as_json(),
+            **ingredients_row(installed_tree(), campaign.families, oracles),
+        },
         created=datetime(2026, 11, 21, 6, 5, 4),
         work=lambda: Work(4, 0, 30.0, 2.0, 1.5),
         report=lambda place: None,
@@ -75,3 +83,108 @@ def test_explain_says_why_it_can_not_tell_what_a_run_would_do(directory, tmp_pat
     assert result.exit_code == 0, result.output
     said = " ".join(result.stdout.split())
     assert "what a run of it would do today can't be told" in said and "campaign.vast" in said
+
+
+def test_a_whole_directory_is_a_past(directory):
+    assert list(past_of(directory).by_name) == ["room-1", "room-2"]
+    assert newest_past(directory.parent, "small_room").directory == directory
+
+
+OTHER_METADATA = {
+    "name": (["name"], 7),
+    "created": (["created"], 20261121),
+    "numeric_class": (["numeric_class"], 4),
+    "seed": (["seed"], "none"),
+    "code.observe": (["code", "observe"], []),
+    "code.judge.files": (["code", "judge"], {"libraries": {}}),
+    "code.execute.libraries.numpy": (["code", "execute", "libraries", "numpy"], 2),
+    "code: has no changed": (["oracles", 0, "source"], "changed"),
+    "oracles.0.name": (["oracles", 0, "name"], None),
+    "oracles": (["oracles"], {}),
+    "producers": (["producers"], [1]),
+    "asked.runs": (["asked", "runs"], "2"),
+    "asked.only": (["asked", "only"], 5),
+}
+
+
+@pytest.mark.parametrize(("place", "steps", "value"), [(name, *each) for name, each in OTHER_METADATA.items()])
+def test_metadata_with_a_value_of_another_kind_is_no_past_and_the_place_is_named(directory, place, steps, value):
+    file = directory / "metadata.json"
+    metadata = json.loads(file.read_text())
+    *above, last = steps
+    part = metadata
+    for step in above:
+        part = part[step]
+    part[last] = value
+    file.write_text(json.dumps(metadata))
+    with pytest.raises(
+        NoPast, match=rf"damaged campaign directory: metadata\.json: {place}(: Input should|: Field required|$)"
+    ):
+        past_of(directory)
+    assert newest_past(directory.parent, "small_room") is None
+
+
+OTHER_ROWS = {
+    "scenario": "[1]",
+    "provenance": "{",
+    "steps": '[{"producer": 1, "keys": []}]',
+    "abstract": None,
+    "scenario_digest": None,
+    "timeout_s": "soon",
+}
+
+
+@pytest.mark.parametrize(("column", "value"), OTHER_ROWS.items(), ids=OTHER_ROWS)
+def test_rows_with_a_value_of_another_kind_are_no_past_and_the_place_is_named(directory, column, value):
+    rewrite(directory / "configurations.parquet", column, value)
+    with pytest.raises(NoPast, match=rf"damaged campaign directory: configurations\.parquet: 0\.{column}"):
+        past_of(directory)
+
+
+@pytest.mark.parametrize(
+    ("column", "values"), [("configuration", [None]), ("run_index", ["first"]), ("run_index", [-1])]
+)
+def test_runs_that_are_none_are_no_past(directory, column, values):
+    rows = {"configuration": ["room-1"], "run_index": [0], column: values}
+    pq.write_table(pa.table(rows), directory / "runs.parquet")
+    with pytest.raises(NoPast, match=rf"damaged campaign directory: runs\.parquet: 0\.{column}"):
+        past_of(directory)
+
+
+def test_a_table_without_its_columns_is_no_past(directory):
+    pq.write_table(pa.table({"other": [1]}), directory / "runs.parquet")
+    with pytest.raises(NoPast, match=r"damaged campaign directory: runs\.parquet: 0\.configuration: Field required"):
+        past_of(directory)
+
+
+def rewrite(file, column, value):
+    """Write a table anew with one value in all rows of a column."""
+    table = pq.read_table(file)
+    values = pa.array([value] * len(table))
+    pq.write_table(table.set_column(table.schema.get_field_index(column), column, values), file)
+
+
+PYARROW = (
+    pa.ArrowNotImplementedError,
+    pa.ArrowInvalid,
+    pa.ArrowKeyError,
+    pa.ArrowTypeError,
+    pa.ArrowIndexError,
+    OSError,
+)
+
+
+@pytest.mark.parametrize("error", PYARROW)
+@pytest.mark.parametrize("command", ["show", "compare", "explain", "run"])
+def test_whatever_pyarrow_finds_in_a_damaged_table_is_said_in_a_sentence(
+    directory, small_room, tmp_path, monkeypatch, command, error
+):
+    def damaged(*_, **__):
+        raise error("a page of another kind")
+
+    monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
+    monkeypatch.setattr(pq, "ParquetFile", damaged)
+    more = {"compare": [directory, directory], "run": ["--dry-run", "--since", directory, small_room]}
+    result = called(command, *more.get(command, [directory, *(["room-1"] * (command == "explain"))]))
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"{directory}: damaged campaign directory: configurations.parquet: can't be read: a page" in result.stderr

@@ -168,16 +168,18 @@ def _campaign_directory(file: Path, results: Path) -> None:
     from vastflow.flows.request.asked import Asked
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.flows.results.found import ConfigurationResult
+    from vastflow.flows.results.ingredients import ingredients_row
     from vastflow.flows.results.inputs import inputs_of
     from vastflow.flows.results.results import write_results
     from vastflow.flows.results.summary import Work
     from vastflow.oracles.verdict import Metric, Verdict
     from vastflow.producers.instantiate import instantiate
     from vastflow.tasks.keys import Keys
+    from vastflow.tasks.source import installed_tree
 
     campaign, oracles = read_campaign(file)
     names = [oracle.name for oracle in oracles]
-    write_results(
+    written = write_results(
         results,
         campaign,
         inputs_of(campaign, oracles),
@@ -192,11 +194,16 @@ def _campaign_directory(file: Path, results: Path) -> None:
         runs=3,
         oracles=names,
         keys=Keys("x86_64; glibc 2.36; ; ", "e" * 64, "o" * 64, "j" * 64, 0, []),
-        record={"asked": Asked("every.vast", 3).as_json()},
+        record={
+            "asked": Asked("every.vast", 3).as_json(),
+            **ingredients_row(installed_tree(), campaign.families, oracles),
+        },
         created=datetime(2026, 11, 21, 6, 5, 4),
         work=lambda: Work(4, 0, 30.0, 2.0, 1.5),
         report=lambda place: None,
     )
+    metadata = written.directory / "metadata.json"  # the same in whatever folder, so that mutants are
+    metadata.write_text(metadata.read_text().replace(str(results.parent), "/campaigns"))
 
 
 def _campaign(file: Path) -> None:
