@@ -9,12 +9,14 @@ from typing import Final
 
 import platformdirs
 
+from vastflow.tasks.artifact import StoreError
+
 _SHARED_MEMORY: Final = Path("/dev/shm")
 """Where Linux keeps semaphores, with which worker processes wait for each other."""
 
 
-class SurroundingsError(RuntimeError):
-    """This machine lacks something; says what, and what would help."""
+class SurroundingsError(StoreError):
+    """This machine lacks something, so that no result of it can be kept; says what, and what would help."""
 
 
 def check_surroundings() -> None:
@@ -35,13 +37,28 @@ def check_surroundings() -> None:
         temporary = Path(tempfile.gettempdir())
     except FileNotFoundError:  # it has tried them
         raise SurroundingsError("no folder for temporary files can be written; set TMPDIR to one of yours") from None
-    _check_written(temporary, "set TMPDIR to a folder of yours")
+    _check_written(temporary, _TMPDIR)
     if sys.platform == "linux":
         if not _SHARED_MEMORY.is_dir():
             raise _error(_SHARED_MEMORY, os.strerror(errno.ENOENT), _MOUNT)
         _check_written(_SHARED_MEMORY, _MOUNT)
 
 
+def check_temporary(error: OSError) -> None:
+    """Look whether an error while something was computed is that of a full folder for temporary files.
+
+    Raises:
+        SurroundingsError: it is.
+    """
+    if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        return
+    temporary = tempfile.gettempdir()
+    if error.filename and Path(os.path.realpath(error.filename)).is_relative_to(os.path.realpath(temporary)):
+        raise _error(Path(temporary), error.strerror or str(error), _TMPDIR)
+    _check_written(Path(temporary), _TMPDIR)  # what fails while it is written names no file
+
+
+_TMPDIR: Final = "set TMPDIR to a folder of yours"
 _MOUNT: Final = "mount a tmpfs there; a container has one with --shm-size"
 
 

@@ -23,6 +23,7 @@ from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
 from vastflow.tasks.evaluation import FRAGMENTS, PackedProducer, write_evaluation
 from vastflow.tasks.store import Lost, Store, StoreError
+from vastflow.tasks.surroundings import check_temporary
 
 if TYPE_CHECKING:
     from vastflow.sim.recordings.recording import Recording
@@ -80,7 +81,7 @@ def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) ->
     """Call `function`; an error is an answer too. Its class may be one the caller's process can't import.
 
     Raises:
-        StoreError: without its store no job can be done, whatever it is.
+        StoreError: without its store, or room for temporary files, no job can be done, whatever it is.
     """
     try:
         with plug_in_code():
@@ -90,6 +91,8 @@ def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) ->
     except StoreError:
         raise
     except Exception as error:  # noqa: BLE001 - a plug-in may raise anything, and the campaign goes on
+        if isinstance(error, OSError):
+            check_temporary(error)
         return broken(error)
 
 

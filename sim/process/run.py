@@ -261,6 +261,7 @@ def process_run(
 
     Raises:
         RunFileError, CommandFailed: see `ProcessRun.begin`.
+        OSError: the folder's disk is full at the end. Programs seldom say so, and what they wrote is no result.
     """
     root = Path(tempfile.mkdtemp(prefix="vastflow-run-", dir=where)).resolve()
     run = ProcessRun(root, setup, handed or {})
@@ -270,8 +271,17 @@ def process_run(
     finally:
         try:
             run.end()
+            _check_room(root)
         finally:
             remove_folder(root)
+
+
+def _check_room(folder: Path) -> None:
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"1" * 4096)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(folder)) from None
 
 
 def _peak_bytes(usages: Sequence[Usage], rows: Sequence[Use]) -> int:

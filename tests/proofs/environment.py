@@ -74,6 +74,8 @@ CONDITIONS: Final = (
     Condition("no /dev/shm", "mount -t tmpfs -o ro none /dev/shm", r"can't write to '/dev/shm' \(Read-only file system\); mount a tmpfs there", early=True),
     Condition("read-only store", "mkdir -p LAB/store && mount -t tmpfs -o ro none LAB/store", r"store: can't write to '.*store' \(Read-only file system\)", early=True),
     Condition("full store", _full("LAB/store"), r"store: .*No space left on device.*make room"),
+    Condition("full temporary folder", _full("LAB/tmp", "8k"), r"can't write to '.*tmp' \(No space left on device\); set TMPDIR to a folder of yours, or make room",
+              environment=(("TMPDIR", "LAB/tmp"),)),
     Condition("read-only results", "mkdir -p LAB/results && mount -t tmpfs -o ro none LAB/results", r"results: .*Read-only file system|--results .*no permission"),
     Condition("full results", _full("LAB/results"), r"results: can't write to '.*results' \(No space left on device\); make room"),
     Condition("another user's store", "mkdir -p LAB/store && chmod 755 LAB/store && chmod 777 LAB", r"store: can't write to '.*store' \(Permission denied\)", user=65534, early=True),

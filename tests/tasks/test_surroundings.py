@@ -1,5 +1,7 @@
 """What a machine must give a computation: said in one sentence, before anything is started."""
 
+import errno
+import pickle
 import tempfile
 from pathlib import Path
 
@@ -7,6 +9,7 @@ import pytest
 
 from vastflow.tasks import surroundings
 from vastflow.tasks.surroundings import SurroundingsError, check_surroundings
+from vastflow.tasks.work import Broken, answered
 
 
 @pytest.fixture
@@ -80,3 +83,30 @@ def test_no_temporary_folder_is_said(machine, monkeypatch):
     monkeypatch.setattr(tempfile, "gettempdir", none)
     with pytest.raises(SurroundingsError, match="no folder for temporary files can be written; set TMPDIR"):
         check_surroundings()
+
+
+def no_room(*name):
+    raise OSError(errno.ENOSPC, "No space left on device", *name)
+
+
+TMPDIR_IS_FULL = r"can't write to '.*tmp' \(.+\); set TMPDIR to a folder of yours, or make room"
+
+
+def test_no_room_below_the_folder_for_temporary_files_ends_a_campaign_and_is_no_fault_of_a_run(machine, tmp_path):
+    with pytest.raises(SurroundingsError, match=TMPDIR_IS_FULL) as found:
+        answered(no_room, str(tmp_path / "tmp" / "vastflow-run-x"))
+    sent = pickle.loads(pickle.dumps(found.value))  # from a worker's process
+    assert (type(sent), str(sent)) == (SurroundingsError, str(found.value))
+
+
+def test_no_room_in_a_file_without_a_name_is_looked_for_in_the_folder_for_temporary_files(machine):
+    tempfile.gettempdir()  # while it can be written
+    machine("tmp")
+    with pytest.raises(SurroundingsError, match=r"can't write to '.+' \(.+\); set TMPDIR to a folder of yours"):
+        answered(no_room)
+
+
+def test_no_room_in_a_folder_of_a_plug_in_s_own_stays_its_fault(machine, tmp_path):
+    assert answered(no_room, str(tmp_path / "elsewhere" / "file")) == Broken(
+        f"OSError: [Errno 28] No space left on device: '{tmp_path}/elsewhere/file'"
+    )
