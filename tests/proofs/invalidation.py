@@ -6,6 +6,7 @@ source is edited, and computed again over a copy of the store.
 
 Counted is what happens, not what a key says: the program, the producer and the oracle write a line into a file each time they are
 called; traces are counted as artifacts that are new. The table says of each edit what it must compute again, and what it must not.
+Edits of `ROBOT` are those of a second campaign, in which a robot drives: its runs are counted as they are recorded.
 
     python tests/proofs/invalidation.py [--only WORDS] [--json]
 
@@ -50,8 +51,27 @@ evaluation:
     - look.ipynb: {most: 7}
 """
 
+DRIVEN: Final = """
+version: 1
+metadata:
+  name: driven
+configuration:
+  - name: room
+    parameters:
+      - map_file: maps/hall.yaml
+      - start_pose: {x: 0.8, y: 0.8, yaw: 0.0}
+      - goal_pose: {x: 1.4, y: 0.8, yaw: 0.0}
+execution:
+  nav2_params: nav2.yaml
+  runs: 2
+"""
+
 FILES: Final[Mapping[str, str]] = {
     "x.vast": VAST,
+    "driven.vast": DRIVEN,
+    "nav2.yaml": "amcl:\n  ros__parameters: {alpha1: 0.3}\n",
+    "maps/hall.yaml": "{image: hall.pgm, resolution: 0.1, origin: [0.0, 0.0, 0.0]}\n",
+    "maps/hall.pgm": "P2 24 16 255\n" + "254 " * (24 * 16) + "\n",
     "drive.osc": """import osc.helpers
 
 scenario drive:
@@ -160,6 +180,8 @@ class Judge(Oracle[JudgeParameters]):
 
 COUNTED: Final = ("evaluated", "executed", "observed", "judged")
 RUNS: Final = 4
+DRIVES: Final = 2
+"""Runs of the campaign in which a robot drives, all in one block."""
 NOTHING: Final[Mapping[str, int]] = dict.fromkeys(COUNTED, 0)
 JUDGED: Final[Mapping[str, int]] = {**NOTHING, "judged": RUNS}
 
@@ -178,6 +200,7 @@ class Bed:
     Attributes:
         environment: Variables of the calls.
         options: Of the child.
+        vast: The campaign file.
         meanwhile: An edit after keys are made.
     """
 
@@ -187,6 +210,7 @@ class Bed:
     meanwhile: "Callable[[Bed], None] | None" = None
     broken: list[str] = field(default_factory=list)
     campaign: str = "campaign"
+    vast: str = "x.vast"
 
     def file(self, name: str) -> Path:
         """A file of the campaign."""
@@ -209,7 +233,7 @@ class Bed:
     def counted(self) -> dict[str, int]:
         """Compute the campaign, and count what is done."""
         before = self._totals()
-        command = [sys.executable, str(CHILD), str(self.file("x.vast")), str(self.folder / "store"), *self.options]
+        command = [sys.executable, str(CHILD), str(self.file(self.vast)), str(self.folder / "store"), *self.options]
         command += ["--wait"] if self.meanwhile else []
         environment = {**os.environ, "PYTHONPATH": str(self.folder / "src"), **self.environment}
         with subprocess.Popen(
@@ -229,7 +253,11 @@ class Bed:
     def _totals(self) -> dict[str, int]:
         logs = {name: self.folder.parent / f"log.{name}" for name in COUNTED if name != "observed"}
         lines = {name: log.read_text().count("x") if log.exists() else 0 for name, log in logs.items()}
-        return {**lines, "observed": len(list((self.folder / "store" / "observe").glob("*/*/manifest")))}
+        driven = {"executed": self._blocks("execute") * DRIVES} if self.vast != "x.vast" else {}
+        return {**lines, **driven, "observed": self._blocks("observe")}
+
+    def _blocks(self, stage: str) -> int:
+        return len(list((self.folder / "store" / stage).glob("*/*/manifest")))
 
     @classmethod
     def made(cls, folder: Path) -> "Bed":
@@ -258,7 +286,7 @@ class Bed:
             shutil.copytree(pristine / part, self.folder / part)
         if self.campaign != "campaign":
             shutil.rmtree(self.folder / self.campaign, ignore_errors=True)
-        self.environment, self.options, self.meanwhile, self.campaign = {}, [], None, "campaign"
+        self.environment, self.options, self.meanwhile, self.campaign, self.vast = {}, [], None, "campaign", "x.vast"
 
 
 def replaced(file: Path, old: str, new: str) -> None:
@@ -289,8 +317,8 @@ def cell(bed: Bed, number: int, key: str, value: object) -> None:
 
 def renamed_picture(bed: Bed) -> None:
     """The map's picture has another name."""
-    bed.file("maps/room.pgm").rename(bed.file("maps/hall.pgm"))
-    bed.replace("maps/room.yaml", "room.pgm", "hall.pgm")
+    bed.file("maps/room.pgm").rename(bed.file("maps/cellar.pgm"))
+    bed.replace("maps/room.yaml", "room.pgm", "cellar.pgm")
 
 
 def in_binary(bed: Bed) -> None:
@@ -344,7 +372,7 @@ MUST_NOT: Final[Mapping[str, Edit]] = {
     "map: its picture's name": renamed_picture,
     "map: its picture's format": in_binary,
     "map: a comment in its header": lambda bed: appended(bed.file("maps/room.yaml"), "# a comment\n"),
-    "map: another beside it": lambda bed: bed.write("maps/hall.yaml", "{}"),
+    "map: another beside it": lambda bed: bed.write("maps/other.yaml", "{}"),
     "vastflow: a comment in the simulator": lambda bed: appended(bed.source("sim/run.py"), "# a comment\n"),
     "vastflow: a docstring of the judging": lambda bed: replaced(
         bed.source("oracles/judge.py"), '"""Oracle: traces to verdicts."""', '"""Judging."""'
@@ -353,6 +381,15 @@ MUST_NOT: Final[Mapping[str, Edit]] = {
     "vastflow: code of the report": lambda bed: appended(bed.source("oracles/page/report.py"), "\nNEW = 1\n"),
     "vastflow: code of an oracle that is not asked": lambda bed: appended(
         bed.source("oracles/safety.py"), "\nNEW = 1\n"
+    ),
+    "vastflow: a hint in other words": lambda bed: replaced(bed.source("sim/reading/names.py"), "did you", "do you"),
+    "vastflow: a stray data file in a package": lambda bed: bed.source("sim/nav/table.csv").write_text("1\n"),
+    "vastflow: a stray report in a package": lambda bed: bed.source("oracles/report.html").write_text("<p>"),
+    "vastflow: a scenario beside its own that nobody names": lambda bed: shutil.copy(
+        bed.file("drive.osc"), bed.source("campaigns/scenarios/mine.osc")
+    ),
+    "a scenario beside that nobody names": lambda bed: bed.write(
+        "mine.osc", "scenario mine:\n    do wait elapsed(1s)\n"
     ),
     "Numba's number of threads": lambda bed: bed.environment.update(NUMBA_NUM_THREADS="1"),
     "the locale": lambda bed: bed.environment.update(LC_ALL="C", LANG="de_DE.UTF-8"),
@@ -417,6 +454,17 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
     "Python's minor version": (lambda bed: bed.options.append("--python=3.99"), executed(RUNS, 1)),
     "a setting of Numba that changes code": (lambda bed: bed.environment.update(NUMBA_OPT="0"), executed(RUNS, 1)),
     "vastflow: code of the simulator": (lambda bed: appended(bed.source("sim/run.py"), "\nNEW = 1\n"), executed(RUNS)),
+    "vastflow: a kernel of a controller": (
+        lambda bed: appended(bed.source("sim/nav/controllers/dwb_critics.py"), "\nNEW = 1\n"),
+        executed(RUNS),
+    ),
+    "vastflow: an oracle's default value": (
+        lambda bed: replaced(
+            bed.source("oracles/success.py"), "allow_missed: bool = False", "allow_missed: bool = True"
+        ),
+        JUDGED,
+    ),
+    "the version of numba": (lambda bed: bed.options.append("--version=numba=99.0"), executed(RUNS)),
     "vastflow: code of the observing": (
         lambda bed: appended(bed.source("oracles/observe.py"), "\nNEW = 1\n"),
         {**NOTHING, "observed": RUNS},
@@ -436,6 +484,34 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
     ),
     "a copy of another artifact": (lambda bed: copied_verdicts(bed), {**NOTHING, "judged": 1}),
 }
+
+ROBOT: Final[Mapping[str, tuple[Edit, int]]] = {
+    "nothing": (lambda bed: None, 0),
+    "a hint of the parameters' reader in other words": (
+        lambda bed: replaced(bed.source("sim/nav/parameters/amcl.py"), "must be <=", "has to be at most"),
+        0,
+    ),
+    "a hint in other words": (lambda bed: replaced(bed.source("sim/reading/names.py"), "did you", "do you"), 0),
+    "its Nav2 file: a comment": (lambda bed: appended(bed.file("nav2.yaml"), "# a comment\n"), 0),
+    "its Nav2 file: a default value written out": (
+        lambda bed: bed.replace("nav2.yaml", "alpha1: 0.3", "alpha1: 0.3, alpha2: 0.2"),
+        0,
+    ),
+    "its Nav2 file: a node that is not simulated": (
+        lambda bed: appended(bed.file("nav2.yaml"), "other:\n  ros__parameters: {rate: 3}\n"),
+        0,
+    ),
+    "its Nav2 file: another value": (lambda bed: bed.replace("nav2.yaml", "alpha1: 0.3", "alpha1: 0.31"), DRIVES),
+    "a default value of a parameter that it leaves out": (
+        lambda bed: replaced(
+            bed.source("sim/nav/parameters/amcl.py"), "alpha3: float = parameter(0.2", "alpha3: float = parameter(0.21"
+        ),
+        DRIVES,
+    ),
+    "its map: a pixel": (lambda bed: bed.replace("maps/hall.pgm", "254", "0"), DRIVES),
+    "its goal": (lambda bed: bed.replace("driven.vast", "x: 1.4", "x: 1.5"), DRIVES),
+}
+"""Edits of the campaign in which a robot drives, and how many of its runs must be executed again."""
 
 MEANWHILE: Final[Mapping[str, Edit]] = {
     "oracle: code": lambda bed: bed.replace("judge.py", "+ LOWEST", "- LOWEST"),
@@ -488,6 +564,7 @@ def rows(folder: Path, chosen: Callable[[str], bool] = lambda edit: True) -> Ite
             edit(bed)
             found = bed.counted()
             yield Row(name, found, _wrong(bed, found, counts))
+    yield from _driven(pristine, bed, {name: row for name, row in ROBOT.items() if chosen(f"robot: {name}")})
     for name, edit in MEANWHILE.items():
         if chosen(f"meanwhile: {name}"):
             bed.restored(pristine.folder)
@@ -496,6 +573,21 @@ def rows(folder: Path, chosen: Callable[[str], bool] = lambda edit: True) -> Ite
             wrong = _wrong(bed, found, {"evaluated": 1, "executed": RUNS, "judged": RUNS})
             other = "" if verdicts(bed) == said else "verdicts are others than those of what was keyed"
             yield Row(f"meanwhile: {name}", found, wrong or other)
+
+
+def _driven(pristine: Bed, bed: Bed, edits: Mapping[str, tuple[Edit, int]]) -> Iterator[Row]:
+    """Make edits of the campaign in which a robot drives."""
+    if not edits:
+        return
+    pristine.vast = "driven.vast"
+    first = pristine.counted()
+    yield Row("robot: first of all", first, _wrong(pristine, first, {"executed": DRIVES}))
+    for name, (edit, runs) in edits.items():
+        bed.restored(pristine.folder)
+        bed.vast = "driven.vast"
+        edit(bed)
+        found = bed.counted()
+        yield Row(f"robot: {name}", found, _wrong(bed, found, {"executed": runs}))
 
 
 def _wrong(bed: Bed, found: Counts, expected: Counts) -> str:
