@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from prefect.client.orchestration import SyncPrefectClient
 
 ANALYTICS: Final = "PREFECT_SERVER_ANALYTICS_ENABLED"
+DO_NOT_TRACK: Final = "DO_NOT_TRACK"
+"""Without it Prefect says at its first import in a terminal that it collects data, gives the user an identity, and sends it."""
 
 SERVER_APPLICATION: Final = "prefect.server.api.server:create_app"
 """Makes the application of Prefect's API, as `uvicorn` takes it."""
@@ -43,12 +45,13 @@ ApiRoute: TypeAlias = Literal["/flow_runs/bulk_set_state", "/flow_runs/count", "
 
 
 def import_prefect() -> bool:
-    """Import Prefect; without an API of the user's it tells nobody of that (importing starts its analytics).
+    """Import Prefect, which tells nobody of that unless the user has set `DO_NOT_TRACK` to 0.
 
     Returns:
         Whether somebody had imported it before.
     """
     imported_before = "prefect.main" in sys.modules
+    os.environ.setdefault(DO_NOT_TRACK, "1")
     if "PREFECT_API_URL" not in os.environ:
         os.environ.setdefault(ANALYTICS, SERVER_SETTINGS[ANALYTICS])
     import prefect.main  # noqa: F401

@@ -4,7 +4,11 @@
 """
 
 import logging
+import os
+import pty
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -122,3 +126,32 @@ def test_a_flows_schema_and_a_process_pools_template_can_be_had():
 
 def test_without_a_database_of_the_users_its_address_is_prefects_own():
     assert (adapter.database_url() or "sqlite+aiosqlite:///").startswith("sqlite+aiosqlite:///")
+
+
+def said_in_a_terminal(script, home):
+    """What Python says there in a home that has seen no Prefect."""
+    ours, theirs = pty.openpty()
+    tracked = {
+        name: value for name, value in os.environ.items() if name not in ("CI", "DO_NOT_TRACK", "GITHUB_ACTIONS")
+    }
+    environment = {**tracked, "PREFECT_HOME": str(home)}
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdin=theirs, stdout=theirs, stderr=theirs, env=environment
+    ) as run:
+        os.close(theirs)
+        said = b""
+        try:
+            while part := os.read(ours, 4096):
+                said += part
+        except OSError:  # how Linux says that nobody has the terminal open any more
+            pass
+        assert run.wait(120) == 0
+    os.close(ours)
+    return said.decode()
+
+
+@pytest.mark.timeout(300)
+def test_prefect_says_nothing_of_data_it_collects_and_gives_nobody_an_identity(tmp_path):
+    script = "from vastflow.tasks.prefect_adapter import import_prefect; import_prefect()"
+    assert said_in_a_terminal(script, tmp_path / "home") == ""
+    assert not (tmp_path / "home" / ".sdk_telemetry").exists()
