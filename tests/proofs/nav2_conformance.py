@@ -27,7 +27,7 @@ from vastflow.sim.nav.controllers import dwb, mppi, rpp
 from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting
 from vastflow.sim.nav.controllers.dwb_rollout import legal, step_count
 from vastflow.sim.nav.controllers.local_plan import local_plan
-from vastflow.sim.nav.controllers.mppi_samples import ROW, next_noise
+from vastflow.sim.nav.controllers.mppi_samples import ROW, next_noise, words_of
 from vastflow.sim.nav.inflation import inflate
 from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.record import record_of
@@ -107,7 +107,10 @@ def _mppi(record: Any, memory: Any, window: Any, outline: Any, pose: Any, twist:
 def of_mppi(place: Path) -> Iterator[Distance]:
     """Cycles of MPPI with the noise that Nav2 had."""
     parameters = mppi.Mppi()
-    speeds, turns, costs, labels = [], [], [], 0
+    speeds, turns, costs, samples, unlike = [], [], [], 0, 0
+    critic = parameters.CostCritic
+    points = (parameters.time_steps - 1) // critic.trajectory_point_step + 1
+    collision = critic.collision_cost * critic.cost_weight / 254.0 / points
     for case in _numbered(place / "mppi.npz"):
         memory = mppi.new_memory(parameters, np.array([1], dtype=np.uint64))
         memory = _with_noise(memory, parameters, int(case["noise_seed"]))
@@ -120,31 +123,34 @@ def of_mppi(place: Path) -> Iterator[Distance]:
         speeds.append(abs(v - case["command"][0]))
         turns.append(abs(w - case["command"][1]))
         found, theirs = np.asarray(memory.costs)[: parameters.batch_size], case["sample_costs"]
-        free = theirs < 1000.0
-        labels += int(np.count_nonzero(free != (found < 1000.0)))
+        free, ours_free = theirs < 0.5 * collision, found < 0.5 * collision
+        samples += len(theirs)
+        unlike += int(np.count_nonzero(free != ours_free))
         # What all samples share does not weigh: γ's term of the sequence itself.
-        apart = (found - theirs)[free & (found < 1000.0)]
+        apart = (found - theirs)[free & ours_free]
         costs.append(float(np.abs(apart - np.median(apart)).mean()))
     yield Distance("MPPI", len(speeds), "speed", max(speeds), 3e-4, " m/s")
     yield Distance("MPPI", len(speeds), "yaw rate", max(turns), 4e-4, " rad/s")
-    yield Distance("MPPI", len(speeds), "cost of a sample beside the others, mean of a cycle", max(costs), 1e-2)
-    yield Distance("MPPI", len(speeds), "samples that collide in one of both only", labels, 0)
+    yield Distance("MPPI", len(speeds), "cost of a sample beside the others, mean of a cycle", max(costs), 2e-2)
+    yield Distance("MPPI", samples, "share of the samples that collide in one of both only", unlike / samples, 1e-3)
 
 
 def _with_noise(memory: Any, parameters: Any, seed: int) -> Any:
     """The memory with numbers of this seed where the next cycle will look for its noise."""
     samples, steps = parameters.batch_size, parameters.time_steps
     generator = np.random.default_rng(seed)
-    numbers = np.stack([generator.standard_normal((samples, steps), dtype=np.float32) for _ in range(2)], axis=2)
     groups = math.ceil(samples / ROW)
-    filled = np.zeros((groups * ROW, steps, 2), dtype=np.float32)
-    filled[:samples] = numbers
-    laid = filled.reshape(groups, ROW, steps, 2).transpose(0, 2, 3, 1).ravel()
-    noise = np.zeros(memory.noise.shape[0], dtype=np.float32)
-    at = _noise_place(memory.stream.copy(), memory.next_noise.copy(), len(noise), len(laid))
-    noise[at : at + len(laid)] = laid
-    noise.flags.writeable = False
-    return memory._replace(noise=noise)
+    noise = []
+    for spread in (parameters.vx_std, parameters.wz_std):
+        filled = np.zeros((groups * ROW, steps), dtype=np.float32)
+        filled[:samples] = generator.standard_normal((samples, steps), dtype=np.float32) * np.float32(spread)
+        noise.append(np.ascontiguousarray(filled.reshape(groups, ROW, steps).transpose(0, 2, 1)).ravel())
+    words = words_of(*noise)
+    at = _noise_place(memory.stream.copy(), memory.next_noise.copy(), len(memory.noise), len(words))
+    all_words = memory.noise.copy()
+    all_words[at : at + len(words)] = words
+    all_words.flags.writeable = False
+    return memory._replace(noise=all_words)
 
 
 # DWB.

@@ -116,11 +116,15 @@ def noise(cycle: int, spread_v: float, spread_w: float) -> NDArray[np.uint32]:
     length = 1 << math.ceil(math.log2(CYCLES_OF_NOISE * cycle))
     drawn = np.random.default_rng(NOISE_SEED).standard_normal((2, length), dtype=np.float32)
     drawn *= np.array([[spread_v], [spread_w]], dtype=np.float32)
-    v, w = drawn.view(np.uint32)
     words = aligned(length, np.uint32)
-    words[:] = (v & 0xFFFF_0000) | ((w + 0x8000) >> 16)
+    words[:] = words_of(*drawn)
     words.flags.writeable = False
     return words
+
+
+def words_of(v: NDArray[np.float32], w: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """The words that hold noise for v and ω, as in `noise`."""
+    return np.asarray((v.view(np.uint32) & 0xFFFF_0000) | ((w.view(np.uint32) + 0x8000) >> 16))
 
 
 def aligned(length: int, kind: type[Any]) -> NDArray[Any]:
