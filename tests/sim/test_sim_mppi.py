@@ -230,6 +230,34 @@ def test_with_collisions_wherever_it_goes_there_is_no_valid_command():
     assert not np.asarray(memory.sequence).any()
 
 
+@pytest.mark.parametrize(("retry_scores", "valid"), [(False, 0), (True, 12)])
+def test_after_a_batch_in_which_all_collide_a_retry_gives_a_command_only_where_critics_judge_it(retry_scores, valid):
+    """At full speed before a wall, with a sequence that goes on: afresh, samples that brake would pass. Nav2's retry is lost."""
+    parameters = SMALL.with_values(retry_scores=retry_scores)
+    costs = np.zeros((60, 60), dtype=np.uint8)
+    costs[:, 34:] = 253
+    found = []
+    for seed in range(12):
+        memory = memory_of(parameters, seed + 1)
+        memory.sequence[0] = 0.5
+        found.append(
+            command_of(
+                record_of(parameters),
+                memory,
+                window(costs),
+                OUTLINE,
+                (0.0, 0.0, 0.0),
+                (0.5, 0.0),
+                straight(),
+                56,
+                0.0,
+                AHEAD,
+            )[0]
+        )
+        assert retry_scores or not np.asarray(memory.sequence).any()
+    assert sum(found) == valid
+
+
 def test_equal_streams_give_equal_commands_and_others_do_not():
     def first(seed):
         return command_of(

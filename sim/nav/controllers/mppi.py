@@ -139,7 +139,11 @@ def reset(memory: MppiMemory) -> None:
 
 @inner
 def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
-    """Command (valid, v, ω) from the mean of the samples; not valid when all of them collide, again and again."""
+    """Command (valid, v, ω) from the mean of the samples; not valid when all of them collide.
+
+    As Nav2 releases it, MPPI tries again then and never takes back the flag that stops the critics, so no further try can
+    be valid. With `retry_scores` one is.
+    """
     window, pose, twist, plan, goal = given.window, given.pose, given.twist, given.plan, given.goal
     n, end_yaw_rad = plan.shape[0], given.plan_end_yaw_rad
     sequence, history, free, lengths = memory.sequence, memory.history, memory.free, memory.lengths
@@ -165,7 +169,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     frame = lay_frame(q.CostCritic, space.frame, data_of(memory.values), window, pose, near_goal)
     used = sequence.shape[1] * memory.costs.shape[0]
     rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max
-    for _ in range(1 + q.retry_attempt_limit):
+    for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
         noise_at = next_noise(memory.stream, memory.next_noise, memory.noise.shape[0], used)
         draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn)
         if _sample(q, space, sequence, frame, draw, pose, twist, end_yaw_rad, goal, goal_m):

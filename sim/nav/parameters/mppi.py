@@ -81,7 +81,11 @@ class PreferForwardParameters(ParameterGroup):
 
 
 class MppiParameters(ParameterGroup):
-    """The optimiser's parameters: meters, seconds, radians. `vy_max` serves ConstraintCritic alone, as in Jazzy."""
+    """The optimiser's parameters: meters, seconds, radians. `vy_max` serves ConstraintCritic alone, as in Jazzy.
+
+    `retry_scores` is not Nav2's: whether the critics judge the samples of a retry after a batch in which all collide. As
+    Nav2 is released they don't, and a retry never gives a command.
+    """
 
     time_steps: int = parameter(56, 2, 1000)
     model_dt: float = parameter(0.05, 0.05, 1.0)
@@ -99,6 +103,7 @@ class MppiParameters(ParameterGroup):
     wz_std: float = parameter(0.4, 1e-3, 10.0)
     prune_distance: float = parameter(1.7, 0.0, 100.0, code=1.5)
     retry_attempt_limit: int = parameter(1, 0, 10)
+    retry_scores: bool = parameter(False)
     ConstraintCritic: ConstraintParameters = ConstraintParameters()
     CostCritic: CostParameters = CostParameters()
     GoalCritic: GoalParameters = GoalParameters()
