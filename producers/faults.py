@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
+from vastflow.sim.user_error import UserError
+
 Location: TypeAlias = tuple[str | int, ...]
 """Path of a value from the top of the file: keys of mappings and indices of lists."""
 
@@ -61,7 +63,7 @@ class Note:
         return f"{place}: {self.what}; {self.right}" if self.right else f"{place}: {self.what}"
 
 
-class CampaignError(Exception):
+class CampaignError(UserError):
     """A campaign file that can't be used; holds every fault that was found, file by file and in the order of each."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:

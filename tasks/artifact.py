@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from vastflow.sim.digest import digest
+from vastflow.sim.user_error import UserError
 
 MANIFEST: Final = "manifest"
 
@@ -14,7 +15,7 @@ EARLIER: Final = "an earlier version of vastflow wrote it, without its key; it i
 """What `Store.fault` says of an artifact whose manifest has no key: nothing tells whether it is in its place."""
 
 
-class StoreError(OSError):
+class StoreError(UserError, OSError):
     """The store's place can't be used."""
 
 

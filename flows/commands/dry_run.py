@@ -14,9 +14,8 @@ def print_dry_run(request: RunRequest, *, since: Path | None, as_json: bool) -> 
     """Print the dry run of a request; a wrong file or option ends with exit code 2."""
     from vastflow.flows.plan.dry_run import dry_run
     from vastflow.flows.results.past import NoPast
-    from vastflow.producers.faults import CampaignError
     from vastflow.sim.plug_ins.effects import looking_only
-    from vastflow.tasks.store import StoreError
+    from vastflow.sim.user_error import UserError
 
     with Interruptible("interrupted; nothing was written"):
         try:
@@ -35,7 +34,7 @@ def print_dry_run(request: RunRequest, *, since: Path | None, as_json: bool) -> 
         except NoPast as error:
             print(f"--since {error}", file=sys.stderr)
             raise typer.Exit(2) from None
-        except (CampaignError, StoreError) as error:
+        except UserError as error:
             print(error, file=sys.stderr)
             raise typer.Exit(2) from None
     from vastflow.flows.plan.dry_run_text import dry_run_json, dry_run_text

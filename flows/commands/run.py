@@ -105,16 +105,13 @@ def _run(request: RunRequest) -> "Results":
         with Display() as display:
             interruptible.last_words_by(display.close)
             from vastflow.flows import run_campaign
-            from vastflow.flows.request.work_pool import WorkersFailed, WorkPoolError
-            from vastflow.flows.results.directory import ResultsError
-            from vastflow.producers.faults import CampaignError
+            from vastflow.flows.request.work_pool import WorkersFailed
+            from vastflow.sim.user_error import UserError
             from vastflow.tasks.server import PrefectUnavailable
-            from vastflow.tasks.store import StoreError
-            from vastflow.tasks.surroundings import SurroundingsError
 
             try:
                 return run_campaign(request, observer=display)
-            except (CampaignError, StoreError, ResultsError, SurroundingsError, WorkPoolError) as error:
+            except UserError as error:
                 display.close(str(error))
                 raise typer.Exit(BAD_INPUT) from None
             except (PrefectUnavailable, WorkersFailed) as error:

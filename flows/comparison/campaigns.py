@@ -23,9 +23,10 @@ from vastflow.oracles.statistics.comparison import (
 )
 from vastflow.oracles.statistics.factors import factors_of
 from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.user_error import UserError
 
 
-class NotComparable(ValueError):
+class NotComparable(UserError, ValueError):
     """Two campaigns that can't be compared as asked; says what was found."""
 
 

@@ -15,6 +15,7 @@ from vastflow.oracles.figures.picture import png
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.statistics.comparison import Change
 from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.user_error import UserError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from vastflow.oracles.verdict import Judgement
 
 
-class NotDrawn(ValueError):
+class NotDrawn(UserError, ValueError):
     """A configuration that has no picture; says why."""
 
 

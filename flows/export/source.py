@@ -21,11 +21,12 @@ from vastflow.sim.reading.goals import GOAL_KEY, GOALS_KEY
 from vastflow.sim.reading.script import START_KEY
 from vastflow.sim.recordings.blocks import read_block
 from vastflow.sim.recordings.runlog import run_log_of
+from vastflow.sim.user_error import UserError
 
 _NO_NAME: Final = "scenario"
 
 
-class ExportFault(ValueError):
+class ExportFault(UserError, ValueError):
     """What can't be exported; says what was found and what would be right."""
 
 

@@ -17,6 +17,7 @@ from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.producers.faults import CampaignError
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.user_error import UserError
 from vastflow.tasks.index import Index, Member, Stored
 from vastflow.tasks.store import open_store
 
@@ -24,7 +25,7 @@ FILE: Final = "campaign file"
 """Who wrote what no producer did."""
 
 
-class Unexplained(ValueError):
+class Unexplained(UserError, ValueError):
     """There is no such configuration, or the directory is damaged; says what was found and what would be right."""
 
 

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from vastflow.sim.user_error import UserError
+
 NO_API: Final = (
     "no API of Prefect is configured; start one by `prefect server start`, and name it by "
     "`prefect config set PREFECT_API_URL=http://127.0.0.1:4200/api`"
@@ -15,7 +17,7 @@ RUNS_A_SHARD: Final = 20
 """For fewer runs no shard is made then."""
 
 
-class WorkPoolError(ValueError):
+class WorkPoolError(UserError, ValueError):
     """A work pool that can't be used as it was asked for; says what was found and what would be right."""
 
 

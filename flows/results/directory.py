@@ -18,6 +18,7 @@ from typing import Final
 import psutil
 
 from vastflow.sim.files import read_json
+from vastflow.sim.user_error import UserError
 from vastflow.tasks.store import StoreError
 
 ABANDONED_S: Final = 24 * 3600.0
@@ -31,7 +32,7 @@ _PARTIAL: Final = ".{}.partial"
 _OURS: Final = re.compile(r"\..+-\d{4}-\d\d-\d\d-\d{6}(-\d+)?\.partial")
 
 
-class ResultsError(OSError):
+class ResultsError(UserError, OSError):
     """The results folder can't be written any more."""
 
 

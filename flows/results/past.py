@@ -11,11 +11,12 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.results.past_content import check_configurations, check_metadata, check_runs
 from vastflow.oracles.directory.column import table_rows
 from vastflow.sim.files import read_json
+from vastflow.sim.user_error import UserError
 
 PARTS = ("environment", "task", "system")
 
 
-class NoPast(ValueError):
+class NoPast(UserError, ValueError):
     """A folder that is no campaign directory, or a damaged one; says what was found."""
 
 

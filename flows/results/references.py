@@ -12,13 +12,14 @@ from vastflow.flows.results.past import recorded_as
 from vastflow.flows.results.replica import replica
 from vastflow.oracles.directory.column import table_rows
 from vastflow.sim.files import read_json
+from vastflow.sim.user_error import UserError
 from vastflow.tasks.instantiation import EvaluationRequest, Instantiator, NotEvaluated
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree, installed_tree
 from vastflow.tasks.store import Lost, Store, StoreError
 
 
-class UnknownReferences(ValueError):
+class UnknownReferences(UserError, ValueError):
     """What a campaign directory was made of can't be told; says why and what helps."""
 
 

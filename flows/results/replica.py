@@ -11,9 +11,10 @@ from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.faults import CampaignError
+from vastflow.sim.user_error import UserError
 
 
-class NotReplicable(ValueError):
+class NotReplicable(UserError, ValueError):
     """The directory's inputs are no longer what was asked; says what was found and what would be right."""
 
 

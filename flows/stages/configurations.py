@@ -13,9 +13,10 @@ from vastflow.flows.results.tables import CONFIGURATIONS, configuration_row
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.producers.instantiate import Instantiation
 from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.user_error import UserError
 
 
-class UnknownConfiguration(LookupError):
+class UnknownConfiguration(UserError, LookupError):
     """No configuration is called so."""
 
 

@@ -19,11 +19,12 @@ from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.recordings.blocks import read_recordings
 from vastflow.sim.recordings.recording import Recording
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.user_error import UserError
 
 _DAMAGED: Final = "damaged campaign directory"
 
 
-class NotRecorded(ValueError):
+class NotRecorded(UserError, ValueError):
     """A run that a campaign directory does not hold, or no longer holds whole; says what was found and what is there."""
 
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from vastflow.sim.nav.state import TICK_S
+from vastflow.sim.user_error import UserError
 
 _EXACT_S: Final = 1e-6
 
 
-class TimeError(ValueError):
+class TimeError(UserError, ValueError):
     """A time that a run does not have; says what was asked for and what would be right."""
 
 

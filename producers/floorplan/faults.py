@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Final, NoReturn
 
 from vastflow.producers.faults import Fault, Note
+from vastflow.sim.user_error import UserError
 
 __all__ = ["START", "Fault", "FloorplanError", "Note", "Place", "complain"]
 
@@ -15,7 +16,7 @@ MOST_FAULTS: Final = 50
 """A file with more is wrong in one way, many times."""
 
 
-class FloorplanError(ValueError):
+class FloorplanError(UserError, ValueError):
     """A file that can't be used; holds every fault that was found, in the order of the file."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:

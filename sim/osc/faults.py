@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from vastflow.sim.osc.definition import Place
+from vastflow.sim.user_error import UserError
 
 TypeHint: TypeAlias = Callable[[str, Collection[str]], str]
 """What to write in place of an unknown type, from its name and all that are known."""
@@ -27,7 +28,7 @@ class OscFault:
         return f"{self.place}: {self.what}; {self.right}"
 
 
-class OscError(ValueError):
+class OscError(UserError, ValueError):
     """A scenario file that can't be used; holds every fault that was found, file by file and in the order of each."""
 
     def __init__(self, faults: Iterable[OscFault]) -> None:

@@ -19,6 +19,7 @@ from vastflow.sim.digest import Value
 from vastflow.sim.files import MOST_LEVELS, TextPlace, Unreadable, place_of, read_text, yaml_node
 from vastflow.sim.nav.parameters.parameter import ParameterError
 from vastflow.sim.plug_ins.snapshot import Snapshot
+from vastflow.sim.user_error import UserError
 
 ParameterLocation: TypeAlias = tuple[str, ...]
 """Names from the top: nodes, `ros__parameters`, groups, the parameter."""
@@ -51,7 +52,7 @@ class ParameterFault:
         return f"{self.where}: {self.what}; {self.right}"
 
 
-class DocumentError(ParameterError):
+class DocumentError(UserError, ParameterError):
     """A document the stack can't be set to; holds every fault that was found."""
 
     def __init__(self, faults: Iterable[ParameterFault], file: str = "") -> None:
