@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from vastflow.oracles.evidence.rates import Counts
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from vastflow.flows.results.found import RunFault
 
 
@@ -108,3 +110,9 @@ class Results:
     summary: Summary
     faults: "tuple[RunFault, ...]"
     notes: tuple[str, ...]
+
+    def frame(self) -> "pd.DataFrame":
+        """One row for each run, see `vastflow.flows.results.frame`."""
+        from vastflow.flows.results.frame import frame
+
+        return frame(self.directory)

@@ -1,0 +1,100 @@
+"""The table of a campaign's runs in pandas."""
+
+import json
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from vastflow.flows.results.frame import frame
+from vastflow.flows.results.tables import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
+
+SAID = {"p": "pass", "f": "fail", "n": "not judged"}
+
+
+def write(folder, configurations, *, unrecorded=()):
+    """A campaign directory: name to family, factors, and a letter a run.
+
+    Args:
+        unrecorded: Configurations and indices of runs without a recording.
+    """
+    rows, runs, verdicts = [], [], []
+    for name, (family, factors, said) in configurations.items():
+        content = {"environment": {}, "task": {"goal": name}, "system": {}}
+        texts = {"scenario": json.dumps(content), "factors": json.dumps(factors), "provenance": "{}"}
+        rows.append({"name": name, "family": family, "abstract": "builtin:navigate_to_pose", **texts})
+        for k, letter in enumerate(said):
+            run = {"configuration": name, "family": family, "run_index": k}
+            if (name, k) not in unrecorded:
+                runs.append({**run, "seed": f"{name}{k}", "outcome": "reached", "distance_m": k + 0.5, "contacts": 0})
+            metrics = {"min_distance": {"value": 0.1 * k, "unit": "m"}} if letter != "n" else {}
+            verdicts += [
+                {**run, "oracle": "success", "judgement": "pass", "reason": "", "metrics": "{}"},
+                {**run, "oracle": "safety", "judgement": SAID[letter], "reason": "", "metrics": json.dumps(metrics)},
+            ]
+    tables = {"configurations": (rows, CONFIGURATIONS), "runs": (runs, RUNS)}
+    tables |= {"verdicts": (verdicts, VERDICTS), "rejections": ([], REJECTIONS)}
+    for table, (content, schema) in tables.items():
+        pq.write_table(pa.Table.from_pylist(content, schema), folder / f"{table}.parquet")
+    (folder / "campaign.vast").write_text("version: 1\n")
+    (folder / "metadata.json").write_text(json.dumps({"name": "a", "created": "2026-11-22T06:00:00"}))
+    return folder
+
+
+def test_success_by_factor_is_two_lines(tmp_path):
+    write(tmp_path, {"quiet": ("f", {"noise": 0.0}, "pppp"), "loud": ("f", {"noise": 0.4}, "ppff")})
+    runs = frame(tmp_path)
+    assert runs.groupby("noise")["passed"].mean().to_dict() == {0.0: 1.0, 0.4: 0.5}
+
+
+def test_each_run_is_a_row_with_what_varied_what_happened_and_what_was_said(tmp_path):
+    runs = frame(write(tmp_path, {"a": ("f", {"noise": 0.4, "map": "rooms"}, "pf")}))
+    row = runs.iloc[1].to_dict()
+    assert (row["configuration"], row["family"], row["run_index"], row["noise"], row["map"]) == (
+        "a",
+        "f",
+        1,
+        0.4,
+        "rooms",
+    )
+    assert (row["outcome"], row["distance_m"], row["safety.min_distance (m)"]) == ("reached", 1.5, pytest.approx(0.1))
+    assert (row["passed"], row["passed.success"], row["passed.safety"]) == (False, True, False)
+
+
+def test_what_was_not_judged_is_missing_and_in_no_mean(tmp_path):
+    runs = frame(write(tmp_path, {"a": ("f", {}, "pn")}))
+    assert runs["passed"].isna().tolist() == [False, True]
+    assert runs["passed"].mean() == 1.0
+    assert runs["safety.min_distance (m)"].isna().tolist() == [False, True]
+
+
+def test_a_run_without_a_recording_has_a_row_in_which_nothing_happened(tmp_path):
+    runs = frame(write(tmp_path, {"a": ("f", {"noise": 1}, "pn")}, unrecorded={("a", 1)}))
+    assert runs["distance_m"].isna().tolist() == [False, True]
+    assert runs["outcome"].isna().tolist() == [False, True]
+    assert runs["noise"].tolist() == [1.0, 1.0]
+
+
+def test_a_factor_that_is_named_like_another_column_says_that_it_is_a_factor(tmp_path):
+    runs = frame(write(tmp_path, {"a": ("f", {"passed": 3, "outcome": 2}, "p")}))
+    assert runs["factor.passed"].tolist() == [3.0] and runs["passed"].tolist() == [True]
+    assert runs["factor.outcome"].tolist() == [2.0] and runs["outcome"].tolist() == ["reached"]
+
+
+def test_a_factor_of_numbers_here_and_texts_there_is_text_and_missing_where_a_family_lacks_it(tmp_path):
+    families = {"a": ("f", {"speed": 0.5}, "p"), "b": ("g", {"speed": "fast"}, "p"), "c": ("h", {}, "p")}
+    runs = frame(write(tmp_path, families))
+    assert runs["speed"].tolist()[:2] == ["0.5", "fast"]
+    assert runs["speed"].isna().tolist() == [False, False, True]
+
+
+def test_a_run_takes_few_bytes(tmp_path):
+    said = "p" * 20
+    runs = frame(write(tmp_path, {f"c{k}": ("f", {"noise": k % 3, "map": f"m{k % 7}"}, said) for k in range(548)}))
+    assert len(runs) == 10_960
+    assert runs.memory_usage(deep=True).sum() < 200 * len(runs)  # bytes a run, so 22 MB for 109,600
+
+
+def test_what_is_no_campaign_directory_is_refused(tmp_path):
+    with pytest.raises(OSError, match="configurations"):
+        frame(tmp_path)
