@@ -15,7 +15,7 @@ import numba
 import platformdirs
 
 from vastflow.sim.kernels.kernel_cache import KernelCache
-from vastflow.sim.kernels.target import TARGET
+from vastflow.sim.kernels.target import TARGET, part
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -69,7 +69,13 @@ def njit(function: Function) -> Function:
 
 
 def inner(function: Function) -> Function:
-    """Compile a kernel that only kernels call; without Python's entry it compiles in about half the time."""
+    """Compile a kernel that only kernels call, as a part of those."""
+    dispatcher: Function = part(_compile_inner(function))
+    return dispatcher
+
+
+def addressed(function: Function) -> Function:
+    """Compile a kernel that is called by its address."""
     return _cached(_compile_inner(function), function)
 
 

@@ -9,14 +9,15 @@ import importlib
 import os
 import sys
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, Final
 
 import numba
 from llvmlite import binding
-from numba.core.codegen import JITCPUCodegen
+from numba import _dynfunc
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.cpu import CPUContext
 from numba.core.dispatcher import Dispatcher
+from numba.core.environment import lookup_environment
 from numba.core.registry import CPUTarget, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.target_extension import CPU, dispatcher_registry, jit_registry, target_override, target_registry
@@ -58,8 +59,38 @@ class _Processor(CPU):  # type: ignore[misc]  # numba has no types
     """A CPU, so that what numba and its extensions define for CPUs counts here as well."""
 
 
+class _Library(JITCodeLibrary):  # type: ignore[misc]
+    """The code of a compiled function with all that it calls; of a part it is kept as it is, for those that call it.
+
+    numba optimizes each function with all that it calls and makes machine code of it, and then does so again in each caller.
+    Only what is called from without needs that.
+    """
+
+    def __init__(self, codegen: Any, name: str) -> None:
+        super().__init__(codegen, name)
+        self.is_part = codegen.compiles_part
+
+    def _optimize_final_module(self) -> None:
+        if not self.is_part:
+            super()._optimize_final_module()
+
+    def _finalize_final_module(self) -> None:
+        if self.is_part:
+            self._finalize_dynamic_globals()
+            self._finalized = True
+        else:
+            super()._finalize_final_module()
+
+
 class _Codegen(JITCPUCodegen):  # type: ignore[misc]
-    """Machine code for the generic processor, whatever `numba.config` says of processor and optimization."""
+    """Machine code for the generic processor, whatever `numba.config` says of processor and optimization.
+
+    Attributes:
+        compiles_part: Whether the function that is compiled at the moment is only called by others that are compiled.
+    """
+
+    _library_class = _Library
+    compiles_part = False
 
     def _init(self, llvm_module: Any) -> None:
         super()._init(llvm_module)
@@ -73,6 +104,11 @@ class _Codegen(JITCPUCodegen):  # type: ignore[misc]
         return super()._pass_builder(
             **{"opt": _OPTIMIZATION, "loop_vectorize": True, "slp_vectorize": False, **options}
         )
+
+    def set_env(self, env_name: str, env: Any) -> None:
+        """Give code its environment, unless the optimizer found that it needs none."""
+        if self._engine.is_symbol_defined(env_name):
+            super().set_env(env_name, env)
 
     def _get_host_cpu_name(self) -> str:
         return "generic"
@@ -91,6 +127,17 @@ class _Context(CPUContext):  # type: ignore[misc]
         _import_array_functions()
         super().load_additional_registries()
 
+    def get_executable(self, library: Any, fndesc: Any, env: Any) -> Any:
+        """What Python calls: nothing of a part; what else is compiled is given the environments of its parts."""
+        if library.is_part:
+            return _dynfunc.make_function(fndesc.lookup_module(), fndesc.qualname, "", 0, env, (library,))
+        if library._final_module is not None:
+            for variable in library._final_module.global_variables:
+                part = lookup_environment(variable.name)
+                if part is not None:
+                    library.codegen.set_env(variable.name, part)
+        return super().get_executable(library, fndesc, env)
+
 
 def _context_of(target: CPUTarget) -> _Context:
     return _Context(target.typing_context, TARGET)
@@ -101,12 +148,35 @@ class _Target(CPUTarget):  # type: ignore[misc]
 
 
 class _Dispatcher(Dispatcher):
+    """A kernel as Python has it.
+
+    Attributes:
+        is_part: Whether only compiled functions call it.
+    """
+
     targetdescr = _Target(TARGET)
+    is_part = False
 
     def compile(self, sig: Any) -> Any:
         """Compile for these types; what numba defines with `overload` and first meets while it lowers is so ours as well."""
-        with target_override(TARGET):
-            return super().compile(sig)
+        codegen = self.targetdescr.target_context.codegen()
+        outer, codegen.compiles_part = codegen.compiles_part, self.is_part
+        try:
+            with target_override(TARGET):
+                return super().compile(sig)
+        finally:
+            codegen.compiles_part = outer
+
+
+def part(dispatcher: Any) -> Any:
+    """Have a function compiled for its callers alone: Python can't call it, and it has no address."""
+    dispatcher.is_part = True
+    return dispatcher
+
+
+def _jit_of_overload(**options: Any) -> Any:
+    decorate = numba.jit(**options, _target=TARGET)
+    return lambda function: part(decorate(function))
 
 
 def _import_array_functions() -> None:
@@ -128,4 +198,4 @@ def _import_array_functions() -> None:
 
 target_registry[TARGET] = _Processor
 dispatcher_registry[_Processor] = _Dispatcher
-jit_registry[_Processor] = partial(numba.jit, _target=TARGET)
+jit_registry[_Processor] = _jit_of_overload

@@ -19,7 +19,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic, models, register_model
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.numeric import inner, unkept
+from vastflow.sim.kernels.numeric import addressed, inner, unkept
 from vastflow.sim.nav.controllers.controller import Controller, ControllerError, ControllerInput, Setting, line_of
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
@@ -214,7 +214,7 @@ def _set_plan_entry(layout: Any) -> None:
 
 
 _ENTRY_FUNCTIONS: Final[tuple[Any, ...]] = (_compute_entry, _reset_entry, _set_plan_entry)
-_ENTRIES: Final = tuple(inner(entry) for entry in _ENTRY_FUNCTIONS)
+_ENTRIES: Final = tuple(addressed(entry) for entry in _ENTRY_FUNCTIONS)
 _ENTRIES_OF_OTHERS: Final = tuple(unkept(entry) for entry in _ENTRY_FUNCTIONS)
 """The same for types that another process may not know, and could then read no compiled forms at all."""
 

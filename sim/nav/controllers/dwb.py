@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.numeric import addressed, inner
 from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, PlanCut, Setting
 from vastflow.sim.nav.controllers.dwb_critics import (
     DISTANCE,
@@ -113,14 +113,14 @@ def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
     )
 
 
-@inner
+@addressed
 def reset(memory: DwbMemory) -> None:
     """Forget restrictions and that the goal was reached, as Nav2 does with every new path."""
     clear(memory.trends.signs)
     memory.trends.latched[0], memory.trends.latched[1] = 0, 0
 
 
-@inner
+@addressed
 def compute_velocity(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
     """Command (valid, v, ω) of the legal sample with the lowest score; not valid when none is legal."""
     setting, n_speeds, n_turns = score(q, memory, given)

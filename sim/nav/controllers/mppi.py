@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.numeric import addressed, inner
 from vastflow.sim.nav.controllers.controller import PERIOD_S, Controller, ControllerInput, Setting
 from vastflow.sim.nav.controllers.lanes import data_of, either, load, lower, splat, store
 from vastflow.sim.nav.controllers.mppi_critics import (
@@ -127,7 +127,7 @@ def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64]) -> MppiMe
     )
 
 
-@inner
+@addressed
 def reset(memory: MppiMemory) -> None:
     """Forget the sequence and the commands, as at the end of a FollowPath action."""
     for axis in range(2):
@@ -137,7 +137,7 @@ def reset(memory: MppiMemory) -> None:
             memory.history[axis, i] = 0.0
 
 
-@inner
+@addressed
 def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     """Command (valid, v, ω) from the mean of the samples; not valid when all of them collide.
 
@@ -402,7 +402,7 @@ def _smooth(sequence: Any, history: Any, line: Any, shift: int) -> None:
         history[axis, 3] = sequence[axis, shift]
 
 
-@inner
+@addressed
 def set_plan(memory: MppiMemory) -> None:
     """A new path changes nothing: the sequence goes on."""
 

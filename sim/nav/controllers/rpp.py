@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.numeric import addressed, inner
 from vastflow.sim.nav.controllers.controller import PERIOD_S, Controller, ControllerInput, PlanCut, Setting
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import FREE, INSCRIBED, UNKNOWN
@@ -31,13 +31,13 @@ def new_memory(xy_goal_tolerance_m: float) -> RppMemory:
     return RppMemory(reached=np.zeros(1, dtype=np.int64), tolerance_m=np.array([xy_goal_tolerance_m]))
 
 
-@inner
+@addressed
 def reset(memory: RppMemory) -> None:
     """Forget that the goal was reached, as Nav2 does with every new path and at the end of an action."""
     memory.reached[0] = 0
 
 
-@inner
+@addressed
 def compute_velocity(q: Any, memory: RppMemory, given: ControllerInput) -> Any:
     """Command (valid, v, ω) toward the carrot on the plan; not valid when the path there is blocked."""
     window, outline, pose, twist, plan = given.window, given.outline, given.pose, given.twist, given.plan
