@@ -224,6 +224,11 @@ def test_random_numbers_of_its_stream_are_no_fault(tmp_path):
         ),
         (
             "return True, 0.0, 0.0\n",
+            "from vastflow.sim.kernels.numeric import inner\ncompute_velocity = inner(stand.py_func)",
+            "Own.compute_velocity is compiled for its callers alone and has no address; put @kernel above it",
+        ),
+        (
+            "return True, 0.0, 0.0\n",
             "compute_velocity = stand\ndef memory(self, setting): return (1.0,)",
             "memory.0 of Own is float; numpy arrays",
         ),

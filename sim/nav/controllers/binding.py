@@ -278,6 +278,8 @@ def _kernel(kind: type[Controller], name: str, arguments: tuple[Any, ...]) -> An
     where = f"{line_of(getattr(kernel, 'py_func', kind))}: {kind.__name__}.{name}"
     if not isinstance(kernel, Dispatcher):
         raise ControllerError(f"{where} is no compiled function; put @kernel above it")
+    if getattr(kernel, "is_part", False):
+        raise ControllerError(f"{where} is compiled for its callers alone and has no address; put @kernel above it")
     try:
         compiled = _compiled(kernel, arguments)
     except Exception as error:  # noqa: BLE001 - numba raises more than its own errors, KeyError for an unknown parameter
