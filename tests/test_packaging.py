@@ -316,9 +316,9 @@ def test_the_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
 
 
 def test_the_readme_installs_what_the_tests_need():
-    line = readme_line("python3 -m venv .venv && .venv/bin/pip install -e ", ".venv/bin/pytest")
+    line = readme_line("python3 -m venv .venv && .venv/bin/pip install -e ", ".venv/bin/pytest -n 2 --dist loadfile")
     extra = re.search(r"'\.\[(\w+)\]'", line)[1]
-    assert {"pytest", "ruff", "mypy", "import-linter"} <= set(declared(extra))
+    assert {"pytest", "pytest-xdist", "ruff", "mypy", "import-linter"} <= set(declared(extra))
 
 
 @pytest.fixture
@@ -340,6 +340,11 @@ TEST_LINE = "python3 -m venv --without-pip .venv && echo tested with .venv/bin/p
 def test_ci_runs_the_readmes_line_and_its_output_comes_last(checkout):
     done = checkout(f"# Title\n\n```sh\n{TEST_LINE}\n```\n")
     assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "tested with .venv/bin/pytest"), done.stderr
+
+
+def test_ci_takes_the_line_with_its_options_for_pytest(checkout):
+    done = checkout(f"```sh\n{TEST_LINE} -n 2\n```\n")
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "tested with .venv/bin/pytest -n 2"), done.stderr
 
 
 def test_ci_fails_where_the_line_fails(checkout):
