@@ -69,8 +69,8 @@ def campaign(request: RunRequest) -> State[Any]:
                 with new_directory(run.delivery.folder, run.name, run.created) as directory:
                     written = report(run, assess(run, directory))
                 found = deliver(run, written)
-                publish(found, run.name, request.reports)
                 break
+    publish(found, run.name, request.reports)  # after the last of what the progress tells of
     if found.faults:
         first = found.faults[0]
         return Failed(message=f"{len(found.faults)} faults, the first in {first.stage}: {first.error}")

@@ -236,11 +236,11 @@ def test_another_word_in_the_file_is_another_scenario_with_the_same_noise(staged
 def test_a_run_in_another_process_is_the_same(mixed):
     code = f"""
 from pathlib import Path
-from vastflow.sim.reading.abstract import content_of
+from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.run import run
 from vastflow.sim.scenario import Scenario
-content = content_of(Path({mixed.abstract.path!r}))
+content = abstract_content(Path({mixed.abstract.path!r}))
 environment = {{"map_file": map_content({mixed.environment["map_file"].path!r})}}
 print(run(Scenario(content, 60.0, environment, {{}}, {{"controller": "rpp"}}), 0).digest)
 """
