@@ -50,8 +50,8 @@ class Robustness(Oracle[RobustnessParameters]):
     - `metre`: Σ e over each full meter driven, at the first row at which it is full.
 
     The robot's diameter bounds an error at an instant: beyond it, the robot is not where it believes any part of it to be. It says
-    nothing of a sum, which grows with the path and with the rate of the samples: with 100 updates, 0.3 m is a mean error of 3 mm,
-    which Nav2's own AMCL does not keep on the same scans. So the default is the reading that depends on neither.
+    nothing of a sum, which grows with the path and with the rate of the samples: with 100 updates, 0.3 m is a mean error of 3 mm. So the
+    default is the reading that depends on neither.
 
     An error equal to the threshold passes: all are compared to the micrometre, and a sum of millimeters is exact.
 

@@ -15,6 +15,7 @@ import numba
 from llvmlite import binding
 from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.cpu import CPUContext
 from numba.core.dispatcher import Dispatcher
 from numba.core.environment import lookup_environment
@@ -160,12 +161,15 @@ class _Dispatcher(Dispatcher):
     def compile(self, sig: Any) -> Any:
         """Compile for these types; what numba defines with `overload` and first meets while it lowers is so ours as well."""
         codegen = self.targetdescr.target_context.codegen()
-        outer, codegen.compiles_part = codegen.compiles_part, self.is_part
-        try:
-            with target_override(TARGET):
-                return super().compile(sig)
-        finally:
-            codegen.compiles_part = outer
+        with (
+            global_compiler_lock
+        ):  # numba's own, taken before what is compiled is noted: another thread notes something else
+            outer, codegen.compiles_part = codegen.compiles_part, self.is_part
+            try:
+                with target_override(TARGET):
+                    return super().compile(sig)
+            finally:
+                codegen.compiles_part = outer
 
 
 def part(dispatcher: Any) -> Any:
