@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from vastflow.flows.comparison.gate import Gate, gate_of
+from vastflow.flows.comparison.gate import Gate
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.past import recorded_as
 from vastflow.oracles.directory.environment_names import environment_names
@@ -84,7 +84,7 @@ def compared(
     factors, _ = factors_of(_rows(after, [match.after for match in pairing.matches]))
     faults = _new_faults(before, after, pairing)
     same = same_keys(before, after, pairing)
-    gate = gate_of(pairing, whole, target, margin, oracle=oracle, new_faults=faults, same_keys=same)
+    gate = Gate(pairing, whole, target, margin, oracle, faults, same)
     levels = by_level(factors, pairs, target)
     return Compared(before, after, pairing, oracle, whole, each, changes(pairs), levels, faults, gate)
 
