@@ -94,8 +94,18 @@ class VerdictTable:
         reason, known = self._reason
         return Reasons(self.configuration[self._runs[1][rows]], self._oracle[0][rows], reason[rows], tuple(known))
 
-    def metrics(self, oracle: str) -> dict[str, MetricColumn]:
+    def metrics(self, oracle: str) -> Mapping[str, MetricColumn]:
         """An oracle's metrics by name, in the order of their names in its verdicts."""
+        if oracle not in self._metrics:
+            self._metrics[oracle] = self._parsed(oracle)
+        return self._metrics[oracle]
+
+    @cached_property
+    def _metrics(self) -> dict[str, Mapping[str, MetricColumn]]:
+        """By oracle, those that were asked for."""
+        return {}
+
+    def _parsed(self, oracle: str) -> Mapping[str, MetricColumn]:
         mine = self._oracle[0] == self.oracles.index(oracle)
         content = parsed(taken(self.table["metrics"], mine))
         runs = self._runs[1][mine]

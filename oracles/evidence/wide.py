@@ -1,11 +1,14 @@
 """One row for each run: what varied, what came of it and what was said of it, each in a column of its own."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vastflow.oracles.directory.column import codes, floats, integers
@@ -14,6 +17,7 @@ from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.directory.verdict_table import FAIL, PASS
 from vastflow.oracles.evidence.varied import varied_rows
 
+WIDE_FILE: Final = "runs_wide.parquet"
 MISSING: Final = -1
 """Code of a run that has no text."""
 _TEXTS: Final = ("outcome", "reason", "stood_still")
@@ -64,8 +68,45 @@ def wide_table(tables: Tables) -> WideTable:
     columns |= truths
     for oracle in tables.oracles:
         for name, metric in verdicts.metrics(oracle).items():
-            columns[f"{oracle}.{name}" + (f" ({metric.unit})" if metric.unit not in ("", "1") else "")] = metric.values
+            unit = f" ({metric.unit})" if metric.unit not in ("", "1") else ""
+            columns[_free(f"{oracle}.{name}{unit}", "metric", columns)] = metric.values
     return WideTable({**columns, **_factors(tables, columns)}, frozenset(truths))
+
+
+def write_wide(directory: Path, found: WideTable) -> None:
+    """Write `runs_wide.parquet`: its columns as they are, texts encoded as dictionaries, what is missing as null."""
+    arrays = {name: _array(column, name in found.truths) for name, column in found.columns.items()}
+    table = pa.Table.from_arrays(list(arrays.values()), list(arrays))
+    table = table.replace_schema_metadata({"pandas": json.dumps(_for_pandas(found.truths))})
+    pq.write_table(table, directory / WIDE_FILE, compression="zstd")
+
+
+def _for_pandas(truths: Iterable[str]) -> dict[str, Any]:
+    """What pandas is to know: of its columns of objects, which others may be missing in, it would take no mean."""
+    columns = [
+        {"name": name, "field_name": name, "pandas_type": "bool", "numpy_type": "boolean", "metadata": None}
+        for name in sorted(truths)
+    ]
+    return {"index_columns": [], "column_indexes": [], "columns": columns}
+
+
+def _array(column: WideColumn, is_truth: bool) -> pa.Array:
+    """Made of buffers, for what takes numpy arrays imports pandas."""
+    if isinstance(column, TextColumn):
+        indices = _buffered(pa.int32(), column.codes, column.codes != MISSING)
+        known = pa.lib.StringBuilder()
+        known.append_values(list(column.known))
+        return pa.DictionaryArray.from_arrays(indices, known.finish())
+    if is_truth:
+        return _buffered(pa.bool_(), np.packbits(column == 1, bitorder="little"), column != MISSING)
+    if column.dtype == np.float64:
+        return _buffered(pa.float64(), column, np.isfinite(column))
+    return _buffered(pa.int64(), column, np.ones(len(column), dtype=np.bool_))
+
+
+def _buffered(kind: pa.DataType, values: NDArray[Any], there: NDArray[np.bool_]) -> pa.Array:
+    bits = np.packbits(there, bitorder="little")
+    return pa.Array.from_buffers(kind, len(there), [pa.py_buffer(bits), pa.py_buffer(np.ascontiguousarray(values))])
 
 
 def _of_runs(tables: Tables) -> dict[str, WideColumn]:
@@ -99,18 +140,25 @@ def _factors(tables: Tables, others: Iterable[str]) -> dict[str, WideColumn]:
     found = tables.configurations
     maps = environment_names(tables.directory, dict.fromkeys(filter(None, found.environments)))
     rows = varied_rows(found, range(len(found)), maps)
-    taken = set(others)
+    taken = dict.fromkeys(others)
     names = dict.fromkeys(name for row in rows for name in row)
     of_run = tables.verdicts.configuration
     columns: dict[str, WideColumn] = {}
     for name in names:
         values = [row.get(name) for row in rows]
-        shown = f"factor.{name}" if name in taken else name
+        shown = _free(name, "factor", {**taken, **columns})
         if all(value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in values):
             columns[shown] = np.array([np.nan if value is None else float(value) for value in values])[of_run]
         else:
             columns[shown] = _by_configuration(values, of_run)
     return columns
+
+
+def _free(name: str, kind: str, taken: Container[str]) -> str:
+    """`name`, with its `kind` before it as often as another column is called so."""
+    while name in taken:
+        name = f"{kind}.{name}"
+    return name
 
 
 def _by_configuration(values: Sequence[Any], of_run: NDArray[np.int64]) -> TextColumn:

@@ -12,6 +12,7 @@ from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.directory.verdict_table import CODES
 from vastflow.oracles.directory.walk import read_walks
+from vastflow.oracles.evidence.criteria import Criterion
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.findings import Design
 from vastflow.oracles.figures.case_figure import case_figure
@@ -26,6 +27,7 @@ from vastflow.oracles.figures.map_figures import (
 from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.rate_figure import rates_figure
 from vastflow.oracles.figures.scene import Scene, distinct_obstacles, situation_at
+from vastflow.oracles.figures.threshold_figure import threshold_figure
 from vastflow.sim.reading.map_file import load_map
 
 MAX_EMBEDDED: Final = 11_000_000
@@ -161,6 +163,21 @@ def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Pictur
     occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
     figure = case_figure(occupancy, situation, obstacles, ways)
     return _picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
+
+
+def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
+    """For each criterion with a score, what other thresholds would have said."""
+    for criterion in criteria:
+        if criterion.score is not None:
+            name = "".join(letter if letter.isalnum() else "-" for letter in criterion.oracle)
+            yield _picture(
+                f"threshold-{name}",
+                "",
+                f"Share of runs that would pass {criterion.oracle}, by its threshold",
+                f"Share of the {criterion.runs:,} judged runs that would pass, had {criterion.oracle} another threshold.",
+                threshold_figure(criterion, criterion.score),
+                drawn=True,
+            )
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:

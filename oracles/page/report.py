@@ -11,9 +11,11 @@ from markupsafe import Markup
 from vastflow.oracles.directory.environment_names import environment_names
 from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import Tables, read_tables
+from vastflow.oracles.evidence.criteria import criteria_json, criteria_of
 from vastflow.oracles.evidence.evidence import Evidence, evidence_json, evidence_of, spreads_of
 from vastflow.oracles.evidence.findings import Findings, findings_json, findings_of, shape_of, stopping_rule
 from vastflow.oracles.evidence.standstills import Standstills, standstills_of
+from vastflow.oracles.evidence.wide import wide_table, write_wide
 from vastflow.oracles.figures.palette import CLASS_COLORS
 from vastflow.oracles.figures.picture import plain_style
 from vastflow.oracles.figures.scene import MAX_SCENES, scenes_of
@@ -26,9 +28,10 @@ from vastflow.oracles.page.pictures import (
     factor_pictures,
     map_pictures,
     rate_pictures,
+    threshold_pictures,
 )
 from vastflow.oracles.page.table import bar, rate_cell, rate_words
-from vastflow.oracles.page.words import chance, number, percent, points, sentence, span
+from vastflow.oracles.page.words import chance, criterion_text, number, percent, points, sentence, span
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.statistics.classes import passes_that_show, runs_for_a_claim
 from vastflow.sim.files import Unreadable, yaml_value
@@ -53,12 +56,14 @@ class Gallery:
 
     Attributes:
         factors: Of each design.
+        thresholds: Of the criteria that separate nothing.
         overview: All maps beside each other; None where there is but one.
         cases: By the index of the configuration.
     """
 
     rates: Sequence[Picture]
     factors: Sequence[Sequence[Picture]]
+    thresholds: Sequence[Picture]
     overview: Picture | None
     places: Sequence[MapPictures]
     cases: Mapping[int, Picture]
@@ -69,6 +74,7 @@ class Gallery:
         yield from self.rates
         for found in self.factors:
             yield from found
+        yield from self.thresholds
         if self.overview is not None:
             yield self.overview
         yield from self.cases.values()
@@ -78,7 +84,7 @@ class Gallery:
 
 @plain_style()
 def write_report(directory: Path) -> None:
-    """Write `evidence.json`, `figures/` and `report.html` into the campaign directory `directory`.
+    """Write `evidence.json`, `runs_wide.parquet`, `figures/` and `report.html` into the campaign directory `directory`.
 
     Raises:
         OSError: a table that should be there is not.
@@ -88,13 +94,19 @@ def write_report(directory: Path) -> None:
     names = environment_names(directory, dict.fromkeys(filter(None, tables.configurations.environments)))
     evidence, findings = evidence_of(tables), findings_of(tables, names)
     spreads = spreads_of(tables)
-    stood = standstills_of(tables)
-    said = {**findings_json(findings), "stood_still": {"runs": stood.runs, **asdict(stood)}}
+    stood, criteria = standstills_of(tables), criteria_of(tables)
+    said = {
+        **findings_json(findings),
+        "stood_still": {"runs": stood.runs, **asdict(stood)},
+        "separates_nothing": criteria_json(criteria),
+    }
     (directory / "evidence.json").write_text(evidence_json(tables, evidence, spreads, said), encoding="utf-8")
+    write_wide(directory, wide_table(tables))
     scenes = scenes_of(tables)
     gallery = Gallery(
         list(rate_pictures({oracle: evidence[oracle] for oracle in rows.shown_oracles(evidence)})),
         factor_pictures(findings.designs),
+        list(threshold_pictures(criteria)),
         all_maps_picture(scenes, [names[s.environment] for s in scenes]) if len(scenes) > 1 else None,
         [
             MapPictures(names[s.environment], _size(s.occupancy), list(map_pictures(s, names[s.environment])))
@@ -113,6 +125,7 @@ def write_report(directory: Path) -> None:
         evidence=evidence,
         findings=findings,
         stood=stood,
+        criteria=criteria,
         gallery=gallery,
         environments=rows.environment_table(tables, names),
         places=rows.place_table(scenes, names),
@@ -148,6 +161,7 @@ def _html(
         words=rate_words,
         bar=bar,
         cell=rate_cell,
+        criterion=criterion_text,
     )
     gallery: Gallery = found["gallery"]
     embedded = _embedded(gallery.pictures)

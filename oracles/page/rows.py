@@ -12,6 +12,7 @@ from vastflow.oracles.directory import coverage
 from vastflow.oracles.directory.column import floats
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.directory.verdict_table import FAIL, Reasons
+from vastflow.oracles.evidence.criteria import MEASURES_ALONE
 from vastflow.oracles.evidence.evidence import Evidence, Group, Spread
 from vastflow.oracles.evidence.findings import Findings
 from vastflow.oracles.evidence.standstills import Standstills
@@ -26,8 +27,6 @@ from vastflow.oracles.statistics.intervals import thousandths
 MAX_ROWS: Final = 500
 """Rows of a list; the files beside the report have all."""
 ROBUSTNESS: Final = "robustness"
-MEASURES_ALONE: Final = frozenset({"navigation"})
-"""Oracles that pass every run; a rate of them says nothing."""
 BASES: Final = ("update", "step", "metre", "mean", "maximum")
 CASES: Final = 9
 PLACES: Final = 3

@@ -3,6 +3,7 @@
 import json
 from typing import Any, Final
 
+from vastflow.oracles.evidence.criteria import Criterion
 from vastflow.oracles.evidence.rates import Interval
 
 _NARROW: Final = 50
@@ -56,6 +57,19 @@ def number(value: float | None) -> str:
     value = round(value, 3) + 0.0  # + 0.0 turns -0.0 into 0.0
     text = f"{value:,.0f}" if abs(value) >= 100 or value == int(value) else f"{value:.3g}"
     return text.replace("-", "−")
+
+
+def criterion_text(criterion: Criterion) -> str:
+    """`robustness separates nothing here: all 480 judged runs fail, and the least update is 2.57 m, 8.6 times the threshold`."""
+    said = f"separates nothing here: all {criterion.runs:,} judged runs {'pass' if criterion.passes else 'fail'}"
+    score, nearest = criterion.score, criterion.nearest
+    if score is None or nearest is None:
+        return said
+    value, threshold = float(score.values[nearest]), float(score.thresholds[nearest])
+    unit = "" if score.unit in ("", "1") else f"\N{NO-BREAK SPACE}{score.unit}"
+    end = "least" if score.is_margin == criterion.passes else "greatest"
+    what = f"{said}, and the {end} {score.metric.replace('_', ' ')} is {number(value)}{unit}"
+    return f"{what}; below 0 fails" if score.is_margin else f"{what}, {value / threshold:.2g} times the threshold"
 
 
 def position(x_m: float, y_m: float) -> str:

@@ -1,14 +1,21 @@
 """The table of a campaign's runs in pandas."""
 
 import json
+import runpy
+from pathlib import Path
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from vastflow.flows.results.frame import frame
 from vastflow.flows.results.tables import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
+from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.evidence.wide import WIDE_FILE, wide_table, write_wide
+from vastflow.oracles.notebook.file import read_cells
 
+NOTEBOOK = Path(__file__).parents[2] / "campaigns" / "notebook" / "success_by_factor.ipynb"
 SAID = {"p": "pass", "f": "fail", "n": "not judged"}
 
 
@@ -93,6 +100,30 @@ def test_a_run_takes_few_bytes(tmp_path):
     runs = frame(write(tmp_path, {f"c{k}": ("f", {"noise": k % 3, "map": f"m{k % 7}"}, said) for k in range(548)}))
     assert len(runs) == 10_960
     assert runs.memory_usage(deep=True).sum() < 200 * len(runs)  # bytes a run, so 22 MB for 109,600
+
+
+def test_the_file_beside_the_report_says_what_the_frame_says(tmp_path):
+    families = {"a": ("f", {"speed": 0.5, "map": "rooms"}, "pfn"), "b": ("g", {"speed": "fast"}, "p")}
+    write(tmp_path, families, unrecorded={("a", 1)})
+    write_wide(tmp_path, wide_table(read_tables(tmp_path)))
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / WIDE_FILE), frame(tmp_path), check_categorical=False)
+
+
+def test_success_by_factor_is_two_lines_of_a_notebook_beside_the_file(tmp_path, monkeypatch):
+    write(tmp_path, {"quiet": ("f", {"noise": 0.0}, "pppn"), "loud": ("f", {"noise": 0.4}, "ppff")})
+    write_wide(tmp_path, wide_table(read_tables(tmp_path)))
+    monkeypatch.chdir(tmp_path)
+    (imports, cell) = read_cells(NOTEBOOK)
+    assert len(cell.code.strip().splitlines()) == 2
+    code = cell.code.replace("laserscan_gaussian_noise_std_deviation", "noise")
+    Path("cells.py").write_text(f"{imports.code}\n{code}\n")
+    assert runpy.run_path("cells.py")["success"].to_dict() == {0.0: 1.0, 0.4: 0.5}
+
+
+def test_a_name_that_is_taken_twice_over_still_has_a_column_of_its_own(tmp_path):
+    runs = frame(write(tmp_path, {"a": ("f", {"factor.passed": 1, "passed": 2}, "p")}))
+    assert (runs["factor.passed"].tolist(), runs["factor.factor.passed"].tolist()) == ([1.0], [2.0])
+    assert runs["passed"].tolist() == [True]
 
 
 def test_what_is_no_campaign_directory_is_refused(tmp_path):
