@@ -1,5 +1,6 @@
 """The paper's three campaigns, on our floor plans and on the paper's maps."""
 
+import functools
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -20,8 +21,15 @@ MAPS = ROOT.parent / "shared" / "maps"
 originals = pytest.mark.skipif(not MAPS.is_dir(), reason="the paper's maps are not beside the repository")
 
 
-def made(file, maps=None):
-    return instantiate(read_campaign(PAPER / file, maps)[0])
+@pytest.fixture(scope="module")
+def made():
+    """Instantiates a campaign, once for all that ask for it."""
+
+    @functools.cache
+    def instantiated(file, maps=None):
+        return instantiate(read_campaign(PAPER / file, maps)[0])
+
+    return instantiated
 
 
 @pytest.mark.parametrize("kind", PUBLISHED)
@@ -32,12 +40,12 @@ def test_it_has_nothing_to_complain_of(kind):
 
 
 @pytest.mark.parametrize("kind", ["performance", "robustness"])
-def test_its_configurations_are_as_many_as_the_papers_and_all_distinct(kind):
+def test_its_configurations_are_as_many_as_the_papers_and_all_distinct(made, kind):
     n = PUBLISHED[kind].configurations
     assert requested_of(made(f"{kind}.vast").coverage) == Requested(n, 0, 0, 0, n)
 
 
-def test_both_radii_have_the_same_ways():
+def test_both_radii_have_the_same_ways(made):
     configurations = made("performance.vast").configurations
     tasks = {}
     for each in configurations:
@@ -49,7 +57,7 @@ def test_both_radii_have_the_same_ways():
     assert len(wide) == 908
 
 
-def test_the_radius_is_the_planners_alone():
+def test_the_radius_is_the_planners_alone(made):
     for each in made("performance.vast").configurations:
         assert set(each.scenario.system) == {"global_costmap.robot_radius"}
 
@@ -65,7 +73,7 @@ def test_of_the_settings_of_obstacles_six_are_the_same_and_some_boxes_find_no_ro
 
 
 @originals
-def test_on_the_papers_maps_the_cells_that_its_counts_lack_are_proved_to_be_impossible():
+def test_on_the_papers_maps_the_cells_that_its_counts_lack_are_proved_to_be_impossible(made):
     found = made("original-maps/performance.vast", MAPS)
     assert requested_of(found.coverage) == Requested(1866, 50, 0, 0, PUBLISHED["performance"].configurations)
     reasons = {each.reason for each in found.rejections if each.family == "rooms-random"}
@@ -76,7 +84,9 @@ def test_on_the_papers_maps_the_cells_that_its_counts_lack_are_proved_to_be_impo
 @pytest.mark.parametrize(
     ("kind", "requested", "no_way", "duplicates"), [("robustness", 1792, 0, 0), ("safety", 2160, 288, 390)]
 )
-def test_on_the_papers_maps_none_of_its_configurations_is_lost_for_want_of_room(kind, requested, no_way, duplicates):
+def test_on_the_papers_maps_none_of_its_configurations_is_lost_for_want_of_room(
+    made, kind, requested, no_way, duplicates
+):
     n = PUBLISHED[kind].configurations
     found = requested_of(made(f"original-maps/{kind}.vast", MAPS).coverage)
     assert found == Requested(requested, no_way, 0, duplicates, n - duplicates)
