@@ -30,15 +30,20 @@ from vastflow.flows.commands.run import run
 from vastflow.flows.commands.scenario import scenario
 from vastflow.flows.commands.show import show
 from vastflow.flows.commands.store import store
+from vastflow.flows.terminal.exit_code import BAD_INPUT
+from vastflow.sim.user_error import UserError
 
 
 class Commands(TyperGroup):
-    """Commands whose exit code is their own, whatever a plug-in does in this process."""
+    """Commands that a user's mistake ends with its words, and whose exit code is their own, whatever a plug-in does here."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command; click's own ends are other exceptions than `SystemExit`."""
         try:
             return super().invoke(ctx)
+        except UserError as error:
+            print(error, file=sys.stderr)
+            raise typer.Exit(BAD_INPUT) from None
         except SystemExit as error:
             print(f"a plug-in's code raised SystemExit({error.code!r}), which would end vastflow", file=sys.stderr)
             raise typer.Exit(3) from None

@@ -5,9 +5,7 @@ import sys
 from pathlib import Path
 from typing import Final, NoReturn
 
-import typer
-
-from vastflow.flows.terminal.reading import BAD_INPUT
+from vastflow.sim.user_error import UserError
 
 PROOFS: Final = Path(__file__).resolve().parents[2] / "tests" / "proofs"
 
@@ -20,11 +18,9 @@ def run_script(command: str, name: str, *arguments: object) -> NoReturn:
     """
     script = PROOFS / f"{name}.py"
     if not script.is_file():
-        print(
+        raise UserError(
             f"vastflow {command}: it runs tests/proofs/{name}.py, which only a clone of vastflow's repository has: "
-            "call it there, after `pip install -e .`",
-            file=sys.stderr,
+            "call it there, after `pip install -e .`"
         )
-        raise typer.Exit(BAD_INPUT)
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, str(script), *map(str, arguments)])

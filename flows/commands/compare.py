@@ -3,14 +3,14 @@
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT
-from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.interruptible import Interruptible
-from vastflow.flows.terminal.reading import reading
+from vastflow.flows.terminal.writing import writing
+from vastflow.oracles.directory.unusable import reading
 
 if TYPE_CHECKING:
     from vastflow.flows.comparison.campaigns import Compared
@@ -50,26 +50,22 @@ def compare(
     difference at each level of each factor.
     """
     for directory in (before, after):
-        if wrong := wrong_directory(directory):
-            _end(wrong)
+        check_directory(directory)
     with Interruptible("interrupted"):
-        from vastflow.flows.comparison.campaigns import NotComparable, compared
+        from vastflow.flows.comparison.campaigns import compared
         from vastflow.flows.comparison.text import compared_json, compared_text
 
         tables = _tables(before), _tables(after)
         with reading(after):
-            try:
-                found = compared(*tables, oracle, margin, target)
-            except NotComparable as error:
-                _end(str(error))
-        try:
-            drawn = _drawn(found, pictures, out or after / "comparisons" / before.resolve().name)
-            if junit is not None:
-                from vastflow.flows.comparison.junit import compared_report
+            found = compared(*tables, oracle, margin, target)
+        folder = out or after / "comparisons" / before.resolve().name
+        with writing(folder, "--out"):
+            drawn = _drawn(found, pictures, folder)
+        if junit is not None:
+            from vastflow.flows.comparison.junit import compared_report
 
+            with writing(junit, "--junit"):
                 junit.write_bytes(compared_report(found))
-        except OSError as error:
-            _end(f"{error.filename}: can't be written ({error.strerror}); name another place")
         if as_json:
             print(json.dumps(compared_json(found, drawn)))
         else:
@@ -106,8 +102,3 @@ def _drawn(found: "Compared", most: int, folder: Path) -> dict[str, Path]:
         drawn[name] = folder / f"{name}.png"
         drawn[name].write_bytes(content)
     return drawn
-
-
-def _end(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(BAD_INPUT)

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT
-from vastflow.flows.commands.show import wrong_directory
-from vastflow.flows.results.at_hand import meant_address
+from vastflow.flows.results.at_hand import check_directory, meant_address
 from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.map_dir import MapDir
-from vastflow.flows.terminal.reading import reading
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.sim.user_error import UserError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -52,34 +51,24 @@ def _coverage(source: Path, map_dir: Path | None, as_v1: bool) -> "Coverage":
     """Of a campaign directory as it was written, of a campaign file by instantiating it."""
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.oracles.directory.coverage import read_coverage
-    from vastflow.producers.faults import CampaignError
     from vastflow.producers.instantiate import instantiate
     from vastflow.sim.plug_ins.effects import looking_only
 
-    if meant_address(source):
-        wrong: object = wrong_directory(source)
-    elif not source.exists():
-        wrong = f"{source}: no such file or folder; a campaign file, or a folder that `vastflow run` wrote"
-    elif source.is_dir():
-        wrong = wrong_directory(source)
-        if not wrong:
+    if source.is_dir() or meant_address(source):
+        check_directory(source)
+        with reading(source):
             try:
                 return read_coverage(source)
             except FileNotFoundError:
-                wrong = f"{source}: has no coverage.json; an earlier version wrote it, run the campaign again"
-            except (OSError, ValueError) as error:
-                wrong = f"{source}: damaged campaign directory: {error}"
-    else:
-        try:
-            with looking_only():
-                campaign, _ = read_campaign(source, map_dir, as_v1=as_v1)
-                for fault in campaign.missing:
-                    print(f"left out: {fault}", file=sys.stderr)
-                return instantiate(campaign).coverage
-        except CampaignError as error:
-            wrong = error
-    print(wrong, file=sys.stderr)
-    raise typer.Exit(BAD_INPUT)
+                what = "has no coverage.json; an earlier version wrote it, run the campaign again"
+                raise UnusableDirectory(f"{source}: {what}") from None
+    if not source.exists():
+        raise UserError(f"{source}: no such file or folder; a campaign file, or a folder that `vastflow run` wrote")
+    with looking_only():
+        campaign, _ = read_campaign(source, map_dir, as_v1=as_v1)
+        for fault in campaign.missing:
+            print(f"left out: {fault}", file=sys.stderr)
+        return instantiate(campaign).coverage
 
 
 def _text(coverage: "Coverage") -> "Iterator[RenderableType]":

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT, FAULT, asked_request
+from vastflow.flows.commands.run import asked_request
 from vastflow.flows.request.run_request import NAMES
 from vastflow.flows.request.work_pool import NO_API
+from vastflow.flows.terminal.exit_code import FAULT
 from vastflow.flows.terminal.request_options import asking
+from vastflow.sim.user_error import UserError
 from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
 
 if TYPE_CHECKING:
@@ -66,14 +68,10 @@ def deploy(
     from vastflow.tasks.prefect_adapter import import_prefect
 
     map_dir = asked["map_dir"]
-    try:
-        campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
-        if campaign.unexecutable:
-            raise CampaignError(campaign.unexecutable)
-        description = described(campaign, context)
-    except CampaignError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(BAD_INPUT) from None
+    campaign, _ = read_campaign(file, map_dir, as_v1=asked["as_v1"])
+    if campaign.unexecutable:
+        raise CampaignError(campaign.unexecutable)
+    description = described(campaign, context)
     place = _place(file, kind)
     title = campaign_name(campaign)
     here = {
@@ -132,12 +130,8 @@ def _place(file: Path, kind: PoolType) -> str:
     try:
         return file.resolve().relative_to(Path.cwd()).as_posix()
     except ValueError:
-        what = f"{file}: it is not below {Path.cwd()}"
-        print(
-            f"{what}; call this from the folder that the image is built from, with all that it needs in it",
-            file=sys.stderr,
-        )
-        raise typer.Exit(BAD_INPUT) from None
+        right = "call this from the folder that the image is built from, with all that it needs in it"
+        raise UserError(f"{file}: it is not below {Path.cwd()}; {right}") from None
 
 
 def _results(kind: PoolType) -> str:
@@ -154,12 +148,10 @@ def _check_schedule(deployment: "Deployment") -> None:
         return
     if not is_cron(deployment.cron):
         right = "five fields, minute hour day month weekday, such as '0 2 * * *'"
-        print(f"--schedule: found {deployment.cron!r}; {right}", file=sys.stderr)
-        raise typer.Exit(BAD_INPUT)
+        raise UserError(f"--schedule: found {deployment.cron!r}; {right}")
     zones = sorted(available_timezones())
     if deployment.timezone not in zones:
-        print(f"--timezone: found {deployment.timezone!r}; {did_you_mean(deployment.timezone, zones)}", file=sys.stderr)
-        raise typer.Exit(BAD_INPUT)
+        raise UserError(f"--timezone: found {deployment.timezone!r}; {did_you_mean(deployment.timezone, zones)}")
 
 
 def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) -> None:
@@ -182,8 +174,7 @@ def _register(
 
     url = configured_url()
     if url is None:
-        print(NO_API, file=sys.stderr)
-        raise typer.Exit(BAD_INPUT)
+        raise UserError(NO_API)
     from prefect.client.orchestration import get_client
     from prefect.exceptions import PrefectHTTPStatusError
 
@@ -202,8 +193,7 @@ def _register(
             found = register_flow(client, deployment.as_yaml(), campaign)
             register_flow(client, shards(theirs).as_yaml(), campaign)
     except OtherPool as error:
-        print(f"--pool: {error}", file=sys.stderr)
-        raise typer.Exit(BAD_INPUT) from None
+        raise UserError(f"--pool: {error}") from None
     except PrefectHTTPStatusError as error:
         print(f"Prefect's API at {url} did not take it: {error}", file=sys.stderr)
         raise typer.Exit(FAULT) from None

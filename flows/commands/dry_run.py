@@ -1,42 +1,29 @@
 """The option `--dry-run` of `run`: says what a run would compute and why, and does nothing of it."""
 
 import json
-import sys
 from pathlib import Path
-
-import typer
 
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.terminal.interruptible import Interruptible
 
 
 def print_dry_run(request: RunRequest, *, since: Path | None, as_json: bool) -> None:
-    """Print the dry run of a request; a wrong file or option ends with exit code 2."""
+    """Print the dry run of a request."""
     from vastflow.flows.plan.dry_run import dry_run
-    from vastflow.flows.results.past import NoPast
     from vastflow.sim.plug_ins.effects import looking_only
-    from vastflow.sim.user_error import UserError
 
-    with Interruptible("interrupted; nothing was written"):
-        try:
-            with looking_only():
-                found = dry_run(
-                    Path(request.campaign),
-                    runs=request.runs,
-                    results=Path(request.results),
-                    store=request.store,
-                    only=request.only,
-                    sample=request.sample,
-                    map_dir=None if request.map_dir is None else Path(request.map_dir),
-                    as_v1=request.as_v1,
-                    since=since,
-                )
-        except NoPast as error:
-            print(f"--since {error}", file=sys.stderr)
-            raise typer.Exit(2) from None
-        except UserError as error:
-            print(error, file=sys.stderr)
-            raise typer.Exit(2) from None
+    with Interruptible("interrupted; nothing was written"), looking_only():
+        found = dry_run(
+            Path(request.campaign),
+            runs=request.runs,
+            results=Path(request.results),
+            store=request.store,
+            only=request.only,
+            sample=request.sample,
+            map_dir=None if request.map_dir is None else Path(request.map_dir),
+            as_v1=request.as_v1,
+            since=since,
+        )
     from vastflow.flows.plan.dry_run_text import dry_run_json, dry_run_text
     from vastflow.flows.terminal.outcome import printed
 

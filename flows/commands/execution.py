@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT
 from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.map_dir import MapDir
 
@@ -50,20 +49,15 @@ def describe(
     """
     from vastflow.flows.request.campaign_file import campaign_name
     from vastflow.producers.campaign import load_campaign
-    from vastflow.producers.faults import CampaignError
     from vastflow.sim.plug_ins.effects import looking_only
     from vastflow.tasks.execution.compose import compose_file
     from vastflow.tasks.execution.manifest import yaml_text
     from vastflow.tasks.execution.pod import pod_template
     from vastflow.tasks.execution.reading import describe as described
 
-    try:
-        with looking_only():
-            campaign = load_campaign(file, map_dir, as_v1=as_v1)
-        found = described(campaign, campaign_name(campaign), context)
-    except CampaignError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(BAD_INPUT) from None
+    with looking_only():
+        campaign = load_campaign(file, map_dir, as_v1=as_v1)
+    found = described(campaign, campaign_name(campaign), context)
     if format_ is Format.compose:
         print(yaml_text(compose_file(found)), end="")
         notes = _compose_notes(found)

@@ -1,16 +1,14 @@
 """The command `explain`: one configuration of a campaign, where it came from and what a run would do of it."""
 
 import json
-import sys
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT
-from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.interruptible import Interruptible
-from vastflow.flows.terminal.reading import reading
+from vastflow.oracles.directory.unusable import reading
 
 
 def explain(
@@ -31,27 +29,17 @@ def explain(
     Its scenario in three dimensions with the producer that wrote each value, its digest, the keys of its results and
     which of them are in the store, and what is other in an earlier campaign.
     """
-    for option, directory in (("", results), ("--since ", since)):
-        if directory is not None and (wrong := wrong_directory(directory)):
-            _end(f"{option}{wrong}")
+    check_directory(results)
+    if since is not None:
+        check_directory(since, "--since")
     with Interruptible("interrupted"):
-        from vastflow.flows.plan.explain import Unexplained, explained
+        from vastflow.flows.plan.explain import explained
         from vastflow.flows.plan.explain_text import explanation_json, explanation_text
-        from vastflow.flows.results.past import NoPast
         from vastflow.flows.terminal.outcome import printed
-        from vastflow.tasks.store import StoreError
 
         with reading(results):
-            try:
-                found = explained(results, configuration, store=store, since=since)
-            except (Unexplained, NoPast, StoreError) as error:
-                _end(str(error))
+            found = explained(results, configuration, store=store, since=since)
             if as_json:
                 print(json.dumps(explanation_json(found), ensure_ascii=False))
             else:
                 printed(explanation_text(found))
-
-
-def _end(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(BAD_INPUT)

@@ -3,13 +3,14 @@
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, NoReturn
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT
-from vastflow.flows.commands.show import PLACE_HELP, wrong_directory
+from vastflow.flows.commands.show import PLACE_HELP
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.writing import writing
+from vastflow.sim.user_error import UserError
 
 if TYPE_CHECKING:
     from vastflow.flows.export.export import Exported
@@ -34,21 +35,15 @@ def export(
     """
     with Interruptible(f"interrupted; {folder} is as it was"):
         from vastflow.flows.export.export import export as lay_out
-        from vastflow.flows.export.source import ExportFault
-        from vastflow.flows.results.at_hand import at_hand
-        from vastflow.tasks.store import StoreError
+        from vastflow.flows.results.at_hand import at_hand, check_directory
 
-        try:
-            with at_hand(results, _NOT_EXPORTED) as directory:
-                if wrong := wrong_directory(directory):
-                    _end(wrong)
-                exported = lay_out(directory, folder, only or (), _Progress())
-        except ExportFault as error:
-            _end(str(error).replace(str(directory), results))
-        except StoreError as error:
-            _end(str(error))
-        except OSError as error:
-            _end(f"{folder}: can't be written ({error.strerror}); name another folder")
+        with at_hand(results, _NOT_EXPORTED) as directory:
+            check_directory(directory)
+            try:
+                with writing(folder):
+                    exported = lay_out(directory, folder, only or (), _Progress())
+            except UserError as error:  # where the directory is a copy, it is the address that the user knows
+                raise UserError(str(error).replace(str(directory), results)) from None
     print(_said(exported))
 
 
@@ -77,8 +72,3 @@ def _said(exported: "Exported") -> str:
         f"{configurations} configuration{'' if configurations == 1 else 's'}{alike}; {runs} runs: {named}\n"
         f"exported: {exported.folder}"
     )
-
-
-def _end(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(BAD_INPUT)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from vastflow.flows.terminal.as_v1 import AsV1
+from vastflow.flows.terminal.exit_code import BAD_INPUT
 from vastflow.flows.terminal.map_dir import MapDir
 
 
@@ -22,15 +23,10 @@ def validate(
     """
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.flows.request.notes import terminal_lines
-    from vastflow.producers.faults import CampaignError
     from vastflow.sim.plug_ins.effects import looking_only
 
-    try:
-        with looking_only():
-            campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1)
-    except CampaignError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(2) from None
+    with looking_only():
+        campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1)
     unexecutable = {(fault.file, fault.line, fault.column) for fault in campaign.unexecutable}
     notes = [note for note in campaign.notes if (note.file, note.line, note.column) not in unexecutable]
     for line in terminal_lines(notes):
@@ -42,7 +38,7 @@ def validate(
             print(fault, file=sys.stderr)
         lost = _number(len(campaign.unavailable), "family", "families")
         print(f"{lost} left out for want of a file, {len(campaign.families)} to be run", file=sys.stderr)
-        raise typer.Exit(2)
+        raise typer.Exit(BAD_INPUT)
     producers = sum(len(family.producers) for family in campaign.families)
     counts = [_number(len(campaign.families), "family", "families"), _number(producers, "producer", "producers")]
     counts.append(_number(len(oracles), "oracle", "oracles"))

@@ -3,18 +3,18 @@
 import json
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT, unwritable
+from vastflow.flows.terminal.exit_code import BAD_INPUT
+from vastflow.flows.terminal.writing import check_writable, writing
+from vastflow.sim.user_error import UserError
 
 if TYPE_CHECKING:
     from vastflow.producers.floorplan.building import Building
-
-T = TypeVar("T")
 
 floorplan = typer.Typer(
     help="Draw floor plans (.fpm) and their variations (.variation).", no_args_is_help=True, rich_markup_mode=None
@@ -37,18 +37,17 @@ def render(
 
     maps/NAME.yaml and .pgm, 3d-mesh/NAME.stl, NAME.png, fpm/NAME.fpm and NAME.provenance.json.
     """
-    _check_out(out)
+    check_writable(out, "--out")
     for option, value in (("--resolution", resolution), ("--laser-height", laser_height)):
         if not math.isfinite(value):
-            _stop(f"{option}: found {value}; a number of meters")
+            raise UserError(f"{option}: found {value}; a number of meters")
     from vastflow.producers.floorplan.files import read_plan_file
     from vastflow.producers.floorplan.rendering import render as rendered
 
-    plan = _read(lambda: read_plan_file(file))
-    building = _read(plan.building)
+    plan = read_plan_file(file)
+    building = plan.building()
     _note(building)
-    files = _read(lambda: rendered(building, plan.text, str(file), resolution, laser_height))
-    _write(out, files)
+    _write(out, rendered(building, plan.text, str(file), resolution, laser_height))
 
 
 @floorplan.command()
@@ -60,8 +59,7 @@ def geometry(file: PlanArgument) -> None:
     from vastflow.producers.floorplan.files import read_plan_file
     from vastflow.producers.floorplan.geometry import geometry_of
 
-    plan = _read(lambda: read_plan_file(file))
-    building = _read(plan.building)
+    building = read_plan_file(file).building()
     _note(building)
     print(json.dumps(geometry_of(building)))
 
@@ -77,14 +75,14 @@ def variations(
 
     Each is written as PLAN_SEED.fpm. One whose numbers make no building is reported and left out.
     """
-    _check_out(out)
+    check_writable(out, "--out")
     from vastflow.producers.floorplan.faults import FloorplanError
     from vastflow.producers.floorplan.files import PlanFile, read_variation_file
     from vastflow.producers.floorplan.variation import GREATEST_SEED
 
     if seed + count - 1 > GREATEST_SEED:
-        _stop(f"--seed {seed}: the last seed is {seed + count - 1}; at most {GREATEST_SEED}")
-    variation = _read(lambda: read_variation_file(file).variation())
+        raise UserError(f"--seed {seed}: the last seed is {seed + count - 1}; at most {GREATEST_SEED}")
+    variation = read_variation_file(file).variation()
     written = 0
     for number in range(seed, seed + count):
         sample = variation.sample(number)
@@ -100,26 +98,6 @@ def variations(
         raise typer.Exit(BAD_INPUT)
 
 
-def _stop(wrong: object) -> NoReturn:
-    print(wrong, file=sys.stderr)
-    raise typer.Exit(BAD_INPUT)
-
-
-def _read(read: Callable[[], T]) -> T:
-    """What `read` gives; what is wrong with the file goes to the terminal and ends the command."""
-    from vastflow.producers.floorplan.faults import FloorplanError
-
-    try:
-        return read()
-    except FloorplanError as error:
-        _stop(error)
-
-
-def _check_out(out: Path) -> None:
-    if wrong := unwritable(out):
-        _stop(f"--out {wrong}")
-
-
 def _note(building: "Building") -> None:
     for note in building.notes:
         print(note, file=sys.stderr)
@@ -128,9 +106,7 @@ def _note(building: "Building") -> None:
 def _write(out: Path, files: Mapping[str, bytes]) -> None:
     for name, content in files.items():
         place = out / name
-        try:
+        with writing(place, "--out"):
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(content)
-        except OSError as error:
-            _stop(f"--out {out}: {place} can't be written: {error.strerror}; name another folder")
         print(place)

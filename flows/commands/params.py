@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -31,6 +30,7 @@ def params(
 
     Every parameter of the file, with the value that is used or with what is done in its place.
     """
+    from vastflow.producers.faults import CampaignError
     from vastflow.producers.vast.nav2_params import parameter_faults
     from vastflow.sim.nav.parameters.document import DocumentError, read_document
     from vastflow.sim.nav.parameters.findings import findings
@@ -39,8 +39,7 @@ def params(
     try:
         found = interpretation(read_document(file))
     except DocumentError as error:
-        print(*parameter_faults(error), sep="\n", file=sys.stderr)
-        raise typer.Exit(2) from None
+        raise CampaignError(parameter_faults(error)) from None
     rows = findings(found)
     if as_json:
         print(json.dumps(_as_json(found, rows)))

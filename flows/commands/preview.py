@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT, unwritable
 from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.flows.terminal.writing import check_writable, writing
 
 if TYPE_CHECKING:
     from vastflow.producers.configuration import Configuration
@@ -37,22 +37,16 @@ def preview(
         from vastflow.flows.plan.preview import preview_json, preview_text
         from vastflow.flows.request.campaign_file import campaign_name, read_campaign
         from vastflow.flows.results.directory import directory_name
-        from vastflow.producers.faults import CampaignError
         from vastflow.producers.instantiate import instantiate
         from vastflow.sim.plug_ins.effects import looking_only
 
-        try:
-            with looking_only():
-                campaign, _ = read_campaign(file, map_dir, as_v1=as_v1)
-            folder = out or Path(f"preview-{directory_name(campaign_name(campaign))}")
-            if pictures and (wrong := unwritable(folder)):
-                print(f"--out {wrong}", file=sys.stderr)
-                raise typer.Exit(BAD_INPUT)
-            with looking_only():
-                found = instantiate(campaign)
-        except CampaignError as error:
-            print(error, file=sys.stderr)
-            raise typer.Exit(BAD_INPUT) from None
+        with looking_only():
+            campaign, _ = read_campaign(file, map_dir, as_v1=as_v1)
+        folder = out or Path(f"preview-{directory_name(campaign_name(campaign))}")
+        if pictures:
+            check_writable(folder, "--out")
+        with looking_only():
+            found = instantiate(campaign)
         for fault in campaign.unexecutable:
             print(f"not to be run by this version: {fault}", file=sys.stderr)
         for fault in campaign.missing:
@@ -64,11 +58,8 @@ def preview(
 
             printed(preview_text(found.coverage, campaign.runs, estimate, least))
         distinct = [configuration for configuration in found.configurations if configuration.duplicate_of is None]
-        try:
+        with writing(folder, "--out"):
             written = _drawn(distinct[:pictures], folder)
-        except OSError as error:
-            print(f"--out {folder}: can't be written: {error.strerror}; name another folder", file=sys.stderr)
-            raise typer.Exit(BAD_INPUT) from None
         if as_json:
             print(json.dumps(preview_json(found.coverage, campaign.runs, estimate, [*map(str, written)])))
         elif written:

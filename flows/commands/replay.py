@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.interruptible import Interruptible
-from vastflow.flows.terminal.reading import reading
+from vastflow.flows.terminal.writing import writing
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 
 if TYPE_CHECKING:
     from vastflow.oracles.replay.recorded import RecordedRun
@@ -69,25 +70,20 @@ def replay(
     the simulator or the kind of machine is not the one that recorded. Exit code 1 says that the run executed here is not the
     recorded one, bit for bit.
     """
-    if wrong := wrong_directory(results):
-        _end(wrong)
+    check_directory(results)
     from vastflow.flows.results.origin import versions
-    from vastflow.oracles.replay.recorded import NotRecorded
-    from vastflow.oracles.replay.times import TimeError
+    from vastflow.oracles.replay.recorded import recorded_run
     from vastflow.sim.replay.replay import first_difference
 
     folder = out or results / "replays" / f"{configuration}-{run}"
-    try:
-        recorded = _recorded(results, configuration, run)
-        if not recorded.recording.columns:
-            where = f"what its programs wrote is in outputs/{recorded.configuration}.zip"
-            raise NotRecorded(f"{results}: {configuration} has no robot, so there is nothing to draw; {where}")
-        asked = _asked(recorded, at or [], every, since, until, video)
+    with reading(results):
+        recorded = recorded_run(results, configuration, run)
+    if not recorded.recording.columns:
+        where = f"what its programs wrote is in outputs/{recorded.configuration}.zip"
+        raise UnusableDirectory(f"{results}: {configuration} has no robot, so there is nothing to draw; {where}")
+    asked = _asked(recorded, at or [], every, since, until, video)
+    with writing(folder, "--out"):
         (folder / FRAMES).mkdir(parents=True, exist_ok=True)
-    except (NotRecorded, TimeError) as error:
-        _end(str(error))
-    except OSError as error:
-        _end(_unwritable(folder, error))
     for note in asked.notes:
         print(note, file=sys.stderr)
     title = f"{configuration}, run {run}"
@@ -98,31 +94,20 @@ def replay(
         try:
             replayed, ticks = _executed(recorded, asked)
         except ValueError as error:  # a scenario of another version
-            _end(f"{results}: {configuration} can't be executed by this version: {error}")
+            what = f"{configuration} can't be executed by this version: {error}"
+            raise UnusableDirectory(f"{results}: {what}") from None
         difference = first_difference(recorded.recording, replayed.recording)
         if difference is not None:
             made = versions(recorded.metadata, same_origin=not differs)
             print(f"{title}: NOT THE RECORDED RUN: {difference}\n{made}", file=sys.stderr)
-        try:
+        with writing(folder, "--out"):
             written = _written(folder, _story(title, recorded, replayed, difference), replayed, ticks, asked)
-        except OSError as error:
-            _end(_unwritable(folder, error))
     if as_json:
         equality = {"equal": difference is None, "difference": difference and str(difference), "differs": differs}
         print(json.dumps({**equality, **written}))
     else:
         _say(title, configuration, recorded, replayed, difference is None, written)
     raise typer.Exit(0 if difference is None else 1)
-
-
-def _recorded(results: Path, configuration: str, run: int) -> "RecordedRun":
-    from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
-
-    with reading(results):
-        try:
-            return recorded_run(results, configuration, run)
-        except NotRecorded as error:
-            _end(str(error))
 
 
 def _differences(metadata: Mapping[str, Any]) -> list[str]:
@@ -257,12 +242,3 @@ def _say(
     print(f"frames: {len(written['frames'])} in {Path(written['strip']).with_name(FRAMES)}")
     if written["video"]:
         print(f"film: {written['video']}")
-
-
-def _unwritable(folder: Path, error: OSError) -> str:
-    return f"{folder}: can't be written ({error.strerror}); name a folder with --out"
-
-
-def _end(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(2)

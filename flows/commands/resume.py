@@ -3,13 +3,14 @@
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT, asked_request, run_and_show
-from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.commands.run import asked_request, run_and_show
+from vastflow.flows.results.at_hand import check_directory, meant_address
 from vastflow.flows.terminal.request_options import asking
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 
 
 @asking("store", "workers", "pool", "shards", "pool_wait_s")
@@ -28,14 +29,12 @@ def resume(
     asked_request(results, asked)  # what is wrong with it is said before anything is read
     directory = _directory(results)
     from vastflow.flows.request.asked import asked_of
-    from vastflow.flows.results.replica import NotReplicable, replica
+    from vastflow.flows.results.replica import replica
     from vastflow.sim.files import read_json
 
-    try:
+    with reading(directory):
         metadata = read_json(directory / "metadata.json")
         before, title = asked_of(metadata), f"{metadata['name']} of {metadata['created'].replace('T', ' ')}"
-    except (OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
-        _end(f"{directory}: damaged campaign directory: {' '.join(str(error).split())}")
     only = f", only {', '.join(before.only)}" if before.only else ""
     only += "" if before.sample is None else f", a sample of {before.sample}"
     only += ", obstacles as version 1 of RoboVAST places them" if before.as_v1 else ""
@@ -48,30 +47,25 @@ def resume(
         "sample": before.sample,
         "as_v1": before.as_v1,
     }
-    try:
-        with replica(directory, before) as file:
-            run_and_show(asked_request(file, {**asked, **selected}), as_json)
-    except NotReplicable as error:
-        _end(str(error))
+    with replica(directory, before) as file:
+        run_and_show(asked_request(file, {**asked, **selected}), as_json)
 
 
 def _directory(results: Path) -> Path:
     """The campaign directory that is meant; a half written one where there is no whole one."""
-    from vastflow.flows.results.at_hand import meant_address
     from vastflow.flows.results.directory import left_behind
 
-    if meant_address(results) and (wrong := wrong_directory(results)):
-        _end(wrong)
+    if meant_address(results):
+        check_directory(results)
     half = left_behind(results)
     if half is not None and (half == results or not results.exists()):
         return _half_written(half)
     if not results.exists():
-        _end(
+        raise UnusableDirectory(
             f"{results}: no such folder; a campaign that did not end has none: `vastflow run` with its campaign file goes "
             "on where it was, and computes only what is missing"
         )
-    if wrong := wrong_directory(results):
-        _end(wrong)
+    check_directory(results)
     return results
 
 
@@ -79,15 +73,10 @@ def _half_written(half: Path) -> Path:
     from vastflow.flows.results.directory import writer_of
 
     if writer := writer_of(half):
-        _end(f"{half}: process {writer} is writing it now; wait for it, or end it first")
+        raise UnusableDirectory(f"{half}: process {writer} is writing it now; wait for it, or end it first")
     if not all((half / name).is_file() for name in ("campaign.vast", "metadata.json")):
-        _end(
+        raise UnusableDirectory(
             f"{half}: holds too little to go on from; `vastflow run` with the campaign file computes only what is missing"
         )
     print(f"{half} was left half written by a process that was killed", file=sys.stderr)
     return half
-
-
-def _end(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(BAD_INPUT)

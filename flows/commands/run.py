@@ -1,6 +1,5 @@
 """The command `run`: a campaign from file to report."""
 
-import errno
 import os
 import shlex
 import sys
@@ -11,16 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from vastflow.flows.commands.dry_run import print_dry_run
-from vastflow.flows.commands.show import wrong_directory
 from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
+from vastflow.flows.results.at_hand import check_directory
+from vastflow.flows.terminal.exit_code import FAULT
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.request_options import asking
+from vastflow.flows.terminal.writing import check_writable
+from vastflow.sim.user_error import UserError
 
 if TYPE_CHECKING:
     from vastflow.flows.results.summary import Results
-
-BAD_INPUT: Final = 2
-FAULT: Final = 3
 
 OPTIONS: Final = tuple(name for name in NAMES if name != "reports")
 
@@ -45,9 +44,10 @@ def run(
 
     What is in the store already is not computed again.
     """
-    if since is not None and (wrong := _wrong_since(since, dry_run)):
-        print(f"--since {wrong}", file=sys.stderr)
-        raise typer.Exit(BAD_INPUT)
+    if since is not None:
+        if not dry_run:
+            raise UserError(f"--since {since}: only with --dry-run, which compares with it")
+        check_directory(since, "--since")
     request = asked_request(file, asked)
     if dry_run:
         print_dry_run(request, since=since, as_json=as_json)
@@ -60,23 +60,15 @@ def asked_request(file: Path, asked: Mapping[str, Any]) -> RunRequest:
     try:
         return request_of(file, asked)
     except ValueError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(BAD_INPUT) from None
-
-
-def _wrong_since(since: Path, dry_run: bool) -> str | None:
-    if not dry_run:
-        return f"{since}: only with --dry-run, which compares with it"
-    return wrong_directory(since)
+        raise UserError(str(error)) from None
 
 
 def run_and_show(request: RunRequest, as_json: bool, *, open_report: bool = False) -> None:
     """Run a campaign as the command line does: with a display, the outcome in words, and an exit code."""
     from vastflow.tasks.store import is_address
 
-    if not is_address(request.results) and (wrong := unwritable(Path(request.results))):
-        print(f"--results {wrong}", file=sys.stderr)
-        raise typer.Exit(BAD_INPUT)
+    if not is_address(request.results):
+        check_writable(Path(request.results), "--results")
     found = _kept(request) or _run(request)
     for note in found.notes:
         print(note, file=sys.stderr)
@@ -106,38 +98,13 @@ def _run(request: RunRequest) -> "Results":
             interruptible.last_words_by(display.close)
             from vastflow.flows import run_campaign
             from vastflow.flows.request.work_pool import WorkersFailed
-            from vastflow.sim.user_error import UserError
             from vastflow.tasks.server import PrefectUnavailable
 
             try:
                 return run_campaign(request, observer=display)
-            except UserError as error:
-                display.close(str(error))
-                raise typer.Exit(BAD_INPUT) from None
             except (PrefectUnavailable, WorkersFailed) as error:
                 display.close(f"{error}; {going_on}")
                 raise typer.Exit(FAULT) from None
-
-
-def unwritable(results: Path) -> str | None:
-    """Why no folder can be made in `results`, found before hours are spent; None where one can."""
-    place = results.absolute()
-    try:
-        while not place.exists():
-            if place.is_symlink():
-                return f"{results}: {place} is a link that leads nowhere; name a folder, or one that can be made"
-            if place.name == "..":
-                return f"{results}: {place.parent} is not there; name a folder, or one that can be made"
-            place = place.parent
-        if any(len(os.fsencode(part)) > os.pathconf(place, "PC_NAME_MAX") for part in results.parts):
-            raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
-    except OSError as error:
-        return f"{results}: {error.strerror}; name a folder, or one that can be made"
-    if not place.is_dir():
-        return f"{results}: {place} is not a folder; name a folder, or one that can be made"
-    if not os.access(place, os.W_OK | os.X_OK):
-        return f"{results}: no permission to write in {place}; name a folder of yours"
-    return None
 
 
 def command_line(arguments: list[str]) -> str:

@@ -1,13 +1,10 @@
 """The commands about scenario files: `scenario check` and `scenario parameters`."""
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-
-from vastflow.flows.commands.run import BAD_INPUT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,10 +26,12 @@ def check(file: ScenarioArgument) -> None:
     Every fault is said at once, with its place and what would be right; in a file without any, every action that nothing
     here can do, with the reason.
     """
-    definitions = _read(file)
+    from vastflow.sim.osc.faults import OscError
+    from vastflow.sim.osc.reading import read_scenarios
+
+    definitions = read_scenarios(file)
     if lacking := _lacking(definitions):
-        print(*lacking, sep="\n", file=sys.stderr)
-        raise typer.Exit(BAD_INPUT)
+        raise OscError(lacking)
     names = [definition.name for definition in definitions]
     print(f"OK: {'scenario' if len(names) == 1 else 'scenarios'} {', '.join(names)}")
 
@@ -43,23 +42,13 @@ def parameters(file: ScenarioArgument) -> None:
 
     With name, type, whether it is a list, and default: SI units, null where a value has to be given.
     """
-    listed = [
-        {"scenario": definition.name, "parameters": [_described(definition, one) for one in definition.parameters]}
-        for definition in _read(file)
-    ]
-    print(json.dumps(listed, indent=2, default=_member))
-
-
-def _read(file: Path) -> "tuple[ScenarioDefinition, ...]":
-    """The scenarios of a file; what is wrong with it goes to the terminal and ends the command."""
-    from vastflow.sim.osc.faults import OscError
     from vastflow.sim.osc.reading import read_scenarios
 
-    try:
-        return read_scenarios(file)
-    except OscError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(BAD_INPUT) from None
+    listed = [
+        {"scenario": definition.name, "parameters": [_described(definition, one) for one in definition.parameters]}
+        for definition in read_scenarios(file)
+    ]
+    print(json.dumps(listed, indent=2, default=_member))
 
 
 def _lacking(definitions: "Sequence[ScenarioDefinition]") -> "list[OscFault]":

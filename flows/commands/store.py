@@ -3,16 +3,15 @@
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from vastflow.flows.commands.run import BAD_INPUT
-from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.sim.user_error import UserError
 
 if TYPE_CHECKING:
     from vastflow.flows.results.cleaning import Cleaning
@@ -39,7 +38,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON and nothing
 @store.command()
 def info(place: StoreOption = None, as_json: JsonOption = False) -> None:
     """Say what is in the store: artifacts, bytes and age, by stage."""
-    with _usable("interrupted"):
+    with Interruptible("interrupted"):
         opened = _opened(place, read_only=True)
         from vastflow.flows.results.cleaning import folder_bytes
 
@@ -71,7 +70,7 @@ def verify(
     """
     from vastflow.tasks.store import EARLIER
 
-    with _usable("interrupted; nothing more is discarded"):
+    with Interruptible("interrupted; nothing more is discarded"):
         opened = _opened(place, read_only=not repair)
         holdings = [holding for holding in opened.holdings() if holding.whole]
         found = _faults(opened, [holding.key for holding in holdings])
@@ -115,18 +114,15 @@ def gc(
     What is younger than a day always stays: a campaign may be writing it.
     """
     if not keep and older_than is None:
-        _end("give campaign directories to --keep, an age to --older-than, or both")
+        raise UserError("give campaign directories to --keep, an age to --older-than, or both")
     directories = _directories(keep or [])
-    with _usable("interrupted; what was deleted is gone, and computed again when it is needed"):
+    with Interruptible("interrupted; what was deleted is gone, and computed again when it is needed"):
         opened = _opened(place, read_only=dry_run)
         from vastflow.flows.results.cleaning import DAY_S, clean, cleaning
-        from vastflow.flows.results.references import UnknownReferences, references
+        from vastflow.flows.results.references import references
 
         opened.survey()
-        try:
-            referred = references(opened, directories) if directories else None
-        except UnknownReferences as error:
-            _end(str(error))
+        referred = references(opened, directories) if directories else None
         if referred is not None and not referred.evaluations:
             print("a kept campaign can't be read any more: what producers made is all kept", file=sys.stderr)
         chosen = cleaning(opened, referred, (older_than or 1) * DAY_S)
@@ -153,10 +149,11 @@ def _faults(opened: "Store", keys: Sequence[str]) -> dict[str, str]:
 
 def _counted(holdings: "Sequence[Holding]", now_s: float) -> dict[str, Any]:
     """What `--json` says of artifacts: whole ones by stage; ages in days."""
-    from vastflow.tasks.store import STAGES
+    from vastflow.tasks.store import EARLIER_STAGES, STAGES
 
     whole = [holding for holding in holdings if holding.whole]
-    by_stage = {stage: [holding for holding in whole if holding.stage == stage] for stage in STAGES}
+    earlier = [stage for stage in EARLIER_STAGES if any(holding.stage == stage for holding in whole)]
+    by_stage = {stage: [holding for holding in whole if holding.stage == stage] for stage in (*STAGES, *earlier)}
     return {
         **_sums(whole, now_s),
         "unfinished": len(holdings) - len(whole),
@@ -221,9 +218,8 @@ def _directories(keep: Sequence[Path]) -> list[Path]:
         inside = sorted(file.parent for file in folder.glob("[!.]*/metadata.json"))
         if inside and not (folder / "metadata.json").exists():
             found += inside
-        elif wrong := wrong_directory(folder):
-            _end(f"--keep {wrong}")
         else:
+            check_directory(folder, "--keep")
             found.append(folder)
     return found
 
@@ -232,22 +228,6 @@ def _opened(place: str | None, *, read_only: bool) -> "Store":
     from vastflow.tasks.store import open_store, store_address, store_root
 
     if store_address(place) is None and not (root := store_root(place)).is_dir():
-        _end(f"store: no folder {str(root)!r}; name one that `vastflow run` has used, with --store or VASTFLOW_STORE")
+        right = "name one that `vastflow run` has used, with --store or VASTFLOW_STORE"
+        raise UserError(f"store: no folder {str(root)!r}; {right}")
     return open_store(place, read_only=read_only)
-
-
-@contextmanager
-def _usable(last_words: str) -> Iterator[None]:
-    """A body that says `last_words` when it is interrupted; a store that can't be used ends it with exit code 2."""
-    from vastflow.tasks.store import StoreError
-
-    with Interruptible(last_words):
-        try:
-            yield
-        except StoreError as error:
-            _end(str(error))
-
-
-def _end(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(BAD_INPUT)

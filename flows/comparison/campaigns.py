@@ -10,6 +10,7 @@ from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.past import recorded_as
 from vastflow.oracles.directory.environment_names import environment_names
 from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.evidence.pairing import Pairing, pairing_of
 from vastflow.oracles.evidence.varied import varied_rows
 from vastflow.oracles.statistics.comparison import (
@@ -23,11 +24,6 @@ from vastflow.oracles.statistics.comparison import (
 )
 from vastflow.oracles.statistics.factors import factors_of
 from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.user_error import UserError
-
-
-class NotComparable(UserError, ValueError):
-    """Two campaigns that can't be compared as asked; says what was found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +35,6 @@ class Compared:
         whole: All pairs together, by that.
         oracles: Each oracle by itself, where it judged a pair both times.
         changes: Configurations whose runs do not all end as before, the most certain first.
-        new_faults: Of the later campaign in configurations of which the earlier one has none.
         levels: The difference at each level of each factor of the later campaign.
         gate: Whether a loss is ruled out.
     """
@@ -52,7 +47,6 @@ class Compared:
     oracles: dict[str, RateDifference]
     changes: Sequence[Change]
     levels: Sequence[LevelDifference]
-    new_faults: int
     gate: Gate
 
     def shown(self, *, worse: bool) -> list[Change]:
@@ -70,23 +64,23 @@ def compared(
         target: What differences and the gate are about.
 
     Raises:
-        NotComparable: an unknown oracle, or no pair of runs that was judged both times.
+        UnusableDirectory: an unknown oracle, or no pair of runs that was judged both times.
     """
     pairing = pairing_of(before, after)
     if oracle is not None and oracle not in pairing.oracles:
         hint = did_you_mean(oracle, pairing.oracles, "both have none", listed="both have")
-        raise NotComparable(f"--oracle {oracle}: did not judge both campaigns; {hint}")
+        raise UnusableDirectory(f"--oracle {oracle}: did not judge both campaigns; {hint}")
     pairs = pairing.pairs(oracle)
     whole = difference(pairs, target)
     if whole is None:
-        raise NotComparable(f"{before.directory} and {after.directory}: nothing to compare: {_why(pairing)}")
+        raise UnusableDirectory(f"{before.directory} and {after.directory}: nothing to compare: {_why(pairing)}")
     each = {name: found for name in pairing.oracles if (found := difference(pairing.pairs(name), target)) is not None}
     factors, _ = factors_of(_rows(after, [match.after for match in pairing.matches]))
     faults = _new_faults(before, after, pairing)
     same = same_keys(before, after, pairing)
     gate = Gate(pairing, whole, target, margin, oracle, faults, same)
     levels = by_level(factors, pairs, target)
-    return Compared(before, after, pairing, oracle, whole, each, changes(pairs), levels, faults, gate)
+    return Compared(before, after, pairing, oracle, whole, each, changes(pairs), levels, gate)
 
 
 def same_keys(before: Tables, after: Tables, pairing: Pairing) -> bool:

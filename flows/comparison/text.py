@@ -94,7 +94,7 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
             "margin": found.gate.margin,
             "paths": found.whole.paths,
             "needed": found.gate.needed,
-            "new_faults": found.new_faults,
+            "new_faults": found.gate.new_faults,
         },
     }
 

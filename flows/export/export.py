@@ -13,8 +13,10 @@ import yaml
 
 from vastflow.flows.export.junit import Case, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, brief, case_of, files_of
-from vastflow.flows.export.source import ExportFault, ExportSource
+from vastflow.flows.export.source import ExportSource
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.user_error import UserError
 
 SHARED: Final = "_config"
 """Folder of what all configurations share; no configuration may be called so."""
@@ -54,7 +56,7 @@ def export(
         outputs: Where below a run's folder goes what its programs wrote, with `/`; empty: among the other files, as RoboVAST has it.
 
     Raises:
-        ExportFault: the folder is in use, a pattern fits nothing, or the campaign directory is damaged.
+        UserError: the folder is in use, a pattern fits nothing, or the campaign directory is damaged.
         OSError: the folder can't be written.
     """
     refuse(folder)
@@ -81,12 +83,12 @@ def export(
 
 
 def refuse(folder: Path) -> None:
-    """Raise `ExportFault` where a folder can't take an export."""
+    """Raise `UserError` where a folder can't take an export."""
     if folder.is_dir():
         if any(folder.iterdir()):
-            raise ExportFault(f"{folder}: the folder is not empty; a new one, or an empty one")
+            raise UserError(f"{folder}: the folder is not empty; a new one, or an empty one")
     elif folder.exists() or folder.is_symlink():
-        raise ExportFault(f"{folder}: not a folder; a new one, or an empty one")
+        raise UserError(f"{folder}: not a folder; a new one, or an empty one")
 
 
 def _chosen(rows: Sequence[Mapping[str, Any]], only: Sequence[str], results: Path) -> list[Mapping[str, Any]]:
@@ -94,7 +96,7 @@ def _chosen(rows: Sequence[Mapping[str, Any]], only: Sequence[str], results: Pat
         if not any(_fits(row, pattern) for row in rows):
             names = list(dict.fromkeys(name for row in rows for name in (row["family"], row["name"])))
             hint = did_you_mean(pattern, names, "it has none", listed="it has")
-            raise ExportFault(f"{results}: no family or configuration fits {pattern!r}; {hint}")
+            raise UnusableDirectory(f"{results}: no family or configuration fits {pattern!r}; {hint}")
     return [row for row in rows if not only or any(_fits(row, pattern) for pattern in only)]
 
 
@@ -117,7 +119,7 @@ def _below(place: Path, name: str) -> Path:
     """Where a file called `name` goes, in a folder that is there. Directories come from elsewhere: no name leads out."""
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts or "\0" in name:
-        raise ExportFault(f"damaged campaign directory: {name!r} leads out of the folder")
+        raise UnusableDirectory(f"damaged campaign directory: {name!r} leads out of the folder")
     file = place / path
     file.parent.mkdir(parents=True, exist_ok=True)
     return file

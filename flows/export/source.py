@@ -1,19 +1,18 @@
 """The campaign directory as an export reads it: one configuration at a time."""
 
-import io
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
-
-import pyarrow.parquet as pq
 
 from vastflow.flows.export.run import ExportedRun, table_csv
 from vastflow.flows.results.kept_logs import KeptLogs
 from vastflow.oracles.directory.behaviors import Behaviors
+from vastflow.oracles.directory.column import table_of
 from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import read_tables
+from vastflow.oracles.directory.unusable import reading
 from vastflow.sim.files import yaml_value
 from vastflow.sim.pose import pose_of
 from vastflow.sim.reading.abstract import BUILTIN
@@ -21,13 +20,8 @@ from vastflow.sim.reading.goals import GOAL_KEY, GOALS_KEY
 from vastflow.sim.reading.script import START_KEY
 from vastflow.sim.recordings.blocks import read_block
 from vastflow.sim.recordings.runlog import run_log_of
-from vastflow.sim.user_error import UserError
 
 _NO_NAME: Final = "scenario"
-
-
-class ExportFault(UserError, ValueError):
-    """What can't be exported; says what was found and what would be right."""
 
 
 class ExportSource:
@@ -38,12 +32,12 @@ class ExportSource:
         configurations: Rows of `configurations.parquet`.
 
     Raises (every method, too):
-        ExportFault: a file is missing or damaged.
+        UnusableDirectory: a file is missing or damaged.
     """
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
-        with self._reading():
+        with reading(directory):
             tables = read_tables(directory)
             self.campaign = str(tables.metadata["name"])
             campaign_file = yaml_value(tables.campaign) or {}
@@ -85,7 +79,7 @@ class ExportSource:
             shared: Path of the folder with the shared files, as the values are to have it.
         """
         scenario = row["scenario"]
-        with self._reading():
+        with reading(self._directory):
             values = {**scenario["environment"], **scenario["task"], **scenario["system"]}
             return {key: self._with_paths(_posed(key, value), shared) for key, value in values.items()}
 
@@ -93,7 +87,7 @@ class ExportSource:
         """The runs of a configuration that were asked for, recorded or not, in order."""
         name: str = row["name"]
         scenario = self.scenario_of(row)
-        with self._reading():
+        with reading(self._directory):
             block = self._content(f"recordings/{name}.parquet")
             recorded = {run["run_index"]: columns for run, columns in read_block(block)} if block else {}
             behaviors = self._behaviors.of(name)
@@ -126,7 +120,7 @@ class ExportSource:
         file = self._directory / "outputs" / f"{row['name']}.zip"
         if not file.is_file():
             return
-        with self._reading(), zipfile.ZipFile(file) as archive:
+        with reading(self._directory), zipfile.ZipFile(file) as archive:
             entries = dict.fromkeys(archive.namelist())
             for entry in entries:
                 run_index, kind, name = entry.split("/", 2)
@@ -136,14 +130,14 @@ class ExportSource:
                     as_csv = own if own.endswith(".csv") else f"{own}.csv"
                     taken = f"{run_index}/files/{as_csv}" in entries
                     if not own.endswith(".parquet") and not taken:
-                        name, content = as_csv, table_csv(pq.ParquetFile(io.BytesIO(content)).read())
+                        name, content = as_csv, table_csv(table_of(content, entry))
                     else:
                         name = f"{own.removesuffix('.parquet')}.parquet"
                 yield int(run_index), name, content
 
     def _root(self, configuration: str) -> str:
         """Name of the root of a configuration's behaviors, which is the scenario's; empty where no run was recorded."""
-        with self._reading():
+        with reading(self._directory):
             behaviors = self._behaviors.of(configuration)
             return str(behaviors["name"][0]) if behaviors and len(behaviors["name"]) else ""
 
@@ -166,17 +160,6 @@ class ExportSource:
         """A file's content; empty where there is none, as no run was recorded."""
         path = self._directory / file
         return path.read_bytes() if path.is_file() else b""
-
-    @contextmanager
-    def _reading(self) -> Iterator[None]:
-        try:
-            yield
-        except ExportFault:
-            raise
-        # pyarrow's and json's errors are ValueErrors
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile) as error:
-            what = " ".join(f"{type(error).__name__}: {error}".split())
-            raise ExportFault(f"{self._directory}: damaged campaign directory: {what}") from None
 
 
 def _posed(key: str, value: Any) -> Any:

@@ -110,7 +110,7 @@ def dry_run(
 
     Raises:
         CampaignError: faults of the file, or a name in `only` that nothing has.
-        NoPast: `since` is no campaign directory.
+        UnusableDirectory: `since` is no campaign directory.
         StoreError: the store can't be used.
     """
     campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1)

@@ -12,21 +12,17 @@ from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.differences import change_text, value_changes
 from vastflow.flows.results.ingredients import changes, has_ingredients, stage_ingredients
 from vastflow.flows.results.past import PARTS, Past, newest_past, past_of, recorded_as, writers, written_scenario
-from vastflow.flows.results.replica import NotReplicable, replica
+from vastflow.flows.results.replica import replica
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.producers.faults import CampaignError
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario import Scenario
-from vastflow.sim.user_error import UserError
 from vastflow.tasks.index import Index, Member, Stored
 from vastflow.tasks.store import open_store
 
 FILE: Final = "campaign file"
 """Who wrote what no producer did."""
-
-
-class Unexplained(UserError, ValueError):
-    """There is no such configuration, or the directory is damaged; says what was found and what would be right."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +66,13 @@ def explained(directory: Path, name: str, *, store: str | None = None, since: Pa
         since: An earlier directory to compare with, else the newest one beside it that is older.
 
     Raises:
-        Unexplained: there is no such configuration, or what is told of it is damaged.
-        NoPast: a directory is damaged.
+        UnusableDirectory: there is no such configuration, or a directory is damaged.
         StoreError: the store can't be used.
     """
     past = past_of(directory)
     if name not in past.by_name:
         names = tuple(past.by_name)
-        raise Unexplained(f"{directory}: no configuration {name!r}; {did_you_mean(name, names)}")
+        raise UnusableDirectory(f"{directory}: no configuration {name!r}; {did_you_mean(name, names)}")
     row = past.by_name[name]
     metadata = past.metadata
     earlier = newest_past(directory.parent, metadata["name"], metadata["created"]) if since is None else past_of(since)
@@ -125,11 +120,9 @@ def _runs(blocks: Sequence[Stored]) -> str:
 
 
 def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
-    try:
+    with reading(directory):
         abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
         return executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
-    except (ValueError, KeyError, TypeError) as error:
-        raise Unexplained(f"{directory}: damaged campaign directory: {error}") from None
 
 
 def _dimensions(row: Mapping[str, Any]) -> dict[str, list[Written]]:
@@ -150,7 +143,7 @@ def _today(past: Past, name: str, store: str | None) -> tuple[DryRun | None, str
                 file, runs=asked.fixed_runs, store=store, only=[name], as_v1=asked.as_v1, since=past.directory
             )
             return found, ""
-    except NotReplicable as error:
+    except UnusableDirectory as error:
         return None, str(error)
     except CampaignError as error:
         return None, f"today's producers make no such configuration of the inputs: {error.faults[0].what}"

@@ -7,7 +7,9 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from vastflow.flows.results.delivery import METADATA
-from vastflow.tasks.store import StoreError, is_address
+from vastflow.oracles.directory.unusable import UnusableDirectory
+from vastflow.sim.user_error import UserError
+from vastflow.tasks.store import is_address
 
 WITHOUT_RUNS: Final = ("recordings", "traces", "outputs", "logs", "inputs", "environments", "figures")
 """Folders that nobody needs who only reads tables."""
@@ -22,7 +24,8 @@ def at_hand(results: str, leave_out: Collection[str] = ()) -> Iterator[Path]:
         leave_out: Names of folders that are not copied.
 
     Raises:
-        StoreError: the address can't be read, or is none of a campaign directory.
+        StoreError: the address can't be read.
+        UnusableDirectory: it is none of a campaign directory.
     """
     if not is_address(results):
         yield Path(results.removeprefix("file://"))
@@ -41,12 +44,12 @@ def _fetch(address: str, copy: Path, leave_out: Collection[str]) -> None:
         system, root = file_system(address)
         places = [path[len(root) + 1 :] for path in system.find(root)]
         if METADATA not in places:
-            raise StoreError(_none_there(address, places))
+            raise UnusableDirectory(_none_there(address, places))
         wanted = [place for place in places if place.partition("/")[0] not in leave_out]
         for parent in {(copy / place).parent for place in wanted}:
             parent.mkdir(parents=True, exist_ok=True)
         system.get([f"{root}/{place}" for place in wanted], [str(copy / place) for place in wanted])
-    except StoreError:
+    except UserError:
         raise
     except Exception as error:  # noqa: BLE001 - a file system may raise anything
         raise unusable("results", address, error) from None
@@ -66,3 +69,30 @@ def meant_address(path: Path) -> str | None:
     scheme, colon, rest = str(path).partition(":/")
     found = f"{scheme}://{rest}"
     return found if colon and is_address(found) and not path.exists() else None
+
+
+def check_directory(results: Path, option: str = "") -> None:
+    """Look whether a path is a campaign directory.
+
+    Args:
+        option: That gave the path, for the message, such as `--since`.
+
+    Raises:
+        UnusableDirectory: it is none; says where one is.
+    """
+    if wrong := _wrong(results):
+        raise UnusableDirectory(f"{option} {meant_address(results) or results}: {wrong}".lstrip())
+
+
+def _wrong(results: Path) -> str | None:
+    right = "a folder that `vastflow run` wrote"
+    if meant_address(results):
+        return "only `vastflow show` and `vastflow export` read an address; copy it into a folder first"
+    if not results.exists():
+        return f"no such folder; {right}"
+    if (results / METADATA).is_file():
+        return None
+    inside = sorted(results.glob(f"[!.]*/{METADATA}"), key=lambda file: file.stat().st_mtime)
+    if inside:
+        return f"holds {len(inside)} campaign directories; name one of them, the newest is {inside[-1].parent}"
+    return f"not a campaign directory, it has no {METADATA}; {right}"

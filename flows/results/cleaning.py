@@ -55,9 +55,9 @@ def cleaning(store: Store, referred: References | None, older_than_s: float, now
 
 
 def clean(store: Store, chosen: Cleaning) -> None:
-    """Remove what was chosen."""
+    """Remove what was chosen, and the folder in which flow runs of earlier versions kept files while they ran."""
     store.remove(holding.key for holding in chosen.removed)
-    for folder in chosen.environments:
+    for folder in (*chosen.environments, store.local / "parcels"):
         shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -10,14 +10,10 @@ from typing import Any
 from vastflow.flows.request.asked import asked_of
 from vastflow.flows.results.past_content import check_configurations, check_metadata, check_runs
 from vastflow.oracles.directory.column import table_rows
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.sim.files import read_json
-from vastflow.sim.user_error import UserError
 
 PARTS = ("environment", "task", "system")
-
-
-class NoPast(UserError, ValueError):
-    """A folder that is no campaign directory, or a damaged one; says what was found."""
 
 
 def recorded_as(row: Mapping[str, Any]) -> str:
@@ -89,26 +85,21 @@ class Past:
         """Read all that is asked later, so that nothing else can be damaged then.
 
         Raises:
-            NoPast: something is missing or damaged.
+            UnusableDirectory: something is missing or damaged.
         """
-        try:
+        with reading(self.directory):
             check_metadata(self.metadata)
             _ = self.rows, self.recorded, self._wanted if asked_of(self.metadata).sequential else None
-        except ValueError as error:
-            raise NoPast(f"{self.directory}: damaged campaign directory: {error}") from None
 
 
 def past_of(directory: Path) -> Past:
     """The campaign of a directory.
 
     Raises:
-        NoPast: it can't be read.
+        UnusableDirectory: it can't be read.
     """
-    try:
-        metadata = read_json(directory / "metadata.json")
-    except ValueError as error:
-        raise NoPast(f"{directory}: damaged campaign directory: {error}") from None
-    past = Past(directory, metadata)
+    with reading(directory):
+        past = Past(directory, read_json(directory / "metadata.json"))
     past.check()
     return past
 
@@ -123,7 +114,7 @@ def newest_past(results: Path, name: str, before: str | None = None) -> Past | N
     for directory in _newest_first(results, name, before):
         try:
             return past_of(directory)
-        except NoPast:
+        except UnusableDirectory:
             continue
     return None
 

@@ -11,16 +11,12 @@ from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.past import recorded_as
 from vastflow.flows.results.replica import replica
 from vastflow.oracles.directory.column import table_rows
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.sim.files import read_json
-from vastflow.sim.user_error import UserError
 from vastflow.tasks.instantiation import EvaluationRequest, Instantiator, NotEvaluated
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree, installed_tree
 from vastflow.tasks.store import Lost, Store, StoreError
-
-
-class UnknownReferences(UserError, ValueError):
-    """What a campaign directory was made of can't be told; says why and what helps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +38,7 @@ def references(store: Store, directories: Iterable[Path]) -> References:
     Evaluations are told by instantiating again: of one whose code or files are others now there is nothing to keep.
 
     Raises:
-        UnknownReferences: one of the directories does not say.
+        UnusableDirectory: one of the directories does not say.
     """
     keys: set[str] = set()
     known = True
@@ -59,18 +55,13 @@ def references(store: Store, directories: Iterable[Path]) -> References:
 
 
 def _recorded(directory: Path) -> tuple[Keys, Mapping[str, Any], list[str]]:
-    try:
+    with reading(directory):
         metadata = read_json(directory / "metadata.json")
         keys = recorded_keys(metadata)
         rows = table_rows(directory / "configurations.parquet", "scenario_digest", "checked_digest")
         scenarios = sorted({recorded_as(row) for row in rows})
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        words = " ".join(str(error).split())
-        raise UnknownReferences(
-            f"{directory}: damaged campaign directory ({words}); leave it out, or restore it"
-        ) from None
     if keys is None:
-        raise UnknownReferences(
+        raise UnusableDirectory(
             f"{directory}: an earlier version wrote it, without the keys of its results; run the campaign again"
         )
     return keys, metadata, scenarios

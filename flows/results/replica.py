@@ -10,12 +10,8 @@ from tempfile import TemporaryDirectory
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.producers.faults import CampaignError
-from vastflow.sim.user_error import UserError
-
-
-class NotReplicable(UserError, ValueError):
-    """The directory's inputs are no longer what was asked; says what was found and what would be right."""
 
 
 @contextmanager
@@ -23,22 +19,22 @@ def replica(directory: Path, asked: Asked) -> Iterator[Path]:
     """A copy of the campaign file, in a folder for as long as the body takes, that reads as it did.
 
     Raises:
-        NotReplicable: an input is not in the directory, or one that the file names from the root of the file
+        UnusableDirectory: an input is not in the directory, or one that the file names from the root of the file
             system is another one by now.
     """
     with TemporaryDirectory(prefix="vastflow-") as folder:
         try:
             file = _laid_out(directory, asked, Path(folder))
         except OSError as error:
-            raise NotReplicable(f"{directory}: its inputs can't be read: {error}") from None
+            raise UnusableDirectory(f"{directory}: its inputs can't be read: {error}") from None
         kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
         try:
             found = inputs_of(*read_campaign(file, as_v1=asked.as_v1))
         except CampaignError as error:
             words = str(error).replace(str(file), str(directory / "campaign.vast")).replace(folder, "")
-            raise NotReplicable(f"{directory}: its inputs can't be read any more: {words}") from None
+            raise UnusableDirectory(f"{directory}: its inputs can't be read any more: {words}") from None
         if other := sorted(name for name, content in found.files.items() if content not in kept):
-            raise NotReplicable(
+            raise UnusableDirectory(
                 f"{directory}: {', '.join(other)} is another file now than in its inputs; put back the one that was used, "
                 "or run the campaign file itself"
             )

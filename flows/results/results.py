@@ -18,7 +18,7 @@ from vastflow.flows.request.campaign_file import campaign_name
 from vastflow.flows.request.members import Runs, runs_of
 from vastflow.flows.request.notes import terminal_lines
 from vastflow.flows.results.campaign_tables import CampaignTables, RunLogs, write_instantiation
-from vastflow.flows.results.directory import NewDirectory, new_directory
+from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.environment import write_environment
 from vastflow.flows.results.found import Found, RunFault
 from vastflow.flows.results.inputs import Inputs
@@ -56,52 +56,6 @@ class Assessed:
     notes: tuple[str, ...]
     kept: KeptReport | None
     restored: Restored | None
-
-
-def write_results(
-    root: Path,
-    campaign: Campaign,
-    inputs: Inputs,
-    instantiation: Instantiation,
-    found: Callable[[Configuration], Found],
-    *,
-    runs: Runs,
-    oracles: Sequence[str],
-    keys: Keys,
-    record: Mapping[str, Any] | None = None,
-    faults: Iterable[RunFault] = (),
-    created: datetime,
-    work: Callable[[], Work],
-    report: Callable[[Path], None],
-    before_report: Callable[[Path], None] = lambda place: None,
-    kept: Callable[[Mapping[str, Any]], KeptReport] | None = None,
-    threads: int = 1,
-) -> Results:
-    """Write `root/<name>-<time>/`, report included; it appears whole or not at all.
-
-    Args:
-        created: Time in the directory's name.
-        before_report: Called with the directory when all is there but the report, which may be one that was kept.
-    """
-    with new_directory(root, campaign_name(campaign), created) as directory:
-        assessed = write_tables(
-            directory,
-            campaign,
-            inputs,
-            instantiation,
-            found,
-            runs=runs,
-            oracles=oracles,
-            keys=keys,
-            record=record,
-            faults=faults,
-            created=created,
-            work=work,
-            kept=kept,
-            threads=threads,
-        )
-        before_report(directory.partial)
-        return write_report(assessed, report, work)
 
 
 def write_tables(

@@ -1,16 +1,16 @@
 """The option `--map-dir` of commands that read a campaign file."""
 
-import sys
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
 
+from vastflow.sim.user_error import UserError
+
 
 def _checked(folder: Path | None) -> Path | None:
     if folder is not None and not folder.is_dir():
-        print(f"--map-dir {folder}: no such folder; one with maps at the places that the file names", file=sys.stderr)
-        raise typer.Exit(2)
+        raise UserError(f"--map-dir {folder}: no such folder; one with maps at the places that the file names")
     return folder
 
 

@@ -4,14 +4,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-import pyarrow as pa
 import pyarrow.compute as pc
 
 from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.directory.column import read_columns, table_rows
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.sim.files import read_json
 from vastflow.sim.kernels.streams import run_entropy
@@ -19,13 +19,6 @@ from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.recordings.blocks import read_recordings
 from vastflow.sim.recordings.recording import Recording
 from vastflow.sim.scenario import Scenario
-from vastflow.sim.user_error import UserError
-
-_DAMAGED: Final = "damaged campaign directory"
-
-
-class NotRecorded(UserError, ValueError):
-    """A run that a campaign directory does not hold, or no longer holds whole; says what was found and what is there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +45,9 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
     """Read one run from the campaign directory alone.
 
     Raises:
-        NotRecorded: an unknown configuration or run; a file that is missing, unreadable or not what was recorded.
+        UnusableDirectory: an unknown configuration or run; a file that is missing, unreadable or not what was recorded.
     """
-    try:
+    with reading(directory):
         row = _configuration(directory, configuration)
         name = row["duplicate_of"] or configuration
         recording = _recording(directory, name, run_index)
@@ -67,10 +60,6 @@ def recorded_run(directory: Path, configuration: str, run_index: int) -> Recorde
             _judgement(directory, name, run_index),
             _metadata(directory),
         )
-    except NotRecorded as error:
-        raise NotRecorded(f"{directory}: {error}") from None
-    except (pa.ArrowException, OSError, ValueError, LookupError, TypeError, AttributeError) as error:
-        raise NotRecorded(f"{directory}: {_DAMAGED}: {' '.join(str(error).split())}") from None
 
 
 def _configuration(directory: Path, name: str) -> dict[str, Any]:
@@ -79,16 +68,18 @@ def _configuration(directory: Path, name: str) -> dict[str, Any]:
     if found := [row for row in rows if row["name"] == name]:
         return found[0]
     names = [row["name"] for row in rows]
-    raise NotRecorded(f"no configuration {name!r}; {did_you_mean(name, names, 'it has none', listed='it has')}")
+    hint = did_you_mean(name, names, "it has none", listed="it has")
+    raise UnusableDirectory(f"{directory}: no configuration {name!r}; {hint}")
 
 
 def _recording(directory: Path, name: str, run_index: int) -> Recording:
     file = directory / "recordings" / f"{name}.parquet"
     if not file.is_file():
-        raise NotRecorded(f"no run of {name} was recorded; `vastflow show` says why")
+        raise UnusableDirectory(f"{directory}: no run of {name} was recorded; `vastflow show` says why")
     recordings = {r.run.run_index: r for r in read_recordings(file.read_bytes())}
     if run_index not in recordings:
-        raise NotRecorded(f"no run {run_index} of {name}; it has {_some([str(index) for index in sorted(recordings)])}")
+        known = _some([str(index) for index in sorted(recordings)])
+        raise UnusableDirectory(f"{directory}: no run {run_index} of {name}; it has {known}")
     of_all = Behaviors(directory).of(name)
     if not of_all:
         return recordings[run_index]
@@ -102,7 +93,7 @@ def _scenario(directory: Path, row: Mapping[str, Any]) -> Scenario:
     scenario = executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
     if scenario.digest != row["scenario_digest"]:
         found = f"{scenario.digest[:12]}…, recorded was {row['scenario_digest'][:12]}…"
-        raise NotRecorded(f"{_DAMAGED}: the scenario of {row['name']} has digest {found}")
+        raise ValueError(f"the scenario of {row['name']} has digest {found}")
     return scenario
 
 
@@ -110,7 +101,7 @@ def _seed(recording: Recording, scenario: Scenario) -> int:
     """`execution.seed`, which begins the run's entropy; the rest of that must be the scenario's and the run's."""
     entropy = [int(part, 16) for part in recording.run.seed.split(":")]
     if entropy != run_entropy(entropy[0], scenario.situation_digest, recording.run.run_index):
-        raise NotRecorded(f"{_DAMAGED}: the seed {recording.run.seed} in the recording is not this scenario's")
+        raise ValueError(f"the seed {recording.run.seed} in the recording is not this scenario's")
     return entropy[0]
 
 
@@ -123,7 +114,7 @@ def _metadata(directory: Path) -> Mapping[str, Any]:
     metadata: dict[str, Any] = read_json(directory / "metadata.json")
     missing = [key for key in ("name", "created", "vastflow", "versions", "host") if key not in metadata]
     if missing:
-        raise NotRecorded(f"{_DAMAGED}: metadata.json has no {', '.join(missing)}")
+        raise ValueError(f"metadata.json has no {', '.join(missing)}")
     return metadata
 
 

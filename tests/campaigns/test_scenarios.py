@@ -6,11 +6,11 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from whole_directory import write_results
 
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.figures.scene import scenes_of

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 
 from vastflow.flows import api
 from vastflow.flows.__main__ import app
-from vastflow.flows.commands.run import command_line, unwritable
+from vastflow.flows.commands.run import command_line
 from vastflow.flows.results.summary import Summary
+from vastflow.flows.terminal.writing import check_writable
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.tasks.progress import Progress
 
@@ -190,7 +191,8 @@ def test_a_results_folder_that_is_a_file_is_found_before_anything_runs(small_roo
 
 
 def test_a_results_folder_may_be_made(tmp_path):
-    assert unwritable(tmp_path / "a" / "b") is None
+    check_writable(tmp_path / "a" / "b")
+    assert not (tmp_path / "a").exists()
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
+from whole_directory import write_results
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.request.asked import Asked
@@ -14,9 +15,9 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.past import NoPast, newest_past, past_of
-from vastflow.flows.results.results import write_results
+from vastflow.flows.results.past import newest_past, past_of
 from vastflow.flows.results.summary import Work
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiate import instantiate
 from vastflow.tasks.keys import Keys
@@ -118,7 +119,8 @@ def test_metadata_with_a_value_of_another_kind_is_no_past_and_the_place_is_named
     part[last] = value
     file.write_text(json.dumps(metadata))
     with pytest.raises(
-        NoPast, match=rf"damaged campaign directory: metadata\.json: {place}(: Input should|: Field required|$)"
+        UnusableDirectory,
+        match=rf"damaged campaign directory: metadata\.json: {place}(: Input should|: Field required|$)",
     ):
         past_of(directory)
     assert newest_past(directory.parent, "small_room") is None
@@ -137,7 +139,7 @@ OTHER_ROWS = {
 @pytest.mark.parametrize(("column", "value"), OTHER_ROWS.items(), ids=OTHER_ROWS)
 def test_rows_with_a_value_of_another_kind_are_no_past_and_the_place_is_named(directory, column, value):
     rewrite(directory / "configurations.parquet", column, value)
-    with pytest.raises(NoPast, match=rf"damaged campaign directory: configurations\.parquet: 0\.{column}"):
+    with pytest.raises(UnusableDirectory, match=rf"damaged campaign directory: configurations\.parquet: 0\.{column}"):
         past_of(directory)
 
 
@@ -147,13 +149,15 @@ def test_rows_with_a_value_of_another_kind_are_no_past_and_the_place_is_named(di
 def test_runs_that_are_none_are_no_past(directory, column, values):
     rows = {"configuration": ["room-1"], "run_index": [0], column: values}
     pq.write_table(pa.table(rows), directory / "runs.parquet")
-    with pytest.raises(NoPast, match=rf"damaged campaign directory: runs\.parquet: 0\.{column}"):
+    with pytest.raises(UnusableDirectory, match=rf"damaged campaign directory: runs\.parquet: 0\.{column}"):
         past_of(directory)
 
 
 def test_a_table_without_its_columns_is_no_past(directory):
     pq.write_table(pa.table({"other": [1]}), directory / "runs.parquet")
-    with pytest.raises(NoPast, match=r"damaged campaign directory: runs\.parquet: 0\.configuration: Field required"):
+    with pytest.raises(
+        UnusableDirectory, match=r"damaged campaign directory: runs\.parquet: 0\.configuration: Field required"
+    ):
         past_of(directory)
 
 

@@ -15,7 +15,8 @@ from vastflow.flows.computing import flow_call
 from vastflow.flows.plan import dry_run as dry_runs
 from vastflow.flows.plan.dry_run import STAGES, dry_run
 from vastflow.flows.plan.dry_run_text import whys
-from vastflow.flows.results.past import NoPast, newest_past
+from vastflow.flows.results.past import newest_past
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.producers.faults import CampaignError
 from vastflow.sim.recordings.blocks import read_rows
 from vastflow.tasks import source
@@ -460,7 +461,7 @@ def test_the_newest_campaign_of_the_name_is_compared_with(first, tmp_path):
 def test_a_damaged_directory_to_compare_with_is_a_users_mistake(again, first, tmp_path):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     (past / "runs.parquet").unlink()
-    with pytest.raises(NoPast, match=r"past: damaged campaign directory: .*runs\.parquet"):
+    with pytest.raises(UnusableDirectory, match=r"past: damaged campaign directory: .*runs\.parquet"):
         again.dry(since=past)
 
 

@@ -6,10 +6,10 @@ from datetime import datetime, timedelta
 
 import pytest
 from typer.testing import CliRunner
+from whole_directory import write_results
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.plan import dry_run as dry_runs
-from vastflow.flows.plan.explain import Unexplained
 from vastflow.flows.plan.explain import explained as explained_configuration
 from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
@@ -17,8 +17,8 @@ from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Verdict, write_verdicts
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.recordings.blocks import write_recordings
@@ -191,7 +191,7 @@ def test_what_a_run_would_do_today_is_left_open_where_the_inputs_are_gone(place)
     assert found.today is None and "its inputs can't be read any more" in found.obstacle
     assert "can't be told" in called("explain", directory, "room-1", "--store", place.store).stdout
     shutil.rmtree(directory / "environments")
-    with pytest.raises(Unexplained, match=r"damaged campaign directory: no file has the digest"):
+    with pytest.raises(UnusableDirectory, match=r"damaged campaign directory: no file has the digest"):
         explained(place, directory, "room-1")
 
 

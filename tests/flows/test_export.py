@@ -11,15 +11,15 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from whole_directory import write_results
 
 from vastflow.flows.export.export import export
 from vastflow.flows.export.run import recording_csv
-from vastflow.flows.export.source import ExportFault
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import FAULT, ConfigurationResult, RunFault, complete
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.process.outputs import Outputs
@@ -32,6 +32,7 @@ from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.recordings.recording import Recording, Run
 from vastflow.sim.recordings.runlog import RunLog, run_log_row
 from vastflow.sim.run import BEHAVIORS
+from vastflow.sim.user_error import UserError
 from vastflow.tasks.keys import Keys
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
@@ -340,7 +341,7 @@ def test_only_is_a_pattern_of_families_and_configurations(results, tmp_path, pat
     ("pattern", "hint"), [("rom-1", "did you mean 'room-1'"), ("kitchen*", "it has room, room-1, room-2")]
 )
 def test_a_pattern_that_fits_nothing_is_refused_with_the_nearest_name(results, tmp_path, pattern, hint):
-    with pytest.raises(ExportFault, match=re.escape(f"no family or configuration fits {pattern!r}; {hint}")):
+    with pytest.raises(UnusableDirectory, match=re.escape(f"no family or configuration fits {pattern!r}; {hint}")):
         export(results, tmp_path / "out", ["room-1", pattern])
     assert not (tmp_path / "out").exists()
 
@@ -398,7 +399,7 @@ def test_what_appears_in_the_folder_meanwhile_is_not_overwritten(results, tmp_pa
         (tmp_path / "out").mkdir(exist_ok=True)
         (tmp_path / "out/test.xml").write_text("mine")
 
-    with pytest.raises(ExportFault, match="the folder is not empty"):
+    with pytest.raises(UserError, match="the folder is not empty"):
         export(results, tmp_path / "out", progress=write)
     assert [(path.name, path.read_text()) for path in (tmp_path / "out").iterdir()] == [("test.xml", "mine")]
 
@@ -406,7 +407,7 @@ def test_what_appears_in_the_folder_meanwhile_is_not_overwritten(results, tmp_pa
 def test_an_output_that_would_leave_the_folder_is_refused(small_room, tmp_path):
     found = ConfigurationResult(outputs=[write_outputs({0: Outputs(files={"../../../away": b"x"})})])
     directory = campaign_directory(small_room, tmp_path / "results", lambda configuration: found)
-    with pytest.raises(ExportFault, match=r"damaged campaign directory: .*away' leads out of the folder"):
+    with pytest.raises(UnusableDirectory, match=r"damaged campaign directory: .*away' leads out of the folder"):
         export(directory, tmp_path / "out")
     assert not (tmp_path / "away").exists() and not (tmp_path / "out").exists()
 
@@ -416,6 +417,6 @@ def test_an_output_that_would_leave_the_folder_is_refused(small_room, tmp_path):
 )
 def test_a_damaged_file_is_said_so_and_nothing_is_exported(results, tmp_path, file):
     (results / file).write_bytes(b"[{}]" if file.endswith("jsonl") else b"damaged")
-    with pytest.raises(ExportFault, match="damaged campaign directory: "):
+    with pytest.raises(UnusableDirectory, match="damaged campaign directory: "):
         export(results, tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -12,7 +12,7 @@ from vastflow.flows.commands import export as export_command
 from vastflow.flows.export import export as layout
 from vastflow.flows.export.export import Exported, refuse
 from vastflow.flows.export.junit import Case, Flaw, Suite
-from vastflow.flows.export.source import ExportFault
+from vastflow.sim.user_error import UserError
 
 FAILURE, ERROR, SKIPPED = Flaw("failure", "f"), Flaw("error", "e"), Flaw("skipped", "s")
 
@@ -109,7 +109,7 @@ def test_a_new_folder_and_an_empty_one_are_good(tmp_path):
 
 def test_a_link_that_leads_nowhere_is_refused(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "gone")
-    with pytest.raises(ExportFault, match=r"link: not a folder"):
+    with pytest.raises(UserError, match=r"link: not a folder"):
         refuse(tmp_path / "link")
 
 

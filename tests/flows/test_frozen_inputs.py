@@ -8,7 +8,8 @@ from vastflow.flows.request.asked import Asked
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.replica import NotReplicable, replica
+from vastflow.flows.results.replica import replica
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.tasks.source import installed_tree
 
 VAST = """
@@ -102,7 +103,7 @@ def test_a_campaign_directory_is_complete_without_the_campaigns_folder(
         assert installed_tree().plug_in_digest(type(again.families[0].producers[0])) == producer
     shutil.rmtree(directory / "inputs" / "lib")
     with (
-        pytest.raises(NotReplicable, match="No module named 'lib'"),
+        pytest.raises(UnusableDirectory, match="No module named 'lib'"),
         replica(directory, Asked("x.vast", 1, (), inputs.places)),
     ):
         pass

@@ -7,13 +7,13 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from whole_directory import write_results
 
 from vastflow.flows import run_campaign
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult, RunFault
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.kept_report import KeptReport
-from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.verdict import Metric, Verdict

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from whole_directory import write_results
 
 from vastflow.flows.export.run import poses_csv
 from vastflow.flows.postprocessing.postprocess import postprocessed
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiate import instantiate

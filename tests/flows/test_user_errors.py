@@ -10,15 +10,9 @@ from vastflow.sim.user_error import UserError
 from vastflow.tasks.store import StoreError
 
 FAMILY = [
-    "flows.comparison.campaigns.NotComparable",
-    "flows.export.source.ExportFault",
-    "flows.plan.explain.Unexplained",
     "flows.request.work_pool.WorkPoolError",
     "flows.results.directory.ResultsError",
-    "flows.results.past.NoPast",
-    "flows.results.references.UnknownReferences",
-    "flows.results.replica.NotReplicable",
-    "oracles.replay.recorded.NotRecorded",
+    "oracles.directory.unusable.UnusableDirectory",
     "producers.faults.CampaignError",
     "producers.floorplan.faults.FloorplanError",
     "sim.nav.parameters.document.DocumentError",

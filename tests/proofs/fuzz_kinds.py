@@ -165,12 +165,13 @@ def laid_out(folder: Path) -> None:
 
 
 def _campaign_directory(file: Path, results: Path) -> None:
+    from whole_directory import write_results
+
     from vastflow.flows.request.asked import Asked
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.flows.results.found import ConfigurationResult
     from vastflow.flows.results.ingredients import ingredients_row
     from vastflow.flows.results.inputs import inputs_of
-    from vastflow.flows.results.results import write_results
     from vastflow.flows.results.summary import Work
     from vastflow.oracles.verdict import Metric, Verdict
     from vastflow.producers.instantiate import instantiate

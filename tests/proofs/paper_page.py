@@ -8,20 +8,22 @@ runs this file, as `python tests/proofs/paper_page.py RESULTS...` does.
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Final, NoReturn
+from typing import Annotated, Final
 
 import paper_published as published
 import typer
 from jinja2 import Environment, StrictUndefined
-from paper_results import NotThePapers, PaperResults, paper_results
+from paper_results import PaperResults, paper_results
 
-from vastflow.flows.commands.show import wrong_directory
+from vastflow.flows.results.at_hand import check_directory
+from vastflow.flows.terminal.exit_code import BAD_INPUT
 from vastflow.flows.terminal.interruptible import Interruptible
-from vastflow.flows.terminal.reading import BAD_INPUT, reading
+from vastflow.oracles.directory.unusable import reading
 from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_counts, weighted_rate
 from vastflow.oracles.statistics.classes import TotalFailures, total_failures
 from vastflow.sim.loop.standstill import CAUSES, STANDSTILL_M
+from vastflow.sim.user_error import UserError
 
 CORES: Final = 2
 """For which the time of the whole campaigns is said."""
@@ -38,21 +40,17 @@ def main(
     Markdown on standard output; the same results give the same text.
     """
     with Interruptible("interrupted"):
-        found = []
-        for directory in results:
-            if wrong := wrong_directory(directory):
-                _end(wrong)
-            with reading(directory):
-                try:
-                    found.append(paper_results(directory))
-                except NotThePapers as error:
-                    _end(str(error))
-        print(paper_page(found), end="")
+        try:
+            print(paper_page([_read(directory) for directory in results]), end="")
+        except UserError as error:
+            print(error, file=sys.stderr)
+            raise typer.Exit(BAD_INPUT) from None
 
 
-def _end(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(BAD_INPUT)
+def _read(directory: Path) -> PaperResults:
+    check_directory(directory)
+    with reading(directory):
+        return paper_results(directory)
 
 
 def paper_page(results: Sequence[PaperResults]) -> str:
@@ -108,8 +106,11 @@ def percent(share: float | None) -> str:
 
 
 def span(interval: Interval | None) -> str:
-    """`[48.1, 85.5]`, in percent; a dash where there is none."""
-    return "–" if interval is None else f"[{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
+    """`[48.1, 85.5]`, in percent and rounded outwards, as the report has it; a dash where there is none."""
+    if interval is None:
+        return "–"
+    low, high = interval.thousandths
+    return f"[{low / 10:.1f}, {high / 10:.1f}]"
 
 
 def rate_text(counts: Counts | WeightedRate) -> str:

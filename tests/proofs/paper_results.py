@@ -18,6 +18,7 @@ from vastflow.oracles.evidence.weights import weights_of
 from vastflow.oracles.statistics.factors import blocks_of
 from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.sim.files import read_json
+from vastflow.sim.user_error import UserError
 
 READINGS: Final[Mapping[Kind, tuple[str, ...]]] = {
     "robustness": ("update", "step", "metre", "mean", "maximum"),
@@ -33,7 +34,7 @@ Row = Mapping[str, Any]
 RunKey = tuple[str, int]
 
 
-class NotThePapers(ValueError):
+class NotThePapers(UserError, ValueError):
     """A campaign directory that is none of the paper's campaigns, or lacks what is needed; says what was found."""
 
 

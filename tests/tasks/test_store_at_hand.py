@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.results.at_hand import WITHOUT_RUNS, at_hand, meant_address
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.tasks.remote_files import file_system
-from vastflow.tasks.store import StoreError
 
 CAMPAIGN = """
 version: 1
@@ -99,7 +99,9 @@ def test_an_address_that_holds_campaigns_but_is_none_names_one(kept, tmp_path, c
 def test_an_address_with_nothing_there_is_said_in_a_sentence(kept):
     kept("s3://bucket/other", report_html=b"<html>")
     with (
-        pytest.raises(StoreError, match=r"s3://bucket/other: not a campaign directory, there is no metadata\.json"),
+        pytest.raises(
+            UnusableDirectory, match=r"s3://bucket/other: not a campaign directory, there is no metadata\.json"
+        ),
         at_hand("s3://bucket/other"),
     ):
         pass

@@ -1,0 +1,49 @@
+"""A campaign directory that can't be used: none at all, a damaged one, or one without what was asked of it."""
+
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from vastflow.sim.user_error import UserError
+
+_MOST_CHARACTERS: Final = 500
+
+
+class UnusableDirectory(UserError, ValueError):
+    """A directory that can't be used for what was asked; says which, what was found and what would be right."""
+
+
+def damaged(directory: Path | str, what: object) -> UnusableDirectory:
+    """What is wrong inside of a campaign directory, in one line."""
+    words = " ".join(str(what).split()) or type(what).__name__
+    return UnusableDirectory(f"{directory}: damaged campaign directory: {words[:_MOST_CHARACTERS]}")
+
+
+@contextmanager
+def reading(directory: Path | str) -> Iterator[None]:
+    """Read a campaign directory, and use what it holds, in the body.
+
+    Files that were damaged or written by hand hold any value at any place, and nobody checks all of them before.
+
+    Raises:
+        UnusableDirectory: the body raised what damaged content raises.
+    """
+    try:
+        yield
+    except (UserError, BrokenPipeError):  # of whom the output is for
+        raise
+    except KeyError as error:  # whose words are the key alone
+        raise damaged(directory, f"has no {error}") from None
+    except (
+        OSError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        ArithmeticError,
+        NotImplementedError,
+        zipfile.BadZipFile,
+    ) as error:
+        raise damaged(directory, error) from None

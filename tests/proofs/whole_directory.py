@@ -1,0 +1,34 @@
+"""A whole campaign directory in one call, tables and report: for tests that have artifacts and want what a run makes of them."""
+
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from vastflow.flows.request.campaign_file import campaign_name
+from vastflow.flows.results.directory import new_directory
+from vastflow.flows.results.results import write_report, write_tables
+from vastflow.flows.results.summary import Results, Work
+from vastflow.producers.campaign import Campaign
+
+
+def write_results(
+    root: Path,
+    campaign: Campaign,
+    *tabled: Any,
+    created: datetime,
+    work: Callable[[], Work],
+    report: Callable[[Path], None],
+    before_report: Callable[[Path], None] = lambda place: None,
+    **named: Any,
+) -> Results:
+    """Write `root/<name>-<time>/`, report included; it appears whole or not at all.
+
+    Args:
+        tabled, named: What `write_tables` is given beside directory and campaign.
+        before_report: Called with the directory when all is there but the report, which may be one that was kept.
+    """
+    with new_directory(root, campaign_name(campaign), created) as directory:
+        assessed = write_tables(directory, campaign, *tabled, created=created, work=work, **named)
+        before_report(directory.partial)
+        return write_report(assessed, report, work)
