@@ -27,9 +27,10 @@ def init(
     check_writable(folder)
     if taken := [str(folder / name) for name in _FILES if os.path.lexists(folder / name)]:
         raise UserError(f"{', '.join(taken)}: there already; name another folder")
-    with writing(folder):
-        for name in _FILES:
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(files(_SHIPPED).joinpath(name).read_bytes())
+    for name in _FILES:
+        place = folder / name
+        with writing(place):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(files(_SHIPPED).joinpath(name).read_bytes())
     print(f"wrote {folder / _CAMPAIGN} and its map; run it:")
     print(f"vastflow run {shlex.quote(str(folder / _CAMPAIGN))}")
