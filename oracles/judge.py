@@ -1,9 +1,10 @@
 """Oracle: traces to verdicts."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
+from vastflow.oracles.cause import Cause, cause_of
 from vastflow.oracles.oracle import Oracle
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.trace import Trace, trace_of
@@ -16,14 +17,27 @@ from vastflow.sim.recordings.blocks import read_block, read_recordings
 from vastflow.sim.scenario import Scenario
 
 
+@dataclass(frozen=True, slots=True)
+class JudgedBlock:
+    """What is said of a block of runs.
+
+    Attributes:
+        verdicts: Run by run, oracles in their order.
+        causes: Run index to why the run failed, of those that any oracle failed.
+    """
+
+    verdicts: list[Verdict]
+    causes: Mapping[int, Cause]
+
+
 def judge_block(
     scenario: Scenario,
     recording_block: bytes,
     trace_block: bytes,
     oracles: Sequence[Oracle[Any]],
     outputs: bytes | None = None,
-) -> list[Verdict]:
-    """Every oracle's verdict on every run of a block: run by run, oracles in their order.
+) -> JudgedBlock:
+    """Every oracle's verdict on every run of a block, and why those failed that did.
 
     Args:
         recording_block: Runs of `scenario`, by `vastflow.sim.recordings.blocks.write_recordings`.
@@ -44,8 +58,13 @@ def judge_block(
         trace_of(replace(recording, outputs=written.get(recording.run.run_index, Outputs())), row, columns)
         for recording, (row, columns) in zip(recordings, observed, strict=True)
     ]
-    said = [_said(oracle, traces, situation) for oracle in oracles]
-    return [verdict for of_run in zip(*said, strict=True) for verdict in of_run]
+    said = list(zip(*(_said(oracle, traces, situation) for oracle in oracles), strict=True))
+    causes = {
+        trace.run.run_index: cause
+        for trace, verdicts in zip(traces, said, strict=bool(oracles))
+        if (cause := cause_of(trace, verdicts)) is not None
+    }
+    return JudgedBlock([verdict for verdicts in said for verdict in verdicts], causes)
 
 
 def _said(oracle: Oracle[Any], traces: Sequence[Trace], situation: Situation) -> list[Verdict]:

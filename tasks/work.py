@@ -163,7 +163,7 @@ def observe(store: Store, recording_key: str, key: str, scenario: Scenario) -> N
 
 
 def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: Scenario, oracles: bytes) -> None:
-    """Judge one block and store the verdicts, with what all oracles together say of each run.
+    """Judge one block and store the verdicts, with what all oracles together say of each run, and why it failed if it did.
 
     Args:
         oracles: Pickled, so that a plug-in that can't be imported is an error of this job alone.
@@ -175,12 +175,13 @@ def judge(store: Store, recording_key: str, trace_key: str, key: str, scenario: 
     recordings, traces = store.read(recording_key, RECORDINGS), store.read(trace_key, TRACES)
     recorded = store.find(recording_key)
     outputs = store.load(recorded, OUTPUTS) if recorded is not None and OUTPUTS in recorded.files else None
-    verdicts = judge_block(scenario, recordings, traces, pickle.loads(oracles), outputs)
+    judged = judge_block(scenario, recordings, traces, pickle.loads(oracles), outputs)
     said: dict[int, list[Any]] = {}
-    for verdict in verdicts:
+    for verdict in judged.verdicts:
         said.setdefault(verdict.run_index, []).append(verdict.judgement)
     together = [[run_index, run_judgement(judgements)] for run_index, judgements in said.items()]
-    store.put(key, {VERDICTS: write_verdicts(verdicts)}, {"runs": together})
+    info = {"runs": together, "causes": [list(each) for each in judged.causes.items()]}
+    store.put(key, {VERDICTS: write_verdicts(judged.verdicts)}, info)
 
 
 def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[str, Value]) -> None:

@@ -140,7 +140,10 @@ def _properties(run: ExportedRun) -> Iterator[tuple[str, str]]:
         yield "cpu_time_s", str(round(run.log.cpu_s, 6))
         yield "max_rss_bytes", str(run.log.max_rss_bytes)
         yield "host", str(run.host["host"]["name"])
-    for name in ("outcome", "reason", "seed", "distance_m", "recoveries", "missed_goals", "contacts", "stood_still"):
+    for name in (
+        *("outcome", "reason", "cause", "seed"),
+        *("distance_m", "recoveries", "missed_goals", "contacts", "stood_still"),
+    ):
         if row.get(name) not in (None, ""):
             yield name, str(row[name])
     for verdict in run.verdicts:

@@ -17,8 +17,8 @@ from vastflow.flows.results.summary import OutcomeTally
 from vastflow.flows.results.tables import (
     CONFIGURATIONS,
     EXCLUSIONS,
+    JUDGED_RUNS,
     REJECTIONS,
-    RUNS,
     VERDICTS,
     TableWriter,
     configuration_row,
@@ -57,7 +57,7 @@ class CampaignTables:
         self._stood_still = 0
         self._by_oracle: dict[str, Counter[Judgement]] = {oracle: Counter() for oracle in oracles}
         self._open = ExitStack()
-        self._run_rows = self._open.enter_context(TableWriter(place / "runs.parquet", RUNS))
+        self._run_rows = self._open.enter_context(TableWriter(place / "runs.parquet", JUDGED_RUNS))
         self._verdict_rows = self._open.enter_context(TableWriter(place / "verdicts.parquet", VERDICTS))
         self._behaviors = self._open.enter_context(_BehaviorWriter(place / BEHAVIORS_FILE))
         self._logs = RunLogs(place)
@@ -83,7 +83,8 @@ class CampaignTables:
         rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
         wanted = [rows[index] for index in sorted(rows) if index < runs]
         columns = run_columns(configuration, wanted)
-        self._run_rows.add_columns(columns)
+        causes = found.causes
+        self._run_rows.add_columns({**columns, "cause": [causes.get(row["run_index"]) for row in wanted]})
         self._stood_still += sum(cause is not None for cause in columns["stood_still"])
         verdicts = complete(found, runs, self._oracles)
         self._verdict_rows.add_columns(verdict_columns(configuration, verdicts))

@@ -1,7 +1,7 @@
 """What was found of one configuration: blocks of its runs, verdicts, logs, and why something is missing."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, Protocol
 
@@ -55,6 +55,10 @@ class Found(Protocol):
         """Of any runs and oracles, in any order."""
 
     @property
+    def causes(self) -> Mapping[int, str]:
+        """Run index to why the run failed, see `vastflow.oracles.cause`; of those that failed and were judged."""
+
+    @property
     def faults(self) -> Sequence[RunFault]:
         """Why runs are missing."""
 
@@ -83,6 +87,7 @@ class ConfigurationResult:
     outputs: Sequence[bytes] = ()
     logs: Sequence[bytes] = ()
     exact: bool = False
+    causes: Mapping[int, str] = field(default_factory=dict)
 
 
 class StoredResult:
@@ -116,6 +121,16 @@ class StoredResult:
         """See `Found`."""
         contents = (self._store.load(each.verdicts, VERDICTS) for each in self._stored if each.verdicts)
         return [verdict for content in contents for verdict in read_verdicts(content)]
+
+    @property
+    def causes(self) -> Mapping[int, str]:
+        """See `Found`."""
+        return {
+            int(run): str(cause)
+            for each in self._stored
+            if each.verdicts
+            for run, cause in each.verdicts.info["causes"]
+        }
 
     @property
     def behaviors(self) -> Sequence[bytes]:

@@ -62,6 +62,8 @@ RUNS: Final = pa.schema(
         "stood_still": pa.string(),
     }
 )
+JUDGED_RUNS: Final = RUNS.append(pa.field("cause", pa.string()))
+"""Of `runs.parquet`: what was recorded of each run, and why it failed where it did."""
 VERDICTS: Final = pa.schema(
     {
         "configuration": pa.string(),

@@ -75,7 +75,7 @@ class Recordings:
         return [found[index] for index in sorted(found) if index < self.runs]
 
     def table(self) -> pa.Table:
-        """A row for each run that was recorded, as `runs.parquet` of a campaign directory; reads every block's rows.
+        """A row for each run that was recorded, as `runs.parquet` of a campaign directory but for causes; reads every block's rows.
 
         Raises:
             Lost: as `of`.

@@ -20,7 +20,7 @@ from vastflow.oracles.evidence.varied import varied_rows
 WIDE_FILE: Final = "runs_wide.parquet"
 MISSING: Final = -1
 """Code of a run that has no text."""
-_TEXTS: Final = ("outcome", "reason", "stood_still")
+_TEXTS: Final = ("outcome", "reason", "cause", "stood_still")
 _NUMBERS: Final = ("simulated_s", "distance_m", "recoveries", "missed_goals", "contacts")
 _RUNS: Final = 1 << 31
 

@@ -188,7 +188,9 @@ def test_the_oracle_of_the_pages_judges_a_run(folder):
     campaign, oracles = read(folder, family_of(producers, block.text))
     (configuration,) = instantiate(campaign).configurations
     recorded = write_recordings([run(configuration.scenario, 0)])
-    verdicts = judge_block(configuration.scenario, recorded, observe_block(configuration.scenario, recorded), oracles)
+    verdicts = judge_block(
+        configuration.scenario, recorded, observe_block(configuration.scenario, recorded), oracles
+    ).verdicts
     assert [verdict.oracle for verdict in verdicts] == ["success", "safety", "localized.py:Localized"]
     (error,) = [verdict.metrics["greatest_error"] for verdict in verdicts if "localized" in verdict.oracle]
     assert error.unit == "m"

@@ -147,7 +147,7 @@ def test_the_oracles_of_the_campaign_judge_its_recordings_and_what_was_kept_of_t
     recording = execute(configuration.scenario, 0).recording
     recorded, kept = write_recordings([recording]), write_outputs({0: recording.outputs})
     traces = observe_block(configuration.scenario, recorded)
-    success, below = judge_block(configuration.scenario, recorded, traces, oracles, kept)
+    success, below = judge_block(configuration.scenario, recorded, traces, oracles, kept).verdicts
     assert success.judgement == "pass"
     assert (success.metrics["distance"].value, success.metrics["recoveries"].value) == (None, None)
     assert (below.judgement, below.reason) == ("fail", "1116, 12 % above the capacity of 1000")

@@ -41,7 +41,7 @@ def test_the_notebook_is_shipped_without_outputs():
 def test_a_run_is_judged_by_the_notebook_among_the_others(campaign):
     scenario = instantiate(campaign[0]).configurations[0].scenario
     recorded = write_recordings([run(scenario, 0)])
-    verdicts = judge_block(scenario, recorded, observe_block(scenario, recorded), campaign[1])
+    verdicts = judge_block(scenario, recorded, observe_block(scenario, recorded), campaign[1]).verdicts
     assert [verdict.oracle for verdict in verdicts] == ["success", "lost.ipynb", "navigation"]
     assert verdicts[1].judgement == "pass"
     assert 0 < verdicts[1].metrics["greatest_error"].value < 0.3

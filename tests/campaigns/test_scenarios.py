@@ -65,7 +65,7 @@ def test_the_first_run_of_its_campaign_passes(name):
     _, oracles = campaign_of(name)
     scenario = configurations_of(name)[0].scenario
     recorded = write_recordings([run(scenario, 0)])
-    verdicts = judge_block(scenario, recorded, observe_block(scenario, recorded), oracles)
+    verdicts = judge_block(scenario, recorded, observe_block(scenario, recorded), oracles).verdicts
     assert [(verdict.oracle, verdict.reason) for verdict in verdicts if verdict.judgement != "pass"] == []
 
 
@@ -96,7 +96,7 @@ def results(tmp_path_factory):
     scenario = configuration.scenario
     recorded = write_recordings([run(scenario, 0)])
     traces = observe_block(scenario, recorded)
-    verdicts = judge_block(scenario, recorded, traces, oracles)
+    verdicts = judge_block(scenario, recorded, traces, oracles).verdicts
     written = write_results(
         tmp_path_factory.mktemp("results"),
         campaign,

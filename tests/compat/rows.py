@@ -275,7 +275,7 @@ def _run(scenario: Scenario, oracles: Sequence[Oracle[Any]], run_index: int, see
         recording = execute(scenario, run_index, seed).recording
         block = write_recordings([recording])
         outputs = write_outputs({run_index: recording.outputs})
-        verdicts = judge_block(scenario, block, observe_block(scenario, block), oracles, outputs)
+        verdicts = judge_block(scenario, block, observe_block(scenario, block), oracles, outputs).verdicts
     except Exception as error:  # noqa: BLE001 - a run that breaks is what the table tells
         return Ran(None, "", f"{type(error).__name__}: {_line(error)}")
     judgement = run_judgement(verdict.judgement for verdict in verdicts)

@@ -165,7 +165,8 @@ class SyntheticCampaign:
         for folder, content in (("recordings", block), ("traces", traces)):
             (self.directory / folder).mkdir(parents=True, exist_ok=True)
             (self.directory / folder / f"{name}.parquet").write_bytes(content)
-        for verdict in judge_block(scenario, block, traces, judges):
+        judged = judge_block(scenario, block, traces, judges)
+        for verdict in judged.verdicts:
             metrics = {key: {"value": m.value, "unit": m.unit} for key, m in verdict.metrics.items()}
             self._verdict(name, family, verdict.run_index, verdict.oracle, verdict.judgement, verdict.reason, metrics)
         for recording in recordings:
@@ -177,6 +178,7 @@ class SyntheticCampaign:
                     **{key: getattr(run, key) for key in _RUN_COLUMNS},
                     "contacts": sum(event.kind == "contact" for event in run.events),
                     "stood_still": next((event.what for event in run.events if event.kind == STOOD_STILL), None),
+                    "cause": judged.causes.get(run.run_index),
                 }
             )
 
@@ -269,7 +271,7 @@ _RUNS = pa.schema(
         ("recoveries", pa.int32()),
         ("missed_goals", pa.int32()),
         ("contacts", pa.int32()),
-        *_text("stood_still"),
+        *_text("stood_still cause"),
     ]
 )
 

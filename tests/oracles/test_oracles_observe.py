@@ -307,7 +307,7 @@ def test_a_block_is_judged_run_by_run_in_the_order_of_the_oracles(scenario_on, r
     block = write_recordings(runs)
     verdicts = judge_block(
         scenario, block, observe_block(scenario, block), oracles_of([("performance", {}), ("safety", {})])
-    )
+    ).verdicts
     assert [(v.run_index, v.oracle, v.judgement) for v in verdicts] == [
         (0, "success", "pass"),
         (0, "performance", "pass"),
