@@ -11,6 +11,7 @@ from vastflow.flows.reporting import assess, deliver, report
 from vastflow.flows.request.run_request import RunRequest, option_parameters, request_of
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.summary import Results
+from vastflow.flows.terminal.notebook import notebook_display
 from vastflow.tasks.progress import Observer
 from vastflow.tasks.store import Lost
 
@@ -30,7 +31,7 @@ def run_campaign(
 
     Args:
         campaign: The campaign file, or all that is asked as a `RunRequest`.
-        observer: Is shown the progress, from one thread.
+        observer: Is shown the progress, from one thread; by default the cell of a notebook that calls, if one does.
         options: Fields of `RunRequest`, such as `runs=5`; `only` may be one name. `pool` may be a `WorkPool`.
 
     Raises:
@@ -43,7 +44,7 @@ def run_campaign(
         WorkersFailed: the pool's workers can't compute the campaign.
         ValueError, TypeError: an option is out of its bounds, or there is none of that name.
     """
-    with open_run(request_of(campaign, options), observer) as run:
+    with open_run(request_of(campaign, options), observer or notebook_display()) as run:
         with suppress(Lost):  # a damaged artifact is found when it is read; then there is something to compute
             if run.complete():
                 return _found(run)

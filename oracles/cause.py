@@ -46,7 +46,7 @@ CAUSES: Final[Mapping[Cause, str]] = {
     "jump of the estimate": f"the estimate jumped by {JUMP_M:g} m or more, and the path was invalid from there (INVALID_PATH)",
     "lost": f"localization error above {LOST_M:g} m at the end",
     "contact": "the robot touched something and ended there, or safety fails a contact",
-    "blocked by an obstacle": f"the mission ended within {BLOCKED_M:g} m of an obstacle that is not on the map, or without a path "
+    "blocked by an obstacle": f"the mission ended within {BLOCKED_M:g} m of an obstacle that is not on the map, or without a path and "
     f"within {SEEN_M:g} m of one",
     "no path": "the planner found no path, and no recovery helped",
     "timed out recovering": f"the time ran out within {RECOVERING_S:g} s of a recovery",

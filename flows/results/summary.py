@@ -116,3 +116,12 @@ class Results:
         from vastflow.flows.results.frame import frame
 
         return frame(self.directory)
+
+    def _repr_html_(self) -> str | None:
+        """The headline, as a notebook shows it; None where the directory is no longer there, so that it shows `repr`."""
+        from vastflow.oracles.page.headline import headline_html
+
+        try:
+            return headline_html(self.directory)
+        except (OSError, ValueError):
+            return None

@@ -1,4 +1,4 @@
-"""Walks: the true trajectories of recorded runs, read from a campaign directory a configuration at a time."""
+"""Walks: the trajectories of recorded runs, read from a campaign directory a configuration at a time."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -57,3 +57,10 @@ def read_walks(directory: Path, configuration: str) -> Walks | None:
     xy_m = np.column_stack((si(columns["x_mm"]), si(columns["y_mm"])))
     spawned = tuple(obstacle for row in read_rows(file) if row["entities"] for obstacle in spawned_by(run_of(row)))
     return Walks(index[starts[:-1]].astype(np.int64), starts, xy_m, spawned)
+
+
+def read_estimate(directory: Path, configuration: str, run_index: int) -> NDArray[np.float64]:
+    """Where the robot believed to be (N, 2) in a recorded run, in the map frame."""
+    file = directory / "recordings" / f"{configuration}.parquet"
+    index, columns = read_columns(file, ("estimated_x_mm", "estimated_y_mm"))
+    return np.column_stack([si(column[index == run_index]) for column in columns.values()])

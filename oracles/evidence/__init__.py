@@ -1,1 +1,1 @@
-"""What verdicts add up to: rates, findings, and the runs of two campaigns that belong together."""
+"""What verdicts add up to: rates, causes, findings, and the runs of two campaigns that belong together."""

@@ -15,6 +15,7 @@ from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, shares, total_failures
 from vastflow.oracles.statistics.dispersion import Dispersion, dispersion
 from vastflow.oracles.statistics.factors import factors_of
+from vastflow.oracles.statistics.posterior import chance_of_at_least
 from vastflow.oracles.statistics.stopping import Savings, StoppingRule, classes_by, runs_saved
 
 STOPPING: Final = "sequential"
@@ -37,6 +38,12 @@ class Design:
     alone: tuple[str, ...] = ()
     lacking: tuple[str, ...] = ()
 
+    @property
+    def matters(self) -> bool:
+        """Whether any factor, or pair of them, is shown to."""
+        found = self.analysis
+        return any(each.significant for each in (*found.factors, *found.interactions))
+
 
 @dataclass(frozen=True, eq=False)
 class Findings:
@@ -48,6 +55,8 @@ class Findings:
         dispersion: None where nothing was judged.
         weighted: The rate with every duplicate counted; None where there are no duplicates.
         savings: Runs saved by stopping early; None where the number of runs was fixed.
+        reliable_chance: (m,) how likely the success rate reaches that of a reliable configuration, see
+            `vastflow.oracles.statistics.posterior`.
     """
 
     names: tuple[str, ...] = field(repr=False)
@@ -58,6 +67,13 @@ class Findings:
     designs: tuple[Design, ...]
     weighted: WeightedRate | None
     savings: Savings | None
+    reliable_chance: NDArray[np.float64] = field(repr=False)
+
+    @property
+    def undecided(self) -> list[int]:
+        """Places in `names` of the configurations without a class, the likeliest to be reliable first."""
+        places = [k for k, name in enumerate(self.classes.names) if name == "undecided"]
+        return sorted(places, key=lambda k: (-self.reliable_chance[k], k))
 
 
 def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -> Findings:
@@ -71,15 +87,18 @@ def findings_of(tables: Tables, environments: Mapping[str, str] | None = None) -
     counts = tables.verdicts.counts(None)[found.distinct]
     passed, judged = counts[:, 0], counts[:, 0] + counts[:, 1]
     rule = stopping_rule(tables.metadata)
+    spread = dispersion(passed, judged, blocks=[tables.blocks[name] for name in names])
+    bound = (rule.bounds if rule is not None else ClassBounds()).reliable
     return Findings(
         tuple(names),
         counts,
         classify(passed, judged) if rule is None else classes_by(rule, passed, judged),
         total_failures(passed, judged),
-        dispersion(passed, judged, blocks=[tables.blocks[name] for name in names]),
+        spread,
         tuple(_designs(tables, passed, judged, environments or {})),
         _weighted(tables, names, counts),
         None if rule is None else runs_saved(rule, counts.sum(axis=1)),
+        chance_of_at_least(bound, passed, judged, spread),
     )
 
 
@@ -109,6 +128,7 @@ def findings_json(findings: Findings) -> dict[str, Any]:
             "error": classes.error,
             "counts": shares(classes.names),
             "configurations": dict(zip(findings.names, classes.names, strict=True)),
+            "undecided": {findings.names[k]: round(float(findings.reliable_chance[k]), 6) for k in findings.undecided},
         },
         "total_failures": {**asdict(findings.total_failures), "share": findings.total_failures.share},
         "dispersion": _plain(findings.dispersion),

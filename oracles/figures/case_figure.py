@@ -27,8 +27,9 @@ def case_figure(
     situation: Situation,
     obstacles: Sequence[Obstacle],
     ways: Sequence[tuple[Judgement, NDArray[np.float64]]],
+    estimate_xy_m: NDArray[np.float64] | None = None,
 ) -> Figure:
-    """Ways (N, 2) by judgement, failures on top with a cross where they ended."""
+    """Ways (N, 2) by judgement, failures on top with a cross where they ended; the robot's own estimate (N, 2) of one is dashed."""
     figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), dpi=DPI)
     axes = figure.add_axes((0, 0, 1, 1))
     draw_floor(axes, occupancy)
@@ -39,6 +40,8 @@ def case_figure(
     for judgement in judgements:
         lines = [line for said, line in ways if said == judgement]
         draw_lines(axes, lines, COLORS[judgement], alpha=0.55 if len(lines) > 3 else 0.8)
+    if estimate_xy_m is not None:
+        axes.plot(*estimate_xy_m.T, color=INK, linewidth=1.3, linestyle=(0, (3, 2)), alpha=0.8)
     ends = np.array([line[-1] for said, line in ways if said == "fail"]).reshape(-1, 2)
     axes.plot(*ends.T, "X", ms=8, color=COLORS["fail"], mec="white", mew=0.9)
     if situation.start is not None:

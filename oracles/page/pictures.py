@@ -7,11 +7,13 @@ from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.directory.verdict_table import CODES
-from vastflow.oracles.directory.walk import read_walks
+from vastflow.oracles.directory.walk import read_estimate, read_walks
+from vastflow.oracles.evidence.causes import CauseCount
 from vastflow.oracles.evidence.criteria import Criterion
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.findings import Design
@@ -28,7 +30,9 @@ from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.rate_figure import rates_figure
 from vastflow.oracles.figures.scene import Scene, distinct_obstacles, situation_at
 from vastflow.oracles.figures.threshold_figure import threshold_figure
+from vastflow.oracles.verdict import Judgement
 from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.world.obstacle import Obstacle
 
 MAX_EMBEDDED: Final = 11_000_000
 """Bytes of pictures within the page; those beyond are in `figures/` alone, so that the page stays below 20 MB."""
@@ -45,6 +49,7 @@ class Picture:
         caption: What to read in it.
         png, svg: The files' content; SVG may be empty.
         drawn: Whether the page has the SVG, which stays sharp, and not the PNG.
+        density: Whether it shows where runs add up, and not each of them.
     """
 
     name: str
@@ -54,6 +59,7 @@ class Picture:
     png: bytes = field(repr=False)
     svg: bytes = field(repr=False)
     drawn: bool = False
+    density: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -99,6 +105,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             f"{name}: density of the final poses of {len(scene.failed_xy_m):,} failed runs",
             "Final true poses of all failed runs, blurred with 0.2 m.",
             final_poses_figure(scene),
+            density=True,
         )
         yield _picture(
             f"failure-rate-{end}",
@@ -107,6 +114,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "Of the runs that came through a cell, the share that failed within the last 0.5 m of their way there. "
             "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
             failure_rate_figure(scene),
+            density=True,
         )
     hidden = len(scene.obstacles) - MAX_OBSTACLES
     obstacles = (
@@ -148,20 +156,16 @@ def all_maps_picture(scenes: Sequence[Scene], names: Sequence[str]) -> Picture:
 
 def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Picture | None:
     """The runs of the configuration at an index on its map; None where nothing was recorded."""
-    found = tables.configurations
-    name, environment = found.names[configuration], found.environments[configuration]
-    walks = read_walks(tables.directory, name) if environment else None
-    if walks is None or environment is None:
+    name = tables.configurations.names[configuration]
+    walks = read_walks(tables.directory, name) if tables.configurations.environments[configuration] else None
+    if walks is None:
         return None
     verdicts = tables.verdicts
     first, last = np.searchsorted(verdicts.configuration, (configuration, configuration + 1))
     rows = first + np.searchsorted(verdicts.run_index[first:last], walks.run_index)
     words = {code: judgement for judgement, code in CODES.items()}
     ways = [(words[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
-    situation = situation_at(tables, configuration, files)
-    obstacles = distinct_obstacles([*situation.obstacles, *walks.spawned])
-    occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
-    figure = case_figure(occupancy, situation, obstacles, ways)
+    figure = _on_map(tables, configuration, files, ways, walks.spawned)
     return _picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
 
 
@@ -178,6 +182,38 @@ def threshold_pictures(criteria: Sequence[Criterion]) -> Iterator[Picture]:
                 threshold_figure(criterion, criterion.score),
                 drawn=True,
             )
+
+
+def cause_picture(tables: Tables, count: CauseCount, files: KeptFiles) -> Picture | None:
+    """The run to look at for a cause, with the robot's own estimate; None where it has no map or recording."""
+    configuration = tables.configurations.names.index(count.configuration)
+    walks = (
+        read_walks(tables.directory, count.configuration) if tables.configurations.environments[configuration] else None
+    )
+    if walks is None or count.run_index not in walks.run_index:
+        return None
+    run = int(np.searchsorted(walks.run_index, count.run_index))
+    ways: list[tuple[Judgement, NDArray[np.float64]]] = [("fail", walks.line(run))]
+    estimate_xy_m = read_estimate(tables.directory, count.configuration, count.run_index)
+    figure = _on_map(tables, configuration, files, ways, walks.spawned, estimate_xy_m)
+    alt = (
+        f"{count.cause}: run {count.run_index} of {count.configuration} on its map, and where the robot believed to be"
+    )
+    return _picture(f"cause-{count.cause.replace(' ', '-')}", "", alt, "", figure)
+
+
+def _on_map(
+    tables: Tables,
+    configuration: int,
+    files: KeptFiles,
+    ways: Sequence[tuple[Judgement, NDArray[np.float64]]],
+    spawned: Sequence[Obstacle],
+    estimate_xy_m: NDArray[np.float64] | None = None,
+) -> Figure:
+    situation = situation_at(tables, configuration, files)
+    environment = tables.configurations.environments[configuration]
+    occupancy = load_map(tables.directory / "environments" / str(environment) / "map.yaml")
+    return case_figure(occupancy, situation, distinct_obstacles([*situation.obstacles, *spawned]), ways, estimate_xy_m)
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
@@ -202,5 +238,7 @@ def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
         )
 
 
-def _picture(name: str, title: str, alt: str, caption: str, figure: Figure, *, drawn: bool = False) -> Picture:
-    return Picture(name, title, alt, caption, png(figure), svg(figure), drawn)
+def _picture(
+    name: str, title: str, alt: str, caption: str, figure: Figure, *, drawn: bool = False, density: bool = False
+) -> Picture:
+    return Picture(name, title, alt, caption, png(figure), svg(figure), drawn, density)

@@ -83,6 +83,9 @@
     const tools = element("div", { class: "tools" }, search);
     const more = element("button", { type: "button", class: "more" }, "Show more");
     const choices = [];
+    const failing = Number(table.dataset.failing ?? 0);
+    const only = element("input", { type: "checkbox" });
+    const rate = kinds.indexOf("rate");
     let shown = STEP, order = rows, sorted = null;
 
     kinds.forEach((kind, k) => {
@@ -95,11 +98,16 @@
       choices.push([k, select]);
       tools.append(select);
     });
+    if (failing && failing < rows.length) {
+      only.checked = true;
+      only.addEventListener("change", update);
+      tools.append(element("label", {}, only, ` with failures only (${failing.toLocaleString("en-US")})`));
+    }
     tools.append(count);
 
     function wanted() {
       const asked = plain(search.value).split(/\s+/).filter(Boolean);
-      return order.filter((row) => asked.every((word) => texts.get(row).includes(word))
+      return order.filter((row) => (!only.checked || row[rate][0] < row[rate][1]) && asked.every((word) => texts.get(row).includes(word))
         && choices.every(([k, select]) => !select.value || String(row[k]) === select.value));
     }
 
@@ -135,10 +143,23 @@
     search.addEventListener("input", update);
     more.addEventListener("click", () => { shown += 4 * STEP; draw(); });
     table.caption?.remove();
-    if (rows.length > 8) table.parentElement.before(tools);
+    if (rows.length > 8 || only.checked) table.parentElement.before(tools);
     table.parentElement.after(more);
     draw();
   }
 
   document.querySelectorAll("table[data-rows]").forEach(enhance);
+
+  // A link opens what it leads to, and paper has everything.
+  const folds = () => [...document.querySelectorAll("details:not([open])")];
+  const reveal = (hash) => {
+    const target = hash.length > 1 && document.getElementById(decodeURIComponent(hash.slice(1)));
+    for (let it = target; it; it = it.parentElement) if (it.tagName === "DETAILS") it.open = true;
+  };
+  addEventListener("hashchange", () => reveal(location.hash));
+  document.addEventListener("click", ({ target }) => reveal(target.closest?.('a[href^="#"]')?.hash ?? ""));
+  reveal(location.hash);
+  let opened = [];
+  addEventListener("beforeprint", () => { opened = folds(); opened.forEach((fold) => { fold.open = true; }); });
+  addEventListener("afterprint", () => { opened.forEach((fold) => { fold.open = false; }); opened = []; });
 })();

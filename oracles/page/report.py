@@ -5,12 +5,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from vastflow.oracles.cause import CAUSES, Cause
 from vastflow.oracles.directory.environment_names import environment_names
 from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import Tables, read_tables
+from vastflow.oracles.evidence.causes import CauseCount, causes_json, causes_of
 from vastflow.oracles.evidence.criteria import criteria_json, criteria_of
 from vastflow.oracles.evidence.evidence import Evidence, evidence_json, evidence_of, spreads_of
 from vastflow.oracles.evidence.findings import Findings, findings_json, findings_of, shape_of, stopping_rule
@@ -25,13 +28,14 @@ from vastflow.oracles.page.pictures import (
     Picture,
     all_maps_picture,
     case_picture,
+    cause_picture,
     factor_pictures,
     map_pictures,
     rate_pictures,
     threshold_pictures,
 )
 from vastflow.oracles.page.table import bar, rate_cell, rate_words
-from vastflow.oracles.page.words import chance, criterion_text, number, percent, points, sentence, span
+from vastflow.oracles.page.words import capital, chance, criterion_text, number, percent, points, sentence, span
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.statistics.classes import passes_that_show, runs_for_a_claim
 from vastflow.sim.files import Unreadable, yaml_value
@@ -58,6 +62,7 @@ class Gallery:
         factors: Of each design.
         thresholds: Of the criteria that separate nothing.
         overview: All maps beside each other; None where there is but one.
+        causes: By cause, of the run to look at.
         cases: By the index of the configuration.
     """
 
@@ -66,18 +71,20 @@ class Gallery:
     thresholds: Sequence[Picture]
     overview: Picture | None
     places: Sequence[MapPictures]
+    causes: Mapping[Cause, Picture]
     cases: Mapping[int, Picture]
 
     @property
     def pictures(self) -> Iterable[Picture]:
         """All of them, what a reader should have at hand first."""
+        yield from self.causes.values()
+        yield from self.cases.values()
+        if self.overview is not None:
+            yield self.overview
         yield from self.rates
         for found in self.factors:
             yield from found
         yield from self.thresholds
-        if self.overview is not None:
-            yield self.overview
-        yield from self.cases.values()
         for place in self.places:
             yield from place.pictures
 
@@ -94,9 +101,10 @@ def write_report(directory: Path) -> None:
     names = environment_names(directory, dict.fromkeys(filter(None, tables.configurations.environments)))
     evidence, findings = evidence_of(tables), findings_of(tables, names)
     spreads = spreads_of(tables)
-    stood, criteria = standstills_of(tables), criteria_of(tables)
+    stood, causes, criteria = standstills_of(tables), causes_of(tables), criteria_of(tables)
     said = {
         **findings_json(findings),
+        "causes": causes_json(causes),
         "stood_still": {"runs": stood.runs, **asdict(stood)},
         "separates_nothing": criteria_json(criteria),
     }
@@ -112,7 +120,7 @@ def write_report(directory: Path) -> None:
             MapPictures(names[s.environment], _size(s.occupancy), list(map_pictures(s, names[s.environment])))
             for s in scenes
         ],
-        _case_pictures(tables, findings),
+        *_run_pictures(tables, findings, causes),
     )
     figures = directory / "figures"
     figures.mkdir(exist_ok=True)
@@ -126,6 +134,7 @@ def write_report(directory: Path) -> None:
         findings=findings,
         stood=stood,
         criteria=criteria,
+        counted=causes,
         gallery=gallery,
         environments=rows.environment_table(tables, names),
         places=rows.place_table(scenes, names),
@@ -135,10 +144,14 @@ def write_report(directory: Path) -> None:
     (directory / "report.html").write_text(whole, encoding="utf-8", errors="backslashreplace")
 
 
-def _case_pictures(tables: Tables, findings: Findings) -> dict[int, Picture]:
+def _run_pictures(
+    tables: Tables, findings: Findings, causes: Iterable[CauseCount]
+) -> tuple[dict[Cause, Picture], dict[int, Picture]]:
+    """Pictures of causes, and those of the worst configurations."""
     files = KeptFiles(tables.directory)
-    pictures = {k: case_picture(tables, k, files) for k in rows.cases(tables, findings)}
-    return {k: picture for k, picture in pictures.items() if picture is not None}
+    of_causes = {each.cause: cause_picture(tables, each, files) for each in causes}
+    of_cases = {k: case_picture(tables, k, files) for k in rows.cases(tables, findings)}
+    return {k: p for k, p in of_causes.items() if p is not None}, {k: p for k, p in of_cases.items() if p is not None}
 
 
 def _html(
@@ -148,6 +161,7 @@ def _html(
     evidence: Mapping[str | None, Evidence],
     findings: Findings,
     stood: Standstills,
+    counted: Iterable[CauseCount],
     **found: Any,
 ) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
@@ -158,6 +172,7 @@ def _html(
         points=points,
         chance=chance,
         sentence=sentence,
+        capital=capital,
         words=rate_words,
         bar=bar,
         cell=rate_cell,
@@ -189,6 +204,10 @@ def _html(
         group_rows=rows.group_rows(evidence),
         shown_oracles=rows.shown_oracles(evidence),
         configurations=rows.configuration_table(tables, evidence, findings, stood, names),
+        failing=int(np.count_nonzero(findings.counts[:, 1])),
+        undecided=rows.undecided_table(tables, findings),
+        causes=[(each, gallery.causes.get(each.cause)) for each in counted],
+        meanings=CAUSES,
         failure_kinds=reasons.failure_kinds(tables),
         failures=reasons.failure_table(tables, evidence),
         cases=[

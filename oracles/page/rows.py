@@ -119,6 +119,25 @@ def configuration_table(
     return DataTable("configurations", columns, rows, "evidence.json")
 
 
+def undecided_table(tables: Tables, findings: Findings) -> DataTable:
+    """The configurations without a class, and how likely each is to be reliable, the likeliest first."""
+    found, counts = tables.configurations, findings.counts
+    rows = [
+        [
+            *(findings.names[k], found.families[found.distinct[k]]),
+            *(int(counts[k, 0]), int(counts[k, :2].sum()), round(float(findings.reliable_chance[k]), 3)),
+        ]
+        for k in findings.undecided
+    ]
+    columns = [
+        Column("Configuration"),
+        Column("Family", "choice"),
+        Column("Passed", "number"),
+        Column("Of judged", "number"),
+    ]
+    return DataTable("undecided", [*columns, Column("P(rate ≥ 80 %)", "number")], rows, "evidence.json")
+
+
 def varied_factors(tables: Tables) -> dict[str, bool]:
     """Keys whose value is not the same in every configuration, and whether all their values are numbers."""
     values: dict[str, set[str]] = {}

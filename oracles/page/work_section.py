@@ -45,4 +45,5 @@ def _section(metadata: Mapping[str, Any]) -> str:
         lines += [("CPU time", f"{counts['cpu_s']:,.0f} s"), ("time", f"{counts['wall_s']:,.0f} s")]
     lines += [_host_line(key, value) for key, value in metadata["host"].items()]
     facts = "".join(_LINE.format(name, value) for name, value in lines)
-    return f'\n<section id="work">\n<h2>This call</h2>\n<dl>\n{facts}</dl>\n</section>\n'
+    summary = '<summary><h2>This call</h2><span class="soft">when, where, and for how long</span></summary>'
+    return f'\n<details class="fold" id="work">{summary}\n<div><dl>\n{facts}</dl></div>\n</details>\n'

@@ -122,7 +122,7 @@ def test_links_within_the_report_lead_somewhere(page: Page) -> None:
 
 
 def test_pictures_say_what_they_show(page: Page) -> None:
-    assert len(page.images) == 8  # rates, factors, four of the map, two configurations that failed
+    assert len(page.images) == 10  # rates, factors, four of the map, two configurations that failed, two causes
     assert all(image["alt"] for image in page.images)
 
 
@@ -137,6 +137,8 @@ def test_figures_are_written_as_png_and_svg_too(page: Page, directory: Path) -> 
         "failed",
         "passed",
         "case-noisy-1",
+        "cause-too-close",
+        "cause-unknown",
         "case-noisy-2",
     }
     for file in files:
@@ -398,7 +400,9 @@ def coverage_text(directory: Path) -> str:
     (directory / "coverage.json").write_text(json.dumps(COVERAGE))
     write_report(directory)
     page = (directory / "report.html").read_text(encoding="utf-8")
-    (section,) = re.findall(r'<section id="coverage">.*?</section>', page, re.DOTALL)
+    (section,) = re.findall(
+        r'<details class="fold" id="coverage">.*?</details>\s*<details class="fold"', page, re.DOTALL
+    )
     return " ".join(Page(section.replace("<t", " <t")).text.split())
 
 

@@ -79,7 +79,7 @@ def test_the_terminal_the_report_and_the_evidence_show_them_apart(driven):
     assert f"stood still at the start: 40 runs (40: {CAUSE})" in said
     write_report(wide)
     report = " ".join((wide / "report.html").read_text().split())
-    headline = report[: report.index('<section id="rates">')]
+    headline = report[: report.index('<details class="fold" id="rates">')]
     assert "<b>40 runs stood still at the start</b>" in headline
     assert f"Stood still at the start: 40 runs (40: {CAUSE})." in headline
     assert '<th scope="col" class="n">Stood still</th>' in report

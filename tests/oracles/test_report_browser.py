@@ -1,108 +1,39 @@
 """The report in a real browser: nothing on its console, tables that sort and filter, plain tables without its script."""
 
-import json
+import base64
 import re
-import shutil
-import subprocess
-import time
-import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from websockets.sync.client import connect
+from report_page import CHROMIUM, Browser, beyond, chromium, measured, opened
 
 from vastflow.oracles.page.report import write_report
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-QUIET = (
-    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage"),
-    *("--no-first-run", "--remote-debugging-port=0", "--remote-allow-origins=*"),
-)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
-
-
-class Browser:
-    """A page in Chromium, by its debugging protocol."""
-
-    def __init__(self, address: str) -> None:
-        self._socket = connect(address, max_size=None)
-        self._next = 0
-        self.complaints: list[str] = []
-
-    def ask(self, method: str, **parameters: Any) -> Any:
-        """Send a command and wait for its answer; what the page complains of meanwhile is kept."""
-        self._next += 1
-        self._socket.send(json.dumps({"id": self._next, "method": method, "params": parameters}))
-        while True:
-            message = json.loads(self._socket.recv(timeout=120))
-            self._note(message)
-            if message.get("id") == self._next:
-                return message["result"]
-
-    def value(self, expression: str) -> Any:
-        """Value of an expression of JavaScript in the page."""
-        found = self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
-        assert "exceptionDetails" not in found, found
-        return found["result"].get("value")
-
-    def open(self, file: Path) -> None:
-        """Load a page, and wait until it is loaded with all its pictures."""
-        self.ask("Page.navigate", url=file.as_uri())
-        until = time.monotonic() + 120
-        while self.value("document.readyState + location.protocol") != "completefile:":
-            assert time.monotonic() < until, "the page was not loaded within two minutes"
-            time.sleep(0.05)
-
-    def _note(self, message: dict[str, Any]) -> None:
-        told = message.get("params", {})
-        if message.get("method") == "Runtime.exceptionThrown":
-            self.complaints.append(str(told["exceptionDetails"]))
-        elif message.get("method") == "Log.entryAdded" and told["entry"]["level"] in ("error", "warning"):
-            self.complaints.append(told["entry"]["text"])
-        elif message.get("method") == "Runtime.consoleAPICalled" and told["type"] in ("error", "warning", "assert"):
-            self.complaints.append(str(told["args"]))
 
 
 @pytest.fixture(scope="module")
 def debugged(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Where a Chromium listens."""
-    profile = tmp_path_factory.mktemp("chromium")
-    process = subprocess.Popen(
-        [CHROMIUM, *QUIET, f"--user-data-dir={profile}", "about:blank"],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        port = profile / "DevToolsActivePort"
-        until = time.monotonic() + 120
-        while not (port.is_file() and port.read_text().count("\n")):
-            assert process.poll() is None and time.monotonic() < until, "Chromium did not start"
-            time.sleep(0.05)
-        with urllib.request.urlopen(f"http://127.0.0.1:{port.read_text().splitlines()[0]}/json") as answer:
-            pages = [page for page in json.load(answer) if page["type"] == "page"]
-        yield pages[0]["webSocketDebuggerUrl"]
-    finally:
-        process.terminate()
-        process.wait(60)
+    with chromium(tmp_path_factory.mktemp("chromium")) as address:
+        yield address
 
 
 @pytest.fixture
 def browser(debugged: str) -> Iterator[Browser]:
-    browser = Browser(debugged)
-    for domain in ("Page", "Runtime", "Log"):
-        browser.ask(f"{domain}.enable")
+    browser = opened(debugged)
     yield browser
     browser.ask("Emulation.setScriptExecutionDisabled", value=False)
     browser.ask("Emulation.clearDeviceMetricsOverride")
     browser.ask("Page.navigate", url="about:blank")
 
 
-@pytest.fixture
-def report(synthetic_campaign, tmp_path: Path, build) -> Path:
-    """A report of 70 configurations in two families; the k-th fails k mod 4 of its three runs."""
-    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory, build) -> Path:
+    """A report of 70 configurations in two families; the k-th fails min(k mod 5, 3) of its three runs."""
+    campaign = build.campaign(tmp_path_factory.mktemp("results"))
+    room = build.write_map(tmp_path_factory.mktemp("room"), build.walled_room(6.0, 4.0))
     task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
     way = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
     for k in range(70):
@@ -113,8 +44,8 @@ def report(synthetic_campaign, tmp_path: Path, build) -> Path:
         runs += [build.a_recording(way, run_index=i) for i in range(lost, 3)]
         family = ("quiet", "noisy")[k % 2]
         factors = {"stop": {"x": 7.0 * (k % 4) - 9.0, "y": -1.5}, "noise": 0.1 * (k % 7), "way": k % 3}
-        synthetic_campaign.add(f"{family}-{k + 1}", family, room, task, recordings=runs, factors=factors)
-    directory = synthetic_campaign.write()
+        campaign.add(f"{family}-{k + 1}", family, room, task, recordings=runs, factors=factors)
+    directory = campaign.write()
     write_report(directory)
     return directory / "report.html"
 
@@ -122,7 +53,15 @@ def report(synthetic_campaign, tmp_path: Path, build) -> Path:
 ROWS = (
     "[...document.querySelectorAll('#configurations tbody tr')].map(row => [...row.cells].map(cell => cell.innerText))"
 )
+ONLY_FAILING = "document.querySelector('#all .tools input[type=checkbox]').click()"
 COUNT = "document.querySelector('#all .tools output').value"
+
+
+def open_table(browser: Browser, report: Path) -> None:
+    """Open the page, its table of configurations, and all rows of it."""
+    browser.open(report)
+    browser.value("document.querySelector('nav a[href=\"#all\"]').click()")
+    browser.value(ONLY_FAILING)
 
 
 def click(head: str) -> str:
@@ -144,7 +83,7 @@ def test_the_browser_has_nothing_to_complain_of(browser: Browser, report: Path) 
 
 
 def test_a_click_on_a_head_sorts_and_a_second_one_turns_the_order_round(browser: Browser, report: Path) -> None:
-    browser.open(report)
+    open_table(browser, report)
     browser.value(click("Configuration"))
     names = [row[0] for row in browser.value(ROWS)]
     assert names[:3] == ["noisy-2", "noisy-4", "noisy-6"]  # by the numbers in them, not noisy-10 before noisy-2
@@ -156,7 +95,7 @@ def test_a_click_on_a_head_sorts_and_a_second_one_turns_the_order_round(browser:
 
 
 def test_places_are_sorted_by_where_they_are(browser: Browser, report: Path) -> None:
-    browser.open(report)
+    open_table(browser, report)
     browser.value(click("stop"))
     places = [row[-3] for row in browser.value(ROWS)]
     assert list(dict.fromkeys(places)) == [f"({x}, −1.50) m" for x in ("−9.00", "−2.00", "5.00")]  # 50 of 70 rows
@@ -165,7 +104,7 @@ def test_places_are_sorted_by_where_they_are(browser: Browser, report: Path) -> 
 
 
 def test_words_and_choices_filter_the_rows_and_the_count_says_so(browser: Browser, report: Path) -> None:
-    browser.open(report)
+    open_table(browser, report)
     assert browser.value(COUNT) == "50 of 70 rows"
     browser.value(chosen("#all input", "QUIET-1 undecided", "input"))
     assert {row[0] for row in browser.value(ROWS)} == {
@@ -183,7 +122,7 @@ def test_words_and_choices_filter_the_rows_and_the_count_says_so(browser: Browse
 
 
 def test_more_rows_are_shown_when_they_are_asked_for(browser: Browser, report: Path) -> None:
-    browser.open(report)
+    open_table(browser, report)
     assert len(browser.value(ROWS)) == 50
     browser.value("document.querySelector('#all .more').click()")
     assert len(browser.value(ROWS)) == 70
@@ -191,7 +130,7 @@ def test_more_rows_are_shown_when_they_are_asked_for(browser: Browser, report: P
 
 
 def test_heads_can_be_reached_and_pressed_by_keyboard(browser: Browser, report: Path) -> None:
-    browser.open(report)
+    open_table(browser, report)
     browser.value("document.querySelector('#configurations th button').focus()")
     for kind in ("rawKeyDown", "char", "keyUp"):
         browser.ask("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13, text="\r")
@@ -201,6 +140,7 @@ def test_heads_can_be_reached_and_pressed_by_keyboard(browser: Browser, report: 
 def test_the_worst_come_first_and_a_plain_table_has_them_without_the_script(browser: Browser, report: Path) -> None:
     browser.ask("Emulation.setScriptExecutionDisabled", value=True)
     browser.open(report)
+    browser.value("document.querySelector('#all').open = true")
     rows = browser.value(ROWS)
     assert len(rows) == 40
     assert rows[0][3].startswith("0\u00a0%")
@@ -216,7 +156,7 @@ def test_a_phone_shows_the_page_without_scrolling_sideways(browser: Browser, rep
 
 def test_a_table_that_is_wider_than_its_frame_shows_a_shadow_there(browser: Browser, report: Path) -> None:
     browser.ask("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=1, mobile=True)
-    browser.open(report)
+    open_table(browser, report)
     frame = "document.querySelector('#all .card.scroll')"
     assert browser.value(f"{frame}.scrollWidth > {frame}.clientWidth")
     layers = browser.value(f"getComputedStyle({frame}).backgroundAttachment").split(", ")
@@ -226,3 +166,46 @@ def test_a_table_that_is_wider_than_its_frame_shows_a_shadow_there(browser: Brow
 def test_what_a_run_says_ends_no_script(report: Path) -> None:
     page = report.read_text(encoding="utf-8")
     assert len(re.findall(r"</script>", page)) == len(re.findall(r"<script", page))
+
+
+def test_a_reader_has_verdict_causes_and_the_worst_within_a_few_screens(browser: Browser, report: Path) -> None:
+    found = measured(browser, report)
+    assert beyond(found, 9000, 2000) == []
+    heads = "[...document.querySelectorAll('main h2')].filter(it => it.checkVisibility()).map(it => it.innerText)"
+    assert browser.value(heads)[:4] == [
+        "Why runs failed",
+        "Worst configurations",
+        "Where it happened",
+        "What varied and what matters",
+    ]
+
+
+def test_the_table_shows_what_failed_and_a_click_shows_the_rest(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    browser.value("document.querySelector('nav a[href=\"#all\"]').click()")
+    assert browser.value(COUNT) == "50 of 56 rows (of 70)"
+    browser.value(ONLY_FAILING)
+    assert browser.value(COUNT) == "50 of 70 rows"
+
+
+def test_a_link_to_what_is_folded_opens_it(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    assert browser.value("document.querySelector('#method').open") is False
+    browser.value("document.querySelector('#why a[href=\"#method\"]').click()")
+    assert browser.value("document.querySelector('#method').open") is True
+
+
+def test_a_fold_opens_by_keyboard(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    browser.value("document.querySelector('#rates summary').focus()")
+    for kind in ("rawKeyDown", "char", "keyUp"):
+        browser.ask("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13, text="\r")
+    assert browser.value("document.querySelector('#rates').open") is True
+
+
+def test_paper_has_what_a_screen_folds(browser: Browser, report: Path) -> None:
+    browser.open(report)
+    browser.value("document.querySelectorAll('details').forEach(it => { it.dataset.was = it.open })")
+    printed = base64.b64decode(browser.ask("Page.printToPDF")["data"])
+    assert printed.count(b"/Type /Page\n") + printed.count(b"/Type/Page/") + printed.count(b"/Type /Page ") > 6
+    assert browser.value("[...document.querySelectorAll('details')].every(it => String(it.open) === it.dataset.was)")

@@ -24,7 +24,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter1d
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from vastflow.flows.results.tables import CONFIGURATIONS, EXCLUSIONS, REJECTIONS, RUNS, VERDICTS, write_table
+from vastflow.flows.results.tables import CONFIGURATIONS, EXCLUSIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, write_table
 from vastflow.producers.floorplan.files import read_plan_file
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.sim.reading.map_file import load_map
@@ -70,9 +70,10 @@ def write_campaign(directory: Path, configurations: int, runs: int, *, robot: bo
                 os.link(block, directory / folder / f"{configuration['name']}.parquet")
         for run_index in range(runs):
             early = run_index < lost
-            rows["runs"].append(_run(configuration, run_index, early))
-            rows["verdicts"] += _verdicts(configuration, run_index, early, robot, rng)
-    for table, schema in (("configurations", CONFIGURATIONS), ("runs", RUNS), ("verdicts", VERDICTS)):
+            verdicts = list(_verdicts(configuration, run_index, early, robot, rng))
+            rows["verdicts"] += verdicts
+            rows["runs"].append({**_run(configuration, run_index, early), "cause": _cause(k, verdicts)})
+    for table, schema in (("configurations", CONFIGURATIONS), ("runs", JUDGED_RUNS), ("verdicts", VERDICTS)):
         write_table(directory / f"{table}.parquet", schema, rows[table])
     write_table(directory / "rejections.parquet", REJECTIONS, [_rejection(k) for k in range(40)])
     write_table(directory / "exclusions.parquet", EXCLUSIONS, [])
@@ -241,6 +242,13 @@ def _verdicts(
             "reason": f"{oracle}: {value[0]:.3f} is too much" if failed else "",
             "metrics": json.dumps(metrics, separators=(",", ":")),
         }
+
+
+def _cause(k: int, verdicts: Sequence[Mapping[str, Any]]) -> str | None:
+    failed = [verdict["oracle"] for verdict in verdicts if verdict["judgement"] == "fail"]
+    early = ("gave up recovering", "lost", "blocked by an obstacle", "contact", "unknown")[k % 5]
+    limits = {"performance": "left the path", "robustness": "mislocalized", "safety": "too close"}
+    return (early if failed[0] == "success" else limits[failed[0]]) if failed else None
 
 
 MEASURED = {
