@@ -39,14 +39,14 @@ def causes_of(tables: Tables) -> tuple[CauseCount, ...]:
         integers(runs["run_index"]),
     )
     found = []
-    for code, text in enumerate(known):
-        if text in CAUSES:
-            rows = np.flatnonzero(cause == code)
+    for name in CAUSES:
+        if name in known:
+            rows = np.flatnonzero(cause == known.index(name))
             of, times = np.unique(configuration[rows], return_counts=True)
             most = int(of[times.argmax()])
             first = int(index[rows[configuration[rows] == most]].min())
-            found.append(CauseCount(text, len(rows), len(of), names[most], first))
-    return tuple(sorted(found, key=lambda each: (each.cause == "unknown", -each.runs, list(CAUSES).index(each.cause))))
+            found.append(CauseCount(name, len(rows), len(of), names[most], first))
+    return tuple(sorted(found, key=lambda each: (each.cause == "unknown", -each.runs)))
 
 
 def causes_json(causes: tuple[CauseCount, ...]) -> Mapping[str, Any]:

@@ -42,7 +42,7 @@ class Design:
     def matters(self) -> bool:
         """Whether any factor, or pair of them, is shown to."""
         found = self.analysis
-        return any(each.significant for each in (*found.factors, *found.interactions))
+        return any(each.significant for each in found.factors) or any(each.significant for each in found.interactions)
 
 
 @dataclass(frozen=True, eq=False)

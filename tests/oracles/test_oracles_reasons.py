@@ -72,7 +72,7 @@ def test_each_design_of_a_family_shows_its_own_pictures(synthetic_campaign, room
     directory = synthetic_campaign.write()
     write_report(directory)
     page = (directory / "report.html").read_text(encoding="utf-8")
-    section = page[page.index('<section id="factors">') : page.index('<section id="maps">')]
+    section = page[page.index("All factors, with intervals") : page.index('<details class="fold"')]
     headings = [" ".join(heading.split()) for heading in re.findall(r"<h3>(.*?)</h3>", section, re.DOTALL)]
     assert headings == ["a, without late", "a, with late"]
     first, second = section.split("<h3>")[1:]

@@ -138,7 +138,7 @@ def test_figures_are_written_as_png_and_svg_too(page: Page, directory: Path) -> 
         "passed",
         "case-noisy-1",
         "cause-too-close",
-        "cause-unknown",
+        "cause-no-path",
         "case-noisy-2",
     }
     for file in files:

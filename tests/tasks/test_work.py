@@ -134,7 +134,7 @@ def test_judging_leaves_what_all_oracles_say_beside_the_verdicts(store, simulate
     work.observe(store, "execute/ab/key/0-2", "observe/ab/key", SCENARIO)
     oracles = pickle.dumps(oracles_of([]))
     work.judge(store, "execute/ab/key/0-2", "observe/ab/key", "judge/ab/key", SCENARIO, oracles)
-    assert store.find("judge/ab/key").info == {"runs": [[0, "pass"], [1, "pass"]]}
+    assert store.find("judge/ab/key").info == {"runs": [[0, "pass"], [1, "pass"]], "causes": []}
     assert [verdict.run_index for verdict in read_verdicts(store.read("judge/ab/key", work.VERDICTS))] == [0, 1]
 
 
