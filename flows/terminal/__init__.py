@@ -1,1 +1,1 @@
-"""What a terminal shows, and what Ctrl-C does there."""
+"""What a terminal and a notebook show, and what Ctrl-C does there."""
