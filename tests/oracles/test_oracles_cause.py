@@ -192,19 +192,52 @@ def test_of_several_causes_the_first_of_the_stated_order_is_the_runs(judged, bui
     assert found == [cause for cause in CAUSES if cause in found]
 
 
-def test_the_simulators_own_robot_before_a_wall_of_boxes_is_blocked_and_on_a_free_floor_passes(room, build):
-    def cause(obstacles):
-        poses = {
-            f"{end}_pose": {"position": {"x": x, "y": 2.0}, "orientation": {"yaw": 0.0}}
-            for end, x in (("start", 1.0), ("goal", 5.0))
-        }
-        environment = {"map_file": map_content(room), "static_objects": obstacles}
-        scenario = Scenario("builtin:navigate_to_pose", 40.0, environment, poses, {"controller": "rpp"})
-        block = write_recordings([simulated(scenario, 0)])
-        return dict(judge_block(scenario, block, observe_block(scenario, block), oracles_of([])).causes)
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory, build):
+    """The causes of a run that the simulator drives in a room of 10 m × 4 m, which may have a wall with a door of 0.4 m in it."""
+    free, divided = build.walled_room(10.0, 4.0), build.walled_room(10.0, 4.0)
+    divided[:, 98:102] = 100
+    divided[36:44, 98:102] = 0
+    maps = {
+        name: build.write_map(tmp_path_factory.mktemp(name), cells)
+        for name, cells in (("free", free), ("divided", divided))
+    }
 
-    assert cause([]) == {}
-    assert cause([build.box_at(3.0, 0.25 + 0.5 * k) for k in range(8)]) == {0: "blocked by an obstacle"}
+    def causes(system=(), oracles=(), obstacles=(), *, room="free", start=(1.0, 2.0), timeout_s=60.0):
+        poses = {
+            f"{end}_pose": {"position": {"x": x, "y": y}, "orientation": {"yaw": 0.0}}
+            for end, (x, y) in (("start", start), ("goal", (8.0, 2.0)))
+        }
+        environment = {"map_file": map_content(maps[room]), "static_objects": list(obstacles)}
+        system = {"controller": "rpp", **dict(system)}
+        scenario = Scenario("builtin:navigate_to_pose", timeout_s, environment, poses, system)
+        block = write_recordings([simulated(scenario, 0)])
+        return dict(judge_block(scenario, block, observe_block(scenario, block), oracles_of(oracles)).causes)
+
+    return causes
+
+
+BLIND, NOISY = {"laserscan_random_drop_percentage": 1.0}, {"laserscan_gaussian_noise_std_deviation": 2.0}
+SAFETY = ("safety", {})
+
+
+def test_a_robot_on_a_free_floor_passes_and_has_no_cause(driven):
+    assert driven(oracles=[SAFETY, ("performance", {}), ("robustness", {})]) == {}
+
+
+def test_the_simulators_robots_fail_of_the_cause_that_was_planted(driven, build):
+    planted = {
+        "stood still": driven({"robot_radius": 0.3}, start=(1.0, 0.32)),  # scan points of the wall in the footprint
+        "lost": driven(BLIND, [("robustness", {})]),  # no scan, so no correction of odometry
+        "contact": driven(BLIND, [SAFETY], [build.box_at(2.0, 2.0)]),  # a box that it can't see
+        "blocked by an obstacle": driven(obstacles=[build.box_at(3.0, 0.25 + 0.5 * k) for k in range(8)]),
+        "no path": driven(room="divided"),  # a door that is narrower than the robot
+        "timed out recovering": driven(NOISY, timeout_s=20.0),  # points everywhere, and no time to give up
+        "gave up recovering": driven(NOISY),
+        "too close": driven(oracles=[("safety", {"max_deceleration_mps2": 0.1})], obstacles=[build.box_at(4.5, 2.9)]),
+        "mislocalized": driven({**NOISY, "laserscan_gaussian_noise_std_deviation": 0.1}, [("robustness", {"threshold_m": 0.05})]),
+    }  # fmt: skip
+    assert planted == {cause: {0: cause} for cause in planted}
 
 
 def test_table_evidence_and_report_have_the_causes_with_a_picture_and_the_command_that_replays_one(
