@@ -60,6 +60,7 @@ class Browser:
 
     def open(self, file: Path) -> None:
         """Load a page, and wait until it is loaded with all its pictures."""
+        self.ask("Page.navigate", url="about:blank")  # so that the page before, if it was this one, is not taken for it
         self.ask("Page.navigate", url=file.absolute().as_uri())
         until = time.monotonic() + 120
         while self.value("document.readyState + location.protocol") != "completefile:":
