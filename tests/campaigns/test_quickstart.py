@@ -9,6 +9,7 @@ from PIL import Image
 from scipy import ndimage
 
 from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.request.stopping import stopping_of
 from vastflow.producers.instantiate import instantiate
 from vastflow.sim.maps.octile import passable
 from vastflow.sim.reading.map_file import load_map
@@ -39,10 +40,11 @@ def test_it_has_nothing_to_complain_of(campaign):
     assert (campaign.notes, campaign.unexecutable) == ((), ())
 
 
-def test_it_is_two_families_of_twelve_configurations_with_five_runs(campaign, instantiation):
+def test_it_is_two_families_of_twelve_configurations_with_runs_until_a_class_is_shown(campaign, instantiation):
     sizes = {f.name: sum(c.family == f.name for c in instantiation.configurations) for f in campaign.families}
     assert sizes == {"sensor-noise": 12, "clutter": 12}
-    assert campaign.runs == 5
+    assert (campaign.sequential.min, campaign.sequential.max) == (5, 12)
+    assert set(stopping_of(campaign.sequential).rule.decidable) == {"reliable", "systematic", "flaky"}
 
 
 def test_everything_it_asks_for_can_be_built_and_nothing_twice(instantiation):
