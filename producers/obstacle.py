@@ -214,10 +214,10 @@ class ObstacleVariation(Producer[ObstacleParameters]):
                 entries = (
                     site if isinstance(site, str) else placed(self.parameters.placement, site, kinds, draws, requested)
                 )
-                if isinstance(entries, str):
-                    yield Rejection(entries, requested)
+                if isinstance(site, str) or isinstance(entries, str):
+                    yield Rejection(str(entries), requested)
                 else:
-                    yield Fragment(self._request.written(inputs, entries))
+                    yield Fragment(self._request.written(inputs, site, entries))
 
     @property
     def _request(self) -> SiteRequest:

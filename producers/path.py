@@ -47,6 +47,7 @@ from vastflow.producers.places.stops import (
     goals_key,
     start_key,
 )
+from vastflow.producers.places.surroundings import surroundings
 from vastflow.producers.producer import ROOM_KEY, Draws, Producer
 from vastflow.producers.quantities import (
     DEFAULT_ROBOT_DIAMETER_M,
@@ -205,9 +206,11 @@ class PathVariationRandom(Producer[PathParameters]):
 
 
 def way_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
-    """The provenance of a path: where it begins, turns and ends (m), and its length (m)."""
+    """The provenance of a path: where it begins, turns and ends (m), its length (m), and what surrounds it."""
     cells = np.concatenate([legs[0].cells, *(leg.cells[1:] for leg in legs[1:])])
+    stops = list(itertools.accumulate((len(leg.cells) - 1 for leg in legs), initial=0))
     return {
+        **surroundings(ground, cells, stops),
         PATH_KEY: [list(center_m(ground, (int(row), int(column)))) for row, column in corners(cells)],
         PATH_LENGTH_KEY: sum(leg.length_m for leg in legs),
     }

@@ -123,11 +123,11 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
                     entries = (
                         there if isinstance(there, str) else placed(asked.placement, there, kinds, draws, requested)
                     )
-                    if isinstance(entries, str):
-                        yield Rejection(entries, requested)
+                    if isinstance(site, str) or isinstance(entries, str):
+                        yield Rejection(str(entries), requested)
                     else:
                         for delay_s in asked.spawn_delay_s:
-                            yield Fragment(self._values(inputs, entries[0], distance_m, delay_s))
+                            yield Fragment(self._values(inputs, site, entries[0], distance_m, delay_s))
 
     def _site(self, inputs: Mapping[str, Value]) -> Site | str:
         asked = self.parameters
@@ -137,7 +137,7 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
         return self._request.site(inputs)
 
     def _values(
-        self, inputs: Mapping[str, Value], entry: dict[str, Value], distance_m: float, delay_s: float
+        self, inputs: Mapping[str, Value], site: Site, entry: dict[str, Value], distance_m: float, delay_s: float
     ) -> dict[str, Value]:
         asked = self.parameters
         trigger: dict[str, Value] = {"point": asked.spawn_trigger_point, "threshold": asked.spawn_trigger_threshold}
@@ -146,7 +146,7 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
             trigger["delay"], delay[asked.delay_key] = asked.delay_key, delay_s
         place = pose_of(entry["spawn_pose"])
         return {
-            **self._request.written(inputs, [{**entry, "spawn_trigger": trigger}]),
+            **self._request.written(inputs, site, [{**entry, "spawn_trigger": trigger}]),
             asked.spawn_trigger_point: {"x": place.x_m, "y": place.y_m, "z": 0.0},
             asked.spawn_trigger_threshold: distance_m,
             **delay,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.evidence.varied import varied_rows
+from vastflow.oracles.evidence.varied import surroundings_rows, varied_rows
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_rate, weights_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, shares, total_failures
@@ -166,7 +166,9 @@ def _designs(
         if len(families) > 1:
             rows = [{"family": found.families[k], **row} for k, row in zip(at, rows, strict=True)]
         factors, dropped = factors_of(rows)
+        seen, unseen = factors_of(surroundings_rows(found, at))
         blocks = [tables.blocks[found.names[k]] for k in at]
-        analysis = factor_analysis(factors, passed[places], judged[places], blocks, dropped)
+        dropped += unseen
+        analysis = factor_analysis(factors, passed[places], judged[places], blocks, dropped, surroundings=seen)
         if analysis is not None:
             yield Design(families, analysis, tuple(sorted(keys - common)), tuple(sorted(known - keys)))

@@ -8,8 +8,19 @@ from vastflow.oracles.directory.configuration_table import ConfigurationTable
 MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}
 """Numbers that follow from how a configuration was drawn, and what they are called."""
 
+SURROUNDINGS: Final[Mapping[str, str]] = {
+    "_narrowest_passage_m": "narrowest passage (m)",
+    "_start_clearance_m": "clearance at start (m)",
+    "_goal_clearance_m": "clearance at goal (m)",
+    "_turning_rad": "turning (rad)",
+    "_obstacles_near_path": "obstacles near the path",
+}
+"""Likewise what surrounds the path that was drawn, which nobody chose."""
+
+_PLACED: Final = "_obstacles"
+"""Of a configuration whose obstacles producers placed, so that its surroundings are known with them."""
 _DIGITS: Final = 2
-"""Of `MEASURED`: a centimeter, which is less than a cell of a map."""
+"""Of both: a centimeter, which is less than a cell of a map."""
 
 
 def varied_rows(
@@ -23,15 +34,32 @@ def varied_rows(
     return [
         {
             **{key: named(value, environments) for key, value in configurations.factors[k].items()},
-            **_measured(configurations.provenances[k]),
+            **{name: value for name, value in _measured(configurations.provenances[k], MEASURED).items() if value},
         }
         for k in chosen
     ]
 
 
-def _measured(provenance: Mapping[str, Any]) -> dict[str, float]:
-    found = {name: provenance.get(key) for key, name in MEASURED.items()}
-    return {name: round(value, _DIGITS) for name, value in found.items() if isinstance(value, int | float) and value}
+def surroundings_rows(configurations: ConfigurationTable, chosen: Iterable[int]) -> list[dict[str, float]]:
+    """The numbers of `SURROUNDINGS` that the configurations at the indices `chosen` have.
+
+    Of one whose obstacles stand in the campaign file none is known, for its path was drawn without them.
+    """
+    return [
+        _measured(configurations.provenances[k], SURROUNDINGS)
+        if _PLACED in configurations.provenances[k] or not any(map(_has_obstacles, configurations.factors[k].values()))
+        else {}
+        for k in chosen
+    ]
+
+
+def _has_obstacles(value: Any) -> bool:
+    return isinstance(value, list) and any(isinstance(item, dict) and "spawn_pose" in item for item in value)
+
+
+def _measured(provenance: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, float]:
+    found = {name: provenance.get(key) for key, name in names.items()}
+    return {name: round(value, _DIGITS) for name, value in found.items() if isinstance(value, int | float)}
 
 
 def named(value: Any, environments: Mapping[str, str]) -> Any:

@@ -15,7 +15,7 @@ from vastflow.oracles.directory.column import codes, floats, integers
 from vastflow.oracles.directory.environment_names import environment_names
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.directory.verdict_table import FAIL, PASS
-from vastflow.oracles.evidence.varied import varied_rows
+from vastflow.oracles.evidence.varied import surroundings_rows, varied_rows
 
 WIDE_FILE: Final = "runs_wide.parquet"
 MISSING: Final = -1
@@ -139,7 +139,8 @@ def _of_runs(tables: Tables) -> dict[str, WideColumn]:
 def _factors(tables: Tables, others: Iterable[str]) -> dict[str, WideColumn]:
     found = tables.configurations
     maps = environment_names(tables.directory, dict.fromkeys(filter(None, found.environments)))
-    rows = varied_rows(found, range(len(found)), maps)
+    varied = varied_rows(found, range(len(found)), maps)
+    rows = [{**seen, **row} for row, seen in zip(varied, surroundings_rows(found, range(len(found))), strict=True)]
     taken = dict.fromkeys(others)
     names = dict.fromkeys(name for row in rows for name in row)
     of_run = tables.verdicts.configuration

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vastflow.oracles.statistics.contrast import contrasts_of
+from vastflow.oracles.statistics.contrast import Contrasts, contrasts_of
 from vastflow.oracles.statistics.effects import FactorEffect, factor_effect
 from vastflow.oracles.statistics.factors import Dropped, Factor
 from vastflow.oracles.statistics.interactions import InteractionEffect, interaction_effect
@@ -44,6 +44,7 @@ class FactorAnalysis:
     Attributes:
         factors: Most certain first, of equals the largest difference.
         interactions: Most certain first.
+        surroundings: What nobody chose, each beside all factors and adjusted among themselves; most certain first.
         dropped: What varies and was not analyzed.
         configurations, blocks: That were analyzed.
         error: Probability of even one false `significant`, at most.
@@ -51,6 +52,7 @@ class FactorAnalysis:
 
     factors: tuple[FactorEffect, ...]
     interactions: tuple[InteractionEffect, ...]
+    surroundings: tuple[FactorEffect, ...]
     dropped: tuple[Dropped, ...]
     variance: Variance = field(repr=False)
     configurations: int
@@ -65,6 +67,7 @@ def factor_analysis(
     blocks: ArrayLike | None = None,
     dropped: Iterable[Dropped] = (),
     error: float = 0.05,
+    surroundings: Sequence[Factor] = (),
 ) -> FactorAnalysis | None:
     """Analyze how factors change the failure rate; None for fewer than two configurations with judged runs.
 
@@ -77,8 +80,12 @@ def factor_analysis(
 
     Effects that multiply, say a rate doubled from 0.1 to 0.2 here and from 0.4 to 0.8 there, do not add up and are an interaction.
 
+    `surroundings` follow from the choices, as a narrow passage does from the number of obstacles. So no factor is held against them, which
+    would take away what it does through them, nor one of them against the others, which say much the same: each is tested beside all
+    factors, and Holm's adjustment is among them alone. That a factor matters is thus as hard to show as it was without them.
+
     Args:
-        factors: (m,) codes each, see `factors_of`.
+        factors, surroundings: (m,) codes each, see `factors_of`.
         passed, judged: (m,) counts.
         blocks: (m,) equal numbers for configurations that are not independent, see `blocks_of`; by default each is a block.
     """
@@ -107,21 +114,56 @@ def factor_analysis(
         trend = None if factor.values is None else trend_of(contrasts, factor.values, others, error)
         mains.append(factor_effect(factor, tested, margins, columns, constant, between, error, trend))
     effects = [interaction_effect(*pair, contrasts, model, columns, margins.fitted, between) for pair in pairs]
+    seen = _beside(
+        [found for each in surroundings if (found := _present(each, some)) is not None],
+        present,
+        contrasts,
+        n[some],
+        error,
+    )
     adjusted = holm([*(effect.p_value for effect in mains), *(effect.p_value for effect in effects)])
     for k, p in enumerate(adjusted[: len(mains)]):
         mains[k] = replace(mains[k], adjusted=p, significant=p is not None and p <= error)
     for k, p in enumerate(adjusted[len(mains) :]):
         effects[k] = replace(effects[k], adjusted=p, significant=p is not None and p <= error)
-    lost = [Dropped(f.name, "has one level among the judged") for f in factors if _present(f, some) is None]
+    lost = [
+        Dropped(f.name, "has one level among the judged")
+        for f in (*factors, *surroundings)
+        if _present(f, some) is None
+    ]
     return FactorAnalysis(
         tuple(sorted(mains, key=lambda effect: (_certainty(effect.p_value), -effect.difference))),
         tuple(sorted(effects, key=lambda effect: (_certainty(effect.p_value), -abs(effect.departure)))),
+        tuple(sorted(seen, key=lambda effect: (_certainty(effect.p_value), -effect.difference))),
         (*dropped, *lost),
         _variance(rates, n[some], between, margins, effects),
         len(rates),
         len(contrasts.sizes),
         error,
     )
+
+
+def _beside(
+    tested: Sequence[Factor], held: Sequence[Factor], contrasts: Contrasts, runs: Floats, error: float
+) -> list[FactorEffect]:
+    """The effect of each of some factors beside those that are held, adjusted among them."""
+    effects = []
+    between = _between(contrasts.response, runs)
+    for factor in tested:
+        everything = (*held, factor)
+        missing = [(each.codes < 0).astype(np.float64) for each in everything if (each.codes < 0).any()]
+        constant = np.column_stack([np.ones(len(runs)), *missing])
+        columns = {each.name: _columns(each) for each in everything}
+        others = np.column_stack([constant, *(columns[each.name] for each in held)])
+        margins = margins_of(np.column_stack([constant, *columns.values()]), contrasts.response, contrasts.blocks, runs)
+        trend = None if factor.values is None else trend_of(contrasts, factor.values, others, error)
+        found = contrasts.test(columns[factor.name], others)
+        effects.append(factor_effect(factor, found, margins, columns, constant, between, error, trend))
+    adjusted = holm([effect.p_value for effect in effects])
+    return [
+        replace(effect, adjusted=p, significant=p is not None and p <= error)
+        for effect, p in zip(effects, adjusted, strict=True)
+    ]
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:

@@ -68,7 +68,7 @@ def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> lis
     """
     refusals: Counter[str] = Counter()
     most = 0
-    passable = _around(site.ground, site.standing)
+    passable = around(site.ground, site.standing)
     if site.standing and not is_connected(site, passable):
         return "the obstacles that are there already leave no way to the goals"
     for _ in range(MAX_ATTEMPTS):
@@ -161,7 +161,7 @@ def covered_cells(ground: Ground, footprint: Polygon) -> NDArray[np.int64] | Non
     return cells if occupancy.free[cells[:, 0], cells[:, 1]].all() else None
 
 
-def _around(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
+def around(ground: Ground, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
     """The passable cells (H, W) when obstacles stand, on walls or beyond the map though they may."""
     passable = ground.passable
     for obstacle in obstacles:

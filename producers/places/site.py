@@ -21,6 +21,7 @@ from vastflow.producers.places.stops import (
     goals_key,
     start_key,
 )
+from vastflow.producers.places.surroundings import surroundings_at
 from vastflow.producers.producer import ROOM_KEY
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.pose import Pose
@@ -83,11 +84,14 @@ class SiteRequest:
             return f"there is no way from the start to the goals for a robot {ground.robot_diameter_m:g} m across"
         return Site(ground, *way, stops, standing)
 
-    def written(self, inputs: Mapping[str, Value], entries: Sequence[Value]) -> dict[str, Value]:
-        """The list with `entries` at its end, and the note of it for producers that follow."""
+    def written(self, inputs: Mapping[str, Value], site: Site, entries: Sequence[Value]) -> dict[str, Value]:
+        """The list with `entries` at its end, the note of it for producers that follow, and what surrounds the path with them."""
         lists = self._lists(inputs)
         mine = [*lists.get(self.name, ()), *entries]
-        return {self.name: mine, LISTS_KEY: {**lists, self.name: mine}}
+        placed = _standing({self.name: list(entries)})
+        is_known = PATH_KEY in inputs and not placed and not site.standing
+        around = {} if is_known else surroundings_at(site, placed)
+        return {self.name: mine, LISTS_KEY: {**lists, self.name: mine}, **around}
 
     def _lists(self, inputs: Mapping[str, Value]) -> dict[str, list[Value]]:
         noted = inputs.get(LISTS_KEY)

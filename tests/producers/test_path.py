@@ -210,7 +210,7 @@ def test_the_single_goal_reference_writes_one_pose(hall):
 def test_references_name_the_keys_that_are_written(hall):
     producer = path_variation(path_length=5, start_pose="@from", goal_poses="@to")
     (item,) = evaluate(producer, {"map_file": hall})
-    assert set(item.values) == {"from", "to", "_path", "_path_length"}
+    assert {key for key in item.values if not key.startswith("_")} == {"from", "to"}
     assert producer.writes == {"from": "task", "to": "task"}
 
 

@@ -227,5 +227,5 @@ def test_all_pairs_of_a_large_building_take_a_second_or_two(shared_map, loops):
     producer = rasterized(path_length=20, path_length_tolerance=1, raster_size=4)
     evaluate(rasterized(path_length=3, raster_size=30), inputs)  # the map is read and inflated once
     items = []
-    assert loops(lambda: items.extend(split(evaluate(producer, inputs))[0]), 1) < 80
+    assert loops(lambda: items.extend(split(evaluate(producer, inputs))[0]), 1) < 160
     assert len(items) == 100
