@@ -191,7 +191,7 @@ def test_runs_are_told_apart_by_the_room_at_the_start_and_by_whether_they_moved(
 
 def test_beside_the_rate_of_all_runs_the_page_has_that_of_those_that_moved_and_why_the_others_stood(safety):
     page = paper_page([paper_results(safety)])
-    assert "| 66.7 % [20.7, 93.9] | 61.2 % |" in page
+    assert "| **66.7 % [20.7, 93.9]** | **61.2 %** |" in page
     assert (
         "safety: 1 stood still, the collision monitor stopped every command: scan points inside the footprint." in page
     )
@@ -234,10 +234,10 @@ def test_both_radii_of_an_obstacle_are_tabulated(safety):
 
 def test_the_page_has_rates_over_distinct_configurations_and_weighted_as_the_paper_counts(safety):
     page = paper_page([paper_results(safety)])
-    (row,) = (line for line in page.splitlines() if line.startswith("| safety | 2 | 2 |"))
+    (row,) = (line for line in page.splitlines() if line.startswith("| safety | **") and "| 2 | 2 |" in line)
     assert "| 50.0 % [15.0, 85.0] |" in row
     assert "| 75.0 % [" in row
-    assert row.endswith("| 61.2 % |")
+    assert "| **61.2 %** |" in row
 
 
 def test_the_page_says_whether_it_is_of_a_sample(safety, robustness):

@@ -8,7 +8,7 @@ runs this file, as `python tests/proofs/paper_page.py RESULTS...` does.
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import paper_published as published
 import typer
@@ -34,6 +34,9 @@ def main(
     results: Annotated[
         list[Path], typer.Argument(metavar="RESULTS...", help="Campaign directories of campaigns in campaigns/paper.")
     ],
+    delays: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="What tests/proofs/spawn_delays.py --json wrote.")
+    ] = None,
 ) -> None:
     """Print a page that puts results beside the paper's.
 
@@ -53,14 +56,19 @@ def _read(directory: Path) -> PaperResults:
         return paper_results(directory)
 
 
-def paper_page(results: Sequence[PaperResults]) -> str:
-    """The page of one or several campaigns, in their order; the same results give the same text."""
+def paper_page(results: Sequence[PaperResults], delays: Mapping[str, Any] | None = None) -> str:
+    """The page of one or several campaigns, in their order; the same results give the same text.
+
+    Args:
+        delays: What `spawn_delays.as_json` gives.
+    """
     environment = Environment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
     environment.filters.update(percent=percent, rate=rate_text, span=span, number=number, speed=speed)
     return environment.from_string(_TEMPLATE.read_text(encoding="utf-8")).render(
         results=results,
+        delays=delays,
         published=published,
         cores=CORES,
         distinct=[weighted_rate(each.counts, {}, blocks=each.blocks) for each in results],

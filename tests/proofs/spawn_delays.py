@@ -1,0 +1,142 @@
+"""The paper's obstacles that appear, each at once and some tenths of a second after its trigger: how many runs keep their distance.
+
+A simulator that spawns a box on request, as Gazebo does, needs a moment for it, and the paper does not say how long. The same configurations
+of `campaigns/paper/safety.vast`, on its ways of 10 m, are run with each delay, and the same runs are judged by both readings of the
+obstacle's radius.
+
+    python tests/proofs/spawn_delays.py [--configurations 40] [--runs 4] [--json FILE]
+
+`python tests/proofs/paper_page.py --delays FILE RESULTS...` puts the table into the page.
+"""
+
+import argparse
+import json
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from vastflow.oracles.evidence.rates import Counts, counts_of
+from vastflow.oracles.judge import judge_block
+from vastflow.oracles.observe import observe_block
+from vastflow.oracles.oracle import Oracle, oracles_of
+from vastflow.oracles.safety import READINGS
+from vastflow.oracles.verdict import Judgement, run_judgement
+from vastflow.producers.campaign import Campaign, load_campaign
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.digest import digest
+from vastflow.sim.recordings.blocks import write_recordings
+from vastflow.sim.run import run
+from vastflow.sim.scenario import Scenario
+
+SAFETY: Final = Path(__file__).parents[2] / "campaigns" / "paper" / "safety.vast"
+DELAYS_S: Final = (0.0, 0.4, 0.8)
+WAY_M: Final = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Runs of all configurations with one delay, by one reading of the obstacle's radius.
+
+    Attributes:
+        reached: What the mission alone is.
+        kept: The separation alone.
+        both: Together.
+    """
+
+    delay_s: float
+    reading: str
+    reached: Counts
+    kept: Counts
+    both: Counts
+
+
+def triggered(configurations: int, delays_s: Sequence[float] = DELAYS_S) -> tuple[Campaign, list[list[Configuration]]]:
+    """The campaign with nothing but obstacles that appear, and configurations evenly spread over it: each with every delay."""
+    asked = yaml.safe_load(SAFETY.read_text(encoding="utf-8").replace("../", f"{SAFETY.parent.parent}/"))
+    for family in asked["configuration"]:
+        _, ways, obstacles, _ = family["variations"]
+        ways["PathVariationRandom"]["path_length"] = WAY_M
+        kinds = obstacles["OneOfVariation"]["variations"]
+        kinds[:] = [kind for kind in kinds if "ObstacleVariationWithDistanceTrigger" in kind]
+        kinds[0]["ObstacleVariationWithDistanceTrigger"]["spawn_delay_s"] = list(delays_s)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / SAFETY.name
+        file.write_text(yaml.safe_dump(asked), encoding="utf-8")
+        campaign = load_campaign(file)
+        found: dict[str, list[Configuration]] = {}
+        for each in instantiate(campaign).configurations:
+            # Delays are the inner choice of the obstacle's producer: of one placement they come one after the other.
+            alike = {k: v for k, v in each.factors.items() if not k.endswith("_delay_s")}
+            found.setdefault(digest(each.family, alike), []).append(each)
+    groups = [group for group in found.values() if len(group) == len(delays_s)]
+    chosen = np.unique(np.linspace(0, len(groups) - 1, min(configurations, len(groups))).astype(int))
+    return campaign, [groups[k] for k in chosen]
+
+
+def rows_of(
+    groups: Sequence[Sequence[Configuration]], runs: int, seed: int, delays_s: Sequence[float] = DELAYS_S
+) -> list[Row]:
+    """Two rows for each delay."""
+    oracles = oracles_of([("safety", {})])
+    return [
+        row
+        for k, delay_s in enumerate(delays_s)
+        for row in _rows(delay_s, [group[k].scenario for group in groups], runs, seed, oracles)
+    ]
+
+
+def _rows(
+    delay_s: float, scenarios: Sequence[Scenario], runs: int, seed: int, oracles: Sequence[Oracle[Any]]
+) -> Iterator[Row]:
+    reached: list[Judgement] = []
+    kept: dict[str, list[Judgement]] = {reading: [] for reading in READINGS}
+    for scenario in scenarios:
+        block = write_recordings([run(scenario, k, seed) for k in range(runs)])
+        for verdict in judge_block(scenario, block, observe_block(scenario, block), oracles):
+            if verdict.oracle == "success":
+                reached.append(verdict.judgement)
+            elif verdict.oracle == "safety":
+                for reading in READINGS:
+                    margin = verdict.metrics[f"{reading}_margin"].value
+                    touched = verdict.metrics["obstacle_contacts"].value
+                    kept[reading].append("fail" if touched or (margin is not None and margin < 0) else "pass")
+    for reading in READINGS:
+        both = [run_judgement(pair) for pair in zip(reached, kept[reading], strict=True)]
+        yield Row(delay_s, reading, counts_of(reached), counts_of(kept[reading]), counts_of(both))
+
+
+def as_json(rows: Sequence[Row], configurations: int, runs: int) -> Mapping[str, Any]:
+    """What the page takes."""
+    said = [
+        {"delay_s": r.delay_s, "reading": r.reading, **{n: getattr(r, n).rate for n in ("reached", "kept", "both")}}
+        for r in rows
+    ]
+    return {"configurations": configurations, "runs": runs, "rows": said}
+
+
+def main() -> None:
+    """Run, print, and keep what the page takes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--configurations", type=int, default=40)
+    parser.add_argument("--runs", type=int, default=4)
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    campaign, groups = triggered(asked.configurations)
+    rows = rows_of(groups, asked.runs, campaign.seed)
+    print(f"{len(groups)} configurations × {asked.runs} runs with each delay")
+    print("delay (s)  radius     kept its distance  goal reached  both")
+    for row in rows:
+        shares = [f"{100 * (each.rate or 0.0):.1f} %" for each in (row.kept, row.reached, row.both)]
+        print(f"{row.delay_s:<9g}  {row.reading:<9}  {shares[0]:<17}  {shares[1]:<12}  {shares[2]}")
+    if asked.json:
+        asked.json.write_text(json.dumps(as_json(rows, len(groups), asked.runs), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
