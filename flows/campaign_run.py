@@ -213,12 +213,14 @@ class CampaignRun:
         ]
         return StoredResult(self.store, found.stored, found.member.runs, faults)
 
-    def contents(self) -> Iterator[list[str]]:
-        """Keys and contents of the verdicts of each member in order: all results of a campaign follow into them."""
-        for found in self.found.values():
-            yield [
+    def contents(self) -> dict[str, list[str]]:
+        """Keys and contents of the verdicts of each member by name, in order: all results of a campaign follow into them."""
+        return {
+            name: [
                 text for each in found.stored if each.verdicts for text in (each.verdicts.key, each.verdicts.content)
             ]
+            for name, found in self.found.items()
+        }
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from vastflow.flows.campaign_run import CampaignRun
 from vastflow.flows.results.basis import basis_of
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.kept_answer import keep_answer
+from vastflow.flows.results.kept_parts import KeptParts, part_source
 from vastflow.flows.results.kept_report import KeptReport
 from vastflow.flows.results.report_key import report_key
 from vastflow.flows.results.results import Assessed, write_report, write_tables
@@ -31,10 +32,13 @@ def assess(run: CampaignRun, directory: NewDirectory) -> Assessed:
     whole = not run.campaign_faults and not run.engine.faults
 
     def kept(metadata: Mapping[str, Any]) -> KeptReport:
+        contents, campaign = run.contents(), run.inputs.campaign
         key = report_key(
-            run.keys, run.tree, run.inputs.campaign, metadata, instantiation, run.contents(), run.runs, run.oracles
+            run.keys, run.tree, campaign, metadata, instantiation, contents.values(), run.runs, run.oracles
         )
-        return KeptReport(run.store, key, run.keys.sources)
+        return KeptReport(
+            run.store, key, run.keys.sources, KeptParts(run.store, run.keys, part_source(run.tree), contents)
+        )
 
     return write_tables(
         directory,

@@ -1,8 +1,7 @@
-"""The tables of a campaign's runs, written as configurations come in, so that few runs are in memory at a time."""
+"""The tables of a campaign's runs, written part by part, so that few runs are in memory at a time."""
 
 import json
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -11,9 +10,8 @@ from typing import IO, Final, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vastflow.flows.request.members import Runs, runs_of
-from vastflow.flows.results.found import Found, complete
 from vastflow.flows.results.summary import OutcomeTally
+from vastflow.flows.results.table_part import TablePart
 from vastflow.flows.results.tables import (
     CONFIGURATIONS,
     EXCLUSIONS,
@@ -24,17 +22,12 @@ from vastflow.flows.results.tables import (
     configuration_row,
     exclusion_row,
     rejection_row,
-    run_columns,
-    verdict_columns,
     write_table,
 )
-from vastflow.oracles.directory.behaviors import BEHAVIORS_FILE, CONFIGURATION
-from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.verdict import Judgement, Verdict, run_judgement
+from vastflow.oracles.directory.behaviors import BEHAVIORS_FILE
+from vastflow.oracles.evidence.rates import pooled
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
-from vastflow.sim.recordings.behavior_block import behaviors_below, read_behaviors
-from vastflow.sim.recordings.blocks import read_rows
 
 LOGS_FILE: Final = "logs/runs.jsonl"
 """A line for each block of runs: `configuration`, where and with what they were executed, and `runs`."""
@@ -43,30 +36,28 @@ _BEHAVIORS_A_GROUP: Final = 1 << 16
 
 
 class CampaignTables:
-    """Writes `runs.parquet`, `verdicts.parquet`, `behaviors.parquet` and the run logs into a campaign directory, and counts.
+    """Writes `runs.parquet`, `verdicts.parquet` and `behaviors.parquet` into a campaign directory, and counts.
 
     Args:
-        runs: Of each configuration.
         oracles: Names of the oracles, in order.
     """
 
-    def __init__(self, place: Path, runs: Runs, oracles: Sequence[str]) -> None:
-        self._runs = runs
+    def __init__(self, place: Path, oracles: Sequence[str]) -> None:
         self._oracles = oracles
-        self._together: Counter[Judgement] = Counter()
-        self._stood_still = 0
-        self._by_oracle: dict[str, Counter[Judgement]] = {oracle: Counter() for oracle in oracles}
+        self._tallies: list[OutcomeTally] = []
         self._open = ExitStack()
         self._run_rows = self._open.enter_context(TableWriter(place / "runs.parquet", JUDGED_RUNS))
         self._verdict_rows = self._open.enter_context(TableWriter(place / "verdicts.parquet", VERDICTS))
         self._behaviors = self._open.enter_context(_BehaviorWriter(place / BEHAVIORS_FILE))
-        self._logs = RunLogs(place)
 
     @property
     def tally(self) -> OutcomeTally:
         """Of the runs that were added."""
-        by_oracle = {oracle: _counts(counter) for oracle, counter in self._by_oracle.items()}
-        return OutcomeTally(_counts(self._together), by_oracle, self._stood_still)
+        return OutcomeTally(
+            pooled(each.counts for each in self._tallies),
+            {oracle: pooled(each.by_oracle[oracle] for each in self._tallies) for oracle in self._oracles},
+            sum(each.stood_still for each in self._tallies),
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -74,31 +65,15 @@ class CampaignTables:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._logs.close()
         self._open.__exit__(kind, error, traceback)
 
-    def add(self, configuration: Configuration, found: Found) -> None:
-        """Write what was found of a configuration; to be called in their order."""
-        runs = runs_of(self._runs, configuration.name)
-        rows = {row["run_index"]: row for block in found.recordings for row in read_rows(block)}
-        wanted = [rows[index] for index in sorted(rows) if index < runs]
-        columns = run_columns(configuration, wanted)
-        causes = found.causes
-        self._run_rows.add_columns({**columns, "cause": [causes.get(row["run_index"]) for row in wanted]})
-        self._stood_still += sum(cause is not None for cause in columns["stood_still"])
-        verdicts = complete(found, runs, self._oracles)
-        self._verdict_rows.add_columns(verdict_columns(configuration, verdicts))
-        self._count(verdicts)
-        self._behaviors.add(configuration.name, found, runs)
-        self._logs.add(configuration.name, found.logs)
-
-    def _count(self, verdicts: Sequence[Verdict]) -> None:
-        """Count verdicts on every run, those on one run after another."""
-        oracles = len(self._oracles)
-        for verdict in verdicts:
-            self._by_oracle[verdict.oracle][verdict.judgement] += 1
-        for first in range(0, len(verdicts), oracles):
-            self._together[run_judgement(each.judgement for each in verdicts[first : first + oracles])] += 1
+    def add(self, configurations: Sequence[Configuration], part: TablePart) -> None:
+        """Write the rows of some configurations; to be called in their order."""
+        self._run_rows.add(part.run_rows(configurations))
+        self._verdict_rows.add(part.verdict_rows(configurations))
+        if (behaviors := part.behavior_rows(configurations)) is not None:
+            self._behaviors.add(behaviors)
+        self._tallies.append(part.tally)
 
 
 class RunLogs:
@@ -151,15 +126,10 @@ class _BehaviorWriter:
         if self._writer is not None:
             self._writer.close()
 
-    def add(self, configuration: str, found: Found, runs: int) -> None:
-        """Add the behaviors of one configuration's wanted runs."""
-        blocks = found.behaviors
-        table = read_behaviors(blocks[0]) if found.exact and blocks else behaviors_below(blocks, runs)
-        if table is None:
-            return
-        names = pa.repeat(pa.scalar(configuration), table.num_rows)
-        self._tables.append(table.add_column(0, CONFIGURATION, names))
-        self._rows += table.num_rows
+    def add(self, rows: pa.Table) -> None:
+        """Add the behaviors of some configurations."""
+        self._tables.append(rows)
+        self._rows += rows.num_rows
         if self._rows >= _BEHAVIORS_A_GROUP:
             self._flush()
 
@@ -178,7 +148,3 @@ def write_instantiation(place: Path, instantiation: Instantiation) -> None:
     write_table(place / "configurations.parquet", CONFIGURATIONS, map(configuration_row, instantiation.configurations))
     write_table(place / "rejections.parquet", REJECTIONS, map(rejection_row, instantiation.rejections))
     write_table(place / "exclusions.parquet", EXCLUSIONS, map(exclusion_row, instantiation.excluded))
-
-
-def _counts(counter: Mapping[Judgement, int]) -> Counts:
-    return Counts(counter.get("pass", 0), counter.get("fail", 0), counter.get("not judged", 0))

@@ -1,13 +1,14 @@
 """A report that is kept in the store: what of a campaign directory follows from the campaign's content alone, as one artifact."""
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE
 from vastflow.flows.results.directory import WRITER
+from vastflow.flows.results.kept_parts import KeptParts
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.work_section import with_work
@@ -46,11 +47,13 @@ class KeptReport:
     Attributes:
         key: See `vastflow.flows.results.report_key.report_key`.
         sources: The source files of which its source digest is.
+        parts: Where parts of its tables are; None where none is kept.
     """
 
     store: Store
     key: str
     sources: SourceFiles | None = None
+    parts: KeptParts | None = None
 
     def restore(self, place: Path) -> Restored | None:
         """Write everything into a campaign directory, the facts of an earlier call in the report; None if it is not kept."""
@@ -72,12 +75,17 @@ class KeptReport:
         by_oracle = {name: Counts(**each) for name, each in said["by_oracle"].items()}
         return Restored(OutcomeTally(Counts(**said["counts"]), by_oracle, said["stood_still"]), logs is not None)
 
-    def keep(self, place: Path, tally: OutcomeTally) -> None:
-        """Keep what was written into a campaign directory. A store that does not take it costs the next call time, no more."""
+    def keep(self, place: Path, tally: OutcomeTally, parts: Sequence[str]) -> None:
+        """Keep what was written into a campaign directory. A store that does not take it costs the next call time, no more.
+
+        Args:
+            parts: Keys of the parts of its tables.
+        """
         files = sorted(file for entry in place.iterdir() if entry.name not in _OTHERS for file in _files(entry))
         places = {file.relative_to(place).as_posix().replace("/", "-"): file for file in files}
         info: dict[str, Any] = {
             "places": {name: file.relative_to(place).as_posix() for name, file in places.items()},
+            "parts": list(parts),
             **asdict(tally),
         }
         logs = place / LOGS_FILE

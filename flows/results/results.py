@@ -17,7 +17,8 @@ import psutil
 from vastflow.flows.request.campaign_file import campaign_name
 from vastflow.flows.request.members import Runs, runs_of
 from vastflow.flows.request.notes import terminal_lines
-from vastflow.flows.results.campaign_tables import CampaignTables, RunLogs, write_instantiation
+from vastflow.flows.results.campaign_rows import write_rows
+from vastflow.flows.results.campaign_tables import RunLogs, write_instantiation
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.environment import write_environment
 from vastflow.flows.results.found import Found, RunFault
@@ -45,6 +46,7 @@ class Assessed:
     Attributes:
         metadata: What `metadata.json` says beside outcome and work.
         kept: Where the store has or would have tables and report; None where nothing is to be kept.
+        parts: Keys of the parts of tables that the store has.
         restored: What was kept of the same results; None where everything was made now.
     """
 
@@ -55,6 +57,7 @@ class Assessed:
     faults: tuple[RunFault, ...]
     notes: tuple[str, ...]
     kept: KeptReport | None
+    parts: tuple[str, ...]
     restored: Restored | None
 
 
@@ -112,18 +115,16 @@ def write_tables(
     if restored is None:
         _write_json(place / "coverage.json", instantiation.coverage)
         write_instantiation(place, instantiation)
-        with CampaignTables(place, runs, oracles) as tables:
-            for configuration, result in files:
-                tables.add(configuration, result)
-                all_faults += result.faults
-        tally = tables.tally
+        written_rows = write_rows(place, distinct, files, runs, oracles, where.parts if where is not None else None)
+        tally, parts = written_rows.tally, written_rows.kept
+        all_faults += written_rows.faults
     else:
-        tally = restored.tally
+        tally, parts = restored.tally, ()
         _write_logs(place, files, restored.logs and not work().executed)
     summary = summary_of(instantiation, tally, runs, work(), directory.final)
     _write_outcome(place, metadata, summary, all_faults)
     notes = tuple(terminal_lines(campaign.notes))
-    return Assessed(directory, metadata, summary, tally, tuple(all_faults), notes, where, restored)
+    return Assessed(directory, metadata, summary, tally, tuple(all_faults), notes, where, parts, restored)
 
 
 def write_report(assessed: Assessed, report: Callable[[Path], None], work: Callable[[], Work]) -> Results:
@@ -144,7 +145,7 @@ def write_report(assessed: Assessed, report: Callable[[Path], None], work: Calla
             LOGGER.exception("the report could not be made")
             faults.append(RunFault("", None, "report", f"{type(error).__name__}: {error}"))
         if assessed.kept is not None and not faults:
-            assessed.kept.keep(place, assessed.tally)
+            assessed.kept.keep(place, assessed.tally, assessed.parts)
     done = work()
     summary = replace(assessed.summary, cpu_s=done.cpu_s, wall_s=done.wall_s)
     _write_outcome(place, metadata, summary, faults)

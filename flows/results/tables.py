@@ -167,11 +167,10 @@ def verdict_columns(configuration: Configuration, verdicts: Sequence[Verdict]) -
 
 
 class TableWriter:
-    """Writes parquet with the columns of `schema`, some thousand rows at a time; what a row lacks is null."""
+    """Writes parquet with the columns of `schema`, some thousand rows at a time: how rows come together is not in the file."""
 
     def __init__(self, path: Path, schema: pa.Schema) -> None:
-        self._schema = schema
-        self._waiting: dict[str, list[Any]] = {name: [] for name in schema.names}
+        self._waiting: list[pa.Table] = []
         self._rows = 0
         self._writer = pq.ParquetWriter(path, schema, compression="zstd")
 
@@ -183,42 +182,35 @@ class TableWriter:
             self._write(self._rows)
         self._writer.close()
 
-    def add(self, rows: Sequence[Row]) -> None:
-        """Add rows; how they come together is not in the file."""
-        if unexpected := {name for row in rows for name in row}.difference(self._schema.names):
-            raise ValueError(f"unexpected field {min(unexpected)!r}; one of {', '.join(self._schema.names)}")
-        self.add_columns({name: [row.get(name) for row in rows] for name in self._schema.names})
-
-    def add_columns(self, columns: Columns) -> None:
-        """Add rows that stand in columns, all of them."""
-        for name, waiting in self._waiting.items():
-            waiting += columns[name]
-        self._rows = len(self._waiting[self._schema.names[0]])
+    def add(self, rows: pa.Table) -> None:
+        """Add rows of the schema."""
+        self._waiting.append(rows)
+        self._rows += rows.num_rows
         while self._rows >= _ROWS_A_GROUP:
             self._write(_ROWS_A_GROUP)
 
     def _write(self, rows: int) -> None:
-        arrays = [_array(self._waiting[field.name][:rows], field.type) for field in self._schema]
-        self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
-        for waiting in self._waiting.values():
-            del waiting[:rows]
+        waiting = pa.concat_tables(self._waiting)
+        self._writer.write_table(waiting.slice(0, rows).combine_chunks())
+        self._waiting = [waiting.slice(rows)]
         self._rows -= rows
 
 
-def _array(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
+def column_array(values: Sequence[Any], kind: pa.DataType) -> pa.Array:
     """Texts or numbers, None for null, as an array. Built by hand, because `pyarrow.array` imports pandas (0.4 s)."""
     if pa.types.is_string(kind):
         try:
-            return _texts(values)
+            return texts(values)
         except UnicodeEncodeError:  # a plug-in's words, say, with a file's name that is no text
-            return _texts([text and text.encode("utf-8", "backslashreplace").decode() for text in values])
+            return texts([text and text.encode("utf-8", "backslashreplace").decode() for text in values])
     there = np.array([value is not None for value in values], dtype=np.bool_)
     numbers = np.array([0 if value is None else value for value in values], dtype=kind.to_pandas_dtype())
     bits = np.packbits(there, bitorder="little").tobytes()
     return pa.Array.from_buffers(kind, len(values), [pa.py_buffer(bits), pa.py_buffer(numbers)])
 
 
-def _texts(values: Sequence[str | None]) -> pa.Array:
+def texts(values: Sequence[str | None]) -> pa.Array:
+    """Texts that UTF-8 has, None for null, as an array."""
     builder = pa.lib.StringBuilder()
     builder.append_values(values)
     return builder.finish()
@@ -234,11 +226,18 @@ def column_table(schema: pa.Schema, parts: Iterable[Columns]) -> pa.Table:
 
 
 def write_table(path: Path, schema: pa.Schema, rows: Iterable[Row]) -> None:
-    """Write `rows` as parquet, see `TableWriter`."""
+    """Write `rows` as parquet, see `TableWriter`; what a row lacks is null."""
     waiting = iter(rows)
     with TableWriter(path, schema) as writer:
         while some := list(itertools.islice(waiting, _ROWS_A_GROUP)):
-            writer.add(some)
+            writer.add(_table_of(schema, some))
+
+
+def _table_of(schema: pa.Schema, rows: Sequence[Row]) -> pa.Table:
+    if unexpected := {name for row in rows for name in row}.difference(schema.names):
+        raise ValueError(f"unexpected field {min(unexpected)!r}; one of {', '.join(schema.names)}")
+    arrays = [column_array([row.get(each.name) for row in rows], each.type) for each in schema]
+    return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def json_text(value: Value) -> str:

@@ -168,12 +168,11 @@ def shares(names: Sequence[ClassName]) -> dict[ClassName, int]:
 
 def benjamini_hochberg(p_values: Floats) -> Floats:
     """p-values adjusted by Benjamini and Hochberg, of the shape they have; none of none."""
-    from scipy.stats import false_discovery_control
-
-    if not p_values.size:
-        return p_values
-    adjusted: Floats = false_discovery_control(p_values.ravel()).reshape(p_values.shape)
-    return adjusted
+    rising = np.argsort(p_values, axis=None)
+    scaled = p_values.ravel()[rising] * (rising.size / np.arange(1, rising.size + 1))
+    adjusted = np.empty(rising.size)
+    adjusted[rising] = np.minimum.accumulate(scaled[::-1])[::-1]
+    return np.clip(adjusted, 0.0, 1.0).reshape(p_values.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,9 +213,17 @@ def _tails(x: Floats, n: Floats, bounds: ClassBounds) -> tuple[tuple[_Tail, ...]
 
 def _at_most(x: Floats, n: Floats, p: float) -> _Tail:
     """Of P(X <= x | p); candidates are counts up to the quantile `_CANDIDATE`."""
-    from scipy.special import bdtr
-    from scipy.stats import binom
+    from scipy.special import bdtr  # not `scipy.stats`, which takes a second to import
 
     runs = n.astype(np.int64)
-    p_values, candidates = (bdtr(count, runs, p) for count in (x, binom.ppf(_CANDIDATE, runs, p)))
+    p_values, candidates = (bdtr(count, runs, p) for count in (x, _quantiles(_CANDIDATE, runs, p)))
     return _Tail(np.asarray(p_values, dtype=np.float64), np.asarray(candidates, dtype=np.float64))
+
+
+def _quantiles(q: float, n: NDArray[np.int64], p: float) -> NDArray[np.int64]:
+    """The least k with P(X <= k | n, p) >= q, of the shape of `n`."""
+    from scipy.special import bdtr
+
+    known, of = np.unique(n, return_inverse=True)
+    least = [np.searchsorted(bdtr(np.arange(each + 1), each, p), q) for each in known.tolist()]
+    return np.array(least, dtype=np.int64)[of].reshape(n.shape)

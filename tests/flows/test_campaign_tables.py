@@ -11,6 +11,7 @@ from vastflow.flows.results import tables
 from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, RunLogs
 from vastflow.flows.results.found import ConfigurationResult, RunFault
 from vastflow.flows.results.kept_logs import KeptLogs
+from vastflow.flows.results.table_part import PartRows
 from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Verdict
@@ -18,6 +19,7 @@ from vastflow.producers.configuration import Configuration
 from vastflow.sim.recordings.behavior_block import write_behaviors
 from vastflow.sim.scenario import Scenario
 
+ORACLES = ("success", "safety")
 NAMES = ("room-1", "room-2", "room-3")
 
 
@@ -43,10 +45,17 @@ def found_of(*blocks, judgement="pass", exact=False):
 
 def written(place, *results):
     place.mkdir()
-    with CampaignTables(place, 3, ["success", "safety"]) as found:
+    with CampaignTables(place, ORACLES) as found:
         for name, result in zip(NAMES, results, strict=False):
-            found.add(configuration(name), result)
+            found.add([configuration(name)], part_of(result))
     return found
+
+
+def part_of(*results, runs=3):
+    rows = PartRows(ORACLES)
+    for name, result in zip(NAMES, results, strict=False):
+        rows.add(configuration(name), result, runs)
+    return rows.part()
 
 
 def digests(place):
