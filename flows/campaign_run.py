@@ -153,9 +153,13 @@ class CampaignRun:
         return not self.incomplete
 
     def begin(self) -> None:
-        """Let workers begin with what is missing; or where that is not known yet, at least with compiling kernels."""
+        """Let workers begin with what is missing; or where that is not known yet, at least with compiling kernels.
+
+        Of controllers those that the families name: one that a producer chooses is compiled when a robot first drives by it.
+        """
         if self.instantiated is None:
-            self.engine.warm_up()
+            driving = (family for family in self.campaign.families if family.drives)
+            self.engine.warm_up({**family.values, **family.overrides} for family in driving)
         else:
             self.engine.begin(self.incomplete, self.workers)
 

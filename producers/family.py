@@ -68,6 +68,11 @@ class Family:
     overrides: Mapping[str, Value] = field(default_factory=dict)
     start_check: StartCheckKind = "none"
 
+    @property
+    def drives(self) -> bool:
+        """Whether a robot may drive in its configurations: without a map nothing does."""
+        return any(MAP_KEY in keys for keys in (self.values, self.overrides, *(each.writes for each in self.producers)))
+
 
 class FamilyReader:
     """Reads the families of one file and gathers what there is to say about them.

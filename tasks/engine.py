@@ -4,13 +4,15 @@ Prefect is not needed here: `vastflow.tasks.stages` puts its tasks round these m
 """
 
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 
+from vastflow.sim.digest import Value
 from vastflow.tasks import work
+from vastflow.tasks.controllers import controllers_in
 from vastflow.tasks.evaluation import PackedProducer
 from vastflow.tasks.index import Block, FoundMember, Index, Member, Stored, missing, stretches
 from vastflow.tasks.instantiation import Evaluation
@@ -192,8 +194,7 @@ class Engine:
             workers: How many there are: each gets several blocks.
         """
         absent = [each for each in found if each.missing_runs]
-        if any(each.member.drives for each in absent):
-            self.warm_up()
+        self.warm_up(each.member.scenario.system for each in absent if each.member.drives)
         self.block_runs = block_size(sum(each.missing_runs for each in absent), workers)
 
         def start() -> None:
@@ -222,9 +223,14 @@ class Engine:
         errors = {key: answer.error for key, answer in answers.items() if isinstance(answer, Broken)}
         return StageOutcome(errors, len(evaluations) - len(jobs), len(evaluations))
 
-    def warm_up(self) -> None:
-        """Have one worker compile the kernels before any executes: two at the same time would both compile."""
-        self._warm = self._submit(Priority.EVALUATE, work.compile_kernels)
+    def warm_up(self, systems: Iterable[Mapping[str, Value]]) -> None:
+        """Have one worker compile the kernels that robots need before any drives: two at the same time would both compile.
+
+        Args:
+            systems: System dimensions of scenarios in which a robot drives; without any there is nothing to compile.
+        """
+        if needed := controllers_in(systems):
+            self._warm = self._submit(Priority.EVALUATE, work.compile_kernels, needed)
 
     def start_executing(self, member: Member) -> list["_Job"]:
         """Hand the missing runs of a member to the pool, once for each number of runs that is wanted of it."""

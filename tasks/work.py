@@ -96,8 +96,12 @@ def answered(function: Callable[P, T], *arguments: P.args, **named: P.kwargs) ->
         return broken(error)
 
 
-def compile_kernels() -> None:
-    """Drive a meter through an empty room, so that the compiled kernels are in their cache for the other workers."""
+def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
+    """Drive a meter through an empty room, so that the compiled kernels are in their cache for the other workers.
+
+    Args:
+        systems: System dimensions, one for each controller that is driven by.
+    """
     _log_plainly()
     from vastflow.sim.reading.map_file import map_content
     from vastflow.sim.run import run
@@ -111,7 +115,8 @@ def compile_kernels() -> None:
             "start_pose": {"position": {"x": 1.0, "y": 1.5}, "orientation": {"yaw": 0.0}},
             "goal_pose": {"position": {"x": 2.0, "y": 1.5}, "orientation": {"yaw": 0.0}},
         }
-        run(Scenario("builtin:navigate_to_pose", 20.0, {"map_file": map_content(room)}, poses, {}), 0, 0)
+        for system in systems:
+            run(Scenario("builtin:navigate_to_pose", 20.0, {"map_file": map_content(room)}, poses, system), 0, 0)
 
 
 def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, seed: int) -> Executed | Broken:

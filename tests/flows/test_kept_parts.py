@@ -1,11 +1,12 @@
 """Parts of tables that are kept: the rows of configurations that an edit does not reach, with the bytes of a run from nothing."""
 
 import hashlib
+import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from tests.flows.test_campaign_tables import ORACLES, behaviors, log
 from vastflow.flows.results import campaign_rows
 from vastflow.flows.results.campaign_rows import write_rows
 from vastflow.flows.results.found import ConfigurationResult, RunFault
@@ -16,13 +17,23 @@ from vastflow.flows.results.summary import OutcomeTally
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.configuration import Configuration
+from vastflow.sim.recordings.behavior_block import write_behaviors
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import StoreError, open_store
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])
+ORACLES = ("success", "safety")
 RUNS = 2
+
+
+def log(first, stop):
+    return json.dumps({"runs": [{"run_index": k} for k in range(first, stop)], "host": {}}).encode()
+
+
+def behaviors(runs):
+    return write_behaviors({k: {"t_s": np.array([0.5 * k]), "name": np.array(["drive"], object)} for k in runs})
 
 
 @pytest.fixture(autouse=True)

@@ -109,9 +109,15 @@ def test_a_member_started_early_is_not_started_again(engine, pool):
 
 
 def test_kernels_are_compiled_before_anything_executes(engine, pool):
-    engine.warm_up()
+    engine.warm_up([{}])
     engine.execute([member("a")])
     assert pool.done == [("compile_kernels", ""), ("execute", "a")]
+
+
+def test_where_no_robot_drives_nothing_is_compiled(engine, pool):
+    engine.warm_up([])
+    engine.execute([member("a")])
+    assert pool.done == [("execute", "a")]
 
 
 @pytest.mark.parametrize("stage", ["execute", "observe", "judge"])
