@@ -89,9 +89,9 @@ class PartRows:
             values += columns[name]
         self._stood_still += sum(cause is not None for cause in columns["stood_still"])
         verdicts = complete(found, runs, self._oracles)
-        columns = verdict_columns(configuration, verdicts)
+        said = verdict_columns(configuration, verdicts)
         for name, values in self._verdicts.items():
-            values += columns[name]
+            values += said[name]
         self._count(verdicts)
         self._lengths.append((len(wanted), len(verdicts), self._add_behaviors(found, runs)))
 
