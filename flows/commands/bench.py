@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from vastflow.flows.commands.checkout import run_script
+from vastflow.flows.terminal.options import AsJson
 
 bench = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -13,7 +14,7 @@ bench = typer.Typer(help="Measure speed on this machine.", no_args_is_help=True,
 def sim(
     controller: Annotated[str, typer.Option(help="Controller to drive with: mppi, dwb or rpp.")] = "mppi",
     profile: Annotated[bool, typer.Option(help="Say which stage of a tick takes how long.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure the simulator.
 
@@ -27,7 +28,7 @@ def sim(
 def pipeline(
     configurations: Annotated[int, typer.Option(min=2, help="Configurations of the campaign.")] = 5480,
     runs: Annotated[int, typer.Option(min=1, help="Runs of each.")] = 20,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure the pipeline.
 

@@ -9,6 +9,7 @@ import typer
 
 from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.options import AsJson
 from vastflow.flows.terminal.writing import writing
 from vastflow.oracles.directory.unusable import reading
 
@@ -42,7 +43,7 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Where the pictures go, else B/comparisons/A.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Compare two campaigns, run by run.
 

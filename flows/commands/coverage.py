@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from vastflow.flows.results.at_hand import check_directory, meant_address
-from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.interruptible import Interruptible
-from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.flows.terminal.options import AsJson, AsV1, MapDir
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.sim.user_error import UserError
 
@@ -30,7 +29,7 @@ def coverage(
     source: Annotated[Path, typer.Argument(metavar="FILE|RESULTS", help="A campaign file, or a campaign directory.")],
     map_dir: MapDir = None,
     as_v1: AsV1 = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show how much of the requested test space is realised.
 
@@ -75,6 +74,7 @@ def _text(coverage: "Coverage") -> "Iterator[RenderableType]":
     from rich.text import Text
 
     from vastflow.flows.plan.preview import lost_table
+    from vastflow.flows.terminal.table import terminal_table
     from vastflow.oracles.directory.coverage import (
         COUNTS,
         counts,
@@ -87,7 +87,7 @@ def _text(coverage: "Coverage") -> "Iterator[RenderableType]":
         unrealisable,
     )
 
-    whole = _table(("family",), (*COUNTS, "share"), ("design",))
+    whole = terminal_table(("family",), (*COUNTS, "share"), ("design",))
     for name, part in parts(coverage):
         design = design_text(part["design"]) if "design" in part else ""
         whole.add_row(name, *(f"{n:,}" for n in counts(part)), share_text(part["share"]), design)
@@ -107,8 +107,10 @@ def _text(coverage: "Coverage") -> "Iterator[RenderableType]":
 
 
 def _covered_table(what: str, rows: "Sequence[Covered]") -> "Table":
+    from vastflow.flows.terminal.table import terminal_table
+
     with_contents = any(row.distinct is not None for row in rows)
-    table = _table(
+    table = terminal_table(
         ("family", what),
         (*["contents"][:with_contents], "choices", "admissible", "covered", "share"),
         ["written by"][:with_contents],
@@ -117,19 +119,6 @@ def _covered_table(what: str, rows: "Sequence[Covered]") -> "Table":
         numbers = (*[row.distinct or 0][:with_contents], row.combinations, row.admissible, row.covered)
         by = [", ".join(row.factors) or "–"][:with_contents]
         table.add_row(row.family, row.what, *(f"{n:,}" for n in numbers), share_text(row.share), *by)
-    return table
-
-
-def _table(names: Sequence[str], numbers: Sequence[str], words: Sequence[str]) -> "Table":
-    from rich.table import Table
-
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
-    for name in names:
-        table.add_column(name, overflow="fold")
-    for name in numbers:
-        table.add_column(name, justify="right", no_wrap=True)
-    for name in words:
-        table.add_column(name, overflow="fold")
     return table
 
 

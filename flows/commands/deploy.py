@@ -11,6 +11,7 @@ from vastflow.flows.commands.run import asked_request
 from vastflow.flows.request.run_request import NAMES
 from vastflow.flows.request.work_pool import NO_API
 from vastflow.flows.terminal.exit_code import FAULT
+from vastflow.flows.terminal.options import CampaignFile, Context
 from vastflow.flows.terminal.request_options import asking
 from vastflow.sim.user_error import UserError
 from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
@@ -30,7 +31,7 @@ IMAGE_FOLDER: Final = "/vastflow"
 
 @asking(*OPTIONS, results=None)
 def deploy(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    file: CampaignFile,
     pool: Annotated[str, typer.Option(metavar="NAME", help="Work pool; made if there is none of that name.")],
     asked: Mapping[str, Any],
     kind: Annotated[PoolType, typer.Option("--type", help="What the pool's workers start.")] = PoolType.process,
@@ -42,10 +43,7 @@ def deploy(
     timezone: Annotated[str, typer.Option(help="Time zone of the schedule.")] = "UTC",
     image: Annotated[str, typer.Option(help="Image with vastflow, for docker and kubernetes.")] = IMAGE,
     queue: Annotated[str, typer.Option(help="Queue of Kueue, for kubernetes.")] = NAME,
-    context: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Cluster whose resources count; else the first that the file names."),
-    ] = None,
+    context: Context = None,
     shards_in: Annotated[
         str | None,
         typer.Option(

@@ -4,13 +4,11 @@ import shlex
 import sys
 from collections.abc import Iterator
 from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from vastflow.flows.terminal.as_v1 import AsV1
-from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.flows.terminal.options import AsV1, CampaignFile, Context, MapDir
 
 if TYPE_CHECKING:
     from vastflow.tasks.execution.description import RunDescription
@@ -34,12 +32,9 @@ def _group() -> None:
 
 @execution.command()
 def describe(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    file: CampaignFile,
     format_: Annotated[Format, typer.Option("--format", help="A Docker Compose file, or a Kubernetes PodTemplate.")],
-    context: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Cluster whose resources count; else the first that the file names."),
-    ] = None,
+    context: Context = None,
     map_dir: MapDir = None,
     as_v1: AsV1 = False,
 ) -> None:

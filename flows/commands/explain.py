@@ -8,13 +8,12 @@ import typer
 
 from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.options import AsJson, ResultsFolder
 from vastflow.oracles.directory.unusable import reading
 
 
 def explain(
-    results: Annotated[
-        Path, typer.Argument(metavar="RESULTS", help="A campaign directory, as `vastflow run` names it.")
-    ],
+    results: ResultsFolder,
     configuration: Annotated[str, typer.Argument(metavar="CONFIGURATION", help="Name of a configuration.")],
     since: Annotated[
         Path | None, typer.Option(metavar="RESULTS", help="Compare with this campaign, else with the one before.")
@@ -22,7 +21,7 @@ def explain(
     store: Annotated[
         str | None, typer.Option(help="Store: a folder or an address; else $VASTFLOW_STORE, else a user cache folder.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Say where a configuration came from, and what a run of it would compute today and why.
 

@@ -2,18 +2,16 @@
 
 import json
 import sys
-from pathlib import Path
-from typing import Annotated
 
 import typer
 
-from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.exit_code import BAD_INPUT
-from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.flows.terminal.options import AsV1, CampaignFile, MapDir
+from vastflow.flows.terminal.words import count_text
 
 
 def validate(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    file: CampaignFile,
     map_dir: MapDir = None,
     as_v1: AsV1 = False,
 ) -> None:
@@ -36,12 +34,12 @@ def validate(
     if campaign.missing:
         for fault in campaign.missing:
             print(fault, file=sys.stderr)
-        lost = _number(len(campaign.unavailable), "family", "families")
+        lost = count_text(len(campaign.unavailable), "family", "families")
         print(f"{lost} left out for want of a file, {len(campaign.families)} to be run", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
     producers = sum(len(family.producers) for family in campaign.families)
-    counts = [_number(len(campaign.families), "family", "families"), _number(producers, "producer", "producers")]
-    counts.append(_number(len(oracles), "oracle", "oracles"))
+    counts = [count_text(len(campaign.families), "family", "families"), count_text(producers, "producer")]
+    counts.append(count_text(len(oracles), "oracle"))
     verdict = "OK, but not to be run by this version" if campaign.unexecutable else "OK"
     print(f"{verdict}: {', '.join(counts)}")
 
@@ -54,7 +52,3 @@ def schema() -> None:
     from vastflow.producers.vast.schema import campaign_schema
 
     print(json.dumps(campaign_schema(), indent=2))
-
-
-def _number(n: int, one: str, many: str) -> str:
-    return f"{n} {one if n == 1 else many}"

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from vastflow.flows.terminal.options import AsJson
+
 if TYPE_CHECKING:
     from vastflow.sim.nav.parameters.findings import Finding
     from vastflow.sim.nav.parameters.interpretation import Interpretation
@@ -24,7 +26,7 @@ MEANING: Final[Mapping[str, str]] = {
 
 def params(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Nav2 parameter file.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show what of a Nav2 parameter file is modelled.
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vastflow.flows.terminal.as_v1 import AsV1
 from vastflow.flows.terminal.interruptible import Interruptible
-from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.flows.terminal.options import AsJson, AsV1, CampaignFile, MapDir
 from vastflow.flows.terminal.writing import check_writable, writing
 
 if TYPE_CHECKING:
@@ -18,14 +17,14 @@ if TYPE_CHECKING:
 
 
 def preview(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    file: CampaignFile,
     pictures: Annotated[int, typer.Option(min=0, metavar="N", help="Draw the first N configurations.")] = 4,
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Where pictures are written; else preview-NAME.")
     ] = None,
     map_dir: MapDir = None,
     as_v1: AsV1 = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show what a campaign would run, without running it.
 

@@ -12,6 +12,7 @@ import typer
 
 from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.options import AsJson, ResultsFolder
 from vastflow.flows.terminal.writing import writing
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 
@@ -45,9 +46,7 @@ class ShownTicks:
 
 
 def replay(
-    results: Annotated[
-        Path, typer.Argument(metavar="RESULTS", help="A campaign directory, as `vastflow run` names it.")
-    ],
+    results: ResultsFolder,
     configuration: Annotated[str, typer.Argument(metavar="CONFIGURATION", help="Name of a configuration.")],
     run: Annotated[int, typer.Argument(metavar="RUN", help="Index of a run, from 0.", min=0)],
     at: Annotated[
@@ -62,7 +61,7 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Where the pictures go, else RESULTS/replays/.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Execute a recorded run once more, and look at it.
 

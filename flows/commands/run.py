@@ -14,6 +14,7 @@ from vastflow.flows.request.run_request import NAMES, RunRequest, request_of
 from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.exit_code import FAULT
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.options import CampaignFile
 from vastflow.flows.terminal.request_options import asking
 from vastflow.flows.terminal.writing import check_writable
 from vastflow.sim.user_error import UserError
@@ -26,7 +27,7 @@ OPTIONS: Final = tuple(name for name in NAMES if name != "reports")
 
 @asking(*OPTIONS)
 def run(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")],
+    file: CampaignFile,
     asked: Mapping[str, Any],
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only say what would be computed and why, and write nothing.")

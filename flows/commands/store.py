@@ -11,6 +11,8 @@ import typer
 
 from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.interruptible import Interruptible
+from vastflow.flows.terminal.options import AsJson
+from vastflow.flows.terminal.words import count_text
 from vastflow.sim.user_error import UserError
 
 if TYPE_CHECKING:
@@ -32,11 +34,10 @@ StoreOption = Annotated[
         "--store", help="Folder or address such as s3://bucket/prefix; else $VASTFLOW_STORE, else a user cache folder."
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 
 
 @store.command()
-def info(place: StoreOption = None, as_json: JsonOption = False) -> None:
+def info(place: StoreOption = None, as_json: AsJson = False) -> None:
     """Say what is in the store: artifacts, bytes and age, by stage."""
     with Interruptible("interrupted"):
         opened = _opened(place, read_only=True)
@@ -51,7 +52,7 @@ def info(place: StoreOption = None, as_json: JsonOption = False) -> None:
     print(f"store: {opened.place}\n")
     _print_stages(found)
     if found["unfinished"]:
-        print(f"\n{_number(found['unfinished'], 'artifact')} unfinished or without a manifest")
+        print(f"\n{count_text(found['unfinished'], 'artifact')} unfinished or without a manifest")
     sizes = ", ".join(f"{name} {_size_text(size)}" for name, size in local.items())
     print(f"\non this machine, in {opened.local}: {sizes}")
 
@@ -62,7 +63,7 @@ def verify(
     repair: Annotated[
         bool, typer.Option("--repair", help="Discard what is damaged, so that it is computed again.")
     ] = False,
-    as_json: JsonOption = False,
+    as_json: AsJson = False,
 ) -> None:
     """Read every artifact and compare it with its manifest.
 
@@ -86,7 +87,7 @@ def verify(
         for key, fault in faults.items():
             print(f"{key}: {fault}")
         discarded = "; discarded, to be computed again" if repair and faults else ""
-        print(f"{_number(len(holdings), 'artifact')} read, {len(faults)} damaged{discarded}")
+        print(f"{count_text(len(holdings), 'artifact')} read, {len(faults)} damaged{discarded}")
         if earlier:
             print(f"{earlier:,} of an earlier version, which are never used; `vastflow store gc` deletes them")
     if faults and not repair:
@@ -107,7 +108,7 @@ def gc(
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be deleted, and leave it.")] = False,
     place: StoreOption = None,
-    as_json: JsonOption = False,
+    as_json: AsJson = False,
 ) -> None:
     """Delete what no kept campaign directory was made of.
 
@@ -136,7 +137,7 @@ def gc(
         print(f"and {len(chosen.environments)} environments of {_size_text(chosen.environments_bytes)}")
     verb = "would be deleted" if dry_run else "deleted"
     kept = sum(holding.size_bytes for holding in chosen.kept)
-    print(f"\n{_number(len(chosen.removed), 'artifact')} {verb}, {len(chosen.kept)} kept ({_size_text(kept)})")
+    print(f"\n{count_text(len(chosen.removed), 'artifact')} {verb}, {len(chosen.kept)} kept ({_size_text(kept)})")
 
 
 def _faults(opened: "Store", keys: Sequence[str]) -> dict[str, str]:
@@ -206,10 +207,6 @@ def _age_text(days: float | None) -> str:
         if number >= 1:
             return f"{number:.0f} {unit}"
     return "< 1 min"
-
-
-def _number(n: int, one: str) -> str:
-    return f"{n:,} {one}{'' if n == 1 else 's'}"
 
 
 def _directories(keep: Sequence[Path]) -> list[Path]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, Literal, TypeAlias
 
+from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.evidence.pairing import Pairing
 from vastflow.oracles.statistics.bounded_mean import needed
 from vastflow.oracles.statistics.comparison import RateDifference, Target
@@ -91,13 +92,13 @@ class Gate:
                     if least is None
                     else f"it takes {least:,}, even if nothing changes on any"
                 )
-                return f"gate can't be claimed: {_number(self.whole.paths, 'path')} can't rule out {loss} in {about}; {enough}"
+                return f"gate can't be claimed: {count_text(self.whole.paths, 'path')} can't rule out {loss} in {about}; {enough}"
             case "new faults":
-                why = f"{_number(self.new_faults, 'new fault')} in B, whose runs could not be judged"
+                why = f"{count_text(self.new_faults, 'new fault')} in B, whose runs could not be judged"
             case "unequal":
                 why = f"{self.pairing.unpaired}; it takes the same configurations and runs in both campaigns"
             case "not judged":
-                pairs = _number(len(self.pairing.configuration), "pair")
+                pairs = count_text(len(self.pairing.configuration), "pair")
                 why = (
                     f"of {pairs}, {self.whole.pairs:,} were judged both times and {self._no_longer_judged:,} only in A"
                 )
@@ -110,7 +111,3 @@ class Gate:
     @property
     def _no_longer_judged(self) -> int:
         return self.pairing.no_longer_judged(self.oracle)
-
-
-def _number(n: int, noun: str) -> str:
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"

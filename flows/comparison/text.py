@@ -10,6 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from vastflow.flows.comparison.campaigns import Compared
+from vastflow.flows.terminal.table import terminal_table
+from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.standstills import standstills_of
 from vastflow.oracles.statistics.comparison import Change, RateDifference
@@ -33,14 +35,17 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
     for title, worse in (("newly failing", True), ("newly passing", False)):
         if shown := found.shown(worse=worse):
             yield ""
-            yield Text(f"{title}: {_number(len(shown), 'configuration')}, at most 5 % of those shown wrongly", "bold")
+            yield Text(
+                f"{title}: {count_text(len(shown), 'configuration')}, at most 5 % of those shown wrongly", "bold"
+            )
             yield _changes(found, shown[:MOST_CHANGES])
             if rest := shown[MOST_CHANGES:]:
                 yield Text(f"and {len(rest):,} more; --json lists all", "dim")
     if others := [change for change in found.changes if not change.shown]:
         yield ""
         yield Text(
-            f"{_number(len(others), 'configuration')} with runs that end otherwise, not more than chance might", "bold"
+            f"{count_text(len(others), 'configuration')} with runs that end otherwise, not more than chance might",
+            "bold",
         )
         yield _changes(found, others[:MOST_NAMES])
         if rest := others[MOST_NAMES:]:
@@ -50,7 +55,7 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
         yield _levels(found)
     if drawn:
         yield ""
-        yield Text(f"{_number(len(drawn), 'picture')} of the most changed: {next(iter(drawn.values())).parent}")
+        yield Text(f"{count_text(len(drawn), 'picture')} of the most changed: {next(iter(drawn.values())).parent}")
     yield ""
     yield _gate(found)
 
@@ -136,9 +141,7 @@ def _paired(found: Compared) -> str:
     how = f"{other:,} of them with another system" if other else "all equal"
     not_judged = len(found.pairing.configuration) - found.whole.pairs
     lost = f", {not_judged:,} more not judged both times" if not_judged else ""
-    return (
-        f"{_number(len(matches), 'configuration')} paired ({how}), {_number(found.whole.pairs, 'pair')} of runs{lost}"
-    )
+    return f"{count_text(len(matches), 'configuration')} paired ({how}), {count_text(found.whole.pairs, 'pair')} of runs{lost}"
 
 
 def _unpaired(found: Compared) -> Iterator[str]:
@@ -150,14 +153,14 @@ def _unpaired(found: Compared) -> Iterator[str]:
     ):
         if names:
             more = f" and {len(names) - MOST_NAMES:,} more" if len(names) > MOST_NAMES else ""
-            yield f"not paired: {_number(len(names), 'configuration')} {what}: {', '.join(names[:MOST_NAMES])}{more}"
+            yield f"not paired: {count_text(len(names), 'configuration')} {what}: {', '.join(names[:MOST_NAMES])}{more}"
     for letter, runs in (("A", pairing.lonely_before), ("B", pairing.lonely_after)):
         if runs:
-            yield f"not paired: {_number(runs, 'run')} of {letter} with a seed that the other has not"
+            yield f"not paired: {count_text(runs, 'run')} of {letter} with a seed that the other has not"
 
 
 def _differences(found: Compared) -> Table:
-    table = _table(
+    table = terminal_table(
         ("judged by",), ("A", "B", "difference", f"95 %, {found.gate.target}", "lost", "gained", "McNemar p")
     )
     one = len(found.oracles) == 1
@@ -184,7 +187,7 @@ def _standstills(found: Compared) -> Iterator[Text]:
 
 
 def _changes(found: Compared, changes: Sequence[Change]) -> Table:
-    table = _table(("configuration",), ("A", "B", "adjusted p"))
+    table = terminal_table(("configuration",), ("A", "B", "adjusted p"))
     for change in changes:
         match = found.pairing.matches[change.configuration]
         name = match.after if match.after == match.before else f"{match.after} (was {match.before})"
@@ -194,7 +197,7 @@ def _changes(found: Compared, changes: Sequence[Change]) -> Table:
 
 
 def _levels(found: Compared) -> Table:
-    table = _table(("factor", "level"), ("pairs", "A", "B", "difference", "95 %", "adjusted p"))
+    table = terminal_table(("factor", "level"), ("pairs", "A", "B", "difference", "95 %", "adjusted p"))
     order = sorted(found.levels, key=lambda one: 2.0 if one.adjusted is None else one.adjusted)
     chosen = {id(one) for one in order[:MOST_LEVELS]}
     for one in found.levels:
@@ -217,18 +220,5 @@ def _gate(found: Compared) -> Text:
     return Text(found.gate.text, "green" if found.gate.holds else "red")
 
 
-def _table(names: Sequence[str], numbers: Sequence[str]) -> Table:
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
-    for name in names:
-        table.add_column(name, overflow="fold")
-    for name in numbers:
-        table.add_column(name, justify="right", no_wrap=True)
-    return table
-
-
 def _p(value: float) -> str:
     return "< 0.001" if value < 0.001 else f"{value:.3f}"
-
-
-def _number(n: int, noun: str) -> str:
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"

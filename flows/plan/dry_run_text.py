@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from vastflow.flows.plan.dry_run import STAGES, DryRun, Due
 from vastflow.flows.results.ingredients import ReasonKind, Stage
+from vastflow.flows.terminal.table import terminal_table
+from vastflow.flows.terminal.words import count_text
 
 MOST_REASONS: Final = 20
 """Reasons in the terminal; `--json` has all."""
@@ -99,12 +100,7 @@ def _counts(found: DryRun, stage: Stage, family: str | None = None) -> dict[str,
 
 def dry_run_text(found: DryRun) -> Iterator[RenderableType]:
     """A table of counts, and a line for each reason."""
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
-    for name in ("stage", "family"):
-        table.add_column(name, overflow="fold")
-    for name in ("in the store", "to compute"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("")
+    table = terminal_table(("stage", "family"), ("in the store", "to compute"), ("",))
     for stage in STAGES:
         for family in found.families:
             counts = _counts(found, stage, family)
@@ -137,5 +133,4 @@ def dry_run_text(found: DryRun) -> Iterator[RenderableType]:
 def _sentence(why: Why) -> str:
     more = len(why.subjects) - MOST_SUBJECTS
     subjects = ", ".join(list(why.subjects)[:MOST_SUBJECTS]) + (f" and {more} more" if more > 0 else "")
-    amount = f"{why.amount:,} {UNITS[why.stage]}{'' if why.amount == 1 else 's'}"
-    return f"{why.stage} {amount} of {subjects}: {why}"
+    return f"{why.stage} {count_text(why.amount, UNITS[why.stage])} of {subjects}: {why}"

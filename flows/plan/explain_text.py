@@ -5,12 +5,13 @@ from dataclasses import asdict
 from typing import Any
 
 from rich.console import RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from vastflow.flows.plan.dry_run import STAGES
 from vastflow.flows.plan.dry_run_text import UNITS, whys
 from vastflow.flows.plan.explain import Explanation
+from vastflow.flows.terminal.table import terminal_table
+from vastflow.flows.terminal.words import count_text
 from vastflow.producers.faults import shown
 from vastflow.sim.reading.checked import checked_digest
 
@@ -70,7 +71,7 @@ def explanation_text(found: Explanation) -> Iterator[RenderableType]:
 
 
 def _scenario(found: Explanation) -> Iterator[RenderableType]:
-    table = _table()
+    table = terminal_table()
     for part, written in found.dimensions.items():
         for k, each in enumerate(written):
             table.add_row("" if k else part, each.key, _short(each.value), each.by)
@@ -86,7 +87,7 @@ def _kept(found: Explanation) -> Iterator[RenderableType]:
             "an earlier version wrote the directory: it does not say under which keys the results were kept", "dim"
         )
         return
-    table = _table()
+    table = terminal_table()
     for stage, kept in found.then.items():
         for key, runs in (kept or {"–": ""}).items():
             table.add_row(stage, f"runs {runs} in the store" if runs else "nothing in the store", key)
@@ -104,11 +105,7 @@ def _today(found: Explanation) -> Iterator[RenderableType]:
         return
     yield Text("a run of it today, from the inputs in its directory, would compute:")
     for why in due:
-        yield Text(f"  {why.stage} {why.amount:,} {UNITS[why.stage]}{'' if why.amount == 1 else 's'}: {why}")
-
-
-def _table() -> Table:
-    return Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
+        yield Text(f"  {why.stage} {count_text(why.amount, UNITS[why.stage])}: {why}")
 
 
 def _short(value: Any) -> str:

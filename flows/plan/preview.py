@@ -10,6 +10,7 @@ from rich.text import Text
 
 from vastflow.flows.plan.estimate import Estimate
 from vastflow.flows.terminal.display import duration_text
+from vastflow.flows.terminal.table import terminal_table
 from vastflow.oracles.directory.coverage import Coverage, Loss, design_text, excluded, parts, unrealisable
 from vastflow.oracles.situation import situation_of
 from vastflow.producers.configuration import Configuration
@@ -52,11 +53,7 @@ def preview_text(
     Args:
         least: Runs that each configuration has at least, where `runs` is the most.
     """
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
-    table.add_column("family", overflow="fold")
-    for name in _counts(coverage, runs):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("design")
+    table = terminal_table(("family",), tuple(_counts(coverage, runs)), ("design",))
     for name, part in parts(coverage):
         design = design_text(part["design"]) if "design" in part else ""
         table.add_row(name, *(f"{n:,}" for n in _counts(part, runs).values()), design)
@@ -112,7 +109,7 @@ def _lost(title: str, rows: list[Loss]) -> Iterator[RenderableType]:
 
 def lost_table(rows: list[Loss]) -> Table:
     """A row for each family, producer or constraint, and reason."""
-    table = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
+    table = terminal_table()
     table.add_column(justify="right", no_wrap=True)
     for row in rows:
         table.add_row(f"{row.times:,} ×", row.family, row.by, row.reason)

@@ -10,6 +10,7 @@ import pyarrow as pa
 from vastflow.flows.request.opened import OpenCampaign
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.tables import CONFIGURATIONS, configuration_row
+from vastflow.flows.terminal.words import count_text
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.producers.instantiate import Instantiation
 from vastflow.sim.reading.names import did_you_mean
@@ -55,7 +56,7 @@ class Configurations:
 
     def __repr__(self) -> str:
         lost = f"{len(self.rejections)} instances rejected, {len(self.excluded)} excluded"
-        return f"<{self.opened.name}: {number(len(self), 'configuration')}, {lost}{faults_text(self.faults)}>"
+        return f"<{self.opened.name}: {count_text(len(self), 'configuration')}, {lost}{faults_text(self.faults)}>"
 
     def __len__(self) -> int:
         return len(self._named)
@@ -92,11 +93,6 @@ class Configurations:
         return {configuration.name: configuration for configuration in self.instantiation.configurations}
 
 
-def number(n: int, what: str) -> str:
-    """Such as `1 run` and `2 runs`."""
-    return f"{n} {what}{'' if n == 1 else 's'}"
-
-
 def faults_text(faults: Sequence[RunFault]) -> str:
     """Such as `, 2 faults`; empty without any."""
-    return f", {number(len(faults), 'fault')}" if faults else ""
+    return f", {count_text(len(faults), 'fault')}" if faults else ""

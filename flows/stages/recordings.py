@@ -8,7 +8,8 @@ import pyarrow as pa
 
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.tables import RUNS, column_table, run_columns
-from vastflow.flows.stages.configurations import Configurations, faults_text, number
+from vastflow.flows.stages.configurations import Configurations, faults_text
+from vastflow.flows.terminal.words import count_text
 from vastflow.sim.recordings.blocks import read_rows
 from vastflow.tasks.index import Block
 from vastflow.tasks.keys import Keys
@@ -47,7 +48,7 @@ class Recordings:
             len({run for block in blocks for run in range(block.start, min(block.stop, self.runs))})
             for blocks in self.blocks.values()
         )
-        size = f"{number(len(self.blocks), 'configuration')} × {number(self.runs, 'run')}"
+        size = f"{count_text(len(self.blocks), 'configuration')} × {count_text(self.runs, 'run')}"
         return f"<{self.configurations.opened.name}: {size}, {recorded} recorded{faults_text(self.faults)}>"
 
     def of(self, name: str) -> "list[Recording]":

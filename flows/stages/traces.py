@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import pyarrow as pa
 
 from vastflow.flows.results.found import RunFault
-from vastflow.flows.stages.configurations import Configurations, faults_text, number
+from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.stages.recordings import Recordings, outputs_of
+from vastflow.flows.terminal.words import count_text
 from vastflow.tasks.index import Block
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.work import RECORDINGS, TRACES
@@ -58,7 +59,7 @@ class Traces:
         return self.configurations.names
 
     def __repr__(self) -> str:
-        size = f"{number(len(self.blocks), 'configuration')} × {number(self.recordings.runs, 'run')}"
+        size = f"{count_text(len(self.blocks), 'configuration')} × {count_text(self.recordings.runs, 'run')}"
         return f"<{self.configurations.opened.name}: {size}, observed{faults_text(self.faults)}>"
 
     def of(self, name: str) -> "list[Trace]":

@@ -9,8 +9,9 @@ import pyarrow as pa
 from vastflow.flows.results.found import ConfigurationResult, RunFault, complete
 from vastflow.flows.results.tables import VERDICTS as COLUMNS
 from vastflow.flows.results.tables import column_table, verdict_columns
-from vastflow.flows.stages.configurations import Configurations, faults_text, number
+from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.stages.traces import Traces
+from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.verdict import Verdict, read_verdicts, run_judgement
 from vastflow.tasks.keys import Keys
@@ -58,7 +59,7 @@ class Verdicts:
         return self.configurations.names
 
     def __repr__(self) -> str:
-        size = f"{number(len(self.blocks), 'configuration')} × {number(self.traces.recordings.runs, 'run')}"
+        size = f"{count_text(len(self.blocks), 'configuration')} × {count_text(self.traces.recordings.runs, 'run')}"
         said = f"judged by {', '.join(self.oracles)}"
         return f"<{self.configurations.opened.name}: {size}, {said}{faults_text(self.faults)}>"
 

@@ -8,6 +8,8 @@ from rich.table import Table
 from rich.text import Text
 
 from vastflow.flows.request.asked import SEQUENTIAL
+from vastflow.flows.terminal.table import terminal_table
+from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.rates import LEVEL, Counts
@@ -38,14 +40,16 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
         drawn = tables.metadata["counts"]["configurations"]
         yield Text(f"a sample of {drawn:,} of {sampled_from:,} distinct configurations")
     if duplicates := sum(name is not None for name in tables.configurations.duplicate_of):
-        yield Text(f"{_number(duplicates, 'configuration')} equal to another, run once", "dim")
+        yield Text(f"{count_text(duplicates, 'configuration')} equal to another, run once", "dim")
     if tables.rejections:
-        yield Text(f"{_number(len(tables.rejections), 'instance')} rejected; the report says which and why", "yellow")
+        yield Text(
+            f"{count_text(len(tables.rejections), 'instance')} rejected; the report says which and why", "yellow"
+        )
     for family, counts in excluded.items():
         named = ", ".join(f"{constraint} {n}" for constraint, n in counts.items())
         left = "" if family in whole.families else "; nothing of it is left"
         yield Text(
-            f"{_number(sum(counts.values()), 'instance')} of {family} excluded by constraints: {named}{left}", "dim"
+            f"{count_text(sum(counts.values()), 'instance')} of {family} excluded by constraints: {named}{left}", "dim"
         )
     yield from _faults(tables)
 
@@ -71,8 +75,7 @@ def printed(parts: Iterable[RenderableType]) -> None:
 
 def rejection_table(tables: Tables) -> Table:
     """How often which producer rejected for which reason, most frequent first."""
-    table = Table("family", "producer", "reason", box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
-    table.add_column("times", justify="right")
+    table = terminal_table(("family", "producer", "reason"), ("times",))
     reasons = Counter((row["family"], row["producer"], row["reason"]) for row in tables.rejections)
     for (family, producer, reason), times in reasons.most_common():
         table.add_row(family, producer, reason, str(times))
@@ -90,11 +93,8 @@ def rate_text(counts: Counts) -> str:
 def _table(first: Sequence[str], rows: Sequence[tuple[Sequence[str], Counts]]) -> Table:
     """A row each for what is named by the `first` columns; narrow enough for 80 columns where all was judged."""
     unjudged = any(counts.not_judged for _, counts in rows)
-    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
-    table.add_column(first[0], overflow="fold")
-    for name in (*first[1:], "runs", "passed", "failed", *["not judged"][:unjudged]):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column(f"success [{100 * LEVEL:.0f} % interval]", justify="right", no_wrap=True)
+    counted = ("runs", "passed", "failed", *["not judged"][:unjudged])
+    table = terminal_table(first[:1], (*first[1:], *counted, f"success [{100 * LEVEL:.0f} % interval]"))
     for names, counts in rows:
         numbers = (counts.judged + counts.not_judged, counts.passed, counts.failed, *[counts.not_judged][:unjudged])
         table.add_row(*names, *map(str, numbers), rate_text(counts))
@@ -113,7 +113,3 @@ def _faults(tables: Tables) -> Iterator[RenderableType]:
         yield Text(f"fault: {of}{fault['stage']}: {fault['error']}", "red")
     if len(faults) > 3:
         yield Text(f"and {len(faults) - 3} more, see metadata.json", "red")
-
-
-def _number(n: int, what: str) -> str:
-    return f"{n} {what}{'' if n == 1 else 's'}"

@@ -8,8 +8,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from vastflow.flows.request.run_request import OnCommandLine, RunRequest
-from vastflow.flows.terminal.as_v1 import AsV1
-from vastflow.flows.terminal.map_dir import MapDir
+from vastflow.flows.terminal.options import AsV1, MapDir
 
 _TYPES: Final[Mapping[str, Any]] = {"integer": int, "number": float, "string": str, "boolean": bool, "array": list[str]}
 _OWN: Final[Mapping[str, Any]] = {"map_dir": MapDir, "as_v1": AsV1}

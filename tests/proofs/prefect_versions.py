@@ -2,8 +2,8 @@
 
 What vastflow uses of Prefect beyond its documents is in `tasks/prefect_adapter.py`; CI runs its tests with one release. This command
 reads from `pyproject.toml` which releases are allowed, installs vastflow beside each of the two by pip, and runs the tests there.
-Where one release is both, its tests run once. `--beyond 3.9.1` tries a release that is not allowed yet, without what it wants of
-other packages. Exit code 1 when one fails.
+Where one release is both, its tests run once. `--beyond 3.9.1` tries a release that is not allowed yet, with what it requires as
+far as there is such a release. Exit code 1 when one fails.
 
     python tests/proofs/prefect_versions.py [--folder FOLDER] [--beyond RELEASE] [--tests PATH ...]
 """
@@ -21,6 +21,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 QUIET = ("-q", "--disable-pip-version-check")
+REQUIRED = "import importlib.metadata as m; print(*(r for r in m.requires('prefect') if 'extra' not in r), sep='\\n')"
 TESTS = ("tests/tasks/test_prefect_adapter.py", "tests/tasks/test_ledger.py", "tests/tasks/test_campaign_log.py")
 
 
@@ -68,6 +69,9 @@ def proved(environment: Path, release: str, tests: Sequence[str], *, beyond: boo
     subprocess.run([*pip, *([] if beyond else [pin]), f"{ROOT}[dev]"], check=True)
     if beyond:
         subprocess.run([*pip, "--no-deps", pin], check=True)
+        said = subprocess.run([python, "-c", REQUIRED], capture_output=True, text=True, check=True).stdout
+        for required in said.splitlines():  # each by itself: what no index has is left as it is
+            subprocess.run([*pip, required], check=False)
     print(f"prefect {release}", flush=True)
     done = subprocess.run([python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests], cwd=ROOT, check=False)
     return done.returncode

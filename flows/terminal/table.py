@@ -1,0 +1,23 @@
+"""Tables of the terminal, all of one form."""
+
+from collections.abc import Sequence
+
+from rich.table import Table
+
+
+def terminal_table(names: Sequence[str] = (), numbers: Sequence[str] = (), words: Sequence[str] = ()) -> Table:
+    """A table without lines; without any column it has no header, and rows give it columns.
+
+    Args:
+        names, words: Columns of text, before and behind those of numbers; long ones are folded.
+    """
+    table = Table(
+        box=None, show_header=bool(names or numbers), header_style="bold", padding=(0, 2, 0, 0), pad_edge=False
+    )
+    for name in names:
+        table.add_column(name, overflow="fold")
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
+    for name in words:
+        table.add_column(name, overflow="fold")
+    return table
