@@ -251,6 +251,13 @@ def test_the_same_results_give_the_same_page(safety, robustness):
     )
 
 
+def test_with_the_proof_of_delays_the_page_says_what_a_late_obstacle_does(safety):
+    row = {"delay_s": 0.4, "reading": "cube", "kept": 0.5, "reached": 11 / 12, "both": 0.5}
+    delays = {"configurations": 12, "runs": 3, "rows": [row]}
+    assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in paper_page([paper_results(safety)], delays)
+    assert "spawn_delays" not in paper_page([paper_results(safety)])
+
+
 def test_a_page_of_nothing_is_only_words():
     assert "Side by side with the paper" in paper_page([])
 
