@@ -40,7 +40,6 @@ from vastflow.sim.recordings.runlog import RunLog
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
 from vastflow.sim.world.lidar import Lidar
-from vastflow.sim.world.robot import Robot
 
 BEHAVIORS: Final[Mapping[str, type]] = {
     "t_s": float,
@@ -140,7 +139,9 @@ def execute(
 def _loop(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> ClosedLoop:
     prepared = prepare(_loaded(robot.map_file), Lidar(), robot.parameters)
     obstacles = checked.script.obstacles
-    return ClosedLoop(prepared, robot.parameters, Lidar(), Robot(), robot.start, obstacles, entropy, checked.timeout_s)
+    return ClosedLoop(
+        prepared, robot.parameters, Lidar(), robot.robot, robot.start, obstacles, entropy, checked.timeout_s
+    )
 
 
 def _tree(

@@ -23,7 +23,6 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.pose import Pose
 from vastflow.sim.replay.snapshot import Box, Patch, TickSnapshot
-from vastflow.sim.world.robot import Robot
 
 BELIEF_COLOR: Final = "#E69F00"
 INTENT_COLOR: Final = "#6A3D9A"
@@ -187,18 +186,25 @@ def _outline(row: NDArray[np.float64]) -> NDArray[np.float64]:
 def _draw_robot(axes: Axes, snapshot: TickSnapshot) -> None:
     """The true body, dark, and the padded footprint where the robot takes itself to be."""
     true, estimate = snapshot.moment.true, snapshot.moment.estimate
-    radius_m = Robot().radius_m
-    axes.add_patch(Circle((true.x_m, true.y_m), radius_m, facecolor=INK, edgecolor="white", linewidth=0.8, zorder=4))
-    axes.add_collection(LineCollection([_heading(true, radius_m)], colors="white", linewidths=1.6, zorder=5))
-    c, s = math.cos(estimate.yaw_rad), math.sin(estimate.yaw_rad)
-    footprint = snapshot.outline_m @ np.array([[c, s], [-s, c]]) + (estimate.x_m, estimate.y_m)
+    robot, solid = snapshot.robot, {"facecolor": INK, "edgecolor": "white", "linewidth": 0.8, "zorder": 4}
+    if robot.vertices:
+        axes.add_patch(Polygon(_turned(np.array(robot.vertices), true), closed=True, **solid))
+    else:
+        axes.add_patch(Circle((true.x_m, true.y_m), robot.radius_m, **solid))
+    axes.add_collection(LineCollection([_heading(true, robot.radius_m)], colors="white", linewidths=1.6, zorder=5))
     edge = {"edgecolor": BELIEF_COLOR, "linewidth": 1.6, "fill": False}
-    axes.add_patch(Polygon(footprint, closed=True, zorder=6, **edge))
+    axes.add_patch(Polygon(_turned(snapshot.outline_m, estimate), closed=True, zorder=6, **edge))
     length_m = float(np.hypot(*snapshot.outline_m.T).max())
     axes.add_collection(LineCollection([_heading(estimate, length_m)], colors=BELIEF_COLOR, linewidths=1.2, zorder=6))
     if snapshot.moment.stopped:
         stop = {"edgecolor": "#D55E00", "linewidth": 1.8, "fill": False, "linestyle": (0, (1.5, 1))}
         axes.add_patch(Circle((true.x_m, true.y_m), length_m + 0.12, zorder=6, **stop))
+
+
+def _turned(points: NDArray[np.float64], pose: Pose) -> NDArray[np.float64]:
+    """Points (N, 2) of the robot's frame in the map's."""
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    return np.asarray(points @ np.array([[c, s], [-s, c]]) + (pose.x_m, pose.y_m))
 
 
 def _heading(pose: Pose, length_m: float) -> list[tuple[float, float]]:

@@ -19,7 +19,7 @@ from vastflow.sim.digest import FileContent, Value, canonical
 from vastflow.sim.nav.outline import circumscribed_radius_m
 from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY
 from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.local_footprint import FOOTPRINT_NAMES, local_outlines
+from vastflow.sim.nav.parameters.local_footprint import FOOTPRINT_NAMES, local_outline
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
@@ -43,7 +43,7 @@ class StartCheck:
         """Check the family's configurations with the values that take the place of theirs."""
         self._family = family
         self._overrides = overrides
-        self._outlines: dict[str, Sequence[NDArray[np.float64]]] = {}
+        self._outlines: dict[str, NDArray[np.float64] | None] = {}
         self._known: dict[str, str | None] = {}
 
     def touched_by(self, producer: Producer[Any]) -> bool:
@@ -81,22 +81,23 @@ class StartCheck:
         for key, pose in stops.items():
             if not occupancy.contains(*occupancy.cell_of(pose.x_m, pose.y_m)):
                 return f"{key} ({pose.x_m:g}, {pose.y_m:g}) lies outside of the map"
-            for outline in self._outlines_of(system):
-                area = _placed(outline, pose)
-                cells = touched_cells(occupancy, area)
-                place = f"the local costmap's footprint does not fit at {key} ({pose.x_m:g}, {pose.y_m:g}): "
-                reach = f"it reaches {circumscribed_radius_m(outline):.3f} m from its center, "
-                if occupancy.occupied[cells[:, 0], cells[:, 1]].any():
-                    return f"{place}{reach}into a wall"
-                touched = (o.name for o in standing if key == START_KEY and area.intersects(o.footprint()))
-                if name := next(touched, None):
-                    return f"{place}{reach}into {name}"
+            if (outline := self._outline_of(system)) is None:
+                continue
+            area = _placed(outline, pose)
+            cells = touched_cells(occupancy, area)
+            place = f"the local costmap's footprint does not fit at {key} ({pose.x_m:g}, {pose.y_m:g}): "
+            reach = f"it reaches {circumscribed_radius_m(outline):.3f} m from its center, "
+            if occupancy.occupied[cells[:, 0], cells[:, 1]].any():
+                return f"{place}{reach}into a wall"
+            touched = (o.name for o in standing if key == START_KEY and area.intersects(o.footprint()))
+            if name := next(touched, None):
+                return f"{place}{reach}into {name}"
         return None
 
-    def _outlines_of(self, system: Mapping[str, Value]) -> Sequence[NDArray[np.float64]]:
+    def _outline_of(self, system: Mapping[str, Value]) -> NDArray[np.float64] | None:
         key = canonical(dict(system))
         if key not in self._outlines:
-            self._outlines[key] = _outlines(system)
+            self._outlines[key] = _outline(system)
         return self._outlines[key]
 
 
@@ -115,14 +116,15 @@ def room_m(values: Mapping[str, Value], producers: Iterable[Producer[Any]]) -> f
             for key in keys:
                 if key in written and _size(written[key]) > _size(widest.get(key)):
                     widest[key] = written[key]
-    return max((circumscribed_radius_m(outline) for outline in _outlines(widest)), default=0.0)
+    outline = _outline(widest)
+    return 0.0 if outline is None else circumscribed_radius_m(outline)
 
 
-def _outlines(system: Mapping[str, Value]) -> Sequence[NDArray[np.float64]]:
+def _outline(system: Mapping[str, Value]) -> NDArray[np.float64] | None:
     try:
-        return local_outlines(system)
+        return local_outline(system)
     except DocumentError:  # the run says what is wrong with it
-        return ()
+        return None
 
 
 def _size(value: Value) -> float:

@@ -196,7 +196,7 @@ def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: flo
     pose = (m.odom_x, m.odom_y, m.odom_yaw)
     lap(m, BEHAVIOR)
     given = ControllerInput(
-        local.window, m.outline[:16], p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, TICK_S
+        local.window, m.outline[: m.vertices], p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, TICK_S
     )
     ordered = compute_velocity(controller, given)
     lap(m, CONTROLLER)
@@ -339,7 +339,7 @@ def _spin_collides(m: Any, local: Local, rate: float, ahead_s: float) -> bool:
         change = rate * cycle * CYCLE_S
         if abs(m.done) - change <= 0.0:
             return False
-        if outline_hits(local.published, m.outline, m.odom_x, m.odom_y, m.odom_yaw + change):
+        if outline_hits(local.published, m.outline[: m.vertices], m.odom_x, m.odom_y, m.odom_yaw + change):
             return True
     return False
 
@@ -359,10 +359,11 @@ def _back_up(p: Any, m: Any, local: Local, goals: Any) -> None:
 @inner
 def _back_up_collides(m: Any, local: Local, ahead_s: float) -> bool:
     c, s = math.cos(m.odom_yaw), math.sin(m.odom_yaw)
+    outline = m.outline[: m.vertices]
     for cycle in range(int(ahead_s / CYCLE_S)):
         change = BACK_UP_MPS * cycle * CYCLE_S
         if BACK_UP_M - m.done - change <= 0.0:
             return False
-        if outline_hits(local.published, m.outline, m.odom_x - change * c, m.odom_y - change * s, m.odom_yaw):
+        if outline_hits(local.published, outline, m.odom_x - change * c, m.odom_y - change * s, m.odom_yaw):
             return True
     return False

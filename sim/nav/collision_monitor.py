@@ -70,18 +70,20 @@ def _points_inside(p: Any, m: Any, x_m: float, y_m: float, yaw_rad: float) -> in
         if square > inner_square:
             if c == 0.0 and s == 0.0:
                 c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-            if not _in_outline(m.outline, c * dx + s * dy, c * dy - s * dx):
+            if not _in_outline(m.outline, m.vertices, c * dx + s * dy, c * dy - s * dx):
                 continue
         count += 1
     return count
 
 
 @inner
-def _in_outline(outline: Any, x_m: float, y_m: float) -> bool:
-    """Whether a point lies in a convex, counter-clockwise outline (K, 2)."""
-    for k in range(outline.shape[0]):
-        ax, ay = outline[k, 0], outline[k, 1]
-        bx, by = outline[(k + 1) % outline.shape[0], 0], outline[(k + 1) % outline.shape[0], 1]
-        if (bx - ax) * (y_m - ay) - (by - ay) * (x_m - ax) < 0.0:
-            return False
-    return True
+def _in_outline(outline: Any, vertices: int, x_m: float, y_m: float) -> bool:
+    """Whether a point lies in the outline of so many vertices, whatever its form: edges to its right are counted (Shimrat)."""
+    inside = False
+    before = vertices - 1
+    for k in range(vertices):
+        ax, ay, bx, by = outline[before, 0], outline[before, 1], outline[k, 0], outline[k, 1]
+        if (y_m <= ay) == (y_m > by) and ax + (y_m - ay) * (bx - ax) / (by - ay) > x_m:
+            inside = not inside
+        before = k
+    return inside

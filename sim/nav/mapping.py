@@ -38,7 +38,7 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
             p.range_max,
         )
         if q.obstacle_layer.footprint_clearing_enabled:
-            clear_polygon(local.layer, place, m.outline, m.odom_x, m.odom_y, m.odom_yaw)
+            clear_polygon(local.layer, place, m.outline[: m.vertices], m.odom_x, m.odom_y, m.odom_yaw)
     costs = local.window.costs
     for r in range(rows):
         for k in range(columns):
@@ -99,7 +99,7 @@ def update_global(p: Any, m: Any, g: Grids) -> None:
         p.range_max,
     )
     if q.obstacle_layer.footprint_clearing_enabled:
-        clear_polygon(g.layer, place, m.outline, m.x, m.y, m.yaw)
+        clear_polygon(g.layer, place, m.outline[: m.vertices], m.x, m.y, m.yaw)
     reach_m = max(q.obstacle_layer.raytrace_max_range, q.obstacle_layer.obstacle_max_range) + 0.1
     _merge(p, g, column, row, math.ceil(reach_m / p.resolution) + g.stamp.shape[0] // 2)
 

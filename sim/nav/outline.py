@@ -1,4 +1,4 @@
-"""The outline of the robot's padded footprint: the polygon Nav2 makes of `robot_radius`, and its radii."""
+"""The outline of the robot's padded footprint: the polygon it has, or the one Nav2 makes of `robot_radius`, and its radii."""
 
 from typing import Final
 
@@ -28,7 +28,11 @@ def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
     ends = np.roll(outline, -1, axis=0)
     edges = ends - outline
     areas = outline[:, 0] * ends[:, 1] - outline[:, 1] * ends[:, 0]
-    return float(np.min(np.abs(areas) / np.hypot(edges[:, 0], edges[:, 1])))
+    to_lines_m = np.abs(areas) / np.hypot(edges[:, 0], edges[:, 1])
+    # Of an edge that the perpendicular from the center misses, as a notch has them, an end is nearest.
+    shares = -np.sum(outline * edges, axis=1) / np.sum(edges * edges, axis=1)
+    to_vertices_m = np.hypot(outline[:, 0], outline[:, 1])
+    return float(min(to_vertices_m.min(), np.min(to_lines_m[(shares >= 0.0) & (shares <= 1.0)], initial=np.inf)))
 
 
 def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:

@@ -10,7 +10,10 @@ from pydantic import BaseModel
 
 
 def record_dtype(value: Any) -> np.dtype[np.void]:
-    """The record type of a dataclass or a pydantic model: numbers float64, whole numbers and flags int64, tuples arrays, groups records."""
+    """The record type of a dataclass or a pydantic model: numbers float64, whole numbers and flags int64, tuples arrays, groups records.
+
+    Texts are left out: no kernel reads one.
+    """
     return np.dtype([(name, _type_of(item)) for name, item in _items(value).items()], align=True)
 
 
@@ -37,6 +40,5 @@ def _is_group(value: Any) -> bool:
 
 
 def _items(value: Any) -> Mapping[str, Any]:
-    if isinstance(value, BaseModel):
-        return dict(value)
-    return {field.name: getattr(value, field.name) for field in fields(value)}
+    every = dict(value) if isinstance(value, BaseModel) else {f.name: getattr(value, f.name) for f in fields(value)}
+    return {name: item for name, item in every.items() if not isinstance(item, str)}

@@ -16,7 +16,8 @@ from vastflow.sim.nav.controllers.controller import PlanCut, Setting
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.navfn import new_potential, new_scratch
-from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
+from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m
+from vastflow.sim.nav.parameters.polygon import MOST_VERTICES
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.particles import Cloud, new_cloud
 from vastflow.sim.nav.profile import STAGES
@@ -81,7 +82,7 @@ _REAL: Final = (
     "lapped",
 )
 _WHOLE: Final = (
-    *("tick", "status", "events", "rows"),
+    *("tick", "status", "events", "rows", "vertices"),
     *("initialized", "localized", "first_scan", "particles", "bins", "filter_updates"),
     *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
     *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
@@ -100,7 +101,7 @@ MEMORY: Final = np.dtype(
         ("order", np.int64, (BEAMS,)),
         ("directions", np.float64, (BEAMS, 2)),
         ("near_points", np.float64, (2, BEAMS)),
-        ("outline", np.float64, (16, 2)),
+        ("outline", np.float64, (MOST_VERTICES, 2)),
         ("event_rows", np.float64, (MAX_EVENTS, 6)),
         ("laps", np.float64, (len(STAGES), 2)),
     ],
@@ -108,7 +109,8 @@ MEMORY: Final = np.dtype(
 )
 """What a run remembers, in one record: kernels get it as one pointer, which keeps them small and quick to compile.
 
-`velocities` (speed, yaw rate) is the tick's result for physics; an event row is t, kind, x, y, what, value.
+`velocities` (speed, yaw rate) is the tick's result for physics; an event row is t, kind, x, y, what, value; of `outline` the
+first `vertices` count.
 """
 
 _EXTRA: Final = (
@@ -189,6 +191,7 @@ class Stack:
     Attributes:
         p, m: (1,) records of parameters and `MEMORY`.
         controller: The controller in use.
+        robot: The body and actuators that it drives.
         obstacles: (K, 6) as in `vastflow.sim.world.lidar.scan`.
         rows: (R, C) int32 of `COLUMNS`.
     """
@@ -200,6 +203,7 @@ class Stack:
     cloud: Cloud
     route: Route
     controller: RunningController
+    robot: Robot
     obstacles: NDArray[np.float64]
     rows: NDArray[np.int32]
 
@@ -223,7 +227,9 @@ def new_stack(
     m["first_scan"], m["local_current"], m["global_current"] = 1, 1, 1
     m["state"], m["status"] = ENDED, RESTING
     m["streams"], m["directions"], m["ranges"] = streams, lidar.directions(), np.inf
-    m["outline"] = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
+    outline = parameters.local_costmap.outline
+    m["vertices"] = len(outline)
+    m["outline"][: len(outline)] = outline
     local = _local(parameters, prepared.local_stamp)
     setting = _setting(parameters, local.window, streams[CONTROLLER].copy())
     controller = controller_of(parameters.controller)
@@ -246,6 +252,7 @@ def new_stack(
         cloud=new_cloud(parameters.amcl.max_particles),
         route=_route(prepared.least, (), 0),
         controller=running(controller, setting),
+        robot=robot,
         obstacles=obstacles,
         rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(COLUMNS)), dtype=np.int32),
     )
@@ -303,7 +310,7 @@ def _parameter_record(
 ) -> NDArray[np.void]:
     """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, and `initial_covariance`."""
     groups = {name: group for name, group in parameters if name != "controller"} | {"plan_cut": plan_cut}
-    outline = padded_outline(parameters.local_costmap.robot_radius, parameters.local_costmap.footprint_padding)
+    outline = parameters.local_costmap.outline
     frame = prepared.occupancy.frame
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),

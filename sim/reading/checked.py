@@ -18,9 +18,11 @@ from vastflow.sim.pose import Pose
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of
 from vastflow.sim.reading.plain import plain_value
+from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.world.robot import Robot
 
 MAP_KEY: Final = "map_file"
 _KEPT: Final = "checked_digest"
@@ -33,11 +35,13 @@ class RobotSetup:
     Attributes:
         start: Where it stands at first.
         parameters: Of its navigation stack, all resolved.
+        robot: Its body and actuators.
     """
 
     map_file: FileContent
     start: Pose
     parameters: NavParameters
+    robot: Robot
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,8 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
     content = scenario.environment.get(MAP_KEY)
     if not isinstance(content, FileContent):
         raise ScenarioError(f"{MAP_KEY}: found {content!r}; a map file that the campaign names")
-    return RobotSetup(content, script.start, parameters_of(scenario.system))
+    parameters = parameters_of(scenario.system)
+    return RobotSetup(content, script.start, parameters, robot_of(parameters))
 
 
 def _definition_digest(scenario: Scenario, script: Script) -> str:
@@ -139,7 +144,10 @@ def _definition_digest(scenario: Scenario, script: Script) -> str:
 def _digested(robot: RobotSetup) -> Value:
     """With the code of a controller that is not vastflow's own, which no source digest has."""
     parameters = robot.parameters
-    return [robot.map_file, repr(robot.start), _parameters_digest(parameters), code_value(type(parameters.controller))]
+    return [
+        *(robot.map_file, repr(robot.start), _parameters_digest(parameters)),
+        *(code_value(type(parameters.controller)), repr(robot.robot)),
+    ]
 
 
 @functools.lru_cache(maxsize=256)

@@ -25,7 +25,7 @@ from vastflow.sim.nav.state import (
 )
 from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.robot import wrapped
+from vastflow.sim.world.robot import Robot, wrapped
 
 Activity: TypeAlias = Literal["starting", "following", "spin", "wait", "back up", "pausing", "ended"]
 _ACTIVITIES: Final[Mapping[int, Activity]] = {
@@ -120,7 +120,8 @@ class TickSnapshot:
         intended_xy_m: Where MPPI's commands would lead from here (Nav2's optimal trajectory); of other controllers nothing.
         scan_xy_m: The newest scan.
         particles: (N, 3) x, y, yaw: AMCL's, at its last update.
-        outline_m: (16, 2) padded footprint in the robot's frame.
+        robot: The body that drives.
+        outline_m: (V, 2) padded footprint in the robot's frame.
         obstacles: (K, 6) or more columns, rows as `vastflow.sim.world.lidar.scan` reads them.
         goals: In the order they are visited.
         global_costs: Global costmap, as much of it as was asked for.
@@ -134,6 +135,7 @@ class TickSnapshot:
     intended_xy_m: NDArray[np.float64] = field(repr=False)
     scan_xy_m: NDArray[np.float64] = field(repr=False)
     particles: NDArray[np.float64] = field(repr=False)
+    robot: Robot
     outline_m: NDArray[np.float64] = field(repr=False)
     obstacles: NDArray[np.float64] = field(repr=False)
     goals: tuple[Pose, ...]
@@ -182,7 +184,8 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box) -> TickSnapshot:
         intended_xy_m=_intended(stack, moment),
         scan_xy_m=frame.points_to_map(_placed(_scan(stack), odom)),
         particles=np.column_stack([frame.points_to_map(particles[:, :2]), particles[:, 2] + frame.yaw_rad]),
-        outline_m=m["outline"].copy(),
+        robot=stack.robot,
+        outline_m=m["outline"][: m["vertices"]].copy(),
         obstacles=_obstacles(stack.obstacles, frame),
         goals=tuple(frame.pose_to_map(Pose(*goal)) for goal in stack.route.goals.tolist()),
         global_costs=_in_map(_cut(costs, origin, resolution_m, _box_in_grid(box, frame)), frame),

@@ -28,7 +28,7 @@ class Body(NamedTuple):
 
     Attributes:
         pose: (3,) float64 true x, y, yaw; kernels and the engine move it in turn.
-        radius_m: Of its disc.
+        radius_m: Of its disc, or of one that holds its polygon: near anything the engine looks closer.
         obstacles: (K, 6) float64 as `vastflow.sim.world.lidar.scan` reads them, `NOT_THERE` until they appear.
         triggers: (K, 5) float64 x, y of each obstacle's trigger point, the distance from it within which the robot triggers the
             obstacle, the ticks from then until it appears, and the tick at which it does. The distance is negative for one that

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import pymunk
+import shapely
 from numpy.typing import NDArray
 
 from vastflow.sim.recordings.recording import Event
@@ -65,10 +66,12 @@ class World:
         self._touching = 0
         self._displaced = False
         self.events: list[Event] = []
-        self._robot = pymunk.Body(robot.mass_kg, float("inf"))
-        body = pymunk.Circle(self._robot, robot.radius_m)
-        body.collision_type = ROBOT
-        self._space.add(self._robot, body)
+        self._robot = pymunk.Body(robot.mass_kg, _robot_inertia(robot))
+        self._radius_m = robot.radius_m
+        shapes = _robot_shapes(robot, self._robot)
+        for shape in shapes:
+            shape.collision_type = ROBOT
+        self._space.add(self._robot, *shapes)
         for index, obstacle in enumerate(obstacles):
             if obstacle.trigger is None:
                 self._fix(index)
@@ -99,7 +102,7 @@ class World:
             middle = robot.angle + half_turn
             wanted = pymunk.Vec2d(chord_mps * math.cos(middle), chord_mps * math.sin(middle))
             robot.velocity = self._with_traction(wanted, dt_s) if self._touching else wanted
-            robot.angular_velocity = w_radps
+            robot.angular_velocity = self._turning(w_radps, dt_s) if self._touching else w_radps
             glides = [(body, *_glide(body, dt_s)) for body in self._appeared.values()]
             space.step(dt_s)
             for body, position, angle in glides:
@@ -171,6 +174,14 @@ class World:
         most = TRACTION * GRAVITY_MPS2 * dt_s
         return wanted if change.length <= most else self._robot.velocity + change * (most / change.length)
 
+    def _turning(self, wanted_radps: float, dt_s: float) -> float:
+        """As `_with_traction`, of a body that a contact can turn: the tyres act at its rim."""
+        if math.isinf(self._robot.moment):
+            return wanted_radps
+        most = TRACTION * GRAVITY_MPS2 * dt_s * self._robot.mass * self._radius_m / self._robot.moment
+        own = self._robot.angular_velocity
+        return min(max(wanted_radps, own - most), own + most)
+
     def _settle(self, index: int, body: pymunk.Body) -> None:
         if _at_rest(body):
             body.velocity, body.angular_velocity = (0.0, 0.0), 0.0
@@ -233,6 +244,22 @@ def _at_rest(body: pymunk.Body) -> bool:
 def _glide(body: pymunk.Body, dt_s: float) -> tuple[pymunk.Vec2d, float]:
     """Where the body is after `dt_s` at the speed it has."""
     return body.position + body.velocity * dt_s, body.angle + body.angular_velocity * dt_s
+
+
+def _robot_shapes(robot: Robot, body: pymunk.Body) -> list[pymunk.Shape]:
+    """A disc, or the convex parts of a polygon."""
+    if not robot.vertices:
+        return [pymunk.Circle(body, robot.radius_m)]
+    whole = shapely.Polygon(robot.vertices)
+    if whole.convex_hull.area - whole.area <= 1e-9:
+        return [pymunk.Poly(body, robot.vertices)]
+    triangles = shapely.constrained_delaunay_triangles(whole)
+    return [pymunk.Poly(body, list(part.exterior.coords)[:-1]) for part in triangles.geoms]
+
+
+def _robot_inertia(robot: Robot) -> float:
+    """A disc is met on a line through its center, without friction, so nothing turns it."""
+    return float(pymunk.moment_for_poly(robot.mass_kg, robot.vertices)) if robot.vertices else math.inf
 
 
 def _inertia(obstacle: Obstacle) -> float:

@@ -40,7 +40,8 @@ def records(ranges, **monitor):
     dtype = [(name, record_dtype(group)) for name, group in groups.items()] + [(name, np.float64) for name in extra]
     parameters = np.array([(*map(record_row, groups.values()), *extra.values())], dtype=dtype)
     memory = np.zeros(1, dtype=MEMORY)
-    memory["ranges"], memory["directions"], memory["outline"] = ranges, Lidar().directions(), OUTLINE
+    memory["ranges"], memory["directions"] = ranges, Lidar().directions()
+    memory["vertices"], memory["outline"][:, : len(OUTLINE)] = len(OUTLINE), OUTLINE
     gathered(parameters, memory)
     return parameters, memory
 

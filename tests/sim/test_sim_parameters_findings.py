@@ -50,11 +50,17 @@ def test_what_is_built_in_says_itself(rule, value):
     assert rule.value == value
 
 
-def test_a_polygon_for_a_footprint_is_not_modelled_and_the_radius_counts():
-    text = "local_costmap: {local_costmap: {ros__parameters: {footprint: '[[0.2, 0.2]]', robot_radius: 0.3}}}"
+def test_a_polygon_for_a_footprint_is_modelled_and_counts_in_place_of_the_radius():
+    polygon = "[[0.2, 0.2], [0.2, -0.2], [-0.2, 0.0]]"
+    text = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}', robot_radius: 0.3}}}}}}"
     found, radius = findings(read(text))
-    assert (found.status, found.why) == ("not modelled", "the robot is a disc of robot_radius, never a polygon")
-    assert (radius.status, radius.used) == ("modelled", 0.3)
+    assert (found.status, found.used) == ("modelled", polygon)
+    assert (radius.status, radius.why) == ("no effect", "the polygon footprint counts")
+
+
+def test_without_a_polygon_the_radius_counts():
+    text = "local_costmap: {local_costmap: {ros__parameters: {footprint: '[]', robot_radius: 0.3}}}"
+    assert [(found.status, found.used) for found in findings(read(text))] == [("modelled", "[]"), ("modelled", 0.3)]
 
 
 def test_an_unknown_node_is_spoken_of_as_a_whole():

@@ -31,7 +31,7 @@ class ControllerInput(NamedTuple):
     Attributes:
         window: The local costmap: `costs` (R, C) uint8, `place` (3,) float64, x and y of the lower left corner and the
             resolution. 254 is lethal, 253 closer than the inscribed radius to that, 255 unknown; `cost_at` looks a point up.
-        outline: (16, 2) float64, the padded footprint in the robot's frame; `outline_hits` puts it on the costmap.
+        outline: (V, 2) float64, the padded footprint in the robot's frame; `outline_hits` puts it on the costmap.
         inscribed_radius_m: Of the footprint.
         pose: (x, y, yaw) by odometry.
         twist: (v, ω) by odometry, m/s and rad/s.

@@ -117,7 +117,6 @@ UNUSED_NODES: Final[Mapping[str, str]] = {
 """Nodes that have no effect on the missions, and why."""
 
 NOT_MODELLED: Final[Mapping[str, str]] = {
-    "footprint": "the robot is a disc of robot_radius, never a polygon",
     "filters": "there are no costmap filters",
 }
 """Parameters of which there is more to say."""
@@ -141,7 +140,6 @@ _BEHAVIORS: Final = {
 _COSTMAP: Final[Mapping[str, BuiltIn]] = {
     **_any("robot_base_frame", "always_send_full_costmap", "transform_tolerance", "initial_transform_timeout"),
     **_any("origin_x", "origin_y", "map_topic"),
-    "footprint": only("[]", ""),
     "filters": only(()),
     "lethal_cost_threshold": only(100),
     "unknown_cost_value": only(255),

@@ -1,6 +1,12 @@
 """Parameters of the two costmaps and their layers."""
 
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import field_validator
+
+from vastflow.sim.nav.outline import padded, padded_outline
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
+from vastflow.sim.nav.parameters.polygon import Vertices, as_array, vertices_of
 
 
 class InflationLayer(ParameterGroup):
@@ -39,6 +45,9 @@ class Costmap(ParameterGroup):
 
     `width`, `height`, `resolution` and `publish_frequency` count in the rolling window; the global costmap takes its size
     and its cells from the map.
+
+    Attributes:
+        footprint: The robot's polygon as Nav2's text, which then counts in place of `robot_radius`; `[]` for a disc.
     """
 
     update_frequency: float = parameter(5.0, 0.05, 20.0)
@@ -47,11 +56,30 @@ class Costmap(ParameterGroup):
     height: int = parameter(3, 1, 100, code=5)
     resolution: float = parameter(0.05, 0.01, 1.0, code=0.1)
     robot_radius: float = parameter(0.22, 0.01, 10.0, code=0.1)
+    footprint: str = parameter("[]")
     footprint_padding: float = parameter(0.01, 0.0, 10.0)
     track_unknown_space: bool = parameter(False)
     static_layer: StaticLayer = StaticLayer()
     obstacle_layer: ObstacleLayer = ObstacleLayer()
     inflation_layer: InflationLayer = InflationLayer()
+
+    @field_validator("footprint")
+    @classmethod
+    def _polygon(cls, footprint: str) -> str:
+        vertices_of(footprint)
+        return footprint
+
+    @property
+    def vertices(self) -> Vertices:
+        """Of the polygon; none for a disc."""
+        return vertices_of(self.footprint)
+
+    @property
+    def outline(self) -> NDArray[np.float64]:
+        """(V, 2) vertices of the padded footprint in the robot's frame (m): the polygon's, or 16 of the disc."""
+        if vertices := self.vertices:
+            return padded(as_array(vertices), self.footprint_padding)
+        return padded_outline(self.robot_radius, self.footprint_padding)
 
 
 def local_costmap() -> Costmap:

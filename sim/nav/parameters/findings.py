@@ -92,5 +92,5 @@ def _is_unlisted(document: ParameterDocument, plugin: ParameterLocation) -> bool
 
 
 def _nearest(path: ParameterLocation, groups: Mapping[ParameterLocation, str]) -> ParameterLocation | None:
-    """The longest path among `groups` that `path` is below of."""
-    return next((path[:n] for n in range(len(path) - 1, 0, -1) if path[:n] in groups), None)
+    """The longest path among `groups` that `path` is or is below of."""
+    return next((path[:n] for n in range(len(path), 0, -1) if path[:n] in groups), None)

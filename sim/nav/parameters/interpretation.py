@@ -144,7 +144,12 @@ def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
             given[field] = _obstacle_layer(reader, places[field], 2 if kinds[field] == "VoxelLayer" else 0)
         else:
             given[field] = reader.group(model, places[field])
-    return reader.group(Costmap, node, given=given)
+    found = reader.group(Costmap, node, given=given)
+    radius = (*node, "robot_radius")
+    if radius in reader.document.values and found.footprint.strip() not in ("", "[]"):
+        reader.asked.pop(radius, None)
+        reader.unused[radius] = "the polygon footprint counts"
+    return found
 
 
 def _obstacle_layer(reader: Reader, place: ParameterLocation, short_clearing_cells: int) -> ObstacleLayer:

@@ -90,6 +90,8 @@ def _demand(name: str, items: list[str], field: FieldInfo | None, error: ErrorDe
     if kind in ("too_long", "tuple_type") or (kind == "missing" and items):
         return f"{name} must be a list of {len(get_args(field.annotation)) if field else 0} numbers"
     name += "".join(f"[{item}]" for item in items)
+    if kind == "value_error":
+        return f"{name} must be {error['msg'].removeprefix('Value error, ')}"
     if kind in _KINDS:
         return f"{name} must be {_KINDS[kind]}"
     if kind in ("greater_than_equal", "less_than_equal") and field:
@@ -100,6 +102,7 @@ def _demand(name: str, items: list[str], field: FieldInfo | None, error: ErrorDe
 
 _KINDS: Final = {
     "bool_type": "true or false",
+    "string_type": "text",
     "int_type": "a whole number",
     "float_type": "a number",
     "finite_number": "a number",

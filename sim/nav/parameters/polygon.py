@@ -1,0 +1,62 @@
+"""The polygon `footprint` of a costmap: Nav2's text for it, and what is wrong with one that no robot has."""
+
+import ast
+import math
+from typing import Final, TypeAlias
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+Vertices: TypeAlias = tuple[tuple[float, float], ...]
+"""x, y in the robot's frame (m), in the order of the text."""
+
+MOST_VERTICES: Final = 32
+_FORM: Final = (
+    'text with the x, y of three or more vertices in meters, such as "[[0.35, 0.25], [0.35, -0.25], [-0.35, 0.0]]"'
+)
+_LONGEST: Final = 4_000
+
+
+def vertices_of(footprint: str) -> Vertices:
+    """The vertices of Nav2's text; none for `""` and `"[]"`, which leave the robot a disc.
+
+    Raises:
+        ValueError: says what the footprint must be.
+    """
+    if footprint.strip() in ("", "[]"):
+        return ()
+    vertices = _read(footprint)
+    if len(vertices) > MOST_VERTICES:
+        raise ValueError(f"a polygon of {MOST_VERTICES} vertices at most, and not of {len(vertices)}")
+    polygon = shapely.Polygon(vertices)
+    if polygon.convex_hull.area < 1e-6:
+        raise ValueError("a polygon with an area, in which a robot has room")
+    if not polygon.is_valid:
+        raise ValueError("a polygon whose edges do not cross or touch each other")
+    if not polygon.contains(shapely.Point(0.0, 0.0)):
+        raise ValueError("a polygon round the robot's origin (0, 0), from which Nav2 measures its radii")
+    return vertices
+
+
+def _read(footprint: str) -> Vertices:
+    if len(footprint) > _LONGEST:
+        raise ValueError(_FORM)
+    try:
+        found = ast.literal_eval(footprint.strip())
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        raise ValueError(_FORM) from None
+    if not isinstance(found, list) or len(found) < 3 or not all(map(_is_vertex, found)):
+        raise ValueError(_FORM)
+    return tuple((float(x), float(y)) for x, y in found)
+
+
+def _is_vertex(item: object) -> bool:
+    if not isinstance(item, list) or len(item) != 2:
+        return False
+    return all(isinstance(part, int | float) and not isinstance(part, bool) and math.isfinite(part) for part in item)
+
+
+def as_array(vertices: Vertices) -> NDArray[np.float64]:
+    """(N, 2)."""
+    return np.array(vertices, dtype=np.float64).reshape(-1, 2)
