@@ -4,6 +4,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -53,6 +54,7 @@ def params(
 def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str, Any]:
     from vastflow.sim.nav.parameters.document import dotted
     from vastflow.sim.nav.parameters.findings import left_out
+    from vastflow.sim.reading.robot import robot_of
 
     return {
         "file": found.document.file,
@@ -69,10 +71,22 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str,
             }
             for row in rows
         ],
+        "robot": asdict(robot_of(found.parameters)),
         "left_out": {dotted(path): value for path, value in left_out(found).items()},
         "nodes_of_jazzy": found.replaced,
         "nodes_left_away": found.left_away,
     }
+
+
+def _robot(found: "Interpretation") -> str:
+    """The body and the limits that follow from the file, and what is assumed."""
+    from vastflow.sim.reading.robot import robot_of
+
+    robot = robot_of(found.parameters)
+    body = f"a polygon of {len(robot.vertices)} vertices" if robot.vertices else f"a disc of {robot.radius_m:g} m"
+    speeds = f"{robot.max_speed_mps:g} m/s, {robot.max_acceleration_mps2:g} m/s²"
+    turns = f"{robot.max_yaw_rate_radps:g} rad/s, {robot.max_yaw_acceleration_radps2:g} rad/s²"
+    return f"the robot: {body}, up to {speeds}, {turns}; assumed: the mass, tires, and lidar of a TurtleBot 4"
 
 
 def _finite(value: Any) -> Any:
@@ -115,3 +129,4 @@ def _summary(found: "Interpretation", rows: Sequence["Finding"]) -> Iterator[str
         yield f"not in the file and as in Nav2 Jazzy's default: {', '.join(found.replaced)}"
     if found.left_away:
         yield f"not in the file and left away: {', '.join(found.left_away)}"
+    yield _robot(found)

@@ -35,6 +35,13 @@ def cost_stamp(
     return cost.astype(np.uint8)
 
 
+def cost_at_distance(distance_m: float, inscribed_radius_m: float, cost_scaling_factor: float) -> float:
+    """Cost of a cell at a distance from the nearest lethal one, not at it, whatever the inflation radius (Nav2's `computeCost`)."""
+    if distance_m <= inscribed_radius_m:
+        return float(INSCRIBED)
+    return math.floor(252.0 * math.exp(-cost_scaling_factor * (distance_m - inscribed_radius_m)))
+
+
 def inflate(
     costmap_u8: NDArray[np.uint8],
     resolution_m: float,

@@ -13,10 +13,12 @@ from vastflow.sim.loop.prepared import PreparedMap
 from vastflow.sim.nav.controllers.binding import RunningController, running
 from vastflow.sim.nav.controllers.built_in import controller_of
 from vastflow.sim.nav.controllers.controller import PlanCut, Setting
+from vastflow.sim.nav.inflation import cost_at_distance
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.navfn import new_potential, new_scratch
 from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m
+from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.polygon import MOST_VERTICES
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.particles import Cloud, new_cloud
@@ -356,7 +358,18 @@ def _setting(parameters: NavParameters, window: Window, stream: NDArray[np.uint6
     goal = parameters.goal_checker
     rows, columns = window.costs.shape
     resolution_m = parameters.local_costmap.resolution
-    return Setting(rows, columns, resolution_m, goal.xy_goal_tolerance, goal.yaw_goal_tolerance, stream, TICK_S)
+    tolerances = goal.xy_goal_tolerance, goal.yaw_goal_tolerance
+    return Setting(
+        rows, columns, resolution_m, *tolerances, stream, TICK_S, _circumscribed_cost(parameters.local_costmap)
+    )
+
+
+def _circumscribed_cost(costmap: Costmap) -> float:
+    """0 without an inflation layer."""
+    layer, outline = costmap.inflation_layer, costmap.outline
+    if not layer.enabled:
+        return 0.0
+    return cost_at_distance(circumscribed_radius_m(outline), inscribed_radius_m(outline), layer.cost_scaling_factor)
 
 
 def _ticks(frequency_hz: float) -> int:

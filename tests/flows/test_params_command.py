@@ -67,6 +67,18 @@ def test_the_counts_come_last(nav2):
     assert lines[7] == "not in the file and left away: collision_monitor"
 
 
+def test_the_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_assumed(nav2):
+    polygon = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
+    costmap = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}'}}}}}}\n"
+    nav2.write_text(costmap + NAV2.replace("feedback: OPEN_LOOP", "max_velocity: [1.5, 0.0, 2.0]"))
+    *_, last = called("params", nav2).stdout.splitlines()
+    assert last == (
+        "the robot: a polygon of 4 vertices, up to 1.5 m/s, 2 m/s², 2.5 rad/s, 3 rad/s²; "
+        "assumed: the mass, tires, and lidar of a TurtleBot 4"
+    )
+    assert json.loads(called("params", nav2, "--json").stdout)["robot"]["vertices"][0] == [0.35, 0.25]
+
+
 def test_json_has_the_same_and_what_is_left_out(nav2):
     found = json.loads(called("params", nav2, "--json").stdout, parse_constant=pytest.fail)
     assert found["counts"] == {"modelled": 3, "built in": 1, "no effect": 1, "differs": 1, "not modelled": 1}

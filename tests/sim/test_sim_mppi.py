@@ -10,7 +10,7 @@ from vastflow.sim.nav.controllers import mppi
 from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.mppi_samples import noise
 from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.parameters.mppi import CostParameters, MppiParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
 from vastflow.sim.world.robot import arc
@@ -356,3 +356,43 @@ def test_commands_from_the_pool_are_spread_like_those_from_fresh_noise(name):
     error = np.hypot(pooled.std(0), fresh.std(0)) / math.sqrt(60)
     assert (np.abs(pooled.mean(0) - fresh.mean(0)) < 4 * error + 1e-4).all()
     assert (pooled.std(0) / fresh.std(0) > 0.6).all() and (pooled.std(0) / fresh.std(0) < 1.6).all()
+
+
+LONG = np.array([[0.45, 0.2], [0.45, -0.2], [-0.45, -0.2], [-0.45, 0.2]])
+
+
+def command_of_long(costs, **critic):
+    """Of a robot 0.9 m long that stands at the origin and looks along its path."""
+    parameters = MppiParameters(CostCritic=CostParameters(**critic))
+    record, plan = record_of(parameters), straight()
+    goal = (3.0, 0.0, 0.0)
+    return command_of(
+        record, memory_of(parameters), window(costs), LONG, (0.0, 0.0, 0.0), (0.0, 0.0), plan, len(plan), 0.0, goal
+    )
+
+
+def test_a_nose_in_a_wall_is_a_collision_of_the_outline_and_none_of_the_center():
+    costs = np.full((60, 60), 100, dtype=np.uint8)
+    costs[:, 38:] = 254  # 0.4 m ahead
+    assert command_of_long(costs)[0]
+    assert not command_of_long(costs, consider_footprint=True)[0]
+
+
+def test_with_the_outline_considered_an_inscribed_center_is_no_collision():
+    costs = np.full((60, 60), 253, dtype=np.uint8)
+    assert not command_of_long(costs)[0]
+    assert command_of_long(costs, consider_footprint=True)[0]
+
+
+def test_a_long_robot_between_walls_does_not_turn_where_its_corners_would_meet_them():
+    costs = np.full((60, 60), 100, dtype=np.uint8)
+    costs[:24], costs[36:] = 254, 254  # 0.3 m to both sides; the corners reach 0.49 m
+    valid, v_mps, w_radps = command_of_long(costs, consider_footprint=True)
+    assert valid
+    assert v_mps > 0.02
+    assert abs(w_radps) < 0.3
+
+
+def test_samples_that_collide_at_a_single_point_collide():
+    costs = np.full((60, 60), 254, dtype=np.uint8)
+    assert not command_of_long(costs, trajectory_point_step=1000)[0]

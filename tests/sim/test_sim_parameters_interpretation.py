@@ -379,7 +379,7 @@ def varied(draw, default):
     for name, value in default:
         if isinstance(value, ParameterGroup):
             values[name] = draw(varied(value))
-        elif name not in ("short_clearing_cells", "place") and draw(st.booleans()):
+        elif name not in ("short_clearing_cells", "place", "consider_footprint") and draw(st.booleans()):
             values[name] = draw(values_of(value, *range_of(type(default).model_fields[name])))
     if values.get("enabled") is False:
         return type(default)(enabled=False)
@@ -392,6 +392,8 @@ def varied(draw, default):
 
 def values_of(value, low, high):
     low, high = max(low, -1e9), min(high, 1e9)
+    if isinstance(value, str):
+        return st.sampled_from(["[]", "", "[[0.3, 0.3], [0.3, -0.3], [-0.3, 0.0]]"])
     if isinstance(value, bool):
         return st.booleans()
     if isinstance(value, int):
@@ -436,3 +438,25 @@ def test_a_file_with_accidents_is_read_or_has_faults(name, data):
         assert all(fault.place > (0, 0) for fault in error.faults)
     else:
         assert len(findings(found)) > 100
+
+
+OUTLINED = """
+controller_server:
+  ros__parameters:
+    controller_plugins: [FollowPath]
+    FollowPath: {plugin: "nav2_mppi_controller::MPPIController", critics: [CostCritic], CostCritic: {consider_footprint: true}}
+"""
+
+
+def test_a_footprint_to_consider_must_be_a_polygon_as_nav2_does_not_start_otherwise():
+    (fault,) = faults(OUTLINED)
+    assert "found true, and the local costmap has no polygon `footprint`" in fault
+    polygon = "'[[0.3, 0.3], [0.3, -0.3], [-0.3, 0.0]]'"
+    costmap = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: {polygon}}}}}}}"
+    assert parameters(OUTLINED + costmap).controller.CostCritic.consider_footprint
+
+
+@pytest.mark.parametrize("value", ["[[0.3, 0.3], [0.3, -0.3], [-0.3, 0.0]]", "0.3", "'[[0.2, 0.2]]'"])
+def test_a_footprint_that_is_no_text_or_no_polygon_is_a_fault_with_its_place(value):
+    (fault,) = faults(f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: {value}}}}}}}")
+    assert "footprint must be text" in fault

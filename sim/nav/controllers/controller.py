@@ -62,6 +62,8 @@ class Setting:
         stream: (1,) uint64, the run's random numbers for the controller. Put it into the memory to draw from it by `uniform`,
             `normal_pair` and `integer_below` of `vastflow.sim.kernels.streams`.
         dt_s: Time between two cycles.
+        circumscribed_cost: What the local costmap's inflation makes of a cell as far from a lethal one as the outline's farthest
+            vertex is from the robot's center: where the center costs less, the outline is free.
     """
 
     rows: int
@@ -71,6 +73,7 @@ class Setting:
     yaw_goal_tolerance_rad: float
     stream: NDArray[np.uint64]
     dt_s: float = PERIOD_S
+    circumscribed_cost: float = 0.0
 
     @property
     def half_edge_m(self) -> float:

@@ -27,6 +27,7 @@ from vastflow.sim.nav.controllers.mppi_critics import (
     lay_table,
     mark,
 )
+from vastflow.sim.nav.controllers.mppi_outlines import judge_outlines
 from vastflow.sim.nav.controllers.mppi_samples import (
     ROW,
     STEP,
@@ -62,6 +63,7 @@ class MppiMemory(NamedTuple):
         values: (256,) float32, cost by the costmap's cost.
         lengths, free: (n,) float64 and bool: of the plan's points the length so far, and whether they are free.
         line: (T + 8,) float64, what is smoothed.
+        circumscribed_cost: (1,) float64, see `Setting`.
 
     The others are `mppi_samples.Space`.
     """
@@ -75,6 +77,7 @@ class MppiMemory(NamedTuple):
     lengths: Any
     free: Any
     line: Any
+    circumscribed_cost: Any
     center: Any
     turns: Any
     track: Any
@@ -91,8 +94,12 @@ class MppiMemory(NamedTuple):
     sums: Any
 
 
-def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64]) -> MppiMemory:
-    """Memory of a controller that draws from `stream` (1,)."""
+def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64], circumscribed_cost: float = 0.0) -> MppiMemory:
+    """Memory of a controller that draws from `stream` (1,).
+
+    Args:
+        circumscribed_cost: See `Setting`; every outline is looked at where it is 0.
+    """
     steps, groups = parameters.time_steps, math.ceil(parameters.batch_size / ROW)
     marks = (steps - 1) // parameters.PathAlignCritic.trajectory_point_step
     cells = (steps - 1) // parameters.CostCritic.trajectory_point_step + 1
@@ -110,6 +117,7 @@ def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64]) -> MppiMe
         lengths=np.zeros(PLAN_POINTS),
         free=np.zeros(PLAN_POINTS, dtype=np.bool_),
         line=np.zeros(steps + 8),
+        circumscribed_cost=np.array([circumscribed_cost]),
         center=aligned(4 * steps, np.float32),
         turns=rows(steps),
         track=rows(2 * steps),
@@ -145,7 +153,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     be valid. With `retry_scores` one is.
     """
     window, pose, twist, plan, goal = given.window, given.pose, given.twist, given.plan, given.goal
-    n, end_yaw_rad = plan.shape[0], given.plan_end_yaw_rad
+    n = plan.shape[0]
     sequence, history, free, lengths = memory.sequence, memory.history, memory.free, memory.lengths
     space = Space(
         data_of(memory.noise),
@@ -172,7 +180,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
         noise_at = next_noise(memory.stream, memory.next_noise, memory.noise.shape[0], used)
         draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn)
-        if _sample(q, space, sequence, frame, draw, pose, twist, end_yaw_rad, goal, goal_m):
+        if _sample(q, space, sequence, frame, draw, given, memory.circumscribed_cost[0], goal_m):
             _judge_plan(q, space, sequence.shape[1], frame, window, pose, plan, n, goal_m, free, lengths)
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
@@ -195,13 +203,12 @@ def _sample(
     sequence: Any,
     frame: Frame,
     draw: Draw,
-    pose: Any,
-    twist: Any,
-    end_yaw_rad: float,
-    goal: Any,
+    given: ControllerInput,
+    circumscribed_cost: float,
     goal_m: float,
 ) -> bool:
     """Draw and follow all samples, and judge them by everything but the plan: False when every one collides."""
+    pose, twist, goal = given.pose, given.twist, given.goal
     steps, dt_s = sequence.shape[1], q.model_dt
     _center(q, space, sequence)
     x_m, y_m = (
@@ -222,6 +229,7 @@ def _sample(
     backwards = q.PreferForwardCritic.cost_weight * dt_s if forward else 0.0
     prices = Prices(lowest, math.hypot(q.vx_max, q.vy_max), beyond, backwards)
     priced, cell_stride = q.CostCritic.enabled != 0, q.CostCritic.trajectory_point_step
+    outlined, motion, near = q.CostCritic.consider_footprint != 0, (yaw_rad, dt_s), circumscribed_cost
     cells = (steps - 1) // cell_stride + 1
     cell_weight = q.CostCritic.cost_weight / 254.0 / cells
     crash = cell_weight * q.CostCritic.collision_cost
@@ -229,7 +237,7 @@ def _sample(
     goal_cell = (goal[0] - frame.left_m) / frame.resolution_m, (goal[1] - frame.bottom_m) / frame.resolution_m
     goal_weight = q.GoalCritic.cost_weight * frame.resolution_m / steps
     turning = q.GoalAngleCritic.enabled != 0 and goal_m < q.GoalAngleCritic.threshold_to_consider
-    off_rad, turn_weight = wrapped(yaw_rad - end_yaw_rad), q.GoalAngleCritic.cost_weight / steps
+    off_rad, turn_weight = wrapped(yaw_rad - given.plan_end_yaw_rad), q.GoalAngleCritic.cost_weight / steps
     aligned = q.PathAlignCritic.enabled != 0 and goal_m >= q.PathAlignCritic.threshold_to_consider
     mark_stride = q.PathAlignCritic.trajectory_point_step
     marks = (steps - 1) // mark_stride
@@ -237,6 +245,8 @@ def _sample(
         follow(space, first, steps, draw, start, scale, dt_s, prices)
         if priced:
             judge_cells(space, first, cells, cell_stride, frame, cell_weight, crash)
+            if outlined:
+                judge_outlines(space, first, cells, cell_stride, frame, given, motion, near, cell_weight, crash)
         if at_goal:
             judge_goal(space, first, steps, goal_cell, goal_weight)
         if turning:
@@ -416,7 +426,7 @@ class Mppi(MppiParameters, Controller):
 
     def memory(self, setting: Setting) -> MppiMemory:
         """See `new_memory`."""
-        return new_memory(self, setting.stream)
+        return new_memory(self, setting.stream, setting.circumscribed_cost)
 
     @property
     def plan_ahead_m(self) -> float:

@@ -25,12 +25,13 @@ from vastflow.sim.nav.controllers.lanes import (
     whole,
 )
 from vastflow.sim.nav.controllers.mppi_samples import ROW, STEP, Space, rows_of
-from vastflow.sim.nav.inflation import INSCRIBED
+from vastflow.sim.nav.inflation import INSCRIBED, UNKNOWN
 from vastflow.sim.nav.window import Window, cost_at
 
 SIDE: Final = 256
 """Cells along a side of the cost frame at most: a cell's number has 16 bits."""
-COLLISION: Final = 1e12
+COLLISION: Final = 2.0**40
+"""Above all costs, and the same number in 32 bits: 1e12 is greater than itself there."""
 BINS: Final = 8
 """Entries of the table of the plan for each of its points."""
 FAR: Final = 1e6
@@ -59,11 +60,13 @@ def lay_frame(q: Any, out: Any, values: Any, window: Window, pose: Any, near_goa
     row, column = int((pose[1] - bottom_m) / resolution_m), int((pose[0] - left_m) / resolution_m)
     row = min(max(row - rows // 2, 0), window.costs.shape[0] - rows)
     column = min(max(column - columns // 2, 0), window.costs.shape[1] - columns)
+    # What collides by its outline is found by that.
+    collides_from = INSCRIBED if q.consider_footprint == 0 else UNKNOWN
     for cost in range(256):
         value = 0.0 if near_goal else float(cost)
         if cost > 0 and cost >= q.near_collision_cost:
             value = q.critical_cost
-        values[cost] = COLLISION if cost >= INSCRIBED else value
+        values[cost] = COLLISION if cost >= collides_from else value
     width = columns + 2
     for c in range(width):
         out[c] = COLLISION

@@ -238,7 +238,6 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         # A disc collides where its center is inscribed, so the costs short of a collision never come to count.
         **_any("near_collision_cost", "critical_cost", "inflation_layer_name"),
         "cost_power": only(1),
-        "consider_footprint": only(False),
         "use_path_orientations": only(False),
         "symmetric_yaw_tolerance": only(False),
         "mode": only(0),

@@ -14,8 +14,16 @@ from vastflow.sim.nav.controllers.registry import (
     short_name,
 )
 from vastflow.sim.nav.parameters.amcl import AmclParameters
-from vastflow.sim.nav.parameters.costmap import Costmap, InflationLayer, ObstacleLayer, StaticLayer, global_costmap
+from vastflow.sim.nav.parameters.costmap import (
+    Costmap,
+    InflationLayer,
+    ObstacleLayer,
+    StaticLayer,
+    global_costmap,
+    local_costmap,
+)
 from vastflow.sim.nav.parameters.document import DocumentError, ParameterDocument, ParameterLocation
+from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
@@ -101,6 +109,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
         else:
             absent.append(name[-1])
             parts |= _DISPENSABLE.get(name[-1], {})
+    _check_outline(reader, parts)
     if reader.faults:
         raise DocumentError(sorted(reader.faults, key=lambda fault: fault.place), document.file)
     if "controller" not in parts and "controller_server" not in absent:
@@ -108,6 +117,18 @@ def interpretation(document: ParameterDocument) -> Interpretation:
     replaced = tuple(name for name in absent if name not in _DISPENSABLE)
     left_away = tuple(name for name in absent if name in _DISPENSABLE)
     return Interpretation(document, NavParameters(**parts), reader, replaced, left_away)
+
+
+def _check_outline(reader: Reader, parts: Parts) -> None:
+    """Nav2's MPPI does not start where it is to look at the outline of a robot that is a disc."""
+    controller, costmap = parts.get("controller"), parts.get("local_costmap", local_costmap())
+    if reader.faults or not isinstance(controller, MppiParameters) or costmap.vertices:
+        return
+    if controller.CostCritic.enabled and controller.CostCritic.consider_footprint:
+        path = next(path for path in reader.asked if path[-1] == "consider_footprint")
+        reader.fault(
+            path, "found true, and the local costmap has no polygon `footprint`", "false, as Nav2 does not start"
+        )
 
 
 def _amcl(reader: Reader, node: ParameterLocation) -> Parts:

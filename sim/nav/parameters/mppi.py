@@ -11,7 +11,10 @@ class ConstraintParameters(ParameterGroup):
 
 
 class CostParameters(ParameterGroup):
-    """The local costmap under every `trajectory_point_step`-th point; distances in meters."""
+    """The local costmap under every `trajectory_point_step`-th point; distances in meters.
+
+    With `consider_footprint` a point collides where the robot's outline does, and not where its center is inscribed.
+    """
 
     enabled: bool = parameter(True)
     cost_weight: float = parameter(3.81, 0.0, 1e6)
@@ -20,6 +23,7 @@ class CostParameters(ParameterGroup):
     collision_cost: float = parameter(1_000_000.0, 0.0, 1e12)
     near_goal_distance: float = parameter(1.0, 0.0, 1e3, code=0.5)
     trajectory_point_step: int = parameter(2, 1, 1000)
+    consider_footprint: bool = parameter(False)
 
 
 class GoalParameters(ParameterGroup):

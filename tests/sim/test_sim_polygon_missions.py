@@ -1,0 +1,74 @@
+"""Missions of a robot with a polygon for a footprint, in two rooms with a door between them."""
+
+import numpy as np
+import pytest
+import shapely
+import shapely.affinity
+
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.run import run
+
+LONG = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
+BODY = shapely.box(-0.35, -0.25, 0.35, 0.25)
+
+
+def two_rooms_with_a_door(width_m):
+    """Walls 0.2 m thick; the door is at x 4.1..4.3 m from y 1.8 m on."""
+    cells = np.zeros((108, 168), dtype=np.int8)
+    cells[:4], cells[-4:], cells[:, :4], cells[:, -4:] = 100, 100, 100, 100
+    cells[:, 82:86] = 100
+    cells[36 : 36 + round(width_m / 0.05), 82:86] = 0
+    return cells
+
+
+@pytest.fixture
+def mission(saved, scenario):
+    def make(controller, door_m, **system):
+        map_file = saved(OccupancyMap(two_rooms_with_a_door(door_m), 0.05, (0.0, 0.0)))
+        footprints = {"local_costmap.footprint": LONG, "global_costmap.footprint": LONG}
+        return scenario(controller=controller, map_file=map_file, **footprints, **system)
+
+    return make
+
+
+@pytest.mark.parametrize("controller", ["mppi", "rpp"])
+def test_it_passes_a_door_that_it_fits_through_lengthwise(mission, controller):
+    recording = run(mission(controller, 0.8), 0)
+    assert recording.run.outcome == "succeeded"
+
+
+@pytest.mark.parametrize("controller", ["mppi", "rpp"])
+def test_it_does_not_pass_a_door_that_is_narrower_than_itself(mission, controller):
+    recording = run(mission(controller, 0.45), 0)
+    assert recording.run.outcome == "aborted"
+    assert recording.columns["x_mm"].max() < 4100
+
+
+def test_its_outline_is_heeded_where_the_controller_is_told_to(mission):
+    wide = {"local_costmap.width": 6, "local_costmap.height": 6}
+    recording = run(mission("mppi", 0.8, **wide, **{"FollowPath.CostCritic.consider_footprint": True}), 0)
+    assert recording.run.outcome == "succeeded"
+    assert not [event for event in recording.run.events if event.kind == "contact"]
+
+
+@pytest.mark.parametrize("door_m", [0.65, 0.8])
+def test_no_wall_is_met_without_a_contact(mission, door_m):
+    """RPP is the least careful at the door's edges."""
+    walls = shapely.union_all(
+        [
+            shapely.box(0.05 * c, 0.05 * r, 0.05 * (c + 1), 0.05 * (r + 1))
+            for r, c in zip(*np.nonzero(two_rooms_with_a_door(door_m)), strict=True)
+        ]
+    )
+    for index in range(2):
+        recording = run(mission("rpp", door_m), index)
+        poses = np.column_stack([recording.columns[name] for name in ("x_mm", "y_mm", "yaw_mrad")]) / 1000.0
+        areas_m2 = [
+            shapely.affinity.translate(shapely.affinity.rotate(BODY, a, (0, 0), use_radians=True), x, y)
+            .intersection(walls)
+            .area
+            for x, y, a in poses.tolist()
+        ]
+        met = any(event.kind == "contact" for event in recording.run.events)
+        assert max(areas_m2) < 0.006 * 0.7
+        assert met or max(areas_m2) < 0.001 * 0.7
