@@ -20,6 +20,7 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
 from vastflow.sim.recordings.recording import Event, Run
 from vastflow.sim.replay.snapshot import Box, Moment, Patch, TickSnapshot
+from vastflow.sim.world.robot import Robot
 
 GOAL = Pose(3.0, 1.0)
 BOX = Box(0.0, 0.0, 4.0, 4.0)
@@ -55,6 +56,7 @@ def a_snapshot(tick, **changes):
         "intended_xy_m": np.array([[moment.true.x_m, 2.0], [2.0, 2.0]]),
         "scan_xy_m": np.array([[0.05, 2.0], [3.95, 2.0]]),
         "particles": np.array([[moment.true.x_m, 2.0, 0.0]]),
+        "robot": Robot(),
         "outline_m": 0.23 * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]),
         "obstacles": np.array([[2.5, 3.0, 1.0, 0.0, 0.25, 0.25], [np.inf, np.inf, 1.0, 0.0, 0.25, 0.0]]),
         "goals": (GOAL,),
