@@ -106,6 +106,17 @@ def test_the_true_body_is_dark_where_the_robot_is(close_up):
     assert near(close_up(1.5, 2.0 - 0.1), rgb(INK))
 
 
+def test_the_body_of_a_polygon_is_drawn_as_it_lies(occupancy):
+    figure = Figure(figsize=(8, 8), dpi=100)
+    axes = figure.add_axes((0, 0, 1, 1))
+    long = Robot(0.61, vertices=((0.6, 0.1), (0.6, -0.1), (-0.6, -0.1), (-0.6, 0.1)))
+    draw_close_up(axes, occupancy, a_snapshot(50, robot=long), a_story(occupancy).way_until(50), BOX)
+    drawn = pixels(figure)
+    behind, beside = drawn[799 - 390, int(200 * (1.5 - 0.55))], drawn[799 - int(200 * (2.0 + 0.3)), 300]
+    assert near(tuple(behind.tolist()), rgb(INK))
+    assert not near(tuple(beside.tolist()), rgb(INK))
+
+
 def test_the_goal_is_a_green_mark(close_up):
     assert near(close_up(GOAL.x_m, GOAL.y_m), rgb(GOAL_COLOR))
 
