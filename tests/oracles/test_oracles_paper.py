@@ -5,7 +5,7 @@ import json
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from paper_page import paper_page
+from paper_page import main, paper_page
 from paper_published import ALL_RUNS, PUBLISHED
 from paper_results import NotThePapers, Requested, paper_results, requested_of
 from paper_starts import Begun, Starts, starts_of
@@ -256,6 +256,13 @@ def test_with_the_proof_of_delays_the_page_says_what_a_late_obstacle_does(safety
     delays = {"configurations": 12, "runs": 3, "rows": [row]}
     assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in paper_page([paper_results(safety)], delays)
     assert "spawn_delays" not in paper_page([paper_results(safety)])
+
+
+def test_the_command_puts_what_the_proof_wrote_into_the_page(safety, tmp_path, capsys):
+    row = {"delay_s": 0.4, "reading": "cube", "kept": 0.5, "reached": 11 / 12, "both": 0.5}
+    (tmp_path / "delays.json").write_text(json.dumps({"configurations": 12, "runs": 3, "rows": [row]}))
+    main([safety], tmp_path / "delays.json")
+    assert "| 0.4 s | cube | 50.0 % | 91.7 % | 50.0 % |" in capsys.readouterr().out
 
 
 def test_a_page_of_nothing_is_only_words():

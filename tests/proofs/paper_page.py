@@ -5,6 +5,7 @@
 runs this file, as `python tests/proofs/paper_page.py RESULTS...` does.
 """
 
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -35,7 +36,10 @@ def main(
         list[Path], typer.Argument(metavar="RESULTS...", help="Campaign directories of campaigns in campaigns/paper.")
     ],
     delays: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="What tests/proofs/spawn_delays.py --json wrote.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", exists=True, dir_okay=False, help="What tests/proofs/spawn_delays.py --json wrote."
+        ),
     ] = None,
 ) -> None:
     """Print a page that puts results beside the paper's.
@@ -44,7 +48,8 @@ def main(
     """
     with Interruptible("interrupted"):
         try:
-            print(paper_page([_read(directory) for directory in results]), end="")
+            late = json.loads(delays.read_text(encoding="utf-8")) if delays else None
+            print(paper_page([_read(directory) for directory in results], late), end="")
         except UserError as error:
             print(error, file=sys.stderr)
             raise typer.Exit(BAD_INPUT) from None
