@@ -7,7 +7,6 @@ from typing import Any, Final, Protocol
 
 from markupsafe import Markup
 
-from vastflow.flows.terminal.display import plain_line
 from vastflow.flows.terminal.pace import Meter
 from vastflow.tasks.progress import Progress
 
@@ -42,6 +41,8 @@ class NotebookDisplay:
 
     def update(self, progress: Progress) -> None:
         """Show `progress`, at most twice a second and always where all runs are done."""
+        from vastflow.flows.terminal.display import plain_line  # with it comes rich, which draws random numbers
+
         now_s = self._clock()
         self._meter.note(progress, now_s)
         if now_s - self._shown_s >= INTERVAL_S or 0 < progress.runs_total == progress.runs_done:

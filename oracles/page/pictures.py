@@ -111,7 +111,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             f"failure-rate-{end}",
             "How often a place is failed at",
             f"{name}: failed runs over visits in cells of 0.25 m",
-            "Of the runs that came through a cell, the share that failed within the last 0.5 m of their way there. "
+            "Of the runs that came through a cell, the share that failed within the last 0.5 m of their path there. "
             "Faint cells are uncertain. A dense spot on the left can be a busy one; a dark cell here is a dangerous one.",
             failure_rate_figure(scene),
             density=True,
@@ -196,9 +196,7 @@ def cause_picture(tables: Tables, count: CauseCount, files: KeptFiles) -> Pictur
     ways: list[tuple[Judgement, NDArray[np.float64]]] = [("fail", walks.line(run))]
     estimate_xy_m = read_estimate(tables.directory, count.configuration, count.run_index)
     figure = _on_map(tables, configuration, files, ways, walks.spawned, estimate_xy_m)
-    alt = (
-        f"{count.cause}: run {count.run_index} of {count.configuration} on its map, and where the robot believed to be"
-    )
+    alt = f"{count.cause}: run {count.run_index} of {count.configuration} on its map, and where the robot took itself to be"
     return _picture(f"cause-{count.cause.replace(' ', '-')}", "", alt, "", figure)
 
 

@@ -15,7 +15,7 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.inflation import FREE, LETHAL, UNKNOWN, cost_stamp, inflation_of, with_unknown
 from vastflow.sim.nav.likelihood import likelihood_cubed, usable_range_m
 from vastflow.sim.nav.navfn import travel_costs
-from vastflow.sim.nav.outline import inscribed_radius_m
+from vastflow.sim.nav.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.world.lidar import Lidar
@@ -122,5 +122,5 @@ def _stamp(costmap: Costmap, resolution_m: float) -> NDArray[np.uint8]:
     if not layer.enabled:
         return np.array([[LETHAL]], dtype=np.uint8)
     return cost_stamp(
-        resolution_m, inscribed_radius_m(costmap.outline), layer.inflation_radius, layer.cost_scaling_factor
+        resolution_m, inscribed_radius_m(outline_of(costmap)), layer.inflation_radius, layer.cost_scaling_factor
     )

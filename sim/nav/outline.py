@@ -5,7 +5,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vastflow.sim.nav.parameters.costmap import Costmap
+from vastflow.sim.nav.polygon import as_array, vertices_of
+
 VERTICES: Final = 16
+
+
+def outline_of(costmap: Costmap) -> NDArray[np.float64]:
+    """(V, 2) vertices of a costmap's padded footprint in the robot's frame (m): the polygon's, or 16 of the disc."""
+    if vertices := vertices_of(costmap.footprint):
+        return padded(as_array(vertices), costmap.footprint_padding)
+    return padded_outline(costmap.robot_radius, costmap.footprint_padding)
 
 
 def padded_outline(robot_radius_m: float, padding_m: float) -> NDArray[np.float64]:

@@ -17,11 +17,11 @@ from vastflow.sim.nav.inflation import cost_at_distance
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.navfn import new_potential, new_scratch
-from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m
+from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav.parameters.costmap import Costmap
-from vastflow.sim.nav.parameters.polygon import MOST_VERTICES
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.particles import Cloud, new_cloud
+from vastflow.sim.nav.polygon import MOST_VERTICES
 from vastflow.sim.nav.profile import STAGES
 from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.window import Window
@@ -229,7 +229,7 @@ def new_stack(
     m["first_scan"], m["local_current"], m["global_current"] = 1, 1, 1
     m["state"], m["status"] = ENDED, RESTING
     m["streams"], m["directions"], m["ranges"] = streams, lidar.directions(), np.inf
-    outline = parameters.local_costmap.outline
+    outline = outline_of(parameters.local_costmap)
     m["vertices"] = len(outline)
     m["outline"][: len(outline)] = outline
     local = _local(parameters, prepared.local_stamp)
@@ -312,7 +312,7 @@ def _parameter_record(
 ) -> NDArray[np.void]:
     """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, and `initial_covariance`."""
     groups = {name: group for name, group in parameters if name != "controller"} | {"plan_cut": plan_cut}
-    outline = parameters.local_costmap.outline
+    outline = outline_of(parameters.local_costmap)
     frame = prepared.occupancy.frame
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),
@@ -366,7 +366,7 @@ def _setting(parameters: NavParameters, window: Window, stream: NDArray[np.uint6
 
 def _circumscribed_cost(costmap: Costmap) -> float:
     """0 without an inflation layer."""
-    layer, outline = costmap.inflation_layer, costmap.outline
+    layer, outline = costmap.inflation_layer, outline_of(costmap)
     if not layer.enabled:
         return 0.0
     return cost_at_distance(circumscribed_radius_m(outline), inscribed_radius_m(outline), layer.cost_scaling_factor)

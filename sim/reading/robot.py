@@ -6,6 +6,7 @@ from typing import Final
 from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER
 from vastflow.sim.nav.parameters.servers import VelocitySmoother
 from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.polygon import vertices_of
 from vastflow.sim.world.robot import Robot
 
 TURTLEBOT_4: Final = Robot()
@@ -24,7 +25,7 @@ def robot_of(parameters: NavParameters) -> Robot:
     allows more than it does in the default file.
     """
     costmap, smoother = parameters.local_costmap, parameters.velocity_smoother
-    vertices = costmap.vertices
+    vertices = vertices_of(costmap.footprint)
     radius_m = TURTLEBOT_4.radius_m if costmap.robot_radius == TURTLEBOT_4_RADIUS_M else costmap.robot_radius
     if vertices:
         radius_m = max(math.hypot(x_m, y_m) for x_m, y_m in vertices)

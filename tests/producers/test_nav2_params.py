@@ -114,16 +114,13 @@ def test_a_file_of_which_everything_is_modelled_is_noted_for_its_missing_nodes_a
 
 
 def test_what_is_not_modelled_is_noted_once_with_its_place(load: Load) -> None:
-    text = NAV2.replace("20.0", "10.0").replace("robot_radius: 0.3", "footprint: '[[0, 1]]'")
+    text = NAV2.replace("20.0", "10.0").replace("robot_radius: 0.3", "filters: [keepout]")
     found = notes(
         load(f"{text}ekf:\n  ros__parameters:\n    a: 1\n    b: {{c: 2}}\n      \namcl: {{ros__parameters: {{x: 1}}}}")
     )
     assert found[2:] == [
         "nav2.yaml:3:27: controller_server.controller_frequency: found 10.0, which is not modelled; 20.0 is built in",
-        (
-            "nav2.yaml:11:18: local_costmap.local_costmap.footprint: not modelled; "
-            "the robot is a disc of robot_radius, never a polygon"
-        ),
+        "nav2.yaml:11:7: local_costmap.local_costmap.filters: not modelled; there are no costmap filters",
         "nav2.yaml:13:3: ekf: its 2 parameters are not modelled; nothing of this node is",
         "nav2.yaml:17:29: amcl.x: not modelled",
     ]  # fmt: skip

@@ -458,5 +458,7 @@ def test_a_footprint_to_consider_must_be_a_polygon_as_nav2_does_not_start_otherw
 
 @pytest.mark.parametrize("value", ["0.3", "'[[0.2, 0.2]]'"])
 def test_a_footprint_that_is_no_text_or_no_polygon_is_a_fault_with_its_place(value):
-    (fault,) = faults(f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: {value}}}}}}}")
+    (fault,) = faults(
+        f"local_costmap: {{local_costmap: {{ros__parameters: {{robot_radius: 0.2, footprint: {value}}}}}}}"
+    )
     assert "footprint must be text" in fault

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.collision_monitor import _in_outline
-from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m
+from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav.parameters.costmap import Costmap
-from vastflow.sim.nav.parameters.polygon import vertices_of
 from vastflow.sim.nav.parameters.servers import VelocitySmoother
 from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.polygon import vertices_of
 from vastflow.sim.pose import Pose
 from vastflow.sim.reading.robot import robot_of
+from vastflow.sim.world.kinematics import arc
 from vastflow.sim.world.physics import World
-from vastflow.sim.world.robot import arc
 from vastflow.sim.world.walls import WallIndex
 
 RECTANGLE = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
@@ -34,7 +34,7 @@ def of_polygon(text, **values):
 
 
 def test_a_polygon_counts_in_place_of_the_radius():
-    outline = Costmap(footprint=RECTANGLE, robot_radius=0.1).outline
+    outline = outline_of(Costmap(footprint=RECTANGLE, robot_radius=0.1))
     assert outline.tolist() == [[0.36, 0.26], [0.36, -0.26], [-0.36, -0.26], [-0.36, 0.26]]
     assert inscribed_radius_m(outline) == pytest.approx(0.26)
     assert circumscribed_radius_m(outline) == pytest.approx(math.hypot(0.36, 0.26))
@@ -42,7 +42,7 @@ def test_a_polygon_counts_in_place_of_the_radius():
 
 @pytest.mark.parametrize("text", ["", "[]", " [] "])
 def test_without_a_polygon_the_robot_is_the_disc_of_its_radius(text):
-    assert np.array_equal(Costmap(footprint=text).outline, Costmap().outline)
+    assert np.array_equal(outline_of(Costmap(footprint=text)), outline_of(Costmap()))
 
 
 @pytest.mark.parametrize(

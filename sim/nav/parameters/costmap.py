@@ -1,12 +1,9 @@
 """Parameters of the two costmaps and their layers."""
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import field_validator
 
-from vastflow.sim.nav.outline import padded, padded_outline
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
-from vastflow.sim.nav.parameters.polygon import Vertices, as_array, vertices_of
+from vastflow.sim.nav.polygon import vertices_of
 
 
 class InflationLayer(ParameterGroup):
@@ -68,18 +65,6 @@ class Costmap(ParameterGroup):
     def _polygon(cls, footprint: str) -> str:
         vertices_of(footprint)
         return footprint
-
-    @property
-    def vertices(self) -> Vertices:
-        """Of the polygon; none for a disc."""
-        return vertices_of(self.footprint)
-
-    @property
-    def outline(self) -> NDArray[np.float64]:
-        """(V, 2) vertices of the padded footprint in the robot's frame (m): the polygon's, or 16 of the disc."""
-        if vertices := self.vertices:
-            return padded(as_array(vertices), self.footprint_padding)
-        return padded_outline(self.robot_radius, self.footprint_padding)
 
 
 def local_costmap() -> Costmap:

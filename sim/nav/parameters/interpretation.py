@@ -49,6 +49,7 @@ from vastflow.sim.nav.parameters.servers import (
     WaypointFollower,
 )
 from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.polygon import vertices_of
 from vastflow.sim.reading.names import did_you_mean
 
 Parts: TypeAlias = Mapping[str, Any]
@@ -122,7 +123,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
 def _check_outline(reader: Reader, parts: Parts) -> None:
     """Nav2's MPPI does not start where it is to look at the outline of a robot that is a disc."""
     controller, costmap = parts.get("controller"), parts.get("local_costmap", local_costmap())
-    if reader.faults or not isinstance(controller, MppiParameters) or costmap.vertices:
+    if reader.faults or not isinstance(controller, MppiParameters) or vertices_of(costmap.footprint):
         return
     if controller.CostCritic.enabled and controller.CostCritic.consider_footprint:
         path = next(path for path in reader.asked if path[-1] == "consider_footprint")
@@ -167,7 +168,7 @@ def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
             given[field] = reader.group(model, places[field])
     found = reader.group(Costmap, node, given=given)
     radius = (*node, "robot_radius")
-    if radius in reader.document.values and found.footprint.strip() not in ("", "[]"):
+    if radius in reader.document.values and not reader.faults and vertices_of(found.footprint):
         reader.asked.pop(radius, None)
         reader.unused[radius] = "the polygon footprint counts"
     return found

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.digest import Value
+from vastflow.sim.nav.outline import outline_of
 from vastflow.sim.nav.parameters.chosen import parameters_of
 
 FOOTPRINT_NAMES: Final = frozenset({"footprint", "robot_radius", "footprint_padding"})
@@ -19,4 +20,4 @@ def local_outline(system: Mapping[str, Value]) -> NDArray[np.float64]:
     Raises:
         DocumentError: as of `vastflow.sim.nav.parameters.chosen.parameters_of`.
     """
-    return parameters_of(system).local_costmap.outline
+    return outline_of(parameters_of(system).local_costmap)
