@@ -20,7 +20,7 @@ from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.motion import FREE, MOVING, NOT_THERE, Body, new_body
 from vastflow.sim.world.obstacle import Obstacle
 from vastflow.sim.world.physics import World
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 
 class ClosedLoop:

@@ -20,7 +20,7 @@ from vastflow.sim.process.tables import Columns
 from vastflow.sim.recordings.recording import Entity, Event, Outcome, Recording, Run
 from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.obstacle import Obstacle
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 
 @dataclass(frozen=True, slots=True)

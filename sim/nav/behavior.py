@@ -43,7 +43,7 @@ from vastflow.sim.nav.state import (
     Local,
     Route,
 )
-from vastflow.sim.world.kinematics import wrapped
+from vastflow.sim.world.robot import wrapped
 
 RETRIES: Final = 6
 REPLAN_TICKS: Final = round(1.0 / TICK_S)

@@ -8,7 +8,7 @@ from vastflow.sim.kernels.streams import AMCL
 from vastflow.sim.nav.particles import Cloud, gate, move, spread
 from vastflow.sim.nav.resampling import covariance, heaviest_cluster, resample
 from vastflow.sim.nav.sensor import normalize, weigh
-from vastflow.sim.world.kinematics import wrapped
+from vastflow.sim.world.robot import wrapped
 
 
 @inner

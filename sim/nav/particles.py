@@ -12,8 +12,8 @@ import numpy as np
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.sincos import rounded, sincos
 from vastflow.sim.kernels.ziggurat import normals
-from vastflow.sim.world.kinematics import wrapped
 from vastflow.sim.world.lidar import BEAMS
+from vastflow.sim.world.robot import wrapped
 
 GUIDE: Final = 2048
 LANES: Final = 4

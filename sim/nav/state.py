@@ -27,7 +27,7 @@ from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.lidar import BEAMS, Lidar
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 TICK_S: Final = 0.05
 """The stack runs at 20 Hz: the controller's and the velocity smoother's rate."""

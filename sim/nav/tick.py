@@ -25,8 +25,8 @@ from vastflow.sim.nav.state import (
     Route,
 )
 from vastflow.sim.world import lidar
-from vastflow.sim.world.kinematics import arc, limited, wrapped
 from vastflow.sim.world.motion import Body, due, move_freely
+from vastflow.sim.world.robot import arc, limited, wrapped
 
 SCAN_TICKS: Final = 2
 DONE, PHYSICS, APPEARS = 0, 1, 2

@@ -22,7 +22,7 @@ from vastflow.sim.reading.robot import robot_of
 from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 MAP_KEY: Final = "map_file"
 _KEPT: Final = "checked_digest"

@@ -7,7 +7,7 @@ from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER
 from vastflow.sim.nav.parameters.servers import VelocitySmoother
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.polygon import vertices_of
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 TURTLEBOT_4: Final = Robot()
 TURTLEBOT_4_RADIUS_M: Final = 0.22

@@ -25,8 +25,8 @@ from vastflow.sim.nav.state import (
 )
 from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.kinematics import wrapped
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot import wrapped
+from vastflow.sim.world.robot_model import Robot
 
 Activity: TypeAlias = Literal["starting", "following", "spin", "wait", "back up", "pausing", "ended"]
 _ACTIVITIES: Final[Mapping[int, Activity]] = {

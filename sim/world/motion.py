@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.kinematics import arc
+from vastflow.sim.world.robot import arc
 from vastflow.sim.world.skip_table import WALL, SkipTable, free_square
 
 MARGIN_M: Final = 0.001

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vastflow.sim.recordings.recording import Event
 from vastflow.sim.world.motion import FREE, MOVING, TOUCHING
 from vastflow.sim.world.obstacle import Obstacle
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.walls import WallIndex
 
 ROBOT, WALL, OBSTACLE = 1, 2, 3

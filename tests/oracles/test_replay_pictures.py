@@ -20,7 +20,7 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
 from vastflow.sim.recordings.recording import Event, Run
 from vastflow.sim.replay.snapshot import Box, Moment, Patch, TickSnapshot
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 GOAL = Pose(3.0, 1.0)
 BOX = Box(0.0, 0.0, 4.0, 4.0)

@@ -28,9 +28,9 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.maps.octile import descend, distance_field, passable, path_xy_m
 from vastflow.sim.nav.amcl import Filter
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.kinematics import arc, limited, wrapped
 from vastflow.sim.world.lidar import Lidar, perturb, scan
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot import arc, limited, wrapped
+from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.skip_table import skip_table_of
 
 MAPS = Path(__file__).parents[3] / "shared" / "maps"

@@ -14,7 +14,7 @@ from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.world.kinematics import arc
+from vastflow.sim.world.robot import arc
 
 CELLS = 60
 RESOLUTION_M = 0.05

@@ -13,7 +13,7 @@ from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.recordings.recording import si
 from vastflow.sim.world.lidar import Lidar
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 ROUTES = 3
 ROUTE_M = 15.0

@@ -19,7 +19,7 @@ from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.motion import FREE, new_body
 from vastflow.sim.world.obstacle_values import obstacle_of
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 START = {"x": 2.98, "y": 2.42}
 CRATE = {"model": "box", "xacro_arguments": "length:=0.16, width:=0.8", "spawn_pose": {"x": 4.0, "y": 2.42}}

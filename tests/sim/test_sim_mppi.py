@@ -13,7 +13,7 @@ from vastflow.sim.nav.outline import padded_outline
 from vastflow.sim.nav.parameters.mppi import CostParameters, MppiParameters
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.world.kinematics import arc
+from vastflow.sim.world.robot import arc
 
 PARAMETERS = MppiParameters()
 SMALL = PARAMETERS.with_values(batch_size=400)

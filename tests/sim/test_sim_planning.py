@@ -19,7 +19,7 @@ from vastflow.sim.nav.planning import GOAL_OUTSIDE, NO_VALID_PATH, plan
 from vastflow.sim.nav.state import give, new_stack, set_pose
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.lidar import Lidar
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 PROOF = Path(__file__).parents[1] / "proofs" / "path_cost.py"
 OFFICE = Path(__file__).parents[2] / "campaigns" / "quickstart" / "maps" / "office.yaml"

@@ -19,8 +19,8 @@ from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.polygon import vertices_of
 from vastflow.sim.pose import Pose
 from vastflow.sim.reading.robot import robot_of
-from vastflow.sim.world.kinematics import arc
 from vastflow.sim.world.physics import World
+from vastflow.sim.world.robot import arc
 from vastflow.sim.world.walls import WallIndex
 
 RECTANGLE = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"

@@ -24,7 +24,7 @@ from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import ScenarioError, run
 from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.obstacle_values import obstacle_of
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 
 @pytest.fixture(scope="module")

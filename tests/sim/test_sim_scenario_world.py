@@ -21,7 +21,7 @@ from vastflow.sim.run import run
 from vastflow.sim.scenario_error import ScenarioError
 from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.obstacle import Obstacle
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 BOX = "spawn_entity('{name}', pose_3d(position_3d({x}m, {y}m)), 'box', '{arguments}')"
 PLUG = {

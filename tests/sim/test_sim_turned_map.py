@@ -23,7 +23,7 @@ from vastflow.sim.replay.replay import replay
 from vastflow.sim.replay.snapshot import Box
 from vastflow.sim.run import run
 from vastflow.sim.world.lidar import Lidar
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot_model import Robot
 
 ORIGIN = (-2.0, 1.5)
 """Of the two rooms in these tests, whose poses below are measured from it."""

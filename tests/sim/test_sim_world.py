@@ -10,11 +10,11 @@ from shapely.geometry import Point
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.kinematics import arc
 from vastflow.sim.world.motion import FREE, MOVING, TOUCHING
 from vastflow.sim.world.obstacle import Obstacle, Trigger
 from vastflow.sim.world.physics import GRAVITY_MPS2, TRACTION, World
-from vastflow.sim.world.robot import Robot
+from vastflow.sim.world.robot import arc
+from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.walls import WallIndex
 
 DT_S = 0.01

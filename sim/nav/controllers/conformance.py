@@ -28,7 +28,7 @@ from vastflow.sim.nav.inflation import LETHAL, UNKNOWN, inflate
 from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
 from vastflow.sim.nav.window import Window
 from vastflow.sim.plug_ins.conformance import must
-from vastflow.sim.world.kinematics import arc
+from vastflow.sim.world.robot import arc
 
 MOST_US: Final = 2000.0
 """CPU time of a call that a campaign can bear: 20 calls a second, and a simulated second then takes 40 ms."""

@@ -11,7 +11,7 @@ import numpy as np
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.inflation import UNKNOWN
 from vastflow.sim.nav.window import Window
-from vastflow.sim.world.kinematics import wrapped
+from vastflow.sim.world.robot import wrapped
 
 DISTANCE, DX, DY, FOLLOWING, TAKEN = 0, 1, 2, 3, 4
 """Columns of `PathGrid.cells`."""

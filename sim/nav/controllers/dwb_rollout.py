@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.inflation import INSCRIBED
-from vastflow.sim.world.kinematics import wrapped
+from vastflow.sim.world.robot import wrapped
 
 SAME_VELOCITY: Final = 1e-5
 """Tolerance of Nav2's velocity iterators (m/s, rad/s)."""

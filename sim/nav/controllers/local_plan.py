@@ -5,7 +5,7 @@ from typing import Any
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.window import Window
-from vastflow.sim.world.kinematics import wrapped
+from vastflow.sim.world.robot import wrapped
 
 
 @inner

@@ -42,7 +42,7 @@ from vastflow.sim.nav.controllers.mppi_samples import (
 )
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.window import Window
-from vastflow.sim.world.kinematics import wrapped
+from vastflow.sim.world.robot import wrapped
 
 PLAN_POINTS: Final = 1024
 UNSMOOTHED: Final = 20

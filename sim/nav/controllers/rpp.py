@@ -11,7 +11,7 @@ from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import FREE, INSCRIBED, UNKNOWN
 from vastflow.sim.nav.parameters.rpp import RppParameters
 from vastflow.sim.nav.window import Window, cost_at
-from vastflow.sim.world.kinematics import wrapped
+from vastflow.sim.world.robot import wrapped
 
 
 class RppMemory(NamedTuple):
