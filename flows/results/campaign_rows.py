@@ -20,7 +20,7 @@ class WrittenRows:
     """What the rows of a campaign come to.
 
     Attributes:
-        kept: Keys of the parts that the store has.
+        kept: Keys of the parts that the store has, or was to have.
     """
 
     tally: OutcomeTally

@@ -60,7 +60,7 @@ def read_walks(directory: Path, configuration: str) -> Walks | None:
 
 
 def read_estimate(directory: Path, configuration: str, run_index: int) -> NDArray[np.float64]:
-    """Where the robot believed to be (N, 2) in a recorded run, in the map frame."""
+    """Where the robot took itself to be (N, 2) in a recorded run, in the map frame."""
     file = directory / "recordings" / f"{configuration}.parquet"
     index, columns = read_columns(file, ("estimated_x_mm", "estimated_y_mm"))
     return np.column_stack([si(column[index == run_index]) for column in columns.values()])

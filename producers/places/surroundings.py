@@ -1,4 +1,4 @@
-"""What surrounds a path: how narrow the way is, how near walls are at its ends, how it turns, how many obstacles stand by it."""
+"""What surrounds a path: how narrow it is, how near walls are at its ends, how it turns, how many obstacles stand by it."""
 
 import functools
 import itertools
@@ -108,7 +108,7 @@ def surroundings_at(site: Site, obstacles: Sequence[Obstacle]) -> dict[str, Valu
 def narrowest_passage_cells(clearance: Clearance, cells: Cells) -> float | None:
     """Width of the narrowest passage that a path (N, 2) leads through, in cells; None where it leads between nothing.
 
-    From each cell of the path the way leads straight off the nearest obstacle, onto the medial axis of the free space: there another
+    From each cell of the path one goes straight off the nearest obstacle, onto the medial axis of the free space: there another
     one comes as near. Where the two are seen in opposite directions they face each other, and their distance is the width of a
     passage; in a corner they are not, which is how spurs of a medial axis are told from its trunk (the object angle of Attali and
     Montanvert, Computer Vision and Image Understanding 67 (1997) 261).

@@ -161,9 +161,8 @@ class _Dispatcher(Dispatcher):
     def compile(self, sig: Any) -> Any:
         """Compile for these types; what numba defines with `overload` and first meets while it lowers is so ours as well."""
         codegen = self.targetdescr.target_context.codegen()
-        with (
-            global_compiler_lock
-        ):  # numba's own, taken before what is compiled is noted: another thread notes something else
+        # numba's own lock, taken before what is compiled is noted: another thread notes something else.
+        with global_compiler_lock:
             outer, codegen.compiles_part = codegen.compiles_part, self.is_part
             try:
                 with target_override(TARGET):

@@ -1,7 +1,6 @@
 """The polygon `footprint` of a costmap: Nav2's text for it, and what is wrong with one that no robot has."""
 
 import ast
-import math
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -12,8 +11,10 @@ Vertices: TypeAlias = tuple[tuple[float, float], ...]
 """x, y in the robot's frame (m), in the order of the text."""
 
 MOST_VERTICES: Final = 32
+FARTHEST_M: Final = 10.0
+"""Of a vertex, along x or y: as far as a `robot_radius` may reach."""
 _FORM: Final = (
-    'text with the x, y of three or more vertices in meters, such as "[[0.35, 0.25], [0.35, -0.25], [-0.35, 0.0]]"'
+    'text with the x, y of three or more vertices within 10 m, such as "[[0.35, 0.25], [0.35, -0.25], [-0.35, 0.0]]"'
 )
 _LONGEST: Final = 4_000
 
@@ -54,7 +55,9 @@ def _read(footprint: str) -> Vertices:
 def _is_vertex(item: object) -> bool:
     if not isinstance(item, list) or len(item) != 2:
         return False
-    return all(isinstance(part, int | float) and not isinstance(part, bool) and math.isfinite(part) for part in item)
+    return all(
+        isinstance(part, int | float) and not isinstance(part, bool) and abs(part) <= FARTHEST_M for part in item
+    )
 
 
 def as_array(vertices: Vertices) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ when a contact is possible, and until what touched or moved has come to rest.
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -63,7 +64,7 @@ class World:
         self._appeared: dict[int, pymunk.Body] = {}
         self._moving: set[int] = set()
         self._noted: dict[int, tuple[float, float, float]] = {}
-        self._touching = 0
+        self._touching = Counter[pymunk.Shape]()  # what is touched, by how many parts of the robot
         self._displaced = False
         self.events: list[Event] = []
         self._robot = pymunk.Body(robot.mass_kg, _robot_inertia(robot))
@@ -175,7 +176,7 @@ class World:
         return wanted if change.length <= most else self._robot.velocity + change * (most / change.length)
 
     def _turning(self, wanted_radps: float, dt_s: float) -> float:
-        """As `_with_traction`, of a body that a contact can turn: the tyres act at its rim."""
+        """As `_with_traction`, of a body that a contact can turn: the tires act at its rim."""
         if math.isinf(self._robot.moment):
             return wanted_radps
         most = TRACTION * GRAVITY_MPS2 * dt_s * self._robot.mass * self._radius_m / self._robot.moment
@@ -226,15 +227,21 @@ class World:
         self.events.append(Event(round(t_s, 3), kind, x_m, y_m, self._obstacles[index].name, yaw_rad))
 
     def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
-        self._touching += 1
+        touched = arbiter.shapes[1]
+        self._touching[touched] += 1
+        if self._touching[touched] > 1:
+            return
         x_m, y_m = self._robot.position
         body, partner = arbiter.bodies
         closing_mps = abs((body.velocity - partner.velocity).dot(arbiter.normal))
-        name = self._names.get(arbiter.shapes[1], "wall")
+        name = self._names.get(touched, "wall")
         self.events.append(Event(round(self._time_s, 3), "contact", x_m, y_m, name, closing_mps))
 
     def _part(self, arbiter: pymunk.Arbiter, space: pymunk.Space, data: object) -> None:
-        self._touching -= 1
+        touched = arbiter.shapes[1]
+        self._touching[touched] -= 1
+        if not self._touching[touched]:
+            del self._touching[touched]
 
 
 def _at_rest(body: pymunk.Body) -> bool:

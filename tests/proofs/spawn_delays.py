@@ -1,7 +1,7 @@
 """The paper's obstacles that appear, each at once and some tenths of a second after its trigger: how many runs keep their distance.
 
 A simulator that spawns a box on request, as Gazebo does, needs a moment for it, and the paper does not say how long. The same configurations
-of `campaigns/paper/safety.vast`, on its ways of 10 m, are run with each delay, and the same runs are judged by both readings of the
+of `campaigns/paper/safety.vast`, on its paths of 10 m, are run with each delay, and the same runs are judged by both readings of the
 obstacle's radius.
 
     python tests/proofs/spawn_delays.py [--configurations 40] [--runs 4] [--json FILE]

@@ -52,6 +52,8 @@ def test_without_a_polygon_the_robot_is_the_disc_of_its_radius(text):
         ("[[0.2, 0.2], [0.1, 0.1, 0.1], [0.0, 0.3]]", "three or more vertices"),
         ("[[a, b], [0.1, 0.1], [0.0, 0.3]]", "three or more vertices"),
         ("[[1e999, 0.0], [0.1, 0.1], [0.0, 0.3]]", "three or more vertices"),
+        (f"[[{10**400}, 0], [0.1, 0.1], [0.0, 0.3]]", "vertices within 10 m"),
+        ("[[10.1, 0.0], [-0.1, 0.1], [0.0, -0.3]]", "vertices within 10 m"),
         ("[" * 300, "three or more vertices"),
         ("[[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]]", "a polygon with an area"),
         ("[[0.3, 0.3], [-0.3, -0.2], [0.3, -0.3], [-0.3, 0.3]]", "do not cross"),
@@ -171,6 +173,15 @@ def test_no_wall_is_entered_however_it_drives_and_turns_and_no_wall_is_met_witho
         assert driven.depth_m < 3 * STEP_M
         if driven.depth_m > 2e-3:
             assert driven.world.events
+
+
+def test_a_contact_of_a_notched_body_is_one_however_many_convex_parts_it_is_made_of():
+    driven = Driven(Pose(4.5, 2.0), NOTCHED)
+    driven.drive(0.5, 0.0, 5.0)
+    partners = [(event.x_m, event.y_m, event.t_s) for event in driven.world.events]
+    whole = Driven(Pose(4.5, 2.0), "[[0.4, 0.3], [0.4, -0.3], [-0.4, -0.3], [-0.4, 0.3]]")
+    whole.drive(0.5, 0.0, 5.0)
+    assert len(partners) == len(whole.world.events)
 
 
 def test_a_turn_beside_a_wall_is_blocked_or_pushes_the_body_away_and_is_a_contact():

@@ -31,40 +31,25 @@ def judge_outlines(
         circumscribed_cost: The least cost of a center whose outline is looked at; in free space none is.
         weight, crash: As of `judge_cells`, which has judged the centers.
     """
+    window, outline, least_cost = given.window, given.outline, max(circumscribed_cost, 1.0)
     for lane in range(ROW):
-        if space.touched[first + lane] < COLLISION and _collides(
-            space, lane, points, stride, frame, given, motion, circumscribed_cost
-        ):
-            space.costs[first + lane] += crash - space.touched[first + lane] * weight
-            space.touched[first + lane] = COLLISION
-
-
-@inner
-def _collides(
-    space: Space,
-    lane: int,
-    points: int,
-    stride: int,
-    frame: Frame,
-    given: ControllerInput,
-    motion: Any,
-    circumscribed_cost: float,
-) -> bool:
-    window, outline, resolution_m = given.window, given.outline, frame.resolution_m
-    yaw_rad, dt_s = motion
-    least_cost = max(circumscribed_cost, 1.0)
-    for p in range(points):
-        k = p * stride
-        x_m = frame.left_m + space.track[k * STEP + lane] * resolution_m
-        y_m = frame.bottom_m + space.track[k * STEP + ROW + lane] * resolution_m
-        if cost_at(window, x_m, y_m) >= least_cost and (
-            _leaves(window, outline, x_m, y_m, yaw_rad) or outline_hits(window, outline, x_m, y_m, yaw_rad)
-        ):
-            return True
-        if p < points - 1:
-            for t in range(k, k + stride):
-                yaw_rad += space.turns[t * ROW + lane] * dt_s
-    return False
+        collides = space.touched[first + lane] >= COLLISION
+        yaw_rad = motion[0]
+        for p in range(points):
+            if collides:
+                break
+            k = p * stride
+            x_m = frame.left_m + space.track[k * STEP + lane] * frame.resolution_m
+            y_m = frame.bottom_m + space.track[k * STEP + ROW + lane] * frame.resolution_m
+            collides = cost_at(window, x_m, y_m) >= least_cost and (
+                _leaves(window, outline, x_m, y_m, yaw_rad) or outline_hits(window, outline, x_m, y_m, yaw_rad)
+            )
+            if collides:
+                space.costs[first + lane] += crash - space.touched[first + lane] * weight
+                space.touched[first + lane] = COLLISION
+            elif p < points - 1:
+                for t in range(k, k + stride):
+                    yaw_rad += space.turns[t * ROW + lane] * motion[1]
 
 
 @inner
