@@ -26,6 +26,7 @@ from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.model_faults import faults_of
 from vastflow.producers.vast.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
 from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.nav.parameters.robot import ROBOT_KEY, robot_keys
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.reading.abstract import hall_file
@@ -121,8 +122,9 @@ class FamilyReader:
         """The family at `location`, with all that is right of it; what is not is among the faults."""
         known_faults = len(self.faults)
         places, values = self._fixed((*location, "parameters"))
-        places |= self._overridden
-        values |= self._overrides
+        robot = self._robot((*location, ROBOT_KEY), places)
+        places |= robot | self._overridden
+        values |= {key: self._document.value(where) for key, where in robot.items()} | self._overrides
         tags = {key: dimension_of(key, value, dimensions.get(key)) for key, value in values.items()}
         for key in set(dimensions) - set(places):
             where = (*location, "dimensions", key)
@@ -200,6 +202,21 @@ class FamilyReader:
                 values[key] = content
         return places, values
 
+    def _robot(self, location: Location, fixed: Mapping[str, Location]) -> dict[str, Location]:
+        """The section `robot` as places of fixed parameters, `robot.lidar.rate`; the model has said what it does not know."""
+        if self._document.known(location) != location:
+            return {}
+        found: dict[str, Location] = {}
+        for key in robot_keys():
+            where = (*location, *key.split(".")[1:])
+            if self._document.known(where) != where or self._document.value(where) is None:
+                continue
+            if key in fixed:
+                line, _ = self._document.place(fixed[key], "key")
+                self._fault(where, f"a second {key!r}", f"one; the first is in line {line}", at="key")
+            found[key] = where
+        return found
+
     def _map(self, location: Location, value: Any) -> FileContent | None:
         if not isinstance(value, str):
             self._fault(location, f"found {shown(value)}", "the path of a map_server YAML file")
@@ -232,8 +249,10 @@ class FamilyReader:
                 fault = self._document.fault(flow.fixed[key], what, right)
                 self.faults.append(replace(fault, missing=key == GOALS_KEY and value == []))
         good = {key: value for key, value in system.items() if not complaints.get(key)}
-        if complaint := combined_complaint(good):
-            self._fault((*flow.location, "parameters"), *complaint, at="key")
+        if found := combined_complaint(good):
+            key, complaint = found
+            where = (*flow.location, ROBOT_KEY if key in robot_keys() and key in flow.fixed else "parameters")
+            self._fault(where, *complaint, at="key")
 
     def _complaint(self, key: str, value: Value, dimension: Dimension, system: Mapping[str, Value]) -> Complaint | None:
         """What the simulator has to say of a value, and then the scenario of which it is a parameter."""

@@ -65,12 +65,13 @@ def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[s
     return tuple(sorted(set.intersection(*found))) if found else ()
 
 
-def combined_complaint(system: Mapping[str, Value]) -> Complaint | None:
-    """What is wrong with values that are each right on their own."""
+def combined_complaint(system: Mapping[str, Value]) -> tuple[str, Complaint] | None:
+    """What is wrong with values that are each right on their own, and at which of them."""
     try:
         parameters_of(system)
     except DocumentError as error:
-        return error.faults[0].what, error.faults[0].right
+        first = error.faults[0]
+        return first.where, (first.what, first.right)
     return None
 
 

@@ -39,7 +39,6 @@ from vastflow.sim.recordings.recording import Recording
 from vastflow.sim.recordings.runlog import RunLog
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.world.lidar import Lidar
 
 BEHAVIORS: Final[Mapping[str, type]] = {
     "t_s": float,
@@ -137,10 +136,10 @@ def execute(
 
 
 def _loop(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> ClosedLoop:
-    prepared = prepare(_loaded(robot.map_file), Lidar(), robot.parameters)
+    prepared = prepare(_loaded(robot.map_file), robot.lidar, robot.parameters)
     obstacles = checked.script.obstacles
     return ClosedLoop(
-        prepared, robot.parameters, Lidar(), robot.robot, robot.start, obstacles, entropy, checked.timeout_s
+        prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s
     )
 
 

@@ -54,7 +54,7 @@ def params(
 def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str, Any]:
     from vastflow.sim.nav.parameters.document import dotted
     from vastflow.sim.nav.parameters.findings import left_out
-    from vastflow.sim.reading.robot import robot_of
+    from vastflow.sim.reading.robot import lidar_of, robot_facts, robot_of
 
     return {
         "file": found.document.file,
@@ -72,21 +72,12 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str,
             for row in rows
         ],
         "robot": asdict(robot_of(found.parameters)),
+        "lidar": asdict(lidar_of(found.parameters)),
+        "robot_facts": [asdict(fact) for fact in robot_facts(found.parameters)],
         "left_out": {dotted(path): value for path, value in left_out(found).items()},
         "nodes_of_jazzy": found.replaced,
         "nodes_left_away": found.left_away,
     }
-
-
-def _robot(found: "Interpretation") -> str:
-    """The body and the limits that follow from the file, and what is assumed."""
-    from vastflow.sim.reading.robot import robot_of
-
-    robot = robot_of(found.parameters)
-    body = f"a polygon of {len(robot.vertices)} vertices" if robot.vertices else f"a disc of {robot.radius_m:g} m"
-    speeds = f"{robot.max_speed_mps:g} m/s, {robot.max_acceleration_mps2:g} m/s²"
-    turns = f"{robot.max_yaw_rate_radps:g} rad/s, {robot.max_yaw_acceleration_radps2:g} rad/s²"
-    return f"the robot: {body}, up to {speeds}, {turns}; assumed: the mass, tires, and lidar of a TurtleBot 4"
 
 
 def _finite(value: Any) -> Any:
@@ -121,6 +112,7 @@ def _said(row: "Finding") -> str:
 
 def _summary(found: "Interpretation", rows: Sequence["Finding"]) -> Iterator[str]:
     from vastflow.sim.nav.parameters.findings import left_out
+    from vastflow.sim.reading.robot import robot_facts, robot_words
 
     for status, count in _counts(rows).items():
         yield f"{count:>4}  {status}: {MEANING[status]}"
@@ -129,4 +121,4 @@ def _summary(found: "Interpretation", rows: Sequence["Finding"]) -> Iterator[str
         yield f"not in the file and as in Nav2 Jazzy's default: {', '.join(found.replaced)}"
     if found.left_away:
         yield f"not in the file and left away: {', '.join(found.left_away)}"
-    yield _robot(found)
+    yield from robot_words(robot_facts(found.parameters))

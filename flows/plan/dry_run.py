@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from vastflow.flows.plan.producers import Evaluated, EvaluationReasons, HereEvaluator
 from vastflow.flows.plan.reasons import NEVER, RunReasons
@@ -19,6 +19,7 @@ from vastflow.flows.results.origin import origin_row
 from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
+from vastflow.producers.robots import robots_json
 from vastflow.tasks.index import Index, Member, Stored, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator, ProducerFault
 from vastflow.tasks.keys import Keys
@@ -56,6 +57,7 @@ class DryRun:
         sequential: Whether that is the most: what is due of those whose class is not decided is then what they may want.
         past: The campaign it was compared with.
         configurations: Of what was asked, duplicates included.
+        robots: Of the families, see `vastflow.producers.robots`.
         sampled_from: How many distinct configurations these are a sample of; None where they are no sample.
         reused: Stage and family to what is in the store: runs, at `instantiate` evaluations.
         due: What is not.
@@ -74,6 +76,7 @@ class DryRun:
     keys: Keys = field(repr=False)
     sampled_from: int | None = None
     sequential: bool = False
+    robots: Sequence[Mapping[str, Any]] = ()
 
     def found(self, stage: Stage, family: str | None = None) -> int:
         """What is in the store of a stage, of one family or of all."""
@@ -152,6 +155,7 @@ def dry_run(
         keys,
         instantiation.sampled_from,
         stopping is not None,
+        robots_json(campaign.families),
     )
 
 

@@ -75,6 +75,7 @@ def dry_run_json(found: DryRun, file: Path) -> dict[str, Any]:
         "compared_with": None if found.past is None else str(found.past.directory),
         "stages": {stage: _counts(found, stage) for stage in STAGES},
         "families": {family: {stage: _counts(found, stage, family) for stage in STAGES} for family in found.families},
+        "robots": list(found.robots),
         "why": [
             {
                 "stage": why.stage,
@@ -113,6 +114,8 @@ def dry_run_text(found: DryRun) -> Iterator[RenderableType]:
         yield Text(
             "runs end when a configuration's class is decided: there is no more to compute than this, but maybe less"
         )
+    for each in found.robots:
+        yield Text(f"{', '.join(each['families'])}: {'; '.join(each['robot'])}", "dim")
     if found.past is None:
         yield Text("compared with nothing: no earlier campaign of this name in the folder of results", "dim")
     else:

@@ -47,7 +47,7 @@ def report_key(
         oracles: Those that judged, in order. The report has their docstrings, which are in no digest of their code.
     """
     hashed = hashlib.sha256()
-    same = {name: metadata[name] for name in ("name", "vastflow", "versions", "notes")}
+    same = {name: metadata[name] for name in ("name", "vastflow", "versions", "notes", "robots")}
     same["selection"] = [metadata.get("asked", {}).get("only"), instantiation.sampled_from]
     if SEQUENTIAL in metadata:
         same[SEQUENTIAL] = metadata[SEQUENTIAL]

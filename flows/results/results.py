@@ -32,6 +32,7 @@ from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
 from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.robots import robots_json
 from vastflow.sim.digest import FileContent, file_digest
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.tasks.keys import Keys
@@ -228,6 +229,7 @@ def _metadata(campaign: Campaign, keys: Keys, created: datetime) -> dict[str, An
             "memory_bytes": psutil.virtual_memory().total,
         },
         "notes": [str(note) for note in campaign.notes],
+        "robots": robots_json(campaign.families),
     }
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import Final
 
-from vastflow.sim.nav.state import TICK_S
+from vastflow.sim.nav.rates import TICK_S
 from vastflow.sim.recordings.recording import Event, Run
 
 FRAMES: Final = 12

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from vastflow.sim.nav.state import TICK_S
+from vastflow.sim.nav.rates import TICK_S
 from vastflow.sim.user_error import UserError
 
 _EXACT_S: Final = 1e-6

@@ -7,7 +7,7 @@ import numpy as np
 
 from vastflow.sim.behavior.ros_graph import TOPICS
 from vastflow.sim.loop.simulation import Simulation
-from vastflow.sim.nav.state import TICK_S
+from vastflow.sim.nav.rates import TICK_S
 from vastflow.sim.pose import Pose
 
 _PLANE: Final = ("xx", "xy", "yy")
@@ -64,7 +64,7 @@ def message(simulation: Simulation, topic: str) -> Any:
             return {**_header(now_s, "map"), "poses": poses}
         case "/scan":
             p = simulation.stack.p[0]
-            ranges = np.asarray(m["ranges"]).tolist()
+            ranges = np.asarray(m["ranges"][: m["beams"]]).tolist()
             limits = {"range_min": float(p["range_min"]), "range_max": float(p["range_max"])}
             return {**_header(now_s, "base_scan"), **limits, "ranges": ranges}
     return {}

@@ -12,7 +12,8 @@ from vastflow.sim.loop.prepared import PreparedMap
 from vastflow.sim.maps.grid_frame import GridFrame
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.state import ROW_TICKS, SUBSTEPS, TICK_S, give, new_stack, set_pose
+from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.nav.state import ROW_TICKS, SUBSTEPS, give, new_stack, set_pose
 from vastflow.sim.nav.tick import APPEARS, PHYSICS, advance, conclude, halt, start
 from vastflow.sim.pose import Pose
 from vastflow.sim.recordings.recording import Event

@@ -7,7 +7,8 @@ from typing import Final
 
 from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.nav.state import TICK_S, Stack
+from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.nav.state import Stack
 from vastflow.sim.process.run import ProcessRun
 
 PERIOD_S: Final = 0.1

@@ -14,6 +14,7 @@ from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.planning import plan
 from vastflow.sim.nav.profile import BEHAVIOR, CONTROLLER, PLANNER, lap
+from vastflow.sim.nav.rates import TICK_S
 from vastflow.sim.nav.state import (
     ABORTED,
     BACK_UP,
@@ -36,7 +37,6 @@ from vastflow.sim.nav.state import (
     SPINNING,
     STARTING,
     SUCCEEDED,
-    TICK_S,
     WAIT,
     WAITING,
     Grids,

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav.rates import TICK_S
 
 
 @inner
@@ -11,10 +12,11 @@ def gather_near_points(p: Any, m: Any) -> None:
     """Keep the scan's points, in the robot's frame at the time of the scan, that a command could bring under the footprint."""
     m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw = m.odom_x, m.odom_y, m.odom_yaw
     fastest_mps = max(p.velocity_smoother.max_velocity[0], -p.velocity_smoother.min_velocity[0])
-    # The robot drives on for one scan period before the next scan comes; 0.1 s at twice the speed is ample.
-    reach_m = p.circumscribed_radius + fastest_mps * (p.collision_monitor.time_before_collision + 0.2) + 0.1
+    # The robot drives on for one scan period before the next scan comes; 0.1 s more is ample.
+    ahead_s = p.collision_monitor.time_before_collision + (0.1 + p.scan_ticks * TICK_S)
+    reach_m = p.circumscribed_radius + fastest_mps * ahead_s + 0.1
     n = 0
-    for b in range(m.ranges.shape[0]):
+    for b in range(m.beams):
         reading = m.ranges[b]
         if not (reading >= p.range_min and reading <= p.range_max and reading <= reach_m):
             continue

@@ -14,7 +14,7 @@ from vastflow.sim.world.robot import wrapped
 @inner
 def localize(p: Any, m: Any, cubed: Any, cloud: Cloud) -> None:
     """One scan, `m.ranges`, through the filter."""
-    update(p, m, m.ranges, m.directions, cubed, cloud)
+    update(p, m, m.ranges[: m.beams], m.directions[: m.beams], cubed, cloud)
 
 
 @inner

@@ -32,8 +32,8 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
             local.layer,
             (place[0], place[1], resolution),
             sensor,
-            m.directions,
-            m.ranges,
+            m.directions[: m.beams],
+            m.ranges[: m.beams],
             p.range_min,
             p.range_max,
         )
@@ -93,8 +93,8 @@ def update_global(p: Any, m: Any, g: Grids) -> None:
         g.layer,
         place,
         (x + c * p.mount_x - sn * p.mount_y, y + sn * p.mount_x + c * p.mount_y, yaw),
-        m.directions,
-        m.ranges,
+        m.directions[: m.beams],
+        m.ranges[: m.beams],
         p.range_min,
         p.range_max,
     )

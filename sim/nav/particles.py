@@ -12,7 +12,6 @@ import numpy as np
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.sincos import rounded, sincos
 from vastflow.sim.kernels.ziggurat import normals
-from vastflow.sim.world.lidar import BEAMS
 from vastflow.sim.world.robot import wrapped
 
 GUIDE: Final = 2048
@@ -59,7 +58,7 @@ class Cloud(NamedTuple):
 
 def new_cloud(
     max_particles: int,
-    beams: int = BEAMS,
+    beams: int = 360,
     dtype: type[np.floating[Any]] = np.float32,
 ) -> Cloud:
     """An empty cloud for scans of `beams` beams, which looks beams up with coordinates of `dtype`."""

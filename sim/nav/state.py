@@ -23,14 +23,12 @@ from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.particles import Cloud, new_cloud
 from vastflow.sim.nav.polygon import MOST_VERTICES
 from vastflow.sim.nav.profile import STAGES
+from vastflow.sim.nav.rates import TICK_S, ticks_of
 from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.lidar import BEAMS, Lidar
+from vastflow.sim.world.lidar import MOST_BEAMS, Lidar
 from vastflow.sim.world.robot_model import Robot
-
-TICK_S: Final = 0.05
-"""The stack runs at 20 Hz: the controller's and the velocity smoother's rate."""
 
 SUBSTEPS: Final = 5
 """Physics and actuator steps a tick: 100 Hz."""
@@ -84,7 +82,7 @@ _REAL: Final = (
     "lapped",
 )
 _WHOLE: Final = (
-    *("tick", "status", "events", "rows", "vertices"),
+    *("tick", "status", "events", "rows", "vertices", "beams"),
     *("initialized", "localized", "first_scan", "particles", "bins", "filter_updates"),
     *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
     *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
@@ -99,10 +97,10 @@ MEMORY: Final = np.dtype(
     + [
         ("streams", np.uint64, (SUBSYSTEMS, 1)),
         ("velocities", np.float64, (SUBSTEPS, 2)),
-        ("ranges", np.float64, (BEAMS,)),
-        ("order", np.int64, (BEAMS,)),
-        ("directions", np.float64, (BEAMS, 2)),
-        ("near_points", np.float64, (2, BEAMS)),
+        ("ranges", np.float64, (MOST_BEAMS,)),
+        ("order", np.int64, (MOST_BEAMS,)),
+        ("directions", np.float64, (MOST_BEAMS, 2)),
+        ("near_points", np.float64, (2, MOST_BEAMS)),
         ("outline", np.float64, (MOST_VERTICES, 2)),
         ("event_rows", np.float64, (MAX_EVENTS, 6)),
         ("laps", np.float64, (len(STAGES), 2)),
@@ -112,7 +110,7 @@ MEMORY: Final = np.dtype(
 """What a run remembers, in one record: kernels get it as one pointer, which keeps them small and quick to compile.
 
 `velocities` (speed, yaw rate) is the tick's result for physics; an event row is t, kind, x, y, what, value; of `outline` the
-first `vertices` count.
+first `vertices` count, of `ranges` and `directions` the first `beams`.
 """
 
 _EXTRA: Final = (
@@ -123,6 +121,7 @@ _EXTRA: Final = (
         "grid_yaw",
         "grid_cos",
         "grid_sin",
+        "scan_ticks",
         "local_ticks",
         "publish_ticks",
         "global_ticks",
@@ -228,7 +227,8 @@ def new_stack(
     m["x"], m["y"], m["yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["first_scan"], m["local_current"], m["global_current"] = 1, 1, 1
     m["state"], m["status"] = ENDED, RESTING
-    m["streams"], m["directions"], m["ranges"] = streams, lidar.directions(), np.inf
+    m["streams"], m["ranges"], m["beams"] = streams, np.inf, lidar.beams
+    m["directions"][: lidar.beams] = lidar.directions()
     outline = outline_of(parameters.local_costmap)
     m["vertices"] = len(outline)
     m["outline"][: len(outline)] = outline
@@ -251,7 +251,7 @@ def new_stack(
             scratch=new_scratch(shape),
         ),
         local=local,
-        cloud=new_cloud(parameters.amcl.max_particles),
+        cloud=new_cloud(parameters.amcl.max_particles, lidar.beams),
         route=_route(prepared.least, (), 0),
         controller=running(controller, setting),
         robot=robot,
@@ -311,7 +311,7 @@ def _parameter_record(
     parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, plan_cut: PlanCut
 ) -> NDArray[np.void]:
     """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, and `initial_covariance`."""
-    groups = {name: group for name, group in parameters if name != "controller"} | {"plan_cut": plan_cut}
+    groups = {name: group for name, group in parameters if name not in ("controller", "robot")} | {"plan_cut": plan_cut}
     outline = outline_of(parameters.local_costmap)
     frame = prepared.occupancy.frame
     extra: dict[str, float] = {
@@ -323,9 +323,10 @@ def _parameter_record(
         "grid_yaw": frame.yaw_rad,
         "grid_cos": frame.turn.cos,
         "grid_sin": frame.turn.sin,
-        "local_ticks": _ticks(parameters.local_costmap.update_frequency),
-        "publish_ticks": _ticks(parameters.local_costmap.publish_frequency),
-        "global_ticks": _ticks(parameters.global_costmap.update_frequency),
+        "scan_ticks": ticks_of(lidar.rate_hz),
+        "local_ticks": ticks_of(parameters.local_costmap.update_frequency),
+        "publish_ticks": ticks_of(parameters.local_costmap.publish_frequency),
+        "global_ticks": ticks_of(parameters.global_costmap.update_frequency),
         "range_min": lidar.range_min_m,
         "range_max": lidar.range_max_m,
         "mount_x": lidar.mount_xyt[0],
@@ -370,8 +371,3 @@ def _circumscribed_cost(costmap: Costmap) -> float:
     if not layer.enabled:
         return 0.0
     return cost_at_distance(circumscribed_radius_m(outline), inscribed_radius_m(outline), layer.cost_scaling_factor)
-
-
-def _ticks(frequency_hz: float) -> int:
-    """Ticks between two cycles of a loop."""
-    return max(1, round(1.0 / (frequency_hz * TICK_S)))

@@ -13,22 +13,12 @@ from vastflow.sim.nav.localization import estimate, localize
 from vastflow.sim.nav.mapping import clear_global, clear_local, publish_local, update_global, update_local
 from vastflow.sim.nav.particles import Cloud
 from vastflow.sim.nav.profile import lap
-from vastflow.sim.nav.state import (
-    ENDED,
-    EVENT_STOPPED,
-    RESTING,
-    ROW_TICKS,
-    SUBSTEPS,
-    TICK_S,
-    Grids,
-    Local,
-    Route,
-)
+from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.nav.state import ENDED, EVENT_STOPPED, RESTING, ROW_TICKS, SUBSTEPS, Grids, Local, Route
 from vastflow.sim.world import lidar
 from vastflow.sim.world.motion import Body, due, move_freely
 from vastflow.sim.world.robot import arc, limited, wrapped
 
-SCAN_TICKS: Final = 2
 DONE, PHYSICS, APPEARS = 0, 1, 2
 TWIST_STEPS: Final = 3
 """Odometry reports the mean of its last steps, about 30 ms."""
@@ -78,7 +68,7 @@ def advance(
         _see_truth(m, body.pose[0], body.pose[1], body.pose[2])
         lap(m, profile.RECORDING)
         lap(m, profile.CLOCK)
-        if m.tick % SCAN_TICKS == 0:
+        if m.tick % p.scan_ticks == 0:
             _scan(p, m, g.skips, body.obstacles)
             lap(m, profile.LIDAR)
             gather_near_points(p, m)
@@ -160,14 +150,14 @@ def _scan(p: Any, m: Any, skips: Any, obstacles: Any) -> None:
         p.origin_y,
         obstacles,
         sensor,
-        m.directions,
+        m.directions[: m.beams],
         p.range_min,
         p.range_max,
-        m.ranges,
+        m.ranges[: m.beams],
     )
     q = p.perturbation
     lidar.perturb(
-        m.ranges,
+        m.ranges[: m.beams],
         m.streams[LIDAR],
         q.laserscan_random_drop_percentage,
         q.laserscan_gaussian_noise_std_deviation,

@@ -12,20 +12,23 @@ from typing import Final
 from vastflow.sim.behavior.vocabulary import WORLDLY
 from vastflow.sim.digest import FileContent, Value, digest
 from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.robot import RobotParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.plug_ins.code import code_value
 from vastflow.sim.pose import Pose
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of
 from vastflow.sim.reading.plain import plain_value
-from vastflow.sim.reading.robot import robot_of
+from vastflow.sim.reading.robot import lidar_of, robot_of
 from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 MAP_KEY: Final = "map_file"
 _KEPT: Final = "checked_digest"
+_NOT_DESCRIBED: Final = RobotParameters()
 
 
 @dataclass(frozen=True)
@@ -36,12 +39,14 @@ class RobotSetup:
         start: Where it stands at first.
         parameters: Of its navigation stack, all resolved.
         robot: Its body and actuators.
+        lidar: Its laser scanner.
     """
 
     map_file: FileContent
     start: Pose
     parameters: NavParameters
     robot: Robot
+    lidar: Lidar
 
 
 @dataclass(frozen=True)
@@ -131,7 +136,10 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
     if not isinstance(content, FileContent):
         raise ScenarioError(f"{MAP_KEY}: found {content!r}; a map file that the campaign names")
     parameters = parameters_of(scenario.system)
-    return RobotSetup(content, script.start, parameters, robot_of(parameters))
+    robot, lidar = robot_of(parameters), lidar_of(parameters)
+    if parameters.robot != _NOT_DESCRIBED:  # what is described is in the robot and the scanner
+        parameters = parameters.model_copy(update={"robot": _NOT_DESCRIBED})
+    return RobotSetup(content, script.start, parameters, robot, lidar)
 
 
 def _definition_digest(scenario: Scenario, script: Script) -> str:
@@ -146,7 +154,7 @@ def _digested(robot: RobotSetup) -> Value:
     parameters = robot.parameters
     return [
         *(robot.map_file, repr(robot.start), _parameters_digest(parameters)),
-        *(code_value(type(parameters.controller)), repr(robot.robot)),
+        *(code_value(type(parameters.controller)), repr((robot.robot, robot.lidar))),
     ]
 
 

@@ -1,47 +1,129 @@
-"""The robot that drives: its body and its limits, after what its navigation stack is told of it."""
+"""The robot that drives: its body, its limits and its scanner, as a campaign gives them or as they follow from its navigation stack."""
 
 import math
-from typing import Final
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
 
 from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER
+from vastflow.sim.nav.parameters.robot import LidarParameters
 from vastflow.sim.nav.parameters.servers import VelocitySmoother
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.polygon import vertices_of
+from vastflow.sim.nav.polygon import Vertices, vertices_of
+from vastflow.sim.nav.rates import held_hz
+from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 TURTLEBOT_4: Final = Robot()
+TURTLEBOT_4_LIDAR: Final = Lidar()
 TURTLEBOT_4_RADIUS_M: Final = 0.22
 """`robot_radius` of Nav2's default file: larger than the TurtleBot 4 that it is for."""
 _DEFAULT_SMOOTHER: Final = VelocitySmoother()
 _GREATEST_SPEEDS: Final = ("vx_max", "max_vel_x", "desired_linear_vel")
 """Parameters of MPPI, DWB and RPP."""
 
+Source: TypeAlias = Literal["given", "from the Nav2 parameters", "a TurtleBot 4's"]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotFact:
+    """A quantity of the robot in words, and where its value is from."""
+
+    quantity: str
+    value: str
+    source: Source
+
+    def __str__(self) -> str:
+        return f"{self.quantity} {self.value}"
+
 
 def robot_of(parameters: NavParameters) -> Robot:
-    """The robot that a stack's parameters describe.
+    """The robot that drives with a stack's parameters.
 
-    Its body is the local costmap's polygon without padding, or a disc of `robot_radius`; of the radius in Nav2's default file
-    it is the TurtleBot 4 that this file is for. Its actuators are the TurtleBot 4's, and stronger where the velocity smoother
-    allows more than it does in the default file.
+    What the section `robot` gives counts. Else its body is the local costmap's polygon without padding, or a disc of `robot_radius`;
+    of the radius in Nav2's default file it is the TurtleBot 4 that this file is for. Its actuators are the TurtleBot 4's, and
+    stronger where the velocity smoother allows more than it does in the default file.
     """
-    costmap, smoother = parameters.local_costmap, parameters.velocity_smoother
-    vertices = vertices_of(costmap.footprint)
-    radius_m = TURTLEBOT_4.radius_m if costmap.robot_radius == TURTLEBOT_4_RADIUS_M else costmap.robot_radius
+    given = parameters.robot
+    vertices, radius_m = _body(parameters)
+    speed, acceleration, yaw_rate, yaw_acceleration = _limits(parameters)
+    return Robot(
+        radius_m,
+        TURTLEBOT_4.mass_kg if given.mass is None else given.mass,
+        speed if given.max_speed is None else given.max_speed,
+        acceleration if given.max_acceleration is None else given.max_acceleration,
+        yaw_rate if given.max_yaw_rate is None else given.max_yaw_rate,
+        yaw_acceleration if given.max_yaw_acceleration is None else given.max_yaw_acceleration,
+        vertices,
+    )
+
+
+def lidar_of(parameters: NavParameters) -> Lidar:
+    """The scanner that the section `robot` gives, and the TurtleBot 4's where it gives nothing."""
+    given, own = parameters.robot.lidar, TURTLEBOT_4_LIDAR
+    if given == LidarParameters():
+        return own
+    beams = given.beams or own.beams
+    first_rad, last_rad = own.angle_min_rad, own.angle_max_rad
+    if given.angle_min is not None and given.angle_max is not None:
+        first_rad, last_rad = given.angle_min, given.angle_max
+    mount = zip((given.x, given.y, given.yaw), own.mount_xyt, strict=True)
+    x_m, y_m, yaw_rad = (usual if each is None else each for each, usual in mount)
+    return Lidar(
+        beams,
+        first_rad,
+        (last_rad - first_rad) / (beams - 1),
+        own.range_min_m if given.range_min is None else given.range_min,
+        own.range_max_m if given.range_max is None else given.range_max,
+        own.rate_hz if given.rate is None else held_hz(given.rate),
+        (x_m, y_m, yaw_rad),
+    )
+
+
+def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:
+    """All that the simulator takes the robot to be, in words."""
+    return (*_driving_facts(parameters), *_lidar_facts(parameters))
+
+
+def robot_words(facts: Iterable[RobotFact]) -> Iterator[str]:
+    """The facts as a sentence for each source, those that are assumed at the end."""
+    facts = tuple(facts)
+    starts: tuple[tuple[Source, str], ...] = (
+        ("given", "the robot"),
+        ("from the Nav2 parameters", "the robot, from the Nav2 parameters"),
+        ("a TurtleBot 4's", "assumed, as a TurtleBot 4 has it"),
+    )
+    for source, start in starts:
+        if said := [str(fact) for fact in facts if fact.source == source]:
+            yield f"{start}: {', '.join(said)}"
+
+
+def _body(parameters: NavParameters) -> tuple[Vertices, float]:
+    """Vertices, and the distance of the farthest or a disc's radius (m)."""
+    given, costmap = parameters.robot, parameters.local_costmap
+    if given.radius is not None:
+        return (), given.radius
+    vertices = vertices_of(given.polygon or costmap.footprint)
     if vertices:
-        radius_m = max(math.hypot(x_m, y_m) for x_m, y_m in vertices)
+        return vertices, max(math.hypot(x_m, y_m) for x_m, y_m in vertices)
+    return (), TURTLEBOT_4.radius_m if costmap.robot_radius == TURTLEBOT_4_RADIUS_M else costmap.robot_radius
+
+
+def _limits(parameters: NavParameters) -> tuple[float, float, float, float]:
+    """Speed, acceleration, yaw rate and yaw acceleration that follow from the stack."""
+    own, smoother = TURTLEBOT_4, parameters.velocity_smoother
     if smoother == NO_SMOOTHER:
         asked = (getattr(parameters.controller, name, 0.0) for name in _GREATEST_SPEEDS)
-        return Robot(radius_m, max_speed_mps=max(TURTLEBOT_4.max_speed_mps, *asked), vertices=vertices)
+        speed_mps = max(own.max_speed_mps, *asked)
+        return speed_mps, own.max_acceleration_mps2, own.max_yaw_rate_radps, own.max_yaw_acceleration_radps2
     forward, _, turning = (
         max(high, -low) for high, low in zip(smoother.max_velocity, smoother.min_velocity, strict=True)
     )
-    return Robot(
-        radius_m,
-        max_speed_mps=max(TURTLEBOT_4.max_speed_mps, forward),
-        max_acceleration_mps2=_acceleration(smoother, 0, TURTLEBOT_4.max_acceleration_mps2),
-        max_yaw_rate_radps=max(TURTLEBOT_4.max_yaw_rate_radps, turning),
-        max_yaw_acceleration_radps2=_acceleration(smoother, 2, TURTLEBOT_4.max_yaw_acceleration_radps2),
-        vertices=vertices,
+    return (
+        max(own.max_speed_mps, forward),
+        _acceleration(smoother, 0, own.max_acceleration_mps2),
+        max(own.max_yaw_rate_radps, turning),
+        _acceleration(smoother, 2, own.max_yaw_acceleration_radps2),
     )
 
 
@@ -50,3 +132,43 @@ def _acceleration(smoother: VelocitySmoother, axis: int, own: float) -> float:
     limits = smoother.max_accel[axis], smoother.max_decel[axis]
     usual = _DEFAULT_SMOOTHER.max_accel[axis], _DEFAULT_SMOOTHER.max_decel[axis]
     return own if limits == usual else max(own, limits[0], -limits[1])
+
+
+def _driving_facts(parameters: NavParameters) -> Iterator[RobotFact]:
+    given, robot, own = parameters.robot, robot_of(parameters), TURTLEBOT_4
+    body = f"polygon of {len(robot.vertices)} vertices" if robot.vertices else f"disc of {robot.radius_m:g} m"
+    is_turtlebots = not robot.vertices and robot.radius_m == own.radius_m
+    has_body = given.radius is not None or given.polygon is not None
+    yield RobotFact("body", body, _source(has_body, is_turtlebots))
+    for quantity, unit, described, value, usual in (
+        ("mass", "kg", given.mass, robot.mass_kg, own.mass_kg),
+        ("speed up to", "m/s", given.max_speed, robot.max_speed_mps, own.max_speed_mps),
+        ("acceleration up to", "m/s²", given.max_acceleration, robot.max_acceleration_mps2, own.max_acceleration_mps2),
+        ("yaw rate up to", "rad/s", given.max_yaw_rate, robot.max_yaw_rate_radps, own.max_yaw_rate_radps),
+        (
+            *("yaw acceleration up to", "rad/s²", given.max_yaw_acceleration),
+            *(robot.max_yaw_acceleration_radps2, own.max_yaw_acceleration_radps2),
+        ),
+    ):
+        yield RobotFact(quantity, f"{value:g} {unit}", _source(described is not None, value == usual))
+
+
+def _lidar_facts(parameters: NavParameters) -> Iterator[RobotFact]:
+    given, lidar = parameters.robot.lidar, lidar_of(parameters)
+    x_m, y_m, yaw_rad = lidar.mount_xyt
+    held = "" if given.rate in (None, lidar.rate_hz) else f" ({given.rate:g} Hz is no whole number of 50 ms ticks)"
+    for quantity, value, *described in (
+        ("lidar mounted at", f"({x_m:g} m, {y_m:g} m, {yaw_rad:.4g} rad)", given.x, given.y, given.yaw),
+        ("with", f"{lidar.beams} beams", given.beams),
+        ("from", f"{lidar.angle_min_rad:.4g} to {lidar.angle_max_rad:.4g} rad", given.angle_min),
+        ("ranges above", f"{lidar.range_min_m:g} m", given.range_min),
+        ("ranges below", f"{lidar.range_max_m:g} m", given.range_max),
+        ("scans at", f"{lidar.rate_hz:.4g} Hz{held}", given.rate),
+    ):
+        yield RobotFact(quantity, value, _source(any(each is not None for each in described), True))
+
+
+def _source(is_given: bool, is_turtlebots: bool) -> Source:
+    if is_given:
+        return "given"
+    return "a TurtleBot 4's" if is_turtlebots else "from the Nav2 parameters"

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from vastflow.sim.digest import digest
-from vastflow.sim.nav.state import TICK_S, Stack
+from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.nav.state import Stack
 from vastflow.sim.recordings.recording import Recording, run_row
 from vastflow.sim.replay.snapshot import Box, Moment, TickSnapshot, moment_of, snapshot_of
 from vastflow.sim.run import run

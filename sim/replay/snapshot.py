@@ -12,17 +12,8 @@ from vastflow.sim.maps.grid_frame import GridFrame
 from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.controllers.mppi import Mppi
 from vastflow.sim.nav.inflation import UNKNOWN
-from vastflow.sim.nav.state import (
-    BACKING_UP,
-    ENDED,
-    FOLLOWING,
-    PAUSING,
-    SPINNING,
-    STARTING,
-    TICK_S,
-    WAITING,
-    Stack,
-)
+from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.nav.state import BACKING_UP, ENDED, FOLLOWING, PAUSING, SPINNING, STARTING, WAITING, Stack
 from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.robot import wrapped
@@ -232,8 +223,9 @@ def _placed(xy_m: NDArray[np.float64], frame: Pose) -> NDArray[np.float64]:
 def _scan(stack: Stack) -> NDArray[np.float64]:
     """End points of the newest scan in the odom frame."""
     m, p = stack.m[0], stack.p[0]
-    returned = (m["ranges"] >= p["range_min"]) & (m["ranges"] < p["range_max"])
-    points = (p["mount_x"], p["mount_y"]) + m["ranges"][returned, None] * m["directions"][returned]
+    ranges, directions = m["ranges"][: m["beams"]], m["directions"][: m["beams"]]
+    returned = (ranges >= p["range_min"]) & (ranges < p["range_max"])
+    points = (p["mount_x"], p["mount_y"]) + ranges[returned, None] * directions[returned]
     return _placed(points, Pose(float(m["scan_odom_x"]), float(m["scan_odom_y"]), float(m["scan_odom_yaw"])))
 
 

@@ -14,7 +14,7 @@ from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.kernels.streams import integer_below, normal_pair
 from vastflow.sim.world.skip_table import SkipTable, ranges_to_walls
 
-BEAMS: Final = 360
+MOST_BEAMS: Final = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +26,18 @@ class Lidar:
         range_min_m, range_max_m: Readings lie in [min, max); beyond there is no return (inf).
     """
 
-    beams: int = BEAMS
+    beams: int = 360
     angle_min_rad: float = 0.0
     angle_increment_rad: float = 6.28 / 359
     range_min_m: float = 0.164
     range_max_m: float = 20.0
     rate_hz: float = 10.0
     mount_xyt: tuple[float, float, float] = (-0.04, 0.0, math.pi / 2)
+
+    @property
+    def angle_max_rad(self) -> float:
+        """Of the last beam."""
+        return self.angle_min_rad + self.angle_increment_rad * (self.beams - 1)
 
     def directions(self) -> NDArray[np.float64]:
         """(beams, 2) unit vectors of the beams in the robot's frame."""

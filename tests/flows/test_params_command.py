@@ -71,10 +71,13 @@ def test_the_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_
     polygon = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
     costmap = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}'}}}}}}\n"
     nav2.write_text(costmap + NAV2.replace("feedback: OPEN_LOOP", "max_velocity: [1.5, 0.0, 2.0]"))
-    *_, last = called("params", nav2).stdout.splitlines()
-    assert last == (
-        "the robot: a polygon of 4 vertices, up to 1.5 m/s, 2 m/s², 2.5 rad/s, 3 rad/s²; "
-        "assumed: the mass, tires, and lidar of a TurtleBot 4"
+    *_, read, assumed = called("params", nav2).stdout.splitlines()
+    assert read == (
+        "the robot, from the Nav2 parameters: body polygon of 4 vertices, speed up to 1.5 m/s, yaw rate up to 2.5 rad/s"
+    )
+    assert assumed.startswith("assumed, as a TurtleBot 4 has it: mass 3.3 kg, acceleration up to 2 m/s², ")
+    assert assumed.endswith(
+        ", with 360 beams, from 0 to 6.28 rad, ranges above 0.164 m, ranges below 20 m, scans at 10 Hz"
     )
     assert json.loads(called("params", nav2, "--json").stdout)["robot"]["vertices"][0] == [0.35, 0.25]
 

@@ -28,7 +28,8 @@ from vastflow.sim.nav.controllers.registry import find_controller, short_names
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.profile import CLOCK, STAGES
-from vastflow.sim.nav.state import RUNNING, SUBSTEPS, TICK_S
+from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.nav.state import RUNNING, SUBSTEPS
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.robot_model import Robot

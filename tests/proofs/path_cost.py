@@ -27,7 +27,8 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiate import Instantiation, instantiate
 from vastflow.sim.nav.behavior import REPLAN_TICKS
 from vastflow.sim.nav.navfn import path, travel_costs
-from vastflow.sim.nav.state import TICK_S, Stack
+from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.nav.state import Stack
 from vastflow.sim.run import run
 from vastflow.sim.scenario import Scenario
 

@@ -36,11 +36,13 @@ def records(ranges, **monitor):
         "range_max": 20.0,
         "mount_x": -0.04,
         "mount_y": 0.0,
+        "scan_ticks": 2,
     }
     dtype = [(name, record_dtype(group)) for name, group in groups.items()] + [(name, np.float64) for name in extra]
     parameters = np.array([(*map(record_row, groups.values()), *extra.values())], dtype=dtype)
     memory = np.zeros(1, dtype=MEMORY)
-    memory["ranges"], memory["directions"] = ranges, Lidar().directions()
+    memory["beams"] = 360
+    memory["ranges"][:, :360], memory["directions"][:, :360] = ranges, Lidar().directions()
     memory["vertices"], memory["outline"][:, : len(OUTLINE)] = len(OUTLINE), OUTLINE
     gathered(parameters, memory)
     return parameters, memory

@@ -4,7 +4,7 @@ import pytest
 
 from vastflow.sim.digest import FileContent, canonical
 from vastflow.sim.nav.parameters.chosen import (
-    PERTURBATION_KEYS,
+    OWN_KEYS,
     check_key,
     default_document,
     parameters_of,
@@ -153,7 +153,9 @@ def test_sensing_goes_by_the_launch_arguments_or_the_relays_own_names():
 
 
 def test_every_perturbation_has_a_key():
-    assert {name for names in PERTURBATION_KEYS.values() for name in names} == Perturbation.model_fields.keys()
+    assert {
+        path[-1] for paths in OWN_KEYS.values() for path in paths if len(path) == 1
+    } == Perturbation.model_fields.keys()
 
 
 def test_the_initial_covariance_is_a_list_of_three():

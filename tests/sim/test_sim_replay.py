@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vastflow.sim.nav.inflation import LETHAL, UNKNOWN
-from vastflow.sim.nav.state import TICK_S
+from vastflow.sim.nav.rates import TICK_S
 from vastflow.sim.recordings.recording import Recording, Run
 from vastflow.sim.replay.replay import Difference, first_difference, replay
 from vastflow.sim.replay.snapshot import Box

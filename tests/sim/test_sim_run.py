@@ -17,7 +17,8 @@ from vastflow.sim.nav.controllers.rpp import Rpp
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.parameter import ParameterError
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.state import COLUMNS, SUCCEEDED, TICK_S
+from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.nav.state import COLUMNS, SUCCEEDED
 from vastflow.sim.pose import Pose
 from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.recordings.recording import si

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.nav.state import TICK_S
+from vastflow.sim.nav.rates import TICK_S
 from vastflow.sim.replay.replay import replay
 from vastflow.sim.run import run
 from vastflow.sim.scenario_error import ScenarioError

@@ -231,7 +231,7 @@ def test_the_lidar_sees_what_was_spawned_and_no_longer_what_was_deleted(staged):
 
     def look(stack, tick):
         m = stack.m[0]
-        forward = int(np.argmax(m["directions"][:, 0]))
+        forward = int(np.argmax(m["directions"][: m["beams"], 0]))
         ahead_m[tick] = float(m["ranges"][forward]) + float(stack.p[0]["mount_x"])
 
     run(staged(text), 0, watch=look, watch_ticks=[2, 12, 40])

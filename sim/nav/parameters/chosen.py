@@ -23,22 +23,24 @@ from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, loaded
 from vastflow.sim.nav.parameters.plugins import CONTROLLERS, class_name
 from vastflow.sim.nav.parameters.reader import shown
 from vastflow.sim.nav.parameters.rewriting import converted, rewritten, targets
+from vastflow.sim.nav.parameters.robot import robot_keys
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.parameters.written import controller_block, document_of
 from vastflow.sim.reading.names import nearest
 
 CONTROLLER_KEY: Final = "controller"
 COVARIANCE_KEY: Final = "initial_pose_covariance"
-PERTURBATION_KEYS: Final[Mapping[str, tuple[str, ...]]] = {
-    "laserscan_gaussian_noise_std_deviation": ("laserscan_gaussian_noise_std_deviation",),
-    "laserscan_random_drop_percentage": ("laserscan_random_drop_percentage",),
-    "gaussian_noise_std_deviation": ("laserscan_gaussian_noise_std_deviation",),
-    "random_drop_percentage": ("laserscan_random_drop_percentage",),
-    "odometry_noise_std_deviation": ("odometry_noise_std_deviation",),
-    COVARIANCE_KEY: tuple(f"{COVARIANCE_KEY}_{axis}" for axis in ("xx", "yy", "yaw")),
+OWN_KEYS: Final[Mapping[str, tuple[ParameterLocation, ...]]] = {
+    "laserscan_gaussian_noise_std_deviation": (("laserscan_gaussian_noise_std_deviation",),),
+    "laserscan_random_drop_percentage": (("laserscan_random_drop_percentage",),),
+    "gaussian_noise_std_deviation": (("laserscan_gaussian_noise_std_deviation",),),
+    "random_drop_percentage": (("laserscan_random_drop_percentage",),),
+    "odometry_noise_std_deviation": (("odometry_noise_std_deviation",),),
+    COVARIANCE_KEY: tuple((f"{COVARIANCE_KEY}_{axis}",) for axis in ("xx", "yy", "yaw")),
+    **{key: (path,) for key, path in robot_keys().items()},
 }
-"""Keys that stand in no Nav2 file, and what `Perturbation` calls them. The two of the paper's study go by the names of its
-launch arguments, or by those of its relay node."""
+"""Keys that stand in no Nav2 file, and where `Perturbation` and `RobotParameters` are read. The two of the paper's study go by the
+names of its launch arguments, or by those of its relay node."""
 
 
 @dataclass(frozen=True)
@@ -174,9 +176,9 @@ def _chosen(system: _System) -> Chosen:
     document = _document(system.values)
     if CONTROLLER_KEY in system.values:
         document = with_controller(document, system.values[CONTROLLER_KEY])
-    own = {key: value for key, value in keys.items() if key in PERTURBATION_KEYS}
+    own = {key: value for key, value in keys.items() if key in OWN_KEYS}
     changed = rewritten(document, {key: value for key, value in keys.items() if key not in own})
-    values = {**changed.document.values, **_perturbation(own)}
+    values = {**changed.document.values, **_own_values(own)}
     touched = {**changed.touched, **{key: _targets(document, key) for key in own}}
     try:
         return Chosen(interpretation(replace(changed.document, values=values)), touched)
@@ -194,21 +196,19 @@ def _fields(system: _System, key: str) -> tuple[tuple[type[BaseModel], str], ...
 
 
 def _targets(document: ParameterDocument, key: str) -> tuple[ParameterLocation, ...]:
-    if key in PERTURBATION_KEYS:
-        return tuple((name,) for name in PERTURBATION_KEYS[key])
-    return targets(document.values, key)
+    return OWN_KEYS[key] if key in OWN_KEYS else targets(document.values, key)
 
 
-def _perturbation(own: Mapping[str, Value]) -> Mapping[ParameterLocation, Value]:
+def _own_values(own: Mapping[str, Value]) -> Mapping[ParameterLocation, Value]:
     values: dict[ParameterLocation, Value] = {}
     for key in sorted(own):
-        names, items = PERTURBATION_KEYS[key], converted(own[key])
-        if len(names) == 1:
+        paths, items = OWN_KEYS[key], converted(own[key])
+        if len(paths) == 1:
             items = [items]
-        elif not isinstance(items, Sequence) or isinstance(items, str) or len(items) != len(names):
+        elif not isinstance(items, Sequence) or isinstance(items, str) or len(items) != len(paths):
             right = "a list of three variances, of x and y (m²) and of the yaw (rad²)"
             raise DocumentError([ParameterFault(key, f"found {shown(own[key])}", right)])
-        values |= {(name,): item for name, item in zip(names, items, strict=True)}
+        values |= dict(zip(paths, items, strict=True))
     return values
 
 

@@ -37,6 +37,7 @@ from vastflow.sim.nav.parameters.plugins import (
     critic_class,
 )
 from vastflow.sim.nav.parameters.reader import Group, Reader
+from vastflow.sim.nav.parameters.robot import ROBOT_KEY, LidarParameters, RobotParameters
 from vastflow.sim.nav.parameters.servers import (
     BehaviorServer,
     CollisionMonitor,
@@ -100,7 +101,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
         DocumentError: every fault of the document.
     """
     reader = Reader(document)
-    parts: dict[str, Any] = {"perturbation": reader.group(Perturbation, ())}
+    parts: dict[str, Any] = {"perturbation": reader.group(Perturbation, ()), "robot": _robot(reader)}
     absent = []
     for name, read in _NODES.items():
         node = document.node(*name)
@@ -130,6 +131,11 @@ def _check_outline(reader: Reader, parts: Parts) -> None:
         reader.fault(
             path, "found true, and the local costmap has no polygon `footprint`", "false, as Nav2 does not start"
         )
+
+
+def _robot(reader: Reader) -> RobotParameters:
+    lidar = reader.group(LidarParameters, (ROBOT_KEY, "lidar"))
+    return reader.group(RobotParameters, (ROBOT_KEY,), given={"lidar": LidarParameters() if reader.faults else lidar})
 
 
 def _amcl(reader: Reader, node: ParameterLocation) -> Parts:

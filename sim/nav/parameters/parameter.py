@@ -33,7 +33,7 @@ class ParameterGroup(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _from_yaml(cls, value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, float) and value.is_integer() and _field(cls, info.field_name).annotation is int:
+        if isinstance(value, float) and value.is_integer() and _field(cls, info.field_name).annotation in _WHOLE:
             return int(value)
         return tuple(value) if isinstance(value, list) else value
 
@@ -100,6 +100,7 @@ def _demand(name: str, items: list[str], field: FieldInfo | None, error: ErrorDe
     return f"{name}: {error['msg']}"
 
 
+_WHOLE: Final = (int, int | None)
 _KINDS: Final = {
     "bool_type": "true or false",
     "string_type": "text",
@@ -112,7 +113,7 @@ _KINDS: Final = {
 
 def range_of(field: FieldInfo) -> tuple[float, float]:
     """Lowest and highest number of a field, or of each item of a list."""
-    items = get_args(field.annotation)
+    items = [item for item in get_args(field.annotation) if hasattr(item, "__metadata__")]
     bounds = [bound for mark in items[0].__metadata__ for bound in mark.metadata] if items else field.metadata
     low = next((bound.ge for bound in bounds if hasattr(bound, "ge")), -float("inf"))
     return low, next((bound.le for bound in bounds if hasattr(bound, "le")), float("inf"))

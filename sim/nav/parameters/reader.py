@@ -1,5 +1,6 @@
 """Reading parameters out of a document, with account of what was asked for, what was used and what was wrong."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -84,7 +85,8 @@ class Reader:
             if name:
                 self.fault(paths[name], f"found {shown(self.document.values.get(paths[name]))}", right)
                 continue
-            path = next((path for name, path in paths.items() if name in right), ())
+            named = re.findall(r"\w+", right)
+            path = next((path for name, path in paths.items() if name in named), ())
             what = f"found parameters that contradict each other: {right}"
             place = self.document.place(path)
             self.faults.append(ParameterFault(dotted(path), what, "values that agree", place, together=True))

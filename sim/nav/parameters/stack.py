@@ -6,6 +6,7 @@ from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.parameters.costmap import Costmap, global_costmap, local_costmap
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
+from vastflow.sim.nav.parameters.robot import RobotParameters
 from vastflow.sim.nav.parameters.servers import (
     BehaviorServer,
     CollisionMonitor,
@@ -25,8 +26,10 @@ class NavParameters(ParameterGroup):
     Attributes:
         controller: Parameters of the controller; a plug-in is its own, see
             `vastflow.sim.nav.controllers.registry.find_parameters`.
+        robot: Of the robot that the stack drives, which it is not told of.
     """
 
+    robot: RobotParameters = RobotParameters()
     perturbation: Perturbation = Perturbation()
     amcl: AmclParameters = AmclParameters()
     local_costmap: Costmap = local_costmap()

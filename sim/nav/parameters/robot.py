@@ -1,0 +1,101 @@
+"""Parameters of the robot itself: its body, its actuators and its laser scanner, as a campaign's section `robot` gives them.
+
+What is not given follows from the Nav2 parameters or is the TurtleBot 4's, see `vastflow.sim.reading.robot`.
+"""
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any, Final, Self
+
+from pydantic import field_validator, model_validator
+
+from vastflow.sim.nav.parameters.document import ParameterLocation
+from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
+from vastflow.sim.nav.polygon import vertices_of
+from vastflow.sim.world.lidar import MOST_BEAMS
+
+ROBOT_KEY: Final = "robot"
+"""First name of the keys of the system dimension that give these."""
+
+WHOLE_TURN_RAD: Final = 2.0 * math.pi + 1e-3
+"""Files round a turn's angles up, as in 3.1416."""
+
+
+class LidarParameters(ParameterGroup):
+    """Laser scanner: meters, radians and Hz; `x`, `y` and `yaw` of its mount are in the robot's frame.
+
+    Angles are counter-clockwise from the mount's yaw.
+    """
+
+    x: float | None = parameter(None, -10.0, 10.0)
+    y: float | None = parameter(None, -10.0, 10.0)
+    yaw: float | None = parameter(None, -7.0, 7.0)
+    beams: int | None = parameter(None, 2, MOST_BEAMS)
+    angle_min: float | None = parameter(None, -7.0, 7.0)
+    angle_max: float | None = parameter(None, -7.0, 7.0)
+    range_min: float | None = parameter(None, 0.0, 10.0)
+    range_max: float | None = parameter(None, 0.2, 1000.0)
+    rate: float | None = parameter(None, 1.0, 20.0)
+
+    @model_validator(mode="after")
+    def _limits_agree(self) -> Self:
+        if (self.angle_min is None) != (self.angle_max is None):
+            raise ValueError("angle_min and angle_max must be given together")
+        if self.angle_min is not None and self.angle_max is not None:
+            turn_rad = self.angle_max - self.angle_min
+            if not 0.0 < turn_rad <= WHOLE_TURN_RAD:
+                raise ValueError(
+                    f"angle_max {self.angle_max:g} must lie within a turn above angle_min {self.angle_min:g}"
+                )
+        if self.range_min is not None and self.range_max is not None and self.range_min >= self.range_max:
+            raise ValueError(f"range_min {self.range_min:g} must be < range_max {self.range_max:g}")
+        return self
+
+
+class RobotParameters(ParameterGroup):
+    """The robot: meters, kilograms, m/s, rad/s and per second; limits are those of its actuators.
+
+    Attributes:
+        polygon: Vertices of the body in Nav2's text for a footprint.
+    """
+
+    radius: float | None = parameter(None, 0.01, 10.0)
+    polygon: str | None = parameter(None)
+    mass: float | None = parameter(None, 0.1, 10_000.0)
+    max_speed: float | None = parameter(None, 0.01, 100.0)
+    max_acceleration: float | None = parameter(None, 0.01, 1000.0)
+    max_yaw_rate: float | None = parameter(None, 0.01, 100.0)
+    max_yaw_acceleration: float | None = parameter(None, 0.01, 1000.0)
+    lidar: LidarParameters = LidarParameters()
+
+    @field_validator("polygon", mode="before")
+    @classmethod
+    def _as_text(cls, polygon: Any) -> Any:
+        """A list of vertices, as YAML has it, as Nav2's text."""
+        return (
+            str([list(item) if isinstance(item, tuple) else item for item in polygon])
+            if isinstance(polygon, tuple | list)
+            else polygon
+        )
+
+    @field_validator("polygon")
+    @classmethod
+    def _has_an_area(cls, polygon: str | None) -> str | None:
+        if polygon is not None and not vertices_of(polygon):
+            raise ValueError("a polygon of three vertices or more")
+        return polygon
+
+    @model_validator(mode="after")
+    def _one_body(self) -> Self:
+        if self.radius is not None and self.polygon is not None:
+            raise ValueError("radius and polygon are both given")
+        return self
+
+
+@functools.cache
+def robot_keys() -> Mapping[str, ParameterLocation]:
+    """Every key of the system dimension that gives a quantity of the robot, to where it is read."""
+    own = [(ROBOT_KEY, name) for name in RobotParameters.model_fields if name != "lidar"]
+    every = [*own, *((ROBOT_KEY, "lidar", name) for name in LidarParameters.model_fields)]
+    return {".".join(path): path for path in every}

@@ -1,0 +1,87 @@
+"""The section `robot` of a family: what it sets, what is refused, and what is said of the rest."""
+
+import math
+
+import pytest
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.faults import CampaignError
+from vastflow.producers.robots import robots_json
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.reading.robot import lidar_of, robot_of
+
+
+@pytest.fixture
+def family(tmp_path, drawn_map):
+    """The family of a campaign with this section `robot`."""
+    place = f"{{map_file: {drawn_map('.' * 60, *['.' * 60] * 40).path}}}, {{start_pose: {{x: 1, y: 1}}}}, {{goal_pose: {{x: 2, y: 1}}}}"
+
+    def made(robot, variations="[]", parameters=""):
+        file = tmp_path / "robot.vast"
+        file.write_text(
+            f"configuration:\n- name: home\n  robot: {robot}\n  parameters: [{place}{parameters}]\n  variations: {variations}\n"
+        )
+        return load_campaign(file).families[0]
+
+    return made
+
+
+def of_robot(family):
+    return {key: value for key, value in family.values.items() if key.startswith("robot.")}
+
+
+def test_what_a_robot_is_given_takes_the_place_of_the_turtlebot_4s(family):
+    given = family(
+        "{polygon: [[0.5, 0.3], [0.5, -0.3], [-0.2, 0.0]], mass: 40, max_speed: 0.22, max_yaw_rate: 1, lidar: {x: 0.1, yaw: 0, "
+        "beams: 181, angle_min: -1.5708, angle_max: 1.5708, range_min: 0.05, range_max: 12, rate: 5}}"
+    )
+    parameters = parameters_of(of_robot(given))
+    robot, lidar = robot_of(parameters), lidar_of(parameters)
+    assert robot.vertices == ((0.5, 0.3), (0.5, -0.3), (-0.2, 0.0))
+    assert robot.radius_m == pytest.approx(math.hypot(0.5, 0.3))
+    assert (robot.mass_kg, robot.max_speed_mps, robot.max_yaw_rate_radps) == (40, 0.22, 1)
+    assert robot.max_acceleration_mps2 == 2.0
+    assert (lidar.mount_xyt, lidar.beams, lidar.rate_hz) == ((0.1, 0.0, 0.0), 181, 5.0)
+    assert (lidar.range_min_m, lidar.range_max_m) == (0.05, 12)
+    assert lidar.directions()[[0, 90, 180]].ravel() == pytest.approx([0.0, -1.0, 1.0, 0.0, 0.0, 1.0], abs=1e-5)
+
+
+def test_a_radius_is_the_bodys_and_leaves_the_costmaps_their_footprint(family):
+    parameters = parameters_of(of_robot(family("{radius: 0.105}")))
+    assert robot_of(parameters).radius_m == 0.105
+    assert parameters.local_costmap.robot_radius == 0.22
+
+
+def test_producers_vary_a_robot_as_they_vary_parameters(family):
+    varied = family("{max_speed: 0.3}", "[ParameterVariationList: {name: robot.lidar.range_max, values: [3.5, 12]}]")
+    ((given, *_, how),) = [each["robot"] for each in robots_json([varied])]
+    assert (given, how) == ("the robot: speed up to 0.3 m/s", "varied: robot.lidar.range_max")
+
+
+@pytest.mark.parametrize(
+    ("robot", "message"),
+    [
+        ("{radius: 0}", r"robot.vast:3:19: configuration\[0\].robot.radius: found 0; radius must lie in \[0.01, 10\]"),
+        ("{max_speed: 0}", r"max_speed must lie in \[0.01, 100\]"),
+        ("{max_speed: fast}", "max_speed must be a number"),
+        ("{lidar: {beams: 0}}", r"beams must lie in \[2, 4096\]"),
+        ("{lidar: {range_max: 0}}", r"range_max must lie in \[0.2, 1000\]"),
+        ("{lidar: {rate: 40}}", r"rate must lie in \[1, 20\]"),
+        ("{lidar: {range_min: 2, range_max: 1}}", "range_min 2 must be < range_max 1"),
+        ("{lidar: {angle_min: 1}}", "angle_min and angle_max must be given together"),
+        ("{lidar: {angle_min: -4, angle_max: 4}}", "angle_max 4 must lie within a turn above angle_min -4"),
+        ("{polygon: [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]]}", "a polygon with an area"),
+        ("{polygon: []}", "a polygon of three vertices or more"),
+        ("{radius: 0.2, polygon: [[0.5, 0.3], [0.5, -0.3], [-0.2, 0.0]]}", "radius and polygon are both given"),
+        ("{speed: 1}", r"\[0\].robot: unknown key 'speed'; did you mean 'max_speed'"),
+        ("5", "robot: found 5; a mapping"),
+    ],
+)
+def test_a_meaningless_robot_is_refused_at_its_place(family, robot, message):
+    with pytest.raises(CampaignError, match=message):
+        family(robot)
+
+
+def test_a_quantity_is_given_once(family):
+    with pytest.raises(CampaignError, match=r"a second 'robot.mass'; one; the first is in line 4"):
+        family("{mass: 3}", parameters=", {robot.mass: 4}")
