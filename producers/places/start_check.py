@@ -21,6 +21,7 @@ from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY
 from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.local_footprint import FOOTPRINT_NAMES, local_outline
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+from vastflow.sim.nav.parameters.robot import ROBOT_KEY
 from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.world.obstacle import Obstacle
@@ -85,7 +86,7 @@ class StartCheck:
                 continue
             area = _placed(outline, pose)
             cells = touched_cells(occupancy, area)
-            place = f"the local costmap's footprint does not fit at {key} ({pose.x_m:g}, {pose.y_m:g}): "
+            place = f"the {_what(system)} does not fit at {key} ({pose.x_m:g}, {pose.y_m:g}): "
             reach = f"it reaches {circumscribed_radius_m(outline):.3f} m from its center, "
             if occupancy.occupied[cells[:, 0], cells[:, 1]].any():
                 return f"{place}{reach}into a wall"
@@ -125,6 +126,11 @@ def _outline(system: Mapping[str, Value]) -> NDArray[np.float64] | None:
         return local_outline(system)
     except DocumentError:  # the run says what is wrong with it
         return None
+
+
+def _what(system: Mapping[str, Value]) -> str:
+    has_body = f"{ROBOT_KEY}.radius" in system or f"{ROBOT_KEY}.polygon" in system
+    return "robot or the local costmap's footprint" if has_body else "local costmap's footprint"
 
 
 def _size(value: Value) -> float:
