@@ -71,6 +71,10 @@ def notes_of(found: Interpretation) -> Iterator[Note]:
         )
     for path in document.repeated:
         yield Note("warning", document.file, *document.place(path), short(path), "a second time; this value counts")
+    for path, held in found.reader.held.items():
+        if path in document.values:
+            what = f"found {shown(document.values[path])}, which is no whole number of ticks of 50 ms"
+            yield Note("warning", document.file, *document.place(path), short(path), what, f"runs at {held:g} Hz")
     said = [finding for finding in findings(found) if finding.status in ("not modelled", "differs")]
     sizes = Counter(finding.about for finding in said)
     for about, size in sizes.items():

@@ -138,6 +138,8 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
     if m.path_n == 0 or m.local_current == 0:
         m.base_tick, m.valid_tick = m.tick, m.tick
         return
+    if m.tick % p.control_ticks != 0:
+        return
     if _goal_reached(p, m):
         reset(controller)
         _order(m, 0.0, 0.0)
@@ -195,8 +197,9 @@ def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: flo
     w = m.odom_w if abs(m.odom_w) > p.controller_server.min_theta_velocity_threshold else 0.0
     pose = (m.odom_x, m.odom_y, m.odom_yaw)
     lap(m, BEHAVIOR)
+    outline, dt_s = m.outline[: m.vertices], p.control_ticks * TICK_S
     given = ControllerInput(
-        local.window, m.outline[: m.vertices], p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, TICK_S
+        local.window, outline, p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, dt_s
     )
     ordered = compute_velocity(controller, given)
     lap(m, CONTROLLER)

@@ -1,9 +1,10 @@
-"""Nav2's collision monitor: the last word on a command, from the newest scan alone (nav2_collision_monitor, approach)."""
+"""Nav2's collision monitor: the last word on a command, from the newest scan alone (nav2_collision_monitor)."""
 
 import math
 from typing import Any
 
 from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav.monitor_zones import LIMIT, SLOWDOWN, STOP
 from vastflow.sim.nav.rates import TICK_S
 
 
@@ -15,6 +16,7 @@ def gather_near_points(p: Any, m: Any) -> None:
     # The robot drives on for one scan period before the next scan comes; 0.1 s more is ample.
     ahead_s = p.collision_monitor.time_before_collision + (0.1 + p.scan_ticks * TICK_S)
     reach_m = p.circumscribed_radius + fastest_mps * ahead_s + 0.1
+    reach_m = max(reach_m, p.zones_reach)
     n = 0
     for b in range(m.beams):
         reading = m.ranges[b]
@@ -37,11 +39,7 @@ def approach(p: Any, m: Any, v_mps: float, w_radps: float) -> float:
     q = p.collision_monitor
     if q.enabled == 0 or m.near < q.min_points:
         return 1.0
-    # From the scan's robot frame to the robot's frame now.
-    c0, s0 = math.cos(m.scan_odom_yaw), math.sin(m.scan_odom_yaw)
-    moved_x, moved_y = m.odom_x - m.scan_odom_x, m.odom_y - m.scan_odom_y
-    x, y = c0 * moved_x + s0 * moved_y, c0 * moved_y - s0 * moved_x
-    yaw = m.odom_yaw - m.scan_odom_yaw
+    x, y, yaw = _since_scan(m)
     if _points_inside(p, m, x, y, yaw) >= q.min_points:
         return 0.0
     if v_mps == 0.0 and w_radps == 0.0:
@@ -55,6 +53,75 @@ def approach(p: Any, m: Any, v_mps: float, w_radps: float) -> float:
             return float(t_s / q.time_before_collision)
         t_s += q.simulation_time_step
     return 1.0
+
+
+@inner
+def zoned(p: Any, m: Any, v_mps: float, w_radps: float) -> float:
+    """The factor 0..1 that the zones of the file leave of a command: the least of theirs, as each is asked for the whole command."""
+    factor = 1.0
+    for k in range(p.zone_count):
+        zone = p.zones[k]
+        if m.near < zone[4]:
+            continue
+        x, y, yaw = _since_scan(m)
+        if zone[8] > 0.0:
+            factor = min(factor, _zone_approach(p, m, k, (x, y, yaw), v_mps, w_radps))
+        elif _points_in_zone(p, m, k, x, y, yaw) >= zone[4]:
+            if zone[0] == STOP:
+                return 0.0
+            if zone[0] == SLOWDOWN:
+                factor = min(factor, zone[5])
+            elif zone[0] == LIMIT:
+                factor = min(factor, _share(zone[6], v_mps), _share(zone[7], w_radps))
+    return float(factor)
+
+
+@inner
+def _share(limit: float, speed: float) -> float:
+    """The factor that brings a speed down to its limit."""
+    return limit / abs(speed) if abs(speed) > limit else 1.0
+
+
+@inner
+def _since_scan(m: Any) -> Any:
+    """The robot's x, y and yaw now in the frame that it had at the scan."""
+    c, s = math.cos(m.scan_odom_yaw), math.sin(m.scan_odom_yaw)
+    moved_x, moved_y = m.odom_x - m.scan_odom_x, m.odom_y - m.scan_odom_y
+    return c * moved_x + s * moved_y, c * moved_y - s * moved_x, m.odom_yaw - m.scan_odom_yaw
+
+
+@inner
+def _zone_approach(p: Any, m: Any, k: int, pose: Any, v_mps: float, w_radps: float) -> float:
+    """Time until the zone has its points, as a share of its `time_before_collision`."""
+    zone = p.zones[k]
+    x, y, yaw = pose
+    if _points_in_zone(p, m, k, x, y, yaw) >= zone[4]:
+        return 0.0
+    t_s = 0.0
+    while t_s < zone[8]:
+        x += v_mps * zone[9] * math.cos(yaw)
+        y += v_mps * zone[9] * math.sin(yaw)
+        yaw += w_radps * zone[9]
+        if _points_in_zone(p, m, k, x, y, yaw) >= zone[4]:
+            return float(t_s / zone[8])
+        t_s += zone[9]
+    return 1.0
+
+
+@inner
+def _points_in_zone(p: Any, m: Any, k: int, x_m: float, y_m: float, yaw_rad: float) -> int:
+    """How many of the near points lie in a zone of a robot at a pose (in the scan's robot frame)."""
+    zone, vertices = p.zones[k], int(p.zones[k, 1])
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    count = 0
+    for i in range(m.near):
+        dx, dy = m.near_points[0, i] - x_m, m.near_points[1, i] - y_m
+        square = dx * dx + dy * dy
+        if square > zone[3] * zone[3] or (vertices == 0 and square >= zone[2] * zone[2]):
+            continue
+        if vertices == 0 or _in_outline(p.zone_points[k], vertices, c * dx + s * dy, c * dy - s * dx):
+            count += 1
+    return count
 
 
 @inner

@@ -27,16 +27,26 @@ def vertices_of(footprint: str) -> Vertices:
     """
     if footprint.strip() in ("", "[]"):
         return ()
-    vertices = _read(footprint)
-    if len(vertices) > MOST_VERTICES:
-        raise ValueError(f"a polygon of {MOST_VERTICES} vertices at most, and not of {len(vertices)}")
+    vertices = area_of(footprint)
     polygon = shapely.Polygon(vertices)
-    if polygon.convex_hull.area < 1e-6:
-        raise ValueError("a polygon with an area, in which a robot has room")
     if not polygon.is_valid:
         raise ValueError("a polygon whose edges do not cross or touch each other")
     if not polygon.contains(shapely.Point(0.0, 0.0)):
         raise ValueError("a polygon round the robot's origin (0, 0), from which Nav2 measures its radii")
+    return vertices
+
+
+def area_of(text: str) -> Vertices:
+    """The vertices of Nav2's text for an area anywhere round the robot.
+
+    Raises:
+        ValueError: says what it must be.
+    """
+    vertices = _read(text)
+    if len(vertices) > MOST_VERTICES:
+        raise ValueError(f"a polygon of {MOST_VERTICES} vertices at most, and not of {len(vertices)}")
+    if shapely.Polygon(vertices).convex_hull.area < 1e-6:
+        raise ValueError("a polygon with an area, in which a robot has room")
     return vertices
 
 

@@ -2,17 +2,19 @@
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+_LISTS: Final = ("zones",)
+
 
 def record_dtype(value: Any) -> np.dtype[np.void]:
     """The record type of a dataclass or a pydantic model: numbers float64, whole numbers and flags int64, tuples arrays, groups records.
 
-    Texts are left out: no kernel reads one.
+    Texts and lists of groups are left out: no kernel reads one.
     """
     return np.dtype([(name, _type_of(item)) for name, item in _items(value).items()], align=True)
 
@@ -41,4 +43,4 @@ def _is_group(value: Any) -> bool:
 
 def _items(value: Any) -> Mapping[str, Any]:
     every = dict(value) if isinstance(value, BaseModel) else {f.name: getattr(value, f.name) for f in fields(value)}
-    return {name: item for name, item in every.items() if not isinstance(item, str)}
+    return {name: item for name, item in every.items() if not isinstance(item, str) and name not in _LISTS}

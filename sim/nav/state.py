@@ -16,9 +16,11 @@ from vastflow.sim.nav.controllers.controller import PlanCut, Setting
 from vastflow.sim.nav.inflation import cost_at_distance
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.mission import Mission
+from vastflow.sim.nav.monitor_zones import ZONE, zone_rows, zones_reach_m
 from vastflow.sim.nav.navfn import new_potential, new_scratch
 from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav.parameters.costmap import Costmap
+from vastflow.sim.nav.parameters.servers import MOST_ZONES
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.particles import Cloud, new_cloud
 from vastflow.sim.nav.polygon import MOST_VERTICES
@@ -122,13 +124,23 @@ _EXTRA: Final = (
         "grid_cos",
         "grid_sin",
         "scan_ticks",
+        "control_ticks",
         "local_ticks",
         "publish_ticks",
         "global_ticks",
     ),
     *("inscribed_radius", "circumscribed_radius"),
     *("range_min", "range_max", "mount_x", "mount_y"),
-    *("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration", "mission", "loops"),
+    *(
+        "max_speed",
+        "max_acceleration",
+        "max_yaw_rate",
+        "max_yaw_acceleration",
+        "mission",
+        "loops",
+        "zone_count",
+        "zones_reach",
+    ),
 )
 
 
@@ -310,10 +322,12 @@ def _local(parameters: NavParameters, stamp: NDArray[np.uint8]) -> Local:
 def _parameter_record(
     parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, plan_cut: PlanCut
 ) -> NDArray[np.void]:
-    """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, and `initial_covariance`."""
+    """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, `initial_covariance`, and zones."""
     groups = {name: group for name, group in parameters if name not in ("controller", "robot")} | {"plan_cut": plan_cut}
     outline = outline_of(parameters.local_costmap)
     frame = prepared.occupancy.frame
+    zones, smoother = parameters.collision_monitor.zones, parameters.velocity_smoother
+    fastest_mps = max(smoother.max_velocity[0], -smoother.min_velocity[0])
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),
         "circumscribed_radius": circumscribed_radius_m(outline),
@@ -324,6 +338,7 @@ def _parameter_record(
         "grid_cos": frame.turn.cos,
         "grid_sin": frame.turn.sin,
         "scan_ticks": ticks_of(lidar.rate_hz),
+        "control_ticks": ticks_of(parameters.controller_server.controller_frequency),
         "local_ticks": ticks_of(parameters.local_costmap.update_frequency),
         "publish_ticks": ticks_of(parameters.local_costmap.publish_frequency),
         "global_ticks": ticks_of(parameters.global_costmap.update_frequency),
@@ -337,6 +352,8 @@ def _parameter_record(
         "max_yaw_acceleration": robot.max_yaw_acceleration_radps2,
         "mission": NAVIGATE_TO_POSE,
         "loops": 0,
+        "zone_count": len(zones),
+        "zones_reach": zones_reach_m(zones, fastest_mps, 1.0 / lidar.rate_hz),
     }
     perturbation = parameters.perturbation
     covariance = (
@@ -348,10 +365,17 @@ def _parameter_record(
             *((name, record_dtype(value)) for name, value in groups.items()),
             *((name, np.float64) for name in _EXTRA),
             ("initial_covariance", np.float64, (4,)),
+            ("zones", np.float64, (MOST_ZONES, len(ZONE))),
+            ("zone_points", np.float64, (MOST_ZONES, MOST_VERTICES, 2)),
         ],
         align=True,
     )
-    row = (*(record_row(value) for value in groups.values()), *(float(extra[name]) for name in _EXTRA), covariance)
+    row = (
+        *(record_row(value) for value in groups.values()),
+        *(float(extra[name]) for name in _EXTRA),
+        covariance,
+        *zone_rows(zones),
+    )
     return np.array([row], dtype=dtype)
 
 
@@ -360,8 +384,9 @@ def _setting(parameters: NavParameters, window: Window, stream: NDArray[np.uint6
     rows, columns = window.costs.shape
     resolution_m = parameters.local_costmap.resolution
     tolerances = goal.xy_goal_tolerance, goal.yaw_goal_tolerance
+    period_s = ticks_of(parameters.controller_server.controller_frequency) * TICK_S
     return Setting(
-        rows, columns, resolution_m, *tolerances, stream, TICK_S, _circumscribed_cost(parameters.local_costmap)
+        rows, columns, resolution_m, *tolerances, stream, period_s, _circumscribed_cost(parameters.local_costmap)
     )
 
 

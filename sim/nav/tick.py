@@ -7,7 +7,7 @@ from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.kernels.streams import LIDAR, ODOMETRY, PHASES, normal_pair, uniform
 from vastflow.sim.nav import profile
 from vastflow.sim.nav.behavior import behave, note
-from vastflow.sim.nav.collision_monitor import approach, gather_near_points
+from vastflow.sim.nav.collision_monitor import approach, gather_near_points, zoned
 from vastflow.sim.nav.controllers.binding import Bound, reset
 from vastflow.sim.nav.localization import estimate, localize
 from vastflow.sim.nav.mapping import clear_global, clear_local, publish_local, update_global, update_local
@@ -175,6 +175,8 @@ def _send(p: Any, m: Any) -> None:
     m.smooth_v = _smoothed(q, 0, v, m.smooth_v)
     m.smooth_w = _smoothed(q, 2, w, m.smooth_w)
     factor = approach(p, m, m.smooth_v, m.smooth_w)
+    if p.zone_count > 0:
+        factor = min(factor, zoned(p, m, m.smooth_v, m.smooth_w))
     m.sent_v, m.sent_w = m.smooth_v * factor, m.smooth_w * factor
     if factor == 0.0 and m.stopped == 0:
         note(m, EVENT_STOPPED, 0, 0.0)

@@ -14,7 +14,7 @@ from vastflow.producers.faults import Note
 NAV2 = """\
 controller_server:
   ros__parameters:
-    controller_frequency: 10.0
+    costmap_update_timeout: 0.5
     controller_plugins: [FollowPath]
     FollowPath:
       plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
@@ -43,7 +43,7 @@ def test_every_parameter_of_the_file_is_a_line_with_what_becomes_of_it(nav2):
     assert result.exit_code == 0
     lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
     assert lines[:7] == [
-        "3 controller_server.controller_frequency 10.0 differs: 20.0 is built in",
+        "3 controller_server.costmap_update_timeout 0.5 differs: 0.3 is built in",
         "4 controller_server.controller_plugins ['FollowPath'] modelled",
         "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modelled",
         "7 controller_server.FollowPath.desired_linear_vel 1 modelled",

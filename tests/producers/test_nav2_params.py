@@ -114,16 +114,27 @@ def test_a_file_of_which_everything_is_modelled_is_noted_for_its_missing_nodes_a
 
 
 def test_what_is_not_modelled_is_noted_once_with_its_place(load: Load) -> None:
-    text = NAV2.replace("20.0", "10.0").replace("robot_radius: 0.3", "filters: [keepout]")
+    text = NAV2.replace("controller_frequency: 20.0", "costmap_update_timeout: 0.5").replace(
+        "robot_radius: 0.3", "filters: [keepout]"
+    )
     found = notes(
         load(f"{text}ekf:\n  ros__parameters:\n    a: 1\n    b: {{c: 2}}\n      \namcl: {{ros__parameters: {{x: 1}}}}")
     )
     assert found[2:] == [
-        "nav2.yaml:3:27: controller_server.controller_frequency: found 10.0, which is not modelled; 20.0 is built in",
+        "nav2.yaml:3:29: controller_server.costmap_update_timeout: found 0.5, which is not modelled; 0.3 is built in",
         "nav2.yaml:11:7: local_costmap.local_costmap.filters: not modelled; there are no costmap filters",
         "nav2.yaml:13:3: ekf: its 2 parameters are not modelled; nothing of this node is",
         "nav2.yaml:17:29: amcl.x: not modelled",
     ]  # fmt: skip
+
+
+def test_a_rate_that_is_no_whole_number_of_ticks_is_noted_with_the_one_it_runs_at(load: Load) -> None:
+    (said,) = notes(load(NAV2.replace("20.0", "8.0")))[2:]
+    assert said == (
+        "nav2.yaml:3:27: warning: controller_server.controller_frequency: "
+        "found 8.0, which is no whole number of ticks of 50 ms; runs at 10 Hz"
+    )
+    assert notes(load(NAV2.replace("20.0", "10.0")))[2:] == []
 
 
 def test_a_value_that_a_later_one_takes_the_place_of_is_noted(load: Load) -> None:

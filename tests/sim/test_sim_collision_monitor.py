@@ -37,6 +37,7 @@ def records(ranges, **monitor):
         "mount_x": -0.04,
         "mount_y": 0.0,
         "scan_ticks": 2,
+        "zones_reach": 0.0,
     }
     dtype = [(name, record_dtype(group)) for name, group in groups.items()] + [(name, np.float64) for name in extra]
     parameters = np.array([(*map(record_row, groups.values()), *extra.values())], dtype=dtype)

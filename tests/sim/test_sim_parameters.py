@@ -249,9 +249,9 @@ def test_a_key_is_unread_where_the_file_has_nothing_of_that_name(content):
 
 
 def test_a_parameter_that_is_there_and_not_modelled_is_unread(tmp_path):
-    (tmp_path / "nav2.yaml").write_text("controller_server: {ros__parameters: {controller_frequency: 20.0}}")
-    assert unread({"nav2_params": nav2_file(tmp_path / "nav2.yaml"), "controller_frequency": 10.0}) == (
-        "controller_frequency",
+    (tmp_path / "nav2.yaml").write_text("controller_server: {ros__parameters: {costmap_update_timeout: 0.3}}")
+    assert unread({"nav2_params": nav2_file(tmp_path / "nav2.yaml"), "costmap_update_timeout": 0.5}) == (
+        "costmap_update_timeout",
     )
 
 

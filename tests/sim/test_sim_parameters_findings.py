@@ -32,8 +32,8 @@ def test_a_parameter_is_modelled_built_in_without_effect_different_or_not_modell
 
 
 def test_a_difference_names_what_is_built_in():
-    (found,) = findings(read("controller_server: {ros__parameters: {controller_frequency: 10.0}}"))
-    assert (found.status, found.used, found.place) == ("differs", 20.0, (1, 61))
+    (found,) = findings(read("controller_server: {ros__parameters: {costmap_update_timeout: 0.5}}"))
+    assert (found.status, found.used, found.place) == ("differs", 0.3, (1, 63))
 
 
 @pytest.mark.parametrize(

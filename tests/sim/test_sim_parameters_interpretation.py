@@ -282,7 +282,6 @@ def test_the_monitors_approach_polygon_is_read_with_the_nodes_timeout():
         "polygons: []",
         APPROACH.replace("approach", "stop"),
         APPROACH.replace("type: polygon", "type: circle"),
-        APPROACH.replace("min_points", "points"),
         APPROACH.replace("min_points: 5", "enabled: false"),
         f"{APPROACH}, s: {{enabled: false}}",
         f"{APPROACH}, s: {{type: pointcloud}}",
@@ -407,8 +406,10 @@ def values_of(value, low, high):
 @given(st.data(), st.sampled_from([MppiParameters(), DwbParameters(), RppParameters()]))
 def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
     default = NavParameters(controller=controller)
-    parts = {name: data.draw(varied(group)) for name, group in default}
-    wanted = default.with_values(**parts | {"perturbation": default.perturbation})
+    parts = {name: data.draw(varied(group)) for name, group in default if name != "robot"}
+    kept = {"perturbation": default.perturbation, "robot": default.robot}
+    often = parts["controller_server"].with_values(controller_frequency=1000.0)
+    wanted = default.with_values(**parts | kept | {"controller_server": often})
     assert interpretation(document_of(wanted)).parameters == wanted
 
 
@@ -462,3 +463,60 @@ def test_a_footprint_that_is_no_text_or_no_polygon_is_a_fault_with_its_place(val
         f"local_costmap: {{local_costmap: {{ros__parameters: {{robot_radius: 0.2, footprint: {value}}}}}}}"
     )
     assert "footprint must be text" in fault
+
+
+SCANNED = "observation_sources: [s], s: {type: scan}"
+
+
+def test_areas_of_the_monitor_are_read_with_their_actions():
+    found = monitor(
+        f"""polygons: [halt, slow, near], {SCANNED},
+        halt: {{type: circle, action_type: stop, radius: 0.3, max_points: 3}},
+        slow: {{type: polygon, action_type: slowdown, points: [0.8, 0.4, 0.8, -0.4, 0.0, -0.4], slowdown_ratio: 0.3}},
+        near: {{type: polygon, action_type: limit, points: "[[1.0, 0.4], [1.0, -0.4], [0.3, 0.0]]", linear_limit: 0.2}}"""
+    )
+    assert not found.enabled
+    halt, slow, near = found.zones
+    assert (halt.action, halt.radius, halt.vertices, halt.min_points) == ("stop", 0.3, (), 4)
+    assert (slow.action, slow.vertices, slow.slowdown_ratio) == (
+        "slowdown",
+        ((0.8, 0.4), (0.8, -0.4), (0.0, -0.4)),
+        0.3,
+    )
+    assert (near.action, near.vertices[2], near.linear_limit, near.angular_limit) == ("limit", (0.3, 0.0), 0.2, 0.5)
+
+
+def test_an_area_that_is_not_enabled_or_does_nothing_is_none():
+    text = "{{type: circle, radius: 0.3, {}}}"
+    off, none = text.format("action_type: stop, enabled: false"), text.format("action_type: none")
+    assert monitor(f"polygons: [quiet, idle], {SCANNED}, quiet: {off}, idle: {none}").zones == ()
+
+
+@pytest.mark.parametrize(
+    ("area", "message"),
+    [
+        ("{type: circle, radius: 0.3}", "no 'action_type' or 'type' below 'a'; both of them"),
+        (
+            "{type: circle, radius: 0.3, action_type: halt}",
+            "found 'halt'; one of stop, slowdown, limit, approach, none",
+        ),
+        ("{type: polygon, action_type: stop, points: [0.1, 0.2, 0.3]}", "with the x, y of three or more vertices"),
+        (
+            "{type: circle, radius: 0.3, action_type: slowdown, slowdown_ratio: 2.0}",
+            r"slowdown_ratio must lie in \[0, 1\]",
+        ),
+        (
+            "{type: circle, radius: 0.3, action_type: stop, max_points: -1}",
+            "max_points must be a whole number, 0 or more",
+        ),
+    ],
+)
+def test_an_area_that_nav2_would_not_start_with_is_a_fault(area, message):
+    with pytest.raises(DocumentError, match=message):
+        monitor(f"polygons: [a], {SCANNED}, a: {area}")
+
+
+def test_a_period_longer_than_mppis_step_is_a_fault_as_nav2_does_not_start():
+    text = "controller_server: {ros__parameters: {controller_frequency: 10.0, FollowPath: {plugin: nav2_mppi_controller::MPPIController}}}"
+    with pytest.raises(DocumentError, match=r"found 10; 20 or more for a model_dt of 0.05 s, as Nav2 does not start"):
+        parameters(text)

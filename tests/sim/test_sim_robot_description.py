@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.run import run
 
 FRONT = {
@@ -52,3 +53,20 @@ def test_the_actuators_hold_their_own_limits_whatever_is_commanded(seen):
     assert columns["command_speed_mmps"].max() == 500
     assert columns["speed_mmps"].max() == pytest.approx(300, abs=2)
     assert np.diff(columns["speed_mmps"].astype(int)).max() <= 52  # 0.5 m/s² in 0.1 s
+
+
+def test_the_controller_commands_at_the_files_rate(scenario, tmp_path):
+    """At 10 Hz a command stands for two ticks."""
+    (tmp_path / "nav2.yaml").write_text(
+        "controller_server: {ros__parameters: {controller_frequency: 10.0, controller_plugins: [FollowPath], FollowPath: "
+        "{plugin: nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController}}}"
+    )
+    ordered = []
+    file = nav2_file(tmp_path / "nav2.yaml")
+    run(
+        scenario(nav2_params=file),
+        0,
+        watch=lambda stack, tick: ordered.append(int(stack.m[0]["command_tick"])),
+        watch_ticks=range(20, 60),
+    )
+    assert set(np.diff(sorted(set(ordered)))) == {2}

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import addressed, inner
-from vastflow.sim.nav.controllers.controller import PERIOD_S, Controller, ControllerInput, Setting
+from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting
 from vastflow.sim.nav.controllers.lanes import data_of, either, load, lower, splat, store
 from vastflow.sim.nav.controllers.mppi_critics import (
     BINS,
@@ -185,7 +185,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
             _limit(q, sequence)
-            shift = 1 if abs(q.model_dt - PERIOD_S) < 1e-6 else 0
+            shift = 1 if abs(q.model_dt - given.dt_s) < 1e-6 else 0
             _smooth(sequence, history, memory.line, shift)
             v_mps, w_radps = sequence[0, shift], sequence[1, shift]
             if shift == 1:

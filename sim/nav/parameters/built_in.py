@@ -181,7 +181,6 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     },
     "controller_server": {
         **_any("min_y_velocity_threshold", "odom_topic", "odom_duration", "speed_limit_topic"),
-        "controller_frequency": only(20.0),
         "costmap_update_timeout": only(0.30),
         "publish_zero_velocity": only(True),
     },
@@ -290,6 +289,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "base_shift_correction": only(True),
     },
     "approach polygon": _any("footprint_topic", "visualize", "polygon_pub_topic"),
+    "zone": _any("footprint_topic", "visualize", "polygon_pub_topic", "polygon_sub_topic"),
     "monitored scan": {
         **_any("topic", "sensor_frame", "transport_type"),
         "min_height": within(high=LASER_HEIGHT_M),

@@ -47,8 +47,8 @@ class Costmap(ParameterGroup):
         footprint: The robot's polygon as Nav2's text, which then counts in place of `robot_radius`; `[]` for a disc.
     """
 
-    update_frequency: float = parameter(5.0, 0.05, 20.0)
-    publish_frequency: float = parameter(2.0, 0.05, 20.0, code=1.0)
+    update_frequency: float = parameter(5.0, 0.05, 1000.0)
+    publish_frequency: float = parameter(2.0, 0.05, 1000.0, code=1.0)
     width: int = parameter(3, 1, 100, code=5)
     height: int = parameter(3, 1, 100, code=5)
     resolution: float = parameter(0.05, 0.01, 1.0, code=0.1)

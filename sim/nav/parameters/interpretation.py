@@ -23,6 +23,7 @@ from vastflow.sim.nav.parameters.costmap import (
     local_costmap,
 )
 from vastflow.sim.nav.parameters.document import DocumentError, ParameterDocument, ParameterLocation
+from vastflow.sim.nav.parameters.monitor import collision_monitor
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
@@ -112,6 +113,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
             absent.append(name[-1])
             parts |= _DISPENSABLE.get(name[-1], {})
     _check_outline(reader, parts)
+    _check_period(reader, parts)
     if reader.faults:
         raise DocumentError(sorted(reader.faults, key=lambda fault: fault.place), document.file)
     if "controller" not in parts and "controller_server" not in absent:
@@ -131,6 +133,19 @@ def _check_outline(reader: Reader, parts: Parts) -> None:
         reader.fault(
             path, "found true, and the local costmap has no polygon `footprint`", "false, as Nav2 does not start"
         )
+
+
+def _check_period(reader: Reader, parts: Parts) -> None:
+    """Nav2's MPPI does not start where the controller's period is longer than a step of its model."""
+    controller, server = parts.get("controller"), parts.get("controller_server")
+    if reader.faults or not isinstance(controller, MppiParameters) or server is None:
+        return
+    if 1.0 / server.controller_frequency > controller.model_dt + 1e-6:
+        path = next(path for path in reader.asked if path[-1] == "controller_frequency")
+        right = (
+            f"{1.0 / controller.model_dt:g} or more for a model_dt of {controller.model_dt:g} s, as Nav2 does not start"
+        )
+        reader.fault(path, f"found {server.controller_frequency:g}", right)
 
 
 def _robot(reader: Reader) -> RobotParameters:
@@ -326,36 +341,6 @@ def _velocity_smoother(reader: Reader, node: ParameterLocation) -> Parts:
     return {"velocity_smoother": reader.group(VelocitySmoother, node)}
 
 
-def _collision_monitor(reader: Reader, node: ParameterLocation) -> Parts:
-    values = reader.document.values
-    polygon = scan = None
-    for name in reader.names((*node, "polygons"), ()):
-        place = (*node, name)
-        action, shape = values.get((*place, "action_type")), values.get((*place, "type"))
-        if polygon is None and (action, shape) == ("approach", "polygon") and (*place, "points") not in values:
-            polygon = place
-            reader.text((*place, "action_type"), "approach")
-            reader.text((*place, "type"), "polygon")
-            reader.kinds[place] = "approach polygon"
-        else:
-            reader.unmodelled[place] = "only one polygon is modelled, the footprint with the action approach"
-    for name in reader.names((*node, "observation_sources"), ()):
-        place = (*node, name)
-        if scan is None and values.get((*place, "type"), "scan") == "scan":
-            scan = place
-            reader.text((*place, "type"), "scan")
-            reader.kinds[place] = "monitored scan"
-        else:
-            reader.unmodelled[place] = "only one source, a scan, is modelled"
-    if polygon is None or scan is None:
-        return {"collision_monitor": CollisionMonitor(enabled=False)}
-    enabled = [reader.flag((*place, "enabled"), True) for place in (polygon, scan)]
-    own = (*scan, "source_timeout")
-    timeout = own if own in values else (*node, "source_timeout")
-    found = reader.group(CollisionMonitor, polygon, {"source_timeout": timeout}, {"enabled": all(enabled)})
-    return {"collision_monitor": found}
-
-
 _NODES: Final[Mapping[tuple[str, ...], Callable[[Reader, ParameterLocation], Parts]]] = {
     ("amcl",): _amcl,
     ("controller_server",): _controller_server,
@@ -365,7 +350,7 @@ _NODES: Final[Mapping[tuple[str, ...], Callable[[Reader, ParameterLocation], Par
     ("behavior_server",): _behavior_server,
     ("waypoint_follower",): _waypoint_follower,
     ("velocity_smoother",): _velocity_smoother,
-    ("collision_monitor",): _collision_monitor,
+    ("collision_monitor",): collision_monitor,
 }
 
 MODELLED_NODES: Final = frozenset(name[-1] for name in _NODES)

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -11,6 +11,10 @@ from vastflow.sim.digest import Value
 from vastflow.sim.nav.parameters.document import ParameterDocument, ParameterFault, ParameterLocation, dotted
 from vastflow.sim.nav.parameters.parameter import code_default, complaints
 from vastflow.sim.nav.parameters.plugins import Plugins, class_name
+from vastflow.sim.nav.rates import held_hz
+
+RATES: Final = frozenset({"controller_frequency", "update_frequency", "publish_frequency"})
+"""Parameters whose loops run in whole numbers of ticks."""
 
 Group = TypeVar("Group", bound=BaseModel)
 
@@ -32,6 +36,7 @@ class Reader:
         kinds: Path of a group to what it is, for what of it is not asked for.
         unmodelled: Path of a group that is not read because it is not modelled, to why.
         unused: Path of a group that is not read because Nav2 would not read it either, to why.
+        held: Path of a rate that is no whole number of ticks, to the rate (Hz) that is taken.
         faults: Everything wrong.
     """
 
@@ -42,6 +47,7 @@ class Reader:
         self.kinds: dict[ParameterLocation, str] = {}
         self.unmodelled: dict[ParameterLocation, str] = {}
         self.unused: dict[ParameterLocation, str] = {}
+        self.held: dict[ParameterLocation, float] = {}
         self.faults: list[ParameterFault] = []
 
     def fault(self, path: ParameterLocation, what: str, right: str) -> None:
@@ -76,6 +82,9 @@ class Reader:
             self._faults_of(model, error, paths)
             return model.model_construct(**values)
         self.asked |= {path: getattr(group, name) for name, path in paths.items()}
+        for name in RATES & paths.keys():
+            if abs(held_hz(found := getattr(group, name)) - found) > 1e-6 * found:
+                self.asked[paths[name]] = self.held[paths[name]] = round(held_hz(found), 3)
         return group
 
     def _faults_of(

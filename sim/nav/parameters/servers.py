@@ -1,15 +1,20 @@
 """Parameters of Nav2's servers round planner and controller: checkers, behaviors, smoother, collision monitor."""
 
-from typing import Annotated, TypeAlias
+from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import Field
 
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
+from vastflow.sim.nav.polygon import Vertices
 
 Forward: TypeAlias = Annotated[float, Field(ge=0.0, le=100.0)]
 Backward: TypeAlias = Annotated[float, Field(ge=-100.0, le=0.0)]
 Acceleration: TypeAlias = Annotated[float, Field(ge=0.0, le=1000.0)]
 Deceleration: TypeAlias = Annotated[float, Field(ge=-1000.0, le=0.0)]
+
+
+MOST_ZONES: Final = 8
+"""Areas of a collision monitor."""
 
 
 class NavFn(ParameterGroup):
@@ -21,8 +26,9 @@ class NavFn(ParameterGroup):
 
 
 class ControllerServer(ParameterGroup):
-    """controller_server: seconds, and velocities below which odometry is read as standing."""
+    """controller_server: Hz, seconds, and velocities below which odometry is read as standing."""
 
+    controller_frequency: float = parameter(20.0, 0.5, 1000.0)
     failure_tolerance: float = parameter(0.3, 0.0, 1e6, code=0.0)
     min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
     min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
@@ -69,10 +75,31 @@ class VelocitySmoother(ParameterGroup):
     velocity_timeout: float = parameter(1.0, 0.0, 1e6)
 
 
+class MonitorZone(ParameterGroup):
+    """An area of collision_monitor that the file draws: m/s, rad/s, seconds, and what is done with so many points in it.
+
+    Attributes:
+        vertices: (x, y) of a polygon in the robot's frame (m); none for a circle of `radius`.
+    """
+
+    action: Literal["stop", "slowdown", "limit", "approach"] = "stop"
+    vertices: Vertices = ()
+    radius: float = parameter(0.0, 0.0, 100.0)
+    min_points: int = parameter(4, 1, 100_000)
+    slowdown_ratio: float = parameter(0.5, 0.0, 1.0)
+    linear_limit: float = parameter(0.5, 0.0, 100.0)
+    angular_limit: float = parameter(0.5, 0.0, 100.0)
+    time_before_collision: float = parameter(2.0, 0.0, 100.0)
+    simulation_time_step: float = parameter(0.1, 0.001, 10.0)
+
+
 class CollisionMonitor(ParameterGroup):
-    """collision_monitor with one polygon of type approach round the published footprint; seconds.
+    """collision_monitor with a polygon of type approach round the published footprint, and areas of its file; seconds.
 
     Humble's stack has none: there the file names no such node, and `enabled` is false.
+
+    Attributes:
+        enabled: Whether there is the one round the footprint.
     """
 
     enabled: bool = parameter(True)
@@ -80,6 +107,7 @@ class CollisionMonitor(ParameterGroup):
     simulation_time_step: float = parameter(0.1, 0.001, 10.0)
     min_points: int = parameter(6, 1, 100_000, code=4)
     source_timeout: float = parameter(1.0, 0.0, 1e6, code=2.0)
+    zones: tuple[MonitorZone, ...] = ()
 
 
 class Perturbation(ParameterGroup):

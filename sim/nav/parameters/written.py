@@ -121,7 +121,7 @@ def _velocity_smoother(parameters: NavParameters) -> Values:
 
 
 def _monitor(parameters: NavParameters) -> Values:
-    if not parameters.collision_monitor.enabled:
+    if not parameters.collision_monitor.enabled:  # areas are the file's own
         return {}
     node = ("collision_monitor", PARAMETERS)
     polygon = (*node, "FootprintApproach")
@@ -148,5 +148,5 @@ def _plain(parameters: Any) -> Mapping[str, Value]:
     return {
         name: value
         for name, value in values.items()
-        if not isinstance(value, ParameterGroup) and name != "short_clearing_cells"
+        if not isinstance(value, ParameterGroup) and name not in ("short_clearing_cells", "zones")
     }
