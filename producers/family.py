@@ -24,6 +24,7 @@ from vastflow.producers.scenario_values import Complaint, combined_complaint, co
 from vastflow.producers.vast.design import CARTESIAN, Design, DesignSpec
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.model_faults import faults_of
+from vastflow.producers.vast.robot_section import robot_places
 from vastflow.producers.vast.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.nav.parameters.robot import ROBOT_KEY, robot_keys
@@ -122,7 +123,8 @@ class FamilyReader:
         """The family at `location`, with all that is right of it; what is not is among the faults."""
         known_faults = len(self.faults)
         places, values = self._fixed((*location, "parameters"))
-        robot = self._robot((*location, ROBOT_KEY), places)
+        robot, twice = robot_places(self._document, (*location, ROBOT_KEY), places)
+        self.faults += twice
         places |= robot | self._overridden
         values |= {key: self._document.value(where) for key, where in robot.items()} | self._overrides
         tags = {key: dimension_of(key, value, dimensions.get(key)) for key, value in values.items()}
@@ -201,21 +203,6 @@ class FamilyReader:
             elif content := self._map(where, value):
                 values[key] = content
         return places, values
-
-    def _robot(self, location: Location, fixed: Mapping[str, Location]) -> dict[str, Location]:
-        """The section `robot` as places of fixed parameters, `robot.lidar.rate`; the model has said what it does not know."""
-        if self._document.known(location) != location:
-            return {}
-        found: dict[str, Location] = {}
-        for key in robot_keys():
-            where = (*location, *key.split(".")[1:])
-            if self._document.known(where) != where or self._document.value(where) is None:
-                continue
-            if key in fixed:
-                line, _ = self._document.place(fixed[key], "key")
-                self._fault(where, f"a second {key!r}", f"one; the first is in line {line}", at="key")
-            found[key] = where
-        return found
 
     def _map(self, location: Location, value: Any) -> FileContent | None:
         if not isinstance(value, str):

@@ -11,6 +11,7 @@ from vastflow.producers.faults import Location
 from vastflow.producers.quantities import Amount, Count, Positive, Seed
 from vastflow.producers.vast.design import CARTESIAN, Design
 from vastflow.producers.vast.repetition import Repetitions
+from vastflow.producers.vast.robot_section import RobotSpec
 from vastflow.producers.vast.search import SearchSpec
 from vastflow.producers.vast.section import (
     EmptyIsList,
@@ -181,55 +182,6 @@ class ExecutionSpec(Section):
 
 StartCheckKind: TypeAlias = Literal["footprint", "none"]
 """What is asked of the room at the start and the goals of a configuration."""
-
-
-_NUMBER: Final = WithJsonSchema({"type": ["number", "null"]})
-Quantity: TypeAlias = Annotated[Any, _NUMBER]
-"""A quantity of a robot; `vastflow.sim.nav.parameters.robot` reads and checks it."""
-
-
-class LidarSpec(Section):
-    """A laser scanner; what is not given is a TurtleBot 4's."""
-
-    x: Quantity = None
-    """Of its mount in the robot's frame (m); -0.04 on a TurtleBot 4."""
-    y: Quantity = None
-    """Of its mount in the robot's frame (m)."""
-    yaw: Quantity = None
-    """Of its mount in the robot's frame (rad); the beams' angles begin there."""
-    beams: Quantity = None
-    """Beams of a scan, 2 to 4096; 360 on a TurtleBot 4."""
-    angle_min: Quantity = None
-    """Angle of the first beam (rad), counter-clockwise from the mount's yaw; with `angle_max`."""
-    angle_max: Quantity = None
-    """Angle of the last beam (rad), above `angle_min` by a turn at most."""
-    range_min: Quantity = None
-    """Shortest range it measures (m); 0.164 on a TurtleBot 4."""
-    range_max: Quantity = None
-    """What is as far away or farther gives no return (m); 20 on a TurtleBot 4."""
-    rate: Quantity = None
-    """Scans a second (Hz), 1 to 20; it is held as a whole number of ticks of 50 ms."""
-
-
-class RobotSpec(Section):
-    """The robot that drives; what is not given follows from the Nav2 parameters, or is a TurtleBot 4's, and the report says so."""
-
-    radius: Quantity = None
-    """Of a body that is a disc (m); without a body the local costmap's footprint is what meets walls."""
-    polygon: Annotated[Any, WithJsonSchema({"type": ["array", "string", "null"]})] = None
-    """Of a body that is none: `[[x, y], ...]` in the robot's frame (m), or Nav2's text of it."""
-    mass: Quantity = None
-    """Of the robot (kg), which counts where it pushes things."""
-    max_speed: Quantity = None
-    """Greatest speed of the wheels' drive (m/s), whatever is commanded."""
-    max_acceleration: Quantity = None
-    """Greatest acceleration and deceleration of the drive (m/s²)."""
-    max_yaw_rate: Quantity = None
-    """Greatest yaw rate of the drive (rad/s)."""
-    max_yaw_acceleration: Quantity = None
-    """Greatest yaw acceleration of the drive (rad/s²)."""
-    lidar: Annotated[LidarSpec, EmptyIsMap] = Field(default_factory=LidarSpec)
-    """The laser scanner."""
 
 
 class FamilySpec(Section):
