@@ -1,0 +1,68 @@
+"""The five robots of `campaigns/robots`: what their files say of them, and a short form of the proof."""
+
+import numpy as np
+import pytest
+from five_robots import FOLDER, ROBOTS, body_of, is_unnoted
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.robots import robots_json
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.reading.robot import lidar_of, robot_of
+from vastflow.sim.recordings.recording import Event, Recording, Run
+from vastflow.sim.world.robot_model import Robot
+
+POSE = ("t_ms", "x_mm", "y_mm", "yaw_mrad")
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def campaign(request):
+    return load_campaign(FOLDER / f"{request.param}.vast")
+
+
+def test_a_campaign_has_nothing_to_complain_of_but_nodes_that_its_file_leaves_out(campaign):
+    assert [note.what for note in campaign.notes if not note.what.startswith("has no ")] == []
+    assert {family.name for family in campaign.families} == {"office", "university"}
+
+
+def test_the_robot_of_both_floors_is_the_same_and_said(campaign):
+    (said,) = robots_json(campaign.families)
+    assert said["families"] == ["office", "university"]
+
+
+@pytest.mark.parametrize(
+    ("name", "radius_m", "vertices", "speed_mps", "range_m"),
+    [
+        ("turtlebot3_burger", 0.105, 0, 0.22, 3.5),
+        ("turtlebot3_waffle", 0.2558, 4, 0.26, 3.5),
+        ("turtlebot4", 0.17, 0, 0.5, 20.0),
+        ("rectangle", 0.7106, 4, 0.8, 25.0),
+        ("forklift", 1.6243, 8, 1.0, 25.0),
+    ],
+)
+def test_a_robot_is_what_its_files_say(name, radius_m, vertices, speed_mps, range_m):
+    values = load_campaign(FOLDER / f"{name}.vast").families[0].values
+    parameters = parameters_of({key: value for key, value in values.items() if key == "nav2_params" or "robot." in key})
+    robot = robot_of(parameters)
+    assert robot.radius_m == pytest.approx(radius_m, abs=1e-4)
+    assert (len(robot.vertices), robot.max_speed_mps, lidar_of(parameters).range_max_m) == (
+        vertices,
+        speed_mps,
+        range_m,
+    )
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "contacts", "unnoted"), [(1200, (), False), (1750, (), True), (1750, (0.4,), False), (1750, (0.9,), True)]
+)
+def test_a_body_in_a_wall_without_a_contact_until_then_is_found(x_mm, contacts, unnoted):
+    cells = np.zeros((40, 40), dtype=np.int8)
+    cells[:, -2:] = 100  # from 1.9 m on
+    columns = {
+        name: np.array(values)
+        for name, values in zip(POSE, ([0, 500], [1000, x_mm], [1000, 1000], [0, 0]), strict=True)
+    }
+    events = tuple(Event(t_s, "contact", 1.7, 1.0, "wall", 0.1) for t_s in contacts)
+    ended = Run(0, "", "succeeded", 0, "", 0.5, 0.7, 0, 0, events)
+    body = body_of(Robot(radius_m=0.2))
+    assert is_unnoted(Recording(ended, columns), body, OccupancyMap(cells, 0.05, (0.0, 0.0))) == unnoted

@@ -1,0 +1,129 @@
+"""Five robots with Nav2 files of their own on two floors: how many of their runs arrive, and whether a contact is ever without its event.
+
+    python tests/proofs/five_robots.py [--paths 3] [--runs 2] [--robots NAME...]
+
+A body that overlaps a wall's cells by more than a centimeter in the recorded true poses must have had a contact; exits with 1 where one
+has not.
+"""
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import shapely
+import shapely.affinity
+
+from vastflow.producers.campaign import load_campaign
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.places.cells import touched_cells
+from vastflow.sim.digest import FileContent
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.reading.checked import checked_of
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.recordings.recording import Recording
+from vastflow.sim.run import run
+from vastflow.sim.world.robot_model import Robot
+
+FOLDER: Final = Path(__file__).parents[2] / "campaigns" / "robots"
+ROBOTS: Final = ("turtlebot3_burger", "turtlebot3_waffle", "turtlebot4", "rectangle", "forklift")
+OVERLAP_M: Final = 0.01
+SOON_S: Final = 0.1
+"""A row is recorded this often."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Runs of one robot on one floor.
+
+    Attributes:
+        touching: Runs with a contact.
+        unnoted: Runs in which the body overlaps a wall before any contact.
+    """
+
+    robot: str
+    floor: str
+    runs: int
+    arrived: int
+    touching: int
+    unnoted: int
+
+
+def body_of(robot: Robot) -> shapely.Polygon:
+    """What meets walls, less the overlap that is let be."""
+    whole = shapely.Polygon(robot.vertices) if robot.vertices else shapely.Point(0.0, 0.0).buffer(robot.radius_m)
+    return whole.buffer(-OVERLAP_M)
+
+
+def is_unnoted(recording: Recording, body: shapely.Polygon, occupancy: OccupancyMap) -> bool:
+    """Whether a recorded pose puts the body into a wall without a contact until then."""
+    contacts = [event.t_s for event in recording.run.events if event.kind == "contact"]
+    first_s = min(contacts, default=math.inf)
+    columns = (recording.columns[name].tolist() for name in ("t_ms", "x_mm", "y_mm", "yaw_mrad"))
+    for t_ms, x_mm, y_mm, yaw_mrad in zip(*columns, strict=True):
+        if t_ms * 1e-3 + SOON_S >= first_s:
+            return False
+        turned = shapely.affinity.rotate(body, yaw_mrad * 1e-3, origin=(0.0, 0.0), use_radians=True)
+        if _is_in_a_wall(shapely.affinity.translate(turned, x_mm * 1e-3, y_mm * 1e-3), occupancy):
+            return True
+    return False
+
+
+def _is_in_a_wall(area: shapely.Polygon, occupancy: OccupancyMap) -> bool:
+    """Whether an area, convex or not, overlaps an occupied cell of a map that is not turned."""
+    cells = touched_cells(occupancy, area.convex_hull)
+    cells = cells[occupancy.occupied[cells[:, 0], cells[:, 1]]]
+    (x_m, y_m), size_m = occupancy.origin_xy_m, occupancy.resolution_m
+    left, below = x_m + cells[:, 1] * size_m, y_m + cells[:, 0] * size_m
+    return bool(shapely.intersects(area, shapely.box(left, below, left + size_m, below + size_m)).any())
+
+
+def rows_of(name: str, paths: int, runs: int) -> Iterator[Row]:
+    """A row for each floor of a robot's campaign, of its first paths."""
+    campaign = load_campaign(FOLDER / f"{name}.vast")
+    found = instantiate(campaign).configurations
+    for family in campaign.families:
+        chosen = [each for each in found if each.family == family.name and each.duplicate_of is None][:paths]
+        yield _row(name, family.name, chosen, runs, campaign.seed)
+
+
+def _row(name: str, floor: str, configurations: Sequence[Configuration], runs: int, seed: int) -> Row:
+    arrived = touching = unnoted = 0
+    for each in configurations:
+        setup = checked_of(each.scenario).robot
+        assert setup is not None
+        assert isinstance(setup.map_file, FileContent)
+        body, occupancy = body_of(setup.robot), load_map(setup.map_file.path)
+        for k in range(runs):
+            recording = run(each.scenario, k, seed)
+            arrived += recording.run.outcome == "succeeded"
+            touching += any(event.kind == "contact" for event in recording.run.events)
+            unnoted += is_unnoted(recording, body, occupancy)
+    return Row(name, floor, runs * len(configurations), arrived, touching, unnoted)
+
+
+def main() -> None:
+    """Print the table, a row as soon as it is known."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--paths", type=int, default=3)
+    parser.add_argument("--runs", type=int, default=2)
+    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS)
+    options = parser.parse_args()
+    print(
+        "| robot | floor | runs | arrived | with a contact | overlap without a contact |\n|---|---|---:|---:|---:|---:|"
+    )
+    unnoted = 0
+    for name in options.robots:
+        for row in rows_of(name, options.paths, options.runs):
+            unnoted += row.unnoted
+            said = (row.robot, row.floor, row.runs, row.arrived, row.touching, row.unnoted)
+            print(f"| {' | '.join(map(str, said))} |", flush=True)
+    sys.exit(1 if unnoted else 0)
+
+
+if __name__ == "__main__":
+    main()
