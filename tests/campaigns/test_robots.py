@@ -37,7 +37,7 @@ def test_the_robot_of_both_floors_is_the_same_and_said(campaign):
         ("turtlebot3_waffle", 0.2558, 4, 0.26, 3.5),
         ("turtlebot4", 0.17, 0, 0.5, 20.0),
         ("rectangle", 0.7106, 4, 0.8, 25.0),
-        ("forklift", 1.6243, 8, 1.0, 25.0),
+        ("forklift", 1.0867, 8, 1.0, 25.0),
     ],
 )
 def test_a_robot_is_what_its_files_say(name, radius_m, vertices, speed_mps, range_m):

@@ -520,3 +520,16 @@ def test_a_period_longer_than_mppis_step_is_a_fault_as_nav2_does_not_start():
     text = "controller_server: {ros__parameters: {controller_frequency: 10.0, FollowPath: {plugin: nav2_mppi_controller::MPPIController}}}"
     with pytest.raises(DocumentError, match=r"found 10; 20 or more for a model_dt of 0.05 s, as Nav2 does not start"):
         parameters(text)
+
+
+def test_a_spatio_temporal_voxel_layer_is_read_as_a_voxel_layer_and_said():
+    text = """local_costmap: {local_costmap: {ros__parameters: {plugins: [stvl], stvl: {
+        plugin: spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer, voxel_decay: 15.0, observation_sources: [clear, mark],
+        clear: {data_type: PointCloud2, marking: false}, mark: {data_type: PointCloud2, marking: true, obstacle_range: 4.0}}}}}"""
+    found = read(text)
+    layer = found.parameters.local_costmap.obstacle_layer
+    assert (layer.enabled, layer.marking, layer.clearing, layer.short_clearing_cells) == (True, True, True, 2)
+    assert (layer.obstacle_max_range, layer.raytrace_max_range) == (4.0, 4.0)
+    assert set(found.reader.unmodelled.values()) == {
+        "it is read as a VoxelLayer of the laser scan: no voxel decays, and there is no camera"
+    }

@@ -183,6 +183,8 @@ def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
     for field, model in layers.items():
         if field not in places:
             given[field] = model(enabled=False)
+        elif kinds[field] == "SpatioTemporalVoxelLayer":
+            given[field] = _spatio_temporal_layer(reader, places[field])
         elif field == "obstacle_layer":
             given[field] = _obstacle_layer(reader, places[field], 2 if kinds[field] == "VoxelLayer" else 0)
         else:
@@ -213,6 +215,22 @@ def _obstacle_layer(reader: Reader, place: ParameterLocation, short_clearing_cel
         given |= {name: getattr(unused, name) for name in OF_THE_SCAN}
         return reader.group(ObstacleLayer, place, given=given)
     return reader.group(ObstacleLayer, place, {name: (*scan, name) for name in OF_THE_SCAN}, given)
+
+
+def _spatio_temporal_layer(reader: Reader, place: ParameterLocation) -> ObstacleLayer:
+    """A VoxelLayer of the laser scan in its place, as far as its first source sees that marks."""
+    values = reader.document.values
+    sources = [(*place, name) for name in reader.names((*place, "observation_sources"), ())]
+    source = next((each for each in sources if values.get((*each, "marking"), True) is True), (*place, "scan"))
+    reader.unmodelled[place] = "it is read as a VoxelLayer of the laser scan: no voxel decays, and there is no camera"
+    seen_m = (*source, "obstacle_range")
+    elsewhere = {
+        "obstacle_max_range": seen_m,
+        "raytrace_max_range": seen_m,
+        "footprint_clearing_enabled": (*place, "update_footprint_enabled"),
+    }
+    given = {"marking": True, "clearing": True, "obstacle_min_range": 0.0, "short_clearing_cells": 2}
+    return reader.group(ObstacleLayer, place, elsewhere, given)
 
 
 def _controller_server(reader: Reader, node: ParameterLocation) -> Parts:

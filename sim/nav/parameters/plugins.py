@@ -79,12 +79,15 @@ LAYERS: Final = Plugins(
     what="costmap layer",
     lists=("plugins",),
     modelled={
-        f"nav2_costmap_2d::{name}": name for name in ("StaticLayer", "ObstacleLayer", "VoxelLayer", "InflationLayer")
+        **{
+            f"nav2_costmap_2d::{name}": name
+            for name in ("StaticLayer", "ObstacleLayer", "VoxelLayer", "InflationLayer")
+        },
+        "spatio_temporal_voxel_layer::SpatioTemporalVoxelLayer": "SpatioTemporalVoxelLayer",
     },
     foreign=(
         *_classes("nav2_costmap_2d", "DenoiseLayer", "RangeSensorLayer", "PluginContainerLayer"),
         "nav2_bringup::NonPersistentVoxelLayer",
-        "spatio_temporal_voxel_layer::SpatioTemporalVoxelLayer",
     ),
     defaults={
         "static_layer": "nav2_costmap_2d::StaticLayer",
