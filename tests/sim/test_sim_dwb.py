@@ -240,5 +240,35 @@ def test_at_the_goal_a_slow_robot_turns_to_the_goals_heading():
     assert w > 0.5
 
 
+def added_by(name, **values):
+    """Speeds (V, 1), yaw rates (1, W) and what a critic adds to the scores of their samples."""
+    w, plan, goal = window(), straight(), (9.0, CENTER[1], 0.0)
+    scores = []
+    for enabled in (False, True):
+        critic = getattr(FAST, name).with_values(enabled=enabled, **values)
+        parameters = FAST.with_values(**{name: critic})
+        memory = dwb.new_memory(parameters, CELLS, CELLS)
+        scores.append(scored(record_of(parameters), memory, w, (*CENTER, 0.0), (0.1, 0.0), plan, len(plan), goal))
+    speeds, turns = memory.speeds[: scores[0].shape[0], None], memory.turns[None, : scores[0].shape[1]]
+    assert np.array_equal(np.isinf(scores[0]), np.isinf(scores[1]))
+    legal = np.isfinite(scores[0])
+    return speeds, turns, legal, np.where(legal, scores[1], 0.0) - np.where(legal, scores[0], 0.0)
+
+
+def test_prefer_forward_punishes_driving_backward_and_strafing_and_else_counts_turns():
+    v, w, legal, added = added_by("PreferForward", scale=5.0, penalty=30.0, strafe_x=0.2, strafe_theta=0.3)
+    punished = (v < 0.0) | ((v < 0.2) & (np.abs(w) < 0.3))
+    expected = 5.0 * np.where(punished, 30.0, 10.0 * np.abs(w))
+    assert (punished & legal).any()
+    assert (~punished & legal).any()
+    assert np.allclose(added[legal], expected[legal], atol=1e-3)
+
+
+def test_twirling_counts_turns_where_it_has_a_scale():
+    _, w, legal, added = added_by("Twirling", scale=2.0)
+    assert np.allclose(added[legal], np.broadcast_to(2.0 * np.abs(w), added.shape)[legal], atol=1e-3)
+    assert not added_by("Twirling")[3].any()
+
+
 def test_the_default_parameters_are_in_their_ranges():
     assert DwbParameters.model_validate(dict(HUMBLE)) == HUMBLE

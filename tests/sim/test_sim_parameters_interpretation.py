@@ -380,7 +380,7 @@ def varied(draw, default):
             values[name] = draw(varied(value))
         elif name not in ("short_clearing_cells", "place", "consider_footprint") and draw(st.booleans()):
             values[name] = draw(values_of(value, *range_of(type(default).model_fields[name])))
-    if values.get("enabled") is False:
+    if values.get("enabled", getattr(default, "enabled", True)) is False:
         return type(default)(enabled=False)
     if "max_particles" in values or "min_particles" in values:
         values |= {"min_particles": 1}

@@ -35,7 +35,7 @@ from vastflow.sim.nav.inflation import INSCRIBED
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.window import Window
 
-ROTATE, OSCILLATION, OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(7)
+ROTATE, OSCILLATION, OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST, PREFER_FORWARD, TWIRLING = range(9)
 """Critics in `DwbMemory.raw` and `scales`: the order of `DwbParameters`."""
 
 
@@ -102,8 +102,8 @@ def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
         speeds=np.zeros(speeds),
         turns=np.zeros(turns),
         order=np.argsort([critic.place for critic in parameters.critics()]),
-        raw=np.zeros(GOAL_DIST + 1),
-        scales=np.zeros(GOAL_DIST + 1),
+        raw=np.zeros(TWIRLING + 1),
+        scales=np.zeros(TWIRLING + 1),
         scores=np.zeros((speeds, turns)),
         ends=np.zeros((speeds, turns, 5)),
         first=np.zeros((speeds, turns), dtype=np.int64),
@@ -178,6 +178,8 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
     scales[PATH_ALIGN] = np.float32(half_m * q.PathAlign.scale * q.PathAlign.enabled)
     scales[PATH_DIST] = np.float32(half_m * q.PathDist.scale * q.PathDist.enabled)
     scales[GOAL_DIST] = np.float32(half_m * q.GoalDist.scale * q.GoalDist.enabled)
+    scales[PREFER_FORWARD] = np.float32(q.PreferForward.scale * q.PreferForward.enabled)
+    scales[TWIRLING] = np.float32(q.Twirling.scale * q.Twirling.enabled)
     if away_m <= q.PathAlign.forward_point_distance:
         scales[PATH_ALIGN] = 0.0
     obstructed = scales[OBSTACLE] != 0.0
@@ -260,6 +262,10 @@ def _score_ends(
                 raw[PATH_DIST] = away if away >= 0 else grow(cells, bins, counts, at, stride)
             if scales[GOAL_DIST] != 0.0:
                 raw[GOAL_DIST] = abs(int(x) - goal_x) + abs(int(y) - goal_y)
+            raw[TWIRLING] = abs(w)
+            raw[PREFER_FORWARD] = abs(w) * q.PreferForward.theta_scale
+            if v < 0.0 or (v < q.PreferForward.strafe_x and abs(w) < q.PreferForward.strafe_theta):
+                raw[PREFER_FORWARD] = q.PreferForward.penalty
             total = np.float32(0.0)
             for k in order:
                 total = np.float32(total + raw[k] * scales[k])

@@ -100,7 +100,7 @@ WAIT_AT_WAYPOINT: Final = "nav2_waypoint_follower::WaitAtWaypoint"
 
 FOREIGN_CRITICS: Final[Mapping[str, tuple[str, ...]]] = {
     "MPPI": ("ObstaclesCritic", "PathAlignLegacyCritic", "TwirlingCritic", "VelocityDeadbandCritic"),
-    "DWB": ("MapGrid", "ObstacleFootprint", "PreferForward", "Twirling"),
+    "DWB": ("MapGrid", "ObstacleFootprint"),
 }
 """Critics of Nav2's that are known and perhaps not modelled."""
 
