@@ -22,10 +22,12 @@ PLAIN_SHARE: Final = 0.02
 PASSING_S: Final = 1.0
 """A phase that is over so soon gets no line."""
 COMPILING_AFTER_S: Final = 3.0
+PREFECT_STARTS_S: Final = 12.0
+"""What Prefect's start takes at most where nothing else runs."""
 
 _PHASES: Final[Mapping[str, str]] = {
     "scanning": "looking what is in the store already",
-    "starting Prefect": "starting Prefect, which takes 5–12 s",
+    "starting Prefect": f"starting Prefect, which takes 5–{PREFECT_STARTS_S:.0f} s",
     "instantiating": "instantiating configurations",
     "running": "running",
     "reporting": "writing tables, figures and the report",
@@ -67,6 +69,8 @@ def plain_line(progress: Progress, pace: Pace) -> str:
 def phase_text(progress: Progress, pace: Pace) -> str:
     """What is being done now, and why the user waits for it."""
     text = _PHASES.get(progress.phase, progress.phase)
+    if progress.phase == "starting Prefect" and pace.phase_s > PREFECT_STARTS_S:
+        return f"{text}, and longer on a busy machine"
     if progress.phase != "running":
         return text
     if progress.runs_done == progress.runs_total:

@@ -65,6 +65,7 @@ def test_while_prefect_starts_the_display_says_so_and_how_long_it_takes():
     text = shown(progress("starting Prefect", runs_total=0), Pace(3.0, 2.0))
     assert "starting Prefect, which takes 5–12 s  2 s" in text
     assert "runs" not in text
+    assert phase_text(progress("starting Prefect"), Pace(40.0, 30.0)).endswith("5–12 s, and longer on a busy machine")
 
 
 def test_a_long_wait_for_the_first_run_is_explained_by_compiling():
