@@ -23,9 +23,11 @@ from vastflow.sim.digest import FileContent
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.reading.map_file import MapError, load_map
+from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.recordings.blocks import read_recordings, write_block
 from vastflow.sim.recordings.recording import Recording, si
 from vastflow.sim.scenario import Scenario
+from vastflow.sim.world.difference import world_of
 from vastflow.sim.world.obstacle import Obstacle
 
 _CANDIDATES: Final = 9
@@ -45,13 +47,13 @@ class ScenarioObserver:
     """What the observation of a scenario's runs has in common; prepared once, then used for each.
 
     Attributes:
-        occupancy: The robot's map; None where the scenario has none.
-        wall_cells: Tree of the centers of occupied cells at the walls' surface, in cells (row, column).
+        world: The walls as they stand; None where the scenario has no map.
+        wall_cells: Tree of the centers of its occupied cells at the walls' surface, in cells (row, column).
         references: Remembers each path that it has found.
     """
 
     situation: Situation
-    occupancy: OccupancyMap | None
+    world: OccupancyMap | None
     wall_cells: cKDTree | None = field(repr=False)
     references: ReferenceOf = field(repr=False)
 
@@ -81,8 +83,8 @@ class ScenarioObserver:
         slow = np.abs(si(recording.columns["speed_mmps"])) < STANDING_MPS
         slow &= np.abs(si(recording.columns["yaw_rate_mradps"])) < STANDING_RADPS
         derived["stopped"] = slow.astype(np.int32)
-        if self.occupancy is not None and self.wall_cells is not None:
-            derived["wall_clearance_mm"] = _mm(_clearance_m(self.occupancy, self.wall_cells, x_m, y_m))
+        if self.world is not None and self.wall_cells is not None:
+            derived["wall_clearance_mm"] = _mm(_clearance_m(self.world, self.wall_cells, x_m, y_m))
         derived["deviation_mm"] = np.full(len(x_m), NOWHERE_MM, dtype=np.int32)  # runs of a block have the same columns
         if isinstance(reference, Reference):
             path = _line(reference.points_xy_m)
@@ -93,11 +95,12 @@ class ScenarioObserver:
 def observer_of(scenario: Scenario) -> ScenarioObserver:
     """Prepare the observation of `scenario`: its map, walls, obstacles and reference path.
 
-    The reference is that of a robot of the system's `robot_radius`, by default Nav2's 0.22 m.
+    Walls are those of the world, which may differ from the map. The reference leads over the map, and is that of a robot of the
+    system's `robot_radius`, by default Nav2's 0.22 m.
 
     Raises:
         MapError: the map can't be read, or is another than when the campaign was read.
-        ValueError: the mission, an obstacle or the robot's radius can't be read.
+        ValueError: the mission, an obstacle, the world or the robot's radius can't be read.
     """
     situation = situation_of(scenario)
     file = scenario.environment.get("map_file")
@@ -108,7 +111,9 @@ def observer_of(scenario: Scenario) -> ScenarioObserver:
     def reference(obstacles: tuple[Obstacle, ...]) -> MaybeReference:
         return reference_path(occupancy, replace(situation, obstacles=obstacles), radius_m)
 
-    return ScenarioObserver(situation, occupancy, _wall_cells(occupancy) if occupancy is not None else None, reference)
+    difference = difference_of(scenario.environment.get(WORLD_KEY))
+    world = occupancy if occupancy is None or difference is None else world_of(occupancy, difference)
+    return ScenarioObserver(situation, world, None if world is None else _wall_cells(world), reference)
 
 
 def _map(content: FileContent) -> OccupancyMap:

@@ -136,7 +136,7 @@ def execute(
 
 
 def _loop(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> ClosedLoop:
-    prepared = prepare(_loaded(robot.map_file), robot.lidar, robot.parameters)
+    prepared = prepare(_loaded(robot.map_file), robot.lidar, robot.parameters, robot.difference)
     obstacles = checked.script.obstacles
     return ClosedLoop(
         prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s

@@ -13,6 +13,7 @@ Dimension: TypeAlias = Literal["environment", "task", "system"]
 DIMENSION_OF_KEY: Mapping[str, Dimension] = {
     "map_file": "environment",
     "mesh_file": "environment",
+    "world": "environment",
     "spawn_trigger_point": "environment",
     "spawn_trigger_threshold": "environment",
     "start_pose": "task",

@@ -182,18 +182,21 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
     from vastflow.sim.digest import FileContent
     from vastflow.sim.reading.map_file import load_map
     from vastflow.sim.reading.script import script_of
+    from vastflow.sim.reading.world import WORLD_KEY, difference_of
+    from vastflow.sim.world.difference import world_of
 
     metadata = recorded.metadata
     equal = "" if difference else ", equal to the recording bit for bit"
     map_file = recorded.scenario.environment["map_file"]
     assert isinstance(map_file, FileContent)  # else it would not have been executed
+    occupancy, apart = load_map(map_file.path), difference_of(recorded.scenario.environment.get(WORLD_KEY))
     return Story(
         title=title,
         subtitle=f"{metadata['name']}, {metadata['created'].replace('T', ' ')}{equal}",
         run=replayed.recording.run,
         judgement="not judged" if difference else recorded.judgement,
         warning="" if difference is None else str(difference),
-        occupancy=load_map(map_file.path),
+        occupancy=occupancy if apart is None else world_of(occupancy, apart),
         moments=replayed.moments,
         view=view_of(replayed.moments, script_of(recorded.scenario).goals),
     )

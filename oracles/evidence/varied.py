@@ -8,6 +8,9 @@ from vastflow.oracles.directory.configuration_table import ConfigurationTable
 MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}
 """Numbers that follow from how a configuration was drawn, and what they are called."""
 
+WORLD: Final[Mapping[str, str]] = {"_wall_offset_m": "wall offset (m)", "_missing_furniture": "missing furniture"}
+"""Likewise how far its world was to differ from the robot's map; 0 is a level like others."""
+
 SURROUNDINGS: Final[Mapping[str, str]] = {
     "_narrowest_passage_m": "narrowest passage (m)",
     "_start_clearance_m": "clearance at start (m)",
@@ -26,7 +29,7 @@ _DIGITS: Final = 2
 def varied_rows(
     configurations: ConfigurationTable, chosen: Iterable[int], environments: Mapping[str, str]
 ) -> list[dict[str, Any]]:
-    """The factors of the configurations at the indices `chosen`, and the numbers of `MEASURED` that they have.
+    """The factors of the configurations at the indices `chosen`, and the numbers of `MEASURED` and `WORLD` that they have.
 
     Args:
         environments: Names of maps by their digests, where they have names.
@@ -35,6 +38,7 @@ def varied_rows(
         {
             **{key: named(value, environments) for key, value in configurations.factors[k].items()},
             **{name: value for name, value in _measured(configurations.provenances[k], MEASURED).items() if value},
+            **_measured(configurations.provenances[k], WORLD),
         }
         for k in chosen
     ]

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.floor import DPI, draw_ends, draw_floor, draw_lines, draw_obstacles
+from vastflow.oracles.figures.floor import DPI, draw_ends, draw_floor, draw_lines, draw_obstacles, draw_walls
 from vastflow.oracles.figures.palette import COLORS, INK
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.verdict import Judgement
@@ -28,11 +28,18 @@ def case_figure(
     obstacles: Sequence[Obstacle],
     ways: Sequence[tuple[Judgement, NDArray[np.float64]]],
     estimate_xy_m: NDArray[np.float64] | None = None,
+    world: OccupancyMap | None = None,
 ) -> Figure:
-    """Ways (N, 2) by judgement, failures on top with a cross where they ended; the robot's own estimate (N, 2) of one is dashed."""
+    """Paths (N, 2) by judgement, failures on top with a cross where they ended; the robot's own estimate (N, 2) of one is dashed.
+
+    Args:
+        world: The walls as they stand, where the robot's map has them elsewhere.
+    """
     figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), dpi=DPI)
     axes = figure.add_axes((0, 0, 1, 1))
     draw_floor(axes, occupancy)
+    if world is not None:
+        draw_walls(axes, world)
     axes.set_xticks([])
     axes.set_yticks([])
     draw_obstacles(axes, obstacles, alpha=0.7)

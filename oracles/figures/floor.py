@@ -6,6 +6,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -49,17 +50,21 @@ def map_figure(
 
 def draw_floor(axes: Axes, occupancy: OccupancyMap) -> None:
     """Draw the map, and show what is known of it."""
-    extent = known_extent_m(occupancy.upright, 0.0)
-    image = axes.imshow(_picture(occupancy), origin="lower", extent=extent, aspect="auto")
-    if occupancy.yaw_rad != 0.0:
-        turn = Affine2D().rotate_around(*occupancy.origin_xy_m, occupancy.yaw_rad)
-        image.set_transform(turn + axes.transData)
+    _show(axes, occupancy, _picture(occupancy))
     x0, x1, y0, y1 = known_extent_m(occupancy, _MARGIN_M)
     axes.set_xlim(x0, x1)
     axes.set_ylim(y0, y1)
     axes.set_facecolor(LINE)  # as unknown cells
     axes.tick_params(labelsize=8, colors=SOFT_INK, length=2)
     axes.spines[:].set_visible(False)
+
+
+def draw_walls(axes: Axes, world: OccupancyMap) -> None:
+    """Draw walls where they stand in the world, in the color of what is not on the robot's map."""
+    row, end_row, column, end_column = known_cells(world)
+    picture = np.zeros((end_row - row, end_column - column, 4), dtype=np.uint8)
+    picture[world.occupied[row:end_row, column:end_column]] = [round(255 * part) for part in to_rgba(OBSTACLE_COLOR)]
+    _show(axes, world, picture)
 
 
 def draw_lines(
@@ -103,6 +108,14 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
     """Say below the axes what the marks mean."""
     figure.legend(handles=list(handles), loc="lower center", ncols=min(len(handles), 4), frameon=False, fontsize=9,
                   labelcolor=INK, handletextpad=0.5, columnspacing=1.6, borderpad=0.2)  # fmt: skip
+
+
+def _show(axes: Axes, occupancy: OccupancyMap, picture: NDArray[np.uint8]) -> None:
+    extent = known_extent_m(occupancy.upright, 0.0)
+    image = axes.imshow(picture, origin="lower", extent=extent, aspect="auto")
+    if occupancy.yaw_rad != 0.0:
+        turn = Affine2D().rotate_around(*occupancy.origin_xy_m, occupancy.yaw_rad)
+        image.set_transform(turn + axes.transData)
 
 
 def _picture(occupancy: OccupancyMap) -> NDArray[np.uint8]:

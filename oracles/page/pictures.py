@@ -32,6 +32,8 @@ from vastflow.oracles.figures.scene import Scene, distinct_obstacles, situation_
 from vastflow.oracles.figures.threshold_figure import threshold_figure
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.reading.world import WORLD_KEY, difference_of
+from vastflow.sim.world.difference import world_of
 from vastflow.sim.world.obstacle import Obstacle
 
 MAX_EMBEDDED: Final = 11_000_000
@@ -211,7 +213,10 @@ def _on_map(
     situation = situation_at(tables, configuration, files)
     environment = tables.configurations.environments[configuration]
     occupancy = load_map(tables.directory / "environments" / str(environment) / "map.yaml")
-    return case_figure(occupancy, situation, distinct_obstacles([*situation.obstacles, *spawned]), ways, estimate_xy_m)
+    difference = difference_of(tables.configurations.contents[configuration]["environment"].get(WORLD_KEY))
+    world = None if difference is None else world_of(occupancy, difference)
+    obstacles = distinct_obstacles([*situation.obstacles, *spawned])
+    return case_figure(occupancy, situation, obstacles, ways, estimate_xy_m, world)
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:

@@ -71,6 +71,7 @@ class Story:
         subtitle: Campaign and when it was made.
         run: Its row, as it was executed now.
         warning: Why this is not the recorded run; empty where it is.
+        occupancy: The walls as they stand.
         moments: One a tick from the run's first on.
     """
 

@@ -18,6 +18,7 @@ from vastflow.sim.nav.navfn import travel_costs
 from vastflow.sim.nav.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.world.difference import WorldDifference, world_of
 from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.skip_table import SkipTable, skip_table_of
 from vastflow.sim.world.walls import WallIndex
@@ -31,7 +32,8 @@ class PreparedMap:
     """Read-only tables of one map; a run copies what it writes to.
 
     Attributes:
-        skips: What the lidar casts against.
+        world: The map as the world has it, with its walls.
+        skips: What the lidar casts against: the world's walls.
         cubed: AMCL's likelihood field.
         static: (H, W) uint8 of 0, 254, 255: the static layer.
         static_costs: (H, W) uint8 inflation of its lethal cells; `costs` is that with its unknown cells.
@@ -40,6 +42,7 @@ class PreparedMap:
     """
 
     occupancy: OccupancyMap
+    world: OccupancyMap
     walls: WallIndex
     skips: SkipTable
     cubed: NDArray[np.float32]
@@ -52,10 +55,17 @@ class PreparedMap:
     local_stamp: NDArray[np.uint8]
 
 
-def prepare(occupancy: OccupancyMap, lidar: Lidar, parameters: NavParameters) -> PreparedMap:
-    """Tables of a map for a robot with these parameters; the same map, by identity, is not computed twice."""
+def prepare(
+    occupancy: OccupancyMap, lidar: Lidar, parameters: NavParameters, difference: WorldDifference | None = None
+) -> PreparedMap:
+    """Tables of a map for a robot with these parameters; the same map, by identity, is not computed twice.
+
+    Args:
+        difference: How the world differs from the map.
+    """
     q = parameters.amcl
-    walls, skips = _geometry(occupancy)
+    world = occupancy if difference is None else world_of(occupancy, difference)
+    walls, skips = _geometry(world)
     cubed = _likelihood(
         occupancy,
         usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1],
@@ -66,7 +76,7 @@ def prepare(occupancy: OccupancyMap, lidar: Lidar, parameters: NavParameters) ->
     )
     costs = _costs(occupancy, parameters.global_costmap, parameters.planner.allow_unknown)
     local_stamp = _stamp(parameters.local_costmap, parameters.local_costmap.resolution)
-    return PreparedMap(occupancy, walls, skips, cubed, *costs, local_stamp)
+    return PreparedMap(occupancy, world, walls, skips, cubed, *costs, local_stamp)
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)

@@ -118,6 +118,7 @@ first `vertices` count, of `ranges` and `directions` the first `beams`.
 _EXTRA: Final = (
     *(
         "resolution",
+        "world_resolution",
         "origin_x",
         "origin_y",
         "grid_yaw",
@@ -332,6 +333,7 @@ def _parameter_record(
         "inscribed_radius": inscribed_radius_m(outline),
         "circumscribed_radius": circumscribed_radius_m(outline),
         "resolution": prepared.occupancy.resolution_m,
+        "world_resolution": prepared.world.resolution_m,
         "origin_x": prepared.occupancy.origin_xy_m[0],
         "origin_y": prepared.occupancy.origin_xy_m[1],
         "grid_yaw": frame.yaw_rad,

@@ -86,7 +86,9 @@ def advance(
             _record(p, m, rows)
         m.tick += 1
         lap(m, profile.RECORDING)
-        if not move_freely(g.skips, p.resolution, p.origin_x, p.origin_y, body, m.velocities, TICK_S / SUBSTEPS, hold):
+        if not move_freely(
+            g.skips, p.world_resolution, p.origin_x, p.origin_y, body, m.velocities, TICK_S / SUBSTEPS, hold
+        ):
             return PHYSICS
         lap(m, profile.MOTION)
     return DONE
@@ -145,7 +147,7 @@ def _scan(p: Any, m: Any, skips: Any, obstacles: Any) -> None:
     sensor = (m.true_x + c * p.mount_x - sn * p.mount_y, m.true_y + sn * p.mount_x + c * p.mount_y, m.true_yaw)
     lidar.scan(
         skips,
-        p.resolution,
+        p.world_resolution,
         p.origin_x,
         p.origin_y,
         obstacles,

@@ -21,8 +21,10 @@ from vastflow.sim.reading.abstract import content_digest, definition_digest, def
 from vastflow.sim.reading.plain import plain_value
 from vastflow.sim.reading.robot import lidar_of, robot_of
 from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
+from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.world.difference import WorldDifference
 from vastflow.sim.world.lidar import Lidar
 from vastflow.sim.world.robot_model import Robot
 
@@ -40,6 +42,7 @@ class RobotSetup:
         parameters: Of its navigation stack, all resolved.
         robot: Its body and actuators.
         lidar: Its laser scanner.
+        difference: How the world differs from the map; None where it does not.
     """
 
     map_file: FileContent
@@ -47,6 +50,7 @@ class RobotSetup:
     parameters: NavParameters
     robot: Robot
     lidar: Lidar
+    difference: WorldDifference | None = None
 
 
 @dataclass(frozen=True)
@@ -139,7 +143,8 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
     robot, lidar = robot_of(parameters), lidar_of(parameters)
     if parameters.robot != _NOT_DESCRIBED:  # what is described is in the robot and the scanner
         parameters = parameters.model_copy(update={"robot": _NOT_DESCRIBED})
-    return RobotSetup(content, script.start, parameters, robot, lidar)
+    difference = difference_of(scenario.environment.get(WORLD_KEY))
+    return RobotSetup(content, script.start, parameters, robot, lidar, difference)
 
 
 def _definition_digest(scenario: Scenario, script: Script) -> str:
@@ -155,6 +160,7 @@ def _digested(robot: RobotSetup) -> Value:
     return [
         *(robot.map_file, repr(robot.start), _parameters_digest(parameters)),
         *(code_value(type(parameters.controller)), repr((robot.robot, robot.lidar))),
+        *(() if robot.difference is None else (repr(robot.difference),)),
     ]
 
 

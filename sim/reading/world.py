@@ -1,0 +1,44 @@
+"""The world of a scenario as people write it: how it differs from the robot's map."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from vastflow.sim.digest import Value
+from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.world.difference import WorldDifference
+
+WORLD_KEY: Final = "world"
+LONGEST_M: Final = 1000.0
+_NAMES: Final = ("seed", "wall_offset", "correlation_length", "missing_furniture")
+
+
+def difference_of(value: Value) -> WorldDifference | None:
+    """How the world differs from the map, from the value of the key `world`; None where it does not.
+
+    Raises:
+        ScenarioError: the value has another form, or a number is out of its bounds.
+    """
+    if value is None:
+        return None
+    if not isinstance(value, Mapping) or (unknown := set(value) - set(_NAMES)):
+        found = repr(value) if not isinstance(value, Mapping) else ", ".join(sorted(unknown))
+        raise ScenarioError(
+            f"{WORLD_KEY}: found {found}; a mapping of {', '.join(_NAMES)}, as WorldVariation writes it"
+        )
+    seed = value.get("seed", 0)
+    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+        raise ScenarioError(f"{WORLD_KEY}.seed: found {seed!r}; a whole number from 0")
+    difference = WorldDifference(
+        seed,
+        _number(value, "wall_offset", 0.0, 0.0, LONGEST_M),
+        _number(value, "correlation_length", 2.0, 0.1, LONGEST_M),
+        _number(value, "missing_furniture", 0.0, 0.0, 1.0),
+    )
+    return difference if difference.wall_offset_m > 0.0 or difference.missing_share > 0.0 else None
+
+
+def _number(value: Mapping[str, Value], name: str, usual: float, least: float, most: float) -> float:
+    found = value.get(name, usual)
+    if isinstance(found, bool) or not isinstance(found, int | float) or not least <= found <= most:
+        raise ScenarioError(f"{WORLD_KEY}.{name}: found {found!r}; a number from {least:g} to {most:g}")
+    return float(found)

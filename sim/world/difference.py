@@ -1,0 +1,112 @@
+"""How the world differs from the robot's map: walls that stand elsewhere, furniture that was taken away."""
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.maps.occupancy import FREE, OccupancyMap
+
+FURNITURE_M: Final = 2.0
+"""Longest side of the bounding box of what counts as furniture: pieces that stand apart from all other occupied cells."""
+LARGEST_CELL_M: Final = 0.025
+"""Of a world whose walls are offset, so that offsets of less than a cell of the map show."""
+_WAVES: Final = 64
+_NODES: Final = 8
+"""Nodes per correlation length at which offsets are computed; between them they are linear."""
+_ROWS: Final = 256
+
+
+@dataclass(frozen=True, slots=True)
+class WorldDifference:
+    """What makes a world of a map.
+
+    Attributes:
+        seed: Of all draws.
+        wall_offset_m: Standard deviation of what walls are offset by along either axis.
+        correlation_length_m: Distance at which the offsets of two places have lost most of what they share.
+        missing_share: Probability of each piece of furniture on the map to be gone.
+    """
+
+    seed: int
+    wall_offset_m: float = 0.0
+    correlation_length_m: float = 2.0
+    missing_share: float = 0.0
+
+
+@functools.lru_cache(maxsize=4)
+def world_of(occupancy: OccupancyMap, difference: WorldDifference) -> OccupancyMap:
+    """The world in the map's frame, with its origin: its cells are the map's, or whole fractions of them where walls are offset.
+
+    A place of the world has what the map has at the place less its offset. Offsets are a Gaussian random field of squared
+    exponential covariance, smooth enough that walls stay whole while their standard deviation is well below the correlation
+    length; it is summed up of random waves (Rahimi and Recht, Random Features for Large-Scale Kernel Machines, 2007).
+    """
+    cells = occupancy.cells
+    if difference.missing_share > 0.0:
+        cells = _without_furniture(occupancy, difference)
+    if difference.wall_offset_m > 0.0:
+        fold = math.ceil(occupancy.resolution_m / LARGEST_CELL_M - 1e-9)
+        return OccupancyMap(
+            _offset(cells, occupancy.resolution_m, fold, difference),
+            occupancy.resolution_m / fold,
+            occupancy.origin_xy_m,
+            occupancy.yaw_rad,
+        )
+    return OccupancyMap(cells, occupancy.resolution_m, occupancy.origin_xy_m, occupancy.yaw_rad)
+
+
+def _rng(difference: WorldDifference, stream: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([difference.seed, stream])))
+
+
+def _without_furniture(occupancy: OccupancyMap, difference: WorldDifference) -> NDArray[np.int8]:
+    """The cells, with each piece of furniture free at the stated probability; pieces are drawn for in reading order."""
+    from scipy import ndimage  # takes half a second, which a run in the world of its map does without
+
+    labels, _ = ndimage.label(occupancy.occupied, np.ones((3, 3)))
+    most = FURNITURE_M / occupancy.resolution_m + 1e-9
+    pieces = [
+        index
+        for index, (rows, columns) in enumerate(ndimage.find_objects(labels), 1)
+        if max(rows.stop - rows.start, columns.stop - columns.start) <= most
+    ]
+    gone = _rng(difference, 0).random(len(pieces)) < difference.missing_share
+    return np.where(np.isin(labels, np.array(pieces, dtype=np.int64)[gone]), FREE, occupancy.cells).astype(np.int8)
+
+
+def _offset(cells: NDArray[np.int8], resolution_m: float, fold: int, difference: WorldDifference) -> NDArray[np.int8]:
+    """The cells (H, W) as (fold H, fold W), each place moved by its offset; beyond the map everything is as at its border."""
+    from scipy import ndimage
+
+    rows, columns = cells.shape
+    node_m = difference.correlation_length_m / _NODES
+    nodes = [math.ceil(n * resolution_m / node_m) + 2 for n in (rows, columns)]
+    y_m, x_m = (np.arange(n) * node_m for n in nodes)
+    rng = _rng(difference, 1)
+    offsets_cells = [_field(rng, y_m, x_m, difference) / resolution_m for _ in range(2)]
+    column = (np.arange(columns * fold) + 0.5) / fold
+    world = np.empty((rows * fold, columns * fold), dtype=np.int8)
+    for first in range(0, len(world), _ROWS):
+        row = (np.arange(first, min(first + _ROWS, len(world))) + 0.5) / fold
+        places = np.meshgrid(row, column, indexing="ij")
+        on_nodes = np.stack(places) * (resolution_m / node_m)
+        from_row, from_column = (
+            np.floor(place - ndimage.map_coordinates(offset, on_nodes, order=1)).astype(np.int64)
+            for place, offset in zip(places, offsets_cells, strict=True)
+        )
+        world[first : first + _ROWS] = cells[from_row.clip(0, rows - 1), from_column.clip(0, columns - 1)]
+    return world
+
+
+def _field(
+    rng: np.random.Generator, y_m: NDArray[np.float64], x_m: NDArray[np.float64], difference: WorldDifference
+) -> NDArray[np.float64]:
+    """Offsets (len(y_m), len(x_m)) in meters."""
+    wave = rng.standard_normal((2, _WAVES)) / difference.correlation_length_m
+    phase = rng.uniform(0.0, 2.0 * math.pi, _WAVES)
+    along_y, along_x = np.exp(1j * np.outer(y_m, wave[0])), np.exp(1j * (np.outer(x_m, wave[1]) + phase))
+    return np.asarray(difference.wall_offset_m * math.sqrt(2.0 / _WAVES) * (along_y @ along_x.T).real)

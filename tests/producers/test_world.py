@@ -1,0 +1,114 @@
+"""Worlds that are not as the robot's map has them."""
+
+import pytest
+from pydantic import ValidationError
+
+from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.conformance import check_producer
+from vastflow.producers.producer import evaluate
+from vastflow.producers.world import WorldVariation
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.reading.world import difference_of
+from vastflow.sim.world.difference import world_of
+
+ROOMS = [
+    "####################",
+    "#.......#..........#",
+    "#.......#..........#",
+    "#..................#",
+    "#.......#....##....#",
+    "#.......#....##....#",
+    "#.......#..........#",
+    "####################",
+]
+STOPS = {"start_pose": {"x": 0.0, "y": 0.0}, "goal_poses": [{"x": 5.0, "y": 0.0}]}
+
+
+def world_variation(**parameters):
+    return WorldVariation(WorldVariation.Parameters.model_validate(parameters))
+
+
+@pytest.fixture(scope="module")
+def inputs(drawn_map):
+    return {"map_file": drawn_map(*ROOMS, cells=8), **STOPS}
+
+
+def test_it_keeps_the_contract_of_producers(inputs, drawn_map):
+    check_producer(
+        world_variation(wall_offset=[0.0, 0.05], missing_furniture=[0, 0.5], count=2),
+        [inputs, {**inputs, "start_pose": {"x": -0.9, "y": -1.9}}],
+    )
+
+
+def test_a_world_is_drawn_for_each_combination_and_each_of_count(inputs):
+    items = evaluate(world_variation(wall_offset=[0.02, 0.05], missing_furniture=[0.1, 0.9], count=3), inputs)
+    worlds = [item.values["world"] for item in items]
+    assert [(w["wall_offset"], w["missing_furniture"]) for w in worlds] == [
+        pair for pair in [(0.02, 0.1), (0.02, 0.9), (0.05, 0.1), (0.05, 0.9)] for _ in range(3)
+    ]
+    assert len({w["seed"] for w in worlds}) == 12
+
+
+def test_where_nothing_differs_nothing_is_written_but_what_was_asked_for(inputs):
+    (item,) = evaluate(world_variation(count=5), inputs)
+    assert item == Fragment({"_wall_offset_m": 0.0, "_missing_furniture": 0.0})
+
+
+def test_another_offset_in_the_list_leaves_a_world_as_it_is(inputs):
+    (alone,) = evaluate(world_variation(wall_offset=0.05), inputs)
+    assert evaluate(world_variation(wall_offset=[0.02, 0.05]), inputs)[1] == alone
+    assert evaluate(world_variation(wall_offset=0.05, seed=1), inputs)[0] != alone
+
+
+def test_the_robot_finds_a_path_in_each_world(inputs):
+    """With offsets of 0.3 m doors of 0.4 m are often closed; such worlds are drawn again."""
+    worlds = [
+        item.values["world"]
+        for item in evaluate(world_variation(wall_offset=0.3, count=20), inputs)
+        if isinstance(item, Fragment)
+    ]
+    assert worlds
+    occupancy = load_map(inputs["map_file"].path)
+    for value in worlds:
+        world = world_of(occupancy, difference_of(value))
+        for x_m in (0.0, 5.0):
+            assert world.free[world.cell_of(x_m, 0.0)]
+
+
+def test_a_start_in_a_wall_is_rejected_with_its_reason(inputs):
+    (item,) = evaluate(world_variation(wall_offset=0.01), {**inputs, "start_pose": {"x": -0.9, "y": -1.9}})
+    assert isinstance(item, Rejection)
+    assert item.reason == (
+        "in none of 20 worlds that were drawn does the robot find a path; in the last one a wall stands at the start"
+    )
+
+
+def test_parted_rooms_are_rejected_with_their_reason(drawn_map):
+    rows = [row if row[8] == "#" else f"{row[:8]}#{row[9:]}" for row in ROOMS]
+    (item,) = evaluate(world_variation(wall_offset=0.01), {"map_file": drawn_map(*rows, cells=8), **STOPS})
+    assert isinstance(item, Rejection)
+    assert item.reason.endswith("in the last one walls part the start from a goal")
+
+
+def test_without_stops_any_world_will_do(inputs):
+    (item,) = evaluate(world_variation(wall_offset=0.1), {"map_file": inputs["map_file"]})
+    assert isinstance(item, Fragment)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"wall_offset": -0.1}, "greater than or equal to 0"),
+        (
+            {"wall_offset": 0.5},
+            r"wall_offset: found 0.5, at which walls tear; at most 0.4 at a correlation_length of 2 m",
+        ),
+        ({"wall_offset": 0.2, "correlation_length": 0.5}, r"at most 0.1 at a correlation_length of 0.5 m"),
+        ({"missing_furniture": [0.5, 1.2]}, r"missing_furniture: found 1.2; a probability from 0 to 1"),
+        ({"correlation_length": 0.05}, "greater than or equal to 0.1"),
+        ({"offset": 1}, "Extra inputs"),
+    ],
+)
+def test_parameters_out_of_their_bounds_are_refused(parameters, message):
+    with pytest.raises(ValidationError, match=message):
+        world_variation(**parameters)

@@ -1,0 +1,150 @@
+"""A world that is not as the robot's map has it."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from tests.sim.conftest import rooms_cells
+from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.sim.reading.checked import checked_digest
+from vastflow.sim.reading.world import difference_of
+from vastflow.sim.recordings.recording import Recording, si
+from vastflow.sim.run import run
+from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.world.difference import WorldDifference, world_of
+from vastflow.sim.world.robot_model import Robot
+
+RESOLUTION_M = 0.05
+WALL = {"wall_offset": 0.1, "correlation_length": 3.0}
+
+
+@pytest.fixture(scope="module")
+def rooms() -> OccupancyMap:
+    return OccupancyMap(rooms_cells(), RESOLUTION_M, (0.0, 0.0))
+
+
+def offsets_of_a_wall(seed: int, **given: float) -> np.ndarray:
+    """How far a straight wall's face stands from its place on the map, in meters, along the wall."""
+    cells = np.full((400, 200), FREE, dtype=np.int8)
+    cells[:, 100:104] = OCCUPIED
+    world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, **given))
+    assert world.occupied.any(axis=1).all()
+    return world.occupied.argmax(axis=1) * world.resolution_m - 100 * RESOLUTION_M
+
+
+def test_walls_are_offset_by_the_stated_standard_deviation():
+    offsets_m = np.concatenate([offsets_of_a_wall(seed, wall_offset_m=0.1) for seed in range(40)])
+    assert offsets_m.mean() == pytest.approx(0.0, abs=0.025)
+    assert offsets_m.std() == pytest.approx(0.1, rel=0.15)
+
+
+def test_offsets_of_less_than_a_cell_show():
+    offsets_m = np.concatenate([offsets_of_a_wall(seed, wall_offset_m=0.02) for seed in range(40)])
+    assert offsets_m.std() == pytest.approx(0.02, rel=0.25)
+    assert np.abs(offsets_m).max() <= 0.1
+
+
+@pytest.mark.parametrize(("correlation_m", "shared"), [(0.5, 0.14), (2.0, 0.88)])
+def test_places_share_their_offset_as_far_as_the_correlation_length_says(correlation_m, shared):
+    """A squared exponential: at 1 m exp(-1 / (2 · 0.5²)) = 0.14, and exp(-1 / (2 · 2²)) = 0.88."""
+    walls = np.array([offsets_of_a_wall(s, wall_offset_m=0.1, correlation_length_m=correlation_m) for s in range(60)])
+    a, b = walls[:, :-40].ravel(), walls[:, 40:].ravel()  # 40 cells of 0.025 m apart
+    assert np.mean(a * b) / np.mean(a * a) == pytest.approx(shared, abs=0.12)
+
+
+def test_a_wall_of_one_cell_stays_whole():
+    cells = np.full((200, 200), FREE, dtype=np.int8)
+    cells[:, 100] = OCCUPIED
+    for seed in range(20):
+        world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, wall_offset_m=0.2))
+        assert ndimage.label(world.occupied, np.ones((3, 3)))[1] == 1
+        assert world.occupied.any(axis=1).all()
+
+
+def test_a_world_has_the_maps_extent_frame_and_unknown_space():
+    cells = np.full((40, 60), UNKNOWN, dtype=np.int8)
+    turned = OccupancyMap(cells, RESOLUTION_M, (-3.0, 2.0), 0.3)
+    world = world_of(turned, WorldDifference(1, wall_offset_m=0.05))
+    assert (world.shape, world.resolution_m) == ((80, 120), 0.025)
+    assert world.frame == turned.frame
+    assert (world.cells == UNKNOWN).all()
+
+
+def test_a_coarse_map_gets_cells_of_at_most_25_millimeters_in_whole_fractions():
+    world = world_of(OccupancyMap(np.zeros((9, 9), dtype=np.int8), 0.06, (0.0, 0.0)), WorldDifference(1, 0.05))
+    assert (world.shape, world.resolution_m) == ((27, 27), pytest.approx(0.02))
+
+
+def test_furniture_goes_at_its_probability_and_walls_stay():
+    cells = np.zeros((400, 400), dtype=np.int8)
+    cells[:4] = OCCUPIED  # a wall of 20 m
+    for row in range(20, 390, 20):
+        for column in range(10, 390, 20):
+            cells[row : row + 8, column : column + 8] = OCCUPIED
+    n_pieces = 19 * 19
+    kept = []
+    for seed in range(5):
+        world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(seed, missing_share=0.3))
+        assert (world.cells[:4] == OCCUPIED).all()
+        kept.append(ndimage.label(world.occupied)[1] - 1)
+    assert 1 - np.mean(kept) / n_pieces == pytest.approx(0.3, abs=0.05)
+
+
+def test_what_is_longer_than_2_meters_is_no_furniture():
+    cells = np.zeros((100, 100), dtype=np.int8)
+    cells[10, 10:50], cells[20, 10:51] = OCCUPIED, OCCUPIED
+    world = world_of(OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0)), WorldDifference(0, missing_share=1.0))
+    assert not world.occupied[10].any()
+    assert world.occupied[20].sum() == 41
+
+
+def test_nothing_that_differs_is_the_scenario_without_the_key(scenario):
+    same = scenario(world={"seed": 5, "wall_offset": 0.0, "missing_furniture": 0.0})
+    assert difference_of(same.environment["world"]) is None
+    assert difference_of(None) is None
+
+
+def test_a_world_changes_the_checked_scenario(scenario):
+    worlds = [scenario(world={"seed": seed, **WALL}) for seed in (1, 2)]
+    assert len({checked_digest(each) for each in (scenario(), *worlds)}) == 3
+
+
+def test_the_robot_drives_in_the_world_and_localizes_on_its_map(scenario):
+    true, moved = (run(scenario(**given), 0, 0) for given in ({}, {"world": {"seed": 3, **WALL}}))
+    assert moved.run.outcome == "succeeded"
+    assert errors_m(moved).max() > 2 * errors_m(true).max()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_body_keeps_out_of_the_worlds_walls(scenario, rooms, seed):
+    """With offsets of 0.25 m it would enter them by the width of a hand, did physics take the map's."""
+    given = {"seed": seed, "wall_offset": 0.25, "correlation_length": 3.0}
+    recording = run(scenario(world=given, timeout_s=60.0), 0, 0)
+    world = world_of(rooms, difference_of(given))
+    room_m = ndimage.distance_transform_edt(~world.occupied) * world.resolution_m
+    cells = world.in_cells(np.column_stack([si(recording.columns[name]) for name in ("x_mm", "y_mm")])).astype(int)
+    assert room_m[cells[:, 0], cells[:, 1]].min() >= Robot().radius_m - world.resolution_m
+
+
+def errors_m(recording: Recording) -> np.ndarray:
+    """Of the estimate, along a run."""
+    columns = {name: si(column) for name, column in recording.columns.items()}
+    return np.hypot(*(columns[f"{axis}_mm"] - columns[f"estimated_{axis}_mm"] for axis in "xy"))
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (3, r"^world: found 3; a mapping of seed, wall_offset, correlation_length, missing_furniture"),
+        ({"offset": 1}, r"^world: found offset; a mapping of seed"),
+        ({"seed": -1}, r"^world.seed: found -1; a whole number from 0"),
+        ({"seed": True}, r"^world.seed: found True; a whole number from 0"),
+        ({"wall_offset": -0.1}, r"^world.wall_offset: found -0.1; a number from 0 to 1000"),
+        ({"wall_offset": float("nan")}, r"^world.wall_offset: found nan; a number from 0 to 1000"),
+        ({"correlation_length": 0}, r"^world.correlation_length: found 0; a number from 0.1 to 1000"),
+        ({"missing_furniture": 1.5}, r"^world.missing_furniture: found 1.5; a number from 0 to 1"),
+    ],
+)
+def test_a_world_of_another_form_is_refused_with_its_place(value, message):
+    with pytest.raises(ScenarioError, match=message):
+        difference_of(value)
