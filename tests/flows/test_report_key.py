@@ -25,6 +25,7 @@ METADATA = {
     "versions": {"numpy": "2.0"},
     "host": {"name": "here", "cpus": 2},
     "notes": ["room.vast:1:1: a word"],
+    "robots": [{"families": ["room"], "robot": ["assumed, as a TurtleBot 4 has it: mass 3.3 kg"]}],
     "asked": {"only": [], "runs": 2},
 }
 EXCLUDED = ExcludedInstance("room", "room-*", "far_apart", {"distance": 0.5})
@@ -66,6 +67,7 @@ CHANGES = {
     "the version of vastflow": of_metadata(vastflow="2"),
     "the version of a library": of_metadata(versions={"numpy": "2.1"}),
     "a note on the campaign file": of_metadata(notes=[]),
+    "a robot": of_metadata(robots=[]),
     "a selection": of_metadata(asked={"only": ["room"], "runs": 2}),
     "a rule by which runs ended": of_metadata(**{SEQUENTIAL: {"min": 5, "max": 20}}),
     "another rule": of_metadata(**{SEQUENTIAL: {"min": 6, "max": 20}}),

@@ -85,6 +85,7 @@ def directory(synthetic_campaign, tmp_path: Path, build: SimpleNamespace) -> Pat
     campaign.reject("quiet", REASON, {"path_length": 201.0})
     campaign.metadata = {
         "notes": ["a.vast:3:1: execution.image: not executed by this version"],
+        "robots": [{"families": ["quiet", "noisy"], "robot": ["the robot: mass 9 kg", "assumed: speed up to 0.5 m/s"]}],
         "faults": [{"configuration": "quiet-2", "run_index": None, "stage": "execute", "error": "MemoryError"}],
     }
     return campaign.write("version: 1\n# see https://example.org\n")
@@ -241,6 +242,11 @@ def test_what_was_left_out_is_said_at_the_top(page: Page) -> None:
 
 def test_not_judged_faults_duplicates_and_notes_are_named(page: Page) -> None:
     for what in ("fault: MemoryError", "noisy-3 is noisy-1", "execution.image: not executed by this version"):
+        assert what in page.text
+
+
+def test_the_method_says_what_the_robot_is_and_what_of_it_is_assumed(page: Page) -> None:
+    for what in ("quiet, noisy", "The robot: mass 9 kg.", "Assumed: speed up to 0.5 m/s."):
         assert what in page.text
 
 
