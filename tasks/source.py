@@ -181,7 +181,7 @@ class SourceTree:
 
     def with_packages(self, *packages: str) -> "SourceTree":
         """A tree that has these packages of vastflow too, as this process would import them."""
-        return self._with(_folders(packages), {})
+        return self._with(folders_of(packages), {})
 
     def _is_elsewhere(self, plug_in: type) -> bool:
         """Whether a class is from a package that is not in the tree."""
@@ -271,10 +271,15 @@ class SourceTree:
 
 def installed_tree() -> SourceTree:
     """The packages of vastflow that results follow from, as this process would import them."""
-    return SourceTree(_folders(PACKAGES), cache=source_cache_file())
+    return SourceTree(folders_of(PACKAGES), cache=source_cache_file())
 
 
-def _folders(packages: Iterable[str]) -> dict[str, Path]:
+def folders_of(packages: Iterable[str]) -> dict[str, Path]:
+    """The folder of each package, as this process would import it.
+
+    Raises:
+        ModuleNotFoundError: one is not installed as a package.
+    """
     folders = {}
     for package in packages:
         spec = importlib.util.find_spec(package)
@@ -347,9 +352,11 @@ def live_source(top: str) -> Path | None:
         spec = importlib.util.find_spec(top)
     except (ImportError, ValueError):
         return None
-    places = list(spec.submodule_search_locations or ()) or [spec.origin] if spec is not None else []
-    place = Path(places[0]) if places and places[0] else None
-    if place is None or not (place.is_dir() or place.suffix == ".py"):
+    if spec is None:
+        return None
+    origin = next(iter(spec.submodule_search_locations or ()), spec.origin)
+    place = Path(origin or "")
+    if not origin or not (place.is_dir() or place.suffix == ".py"):
         return None
     return None if {"site-packages", "dist-packages"} & {*place.parts} else place
 

@@ -19,6 +19,7 @@ _Stamp: TypeAlias = tuple[int, int, str]
 """Size (bytes), time of the last change (ns since 1970) and SHA-256 of a file."""
 
 _TOP: Final = "vastflow"
+_WRITTEN_BY: Final = frozenset({".css", ".j2", ".js", ".py"})
 
 
 class SourceChanged(StoreError):
@@ -43,13 +44,20 @@ class SourceFiles:
         """
         _watched(self.record).check()
 
-    def check_since_start(self) -> None:
+    def check_since_start(self, writers: Iterable[Path] = ()) -> None:
         """As `check`, in a process that may have imported modules long before the keys were made.
+
+        Args:
+            writers: Folders with more of the code and the templates that made what is to be kept.
 
         Raises:
             SourceChanged: see there; or a file is younger than this process.
         """
         _watched(self.record).check_since_start()
+        began_ns = _began_ns()
+        for file in (file for folder in writers for file in folder.rglob("*") if file.suffix in _WRITTEN_BY):
+            if file.stat().st_mtime_ns > began_ns:
+                raise _changed(str(file))
 
 
 def source_files(folders: Iterable[Path]) -> SourceFiles:
@@ -88,7 +96,7 @@ class _Watched:
 
     def check_since_start(self) -> None:
         self.check()
-        began_ns = 1e9 * float(psutil.Process().create_time())
+        began_ns = _began_ns()
         for file, (_, changed_ns, _) in self._stamps.items():
             if changed_ns > began_ns:
                 raise _changed(file)
@@ -103,6 +111,10 @@ class _Watched:
             is_same = False
         if not is_same:
             raise _changed(file)
+
+
+def _began_ns() -> float:
+    return 1e9 * float(psutil.Process().create_time())
 
 
 def _changed(file: str) -> SourceChanged:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
+from vastflow.flows.results.report_key import written_by
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.flows.results.table_part import TablePart
 from vastflow.oracles.evidence.rates import Counts
@@ -94,7 +95,7 @@ class KeptParts:
         files = {name: _content(table) for name, table in tables.items() if table is not None}
         try:
             if self.keys.sources is not None:
-                self.keys.sources.check_since_start()
+                self.keys.sources.check_since_start(written_by())
             self.store.put(key, files, {"lengths": [list(each) for each in part.lengths], **asdict(part.tally)})
         except StoreError as error:
             LOGGER.warning("rows of tables are not kept for the next time: %s", error)

@@ -9,6 +9,7 @@ from typing import Any, Final
 from vastflow.flows.results.campaign_tables import LOGS_FILE
 from vastflow.flows.results.directory import WRITER
 from vastflow.flows.results.kept_parts import KeptParts
+from vastflow.flows.results.report_key import written_by
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.work_section import with_work
@@ -92,7 +93,7 @@ class KeptReport:
         sidecar = {_RUN_LOGS: logs.read_bytes()} if logs.is_file() else {}
         try:
             if self.sources is not None:
-                self.sources.check_since_start()
+                self.sources.check_since_start(written_by())
             self.store.put(self.key, {name: file.read_bytes() for name, file in places.items()}, info, sidecar)
         except StoreError as error:
             LOGGER.warning("the report is not kept for the next time: %s", error)

@@ -5,6 +5,7 @@ import importlib.metadata
 import inspect
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 from vastflow.flows.request.asked import SEQUENTIAL
@@ -13,7 +14,7 @@ from vastflow.oracles.oracle import Oracle
 from vastflow.producers.instantiate import Instantiation
 from vastflow.sim.digest import FileContent
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.source import SourceTree
+from vastflow.tasks.source import SourceTree, folders_of
 
 REPORT_SOURCE: Final = ("vastflow.flows.results.results", "vastflow.oracles.page.report")
 """What writes a campaign directory, and what makes a report of it."""
@@ -24,6 +25,11 @@ _DATA: Final = "vastflow.oracles"
 _PAGE: Final = (".css", ".j2", ".js")
 """Package with the report's template, and how the names of its files end."""
 REPORT_LIBRARIES: Final = ("jinja2", "markupsafe", "matplotlib")
+
+
+def written_by() -> tuple[Path, ...]:
+    """Folders with the code and the templates that make tables and reports."""
+    return tuple(folders_of((*_PACKAGES, _DATA)).values())
 
 
 def report_key(

@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from vastflow.flows.results.report_key import written_by
 from vastflow.tasks.source import SourceTree
 from vastflow.tasks.source_files import SourceChanged, source_files
 from vastflow.tasks.store import open_store
@@ -93,14 +94,35 @@ def test_a_module_that_is_new_is_none_of_the_keys(worker, package):
     assert "new.py changed while the campaign ran" in turn(lambda: (package / "new.py").write_text("VALUE = 2\n"))
 
 
+def last_year(*files):
+    for file in files:
+        os.utime(file, (time.time() - 365 * 24 * 3600,) * 2)
+
+
 def test_a_process_that_is_older_than_its_source_keeps_no_report(tmp_path, package):
     source_files([package]).check()
     with pytest.raises(SourceChanged, match="changed while the campaign ran"):
         source_files([package]).check_since_start()
-    old = time.time() - 365 * 24 * 3600
-    for file in package.glob("*.py"):
-        os.utime(file, (old, old))
+    last_year(*package.glob("*.py"))
     source_files([package]).check_since_start()
+
+
+@pytest.mark.parametrize("name", ["tables.py", "report.html.j2", "report.css", "report.js"])
+def test_a_process_that_is_older_than_what_writes_tables_and_pages_keeps_no_report(tmp_path, package, name):
+    last_year(*package.glob("*.py"))
+    (tmp_path / "page").mkdir()
+    (tmp_path / "page" / name).write_text("edited")
+    (tmp_path / "page" / "tables.pyc").write_text("compiled meanwhile")
+    with pytest.raises(SourceChanged, match=f"{name} changed while the campaign ran"):
+        source_files([package]).check_since_start([tmp_path])
+    last_year(tmp_path / "page" / name)
+    source_files([package]).check_since_start([tmp_path])
+
+
+def test_what_writes_tables_and_pages_is_looked_at_when_they_are_kept():
+    assert {"results.py", "campaign_file.py", "report.html.j2"} <= {
+        file.name for folder in written_by() for file in folder.rglob("*")
+    }
 
 
 def test_the_files_of_a_tree_are_all_of_its_packages(package):
