@@ -16,7 +16,7 @@ from hypothesis import settings
 
 # A change is judged by what it changes, not by the examples of the day; `--hypothesis-profile=other` looks for new ones, and
 # `--hypothesis-seed=N` with it for those of a seed. Deadlines are of wall time: they fail on a machine that others use.
-settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("same", derandomize=True, deadline=None, max_examples=50)
 settings.register_profile("other", deadline=None)
 settings.load_profile("same")
 
@@ -80,6 +80,41 @@ def prefect_home(tmp_path_factory):
         return folder
 
     return made
+
+
+@pytest.fixture(scope="session")
+def one_server(prefect_home):
+    """Gives campaigns of this process one embedded API over the database in a folder: to start its own takes each 9 CPU-s.
+
+    The first campaign starts it, as it would without; later ones find it started, and none ends it.
+    """
+    from vastflow.flows.computing import flow_call
+
+    @contextlib.contextmanager
+    def shared(home):
+        servers = []
+
+        class Shared:
+            def __init__(self, log):
+                if not servers:
+                    servers.append(flow_call_server(log))
+
+            def __getattr__(self, name):
+                return getattr(servers[0], name)
+
+            def stop(self, grace_s=3.0):
+                """Others come after this one."""
+
+        flow_call_server = flow_call.ApiServer
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("PREFECT_HOME", str(home if home.exists() else prefect_home(home)))
+            patch.delenv("PREFECT_API_URL", raising=False)
+            patch.setattr(flow_call, "ApiServer", Shared)
+            yield
+        for server in servers:
+            server.stop()
+
+    return shared
 
 
 @pytest.fixture(scope="session")

@@ -83,7 +83,7 @@ class Distance(Oracle[DistanceParameters]):
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, prefect_home):
+def place(tmp_path_factory, one_server):
     """A folder with the campaign, its map and plug-ins; Prefect's home and the store are beside it."""
     folder = tmp_path_factory.mktemp("campaign")
     side = 60
@@ -93,9 +93,7 @@ def place(tmp_path_factory, prefect_home):
     (folder / "tiny.vast").write_text(CAMPAIGN)
     (folder / "own.py").write_text(PRODUCER)
     (folder / "own_oracle.py").write_text(ORACLE)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
-        patch.delenv("PREFECT_API_URL", raising=False)
+    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
         patch.setattr(campaign_run, "installed_tree", lambda: tree)
         yield folder
@@ -310,11 +308,14 @@ run_campaign("tiny.vast", runs=60, results="results", store={store!r}, workers=2
 """
 
 
-def test_an_interrupted_campaign_ends_early_and_goes_on_where_it_was(place, first, tmp_path, again, counted):
+def test_an_interrupted_campaign_ends_early_and_goes_on_where_it_was(
+    place, first, tmp_path, again, counted, prefect_home
+):
     script = SCRIPT.format(store=str(place / "store"))
     campaign = subprocess.Popen(
         [sys.executable, "-c", script],
         cwd=place,
+        env={**os.environ, "PREFECT_HOME": str(prefect_home(tmp_path / "prefect"))},
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

@@ -92,7 +92,7 @@ class Driven(Oracle[DrivenParameters]):
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, prefect_home):
+def place(tmp_path_factory, one_server):
     """A folder with the campaign, its map and plug-ins; Prefect's home and the store are beside it."""
     folder = tmp_path_factory.mktemp("dry")
     side = 60
@@ -102,9 +102,7 @@ def place(tmp_path_factory, prefect_home):
     (folder / "dry.vast").write_text(CAMPAIGN)
     (folder / "ahead.py").write_text(PRODUCER)
     (folder / "driven.py").write_text(ORACLE)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
-        patch.delenv("PREFECT_API_URL", raising=False)
+    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
         patch.setattr(campaign_run, "installed_tree", lambda: tree)
         patch.setattr(dry_runs, "installed_tree", lambda: tree)

@@ -68,15 +68,13 @@ ENDS = {"passes": 14, "fails": 14, "flaky": 10, "open": 20}
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, prefect_home):
+def place(tmp_path_factory, one_server):
     folder = tmp_path_factory.mktemp("kinds")
     (folder / "campaign").mkdir()
     (folder / "campaign" / "kind.osc").write_text(SCENARIO)
     (folder / "campaign" / "kind.sh").write_text("printf 'kind\\n%s\\n' \"$1\" > kind.csv\n")
     (folder / "campaign" / "own.py").write_text(ORACLE)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
-        patch.delenv("PREFECT_API_URL", raising=False)
+    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
         tree = installed_tree()  # an edit of the checkout while this runs is not what is tested
         patch.setattr(campaign_run, "installed_tree", lambda: tree)
         yield folder
@@ -247,12 +245,12 @@ run_campaign(sys.argv[1], results=sys.argv[2], store=sys.argv[3], workers=2)
 """
 
 
-def test_an_interrupted_campaign_goes_on_where_it_was(place, run, first):
+def test_an_interrupted_campaign_goes_on_where_it_was(place, run, first, prefect_home):
     file = file_of(place, SEQUENTIAL)
     store = place / "interrupted"
     process = subprocess.Popen(
         [sys.executable, "-c", SCRIPT, str(file), str(place / "results"), str(store)],
-        env={**os.environ},
+        env={**os.environ, "PREFECT_HOME": str(prefect_home(place / "interrupted-prefect"))},
         stderr=subprocess.PIPE,
     )
     until_s = time.monotonic() + 120

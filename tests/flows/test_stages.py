@@ -73,15 +73,13 @@ class Even(Oracle[EvenParameters]):
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory, prefect_home):
+def place(tmp_path_factory, one_server):
     """A folder with the campaign; Prefect's home and the store are beside it."""
     folder = tmp_path_factory.mktemp("stages")
     (folder / "nothing.osc").write_text(SCENARIO)
     (folder / "small.vast").write_text(CAMPAIGN)
     (folder / "own.py").write_text(ORACLE)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PREFECT_HOME", str(prefect_home(folder / "prefect")))
-        patch.delenv("PREFECT_API_URL", raising=False)
+    with one_server(folder / "prefect"), pytest.MonkeyPatch.context() as patch:
         tree = installed_tree()  # reads each file once: an edit of the checkout while this runs is not what is tested
         patch.setattr(stages, "installed_tree", lambda: tree)
         yield folder
@@ -258,7 +256,7 @@ def test_what_was_deleted_is_said_to_be_lost_and_by_what_it_comes_back(place, co
         recordings.of("left-1-1")
 
 
-def test_the_examples_of_the_page_run_in_a_plain_script_without_a_guard(place, tmp_path):
+def test_the_examples_of_the_page_run_in_a_plain_script_without_a_guard(tmp_path, prefect_home):
     """One process with all of the page's examples, on a campaign whose names are the quickstart's."""
     examples = re.findall(r"^```python\n(.*?)^```$", EXAMPLES.read_text(), re.MULTILINE | re.DOTALL)
     assert len(examples) >= 5
@@ -270,7 +268,8 @@ def test_the_examples_of_the_page_run_in_a_plain_script_without_a_guard(place, t
     (folder / "room.yaml").write_text("{image: room.pgm, resolution: 0.05, origin: [0, 0, 0]}")
     (folder / "quickstart.vast").write_text(QUICKSTART)
     (tmp_path / "examples.py").write_text("\n".join(examples))
-    environment = {**os.environ, "VASTFLOW_STORE": str(tmp_path / "store")}
+    home = {"PREFECT_HOME": str(prefect_home(tmp_path / "prefect"))}
+    environment = {**os.environ, **home, "VASTFLOW_STORE": str(tmp_path / "store")}
     done = subprocess.run(
         [sys.executable, "examples.py"],
         check=False,

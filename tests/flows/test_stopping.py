@@ -67,7 +67,7 @@ def test_looks_are_from_the_least_to_the_most_runs_and_few():
 
 
 @given(st.sampled_from(RULES), RUNS)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_the_runs_end_at_the_first_look_at_which_the_rule_decides(stopping, said):
     said = (said + ["not judged"] * stopping.most)[: stopping.most]
 
@@ -80,7 +80,7 @@ def test_the_runs_end_at_the_first_look_at_which_the_rule_decides(stopping, said
 
 
 @given(st.sampled_from(RULES), RUNS, RUNS)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_later_runs_change_nothing_and_earlier_ones_only_add(stopping, said, later):
     wanted = stopping.wanted(known(said))
     assert stopping.rule.min_runs <= wanted <= stopping.most
@@ -90,7 +90,7 @@ def test_later_runs_change_nothing_and_earlier_ones_only_add(stopping, said, lat
 
 
 @given(RUNS, st.integers(1, 20))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_blocks_of_runs_beyond_the_wanted_ones_do_not_count(said, gap):
     beyond = {run: each for run, each in known(said + ["fail"] * 20).items() if run != gap - 1}
     assert USUAL.wanted(beyond) == USUAL.wanted({run: each for run, each in beyond.items() if run < gap})

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +22,7 @@ from vastflow.oracles.page.table import rate_cell, rate_words
 from vastflow.oracles.page.words import number, percent, points, span
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
-WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
+LINE = [(1.0 + 0.1 * i, 2.0) for i in range(41)]
 REASON = "no goal at 200 m ± 0.5 m <from> here & now"
 VOID = {"meta", "br", "img", "link", "hr", "input"}
 
@@ -57,16 +58,20 @@ class Page(HTMLParser):
         self.text += data
 
 
-@pytest.fixture
-def directory(synthetic_campaign, tmp_path: Path, build: SimpleNamespace) -> Path:
-    """Two families: one passes and loses runs to a fault, one fails partly; rejections and a duplicate."""
-    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory, build: SimpleNamespace) -> Path:
+    """A directory with its report, that all tests read and none writes to.
+
+    Two families: one passes and loses runs to a fault, one fails partly; rejections and a duplicate.
+    """
+    folder = tmp_path_factory.mktemp("shown")
+    room = build.write_map(folder / "room", build.walled_room(6.0, 4.0))
     oracles = [("performance", {}), ("safety", {})]
-    passing = [build.a_recording(WAY, run_index=i) for i in range(5)]
+    passing = [build.a_recording(LINE, run_index=i) for i in range(5)]
     mixed = passing[:3] + [
-        build.a_recording(WAY[:20], run_index=i, outcome="aborted", reason="no valid control") for i in (3, 4)
+        build.a_recording(LINE[:20], run_index=i, outcome="aborted", reason="no valid control") for i in (3, 4)
     ]
-    campaign = synthetic_campaign
+    campaign = build.campaign(folder / "results")
     campaign.add("quiet-1", "quiet", room, TASK, recordings=passing, oracles=oracles, factors={"noise": 0.0})
     campaign.add("quiet-2", "quiet", room, TASK, oracles=oracles, fault="fault: MemoryError", runs=5)
     campaign.add("noisy-1", "noisy", room, TASK, recordings=mixed, oracles=oracles, factors={"noise": 0.1})
@@ -88,33 +93,44 @@ def directory(synthetic_campaign, tmp_path: Path, build: SimpleNamespace) -> Pat
         "robots": [{"families": ["quiet", "noisy"], "robot": ["the robot: mass 9 kg", "assumed: speed up to 0.5 m/s"]}],
         "faults": [{"configuration": "quiet-2", "run_index": None, "stage": "execute", "error": "MemoryError"}],
     }
-    return campaign.write("version: 1\n# see https://example.org\n")
+    directory = campaign.write("version: 1\n# see https://example.org\n")
+    write_report(directory)
+    return directory
 
 
 @pytest.fixture
-def page(directory: Path) -> Page:
-    write_report(directory)
-    return Page((directory / "report.html").read_text(encoding="utf-8"))
+def directory(shown: Path, tmp_path: Path) -> Path:
+    """A copy of the directory that is shown."""
+    return Path(shutil.copytree(shown, tmp_path / "results"))
+
+
+def text_of(directory: Path) -> str:
+    return (directory / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(shown: Path) -> Page:
+    return Page(text_of(shown))
 
 
 def test_every_tag_of_the_report_is_closed_in_order(page: Page) -> None:
     assert (page.misnested, page.open) == ([], [])
 
 
-def test_the_report_fetches_nothing(page: Page, directory: Path) -> None:
+def test_the_report_fetches_nothing(page: Page, shown: Path) -> None:
     assert page.addresses
     inside = ("data:image/png;base64,", "data:image/svg+xml;base64,", "#")
     links = {address for address in page.addresses if not address.startswith(inside)}
     assert {link for link in links if not link.startswith("figures/")} == set()
-    text = (directory / "report.html").read_text(encoding="utf-8")
+    text = text_of(shown)
     assert not re.search(r"@import|url\(|<link|<script[^>]*src|fetch\(|XMLHttp|import\(", text)
 
 
-def test_links_to_figures_lead_to_files_beside_the_report(page: Page, directory: Path) -> None:
+def test_links_to_figures_lead_to_files_beside_the_report(page: Page, shown: Path) -> None:
     links = {address for address in page.addresses if address.startswith("figures/")}
     assert {Path(link).suffix for link in links} == {".png", ".svg"}
-    assert all((directory / link).is_file() for link in links)
-    text = (directory / "report.html").read_text(encoding="utf-8")
+    assert all((shown / link).is_file() for link in links)
+    text = text_of(shown)
     assert text.count('href="figures/') == text.count('title="In the folder figures/ beside report.html"') > 0
 
 
@@ -127,8 +143,8 @@ def test_pictures_say_what_they_show(page: Page) -> None:
     assert all(image["alt"] for image in page.images)
 
 
-def test_figures_are_written_as_png_and_svg_too(page: Page, directory: Path) -> None:
-    files = sorted((directory / "figures").iterdir())
+def test_figures_are_written_as_png_and_svg_too(page: Page, shown: Path) -> None:
+    files = sorted((shown / "figures").iterdir())
     names = {re.sub(r"-[0-9a-f]{8}$", "", file.stem) for file in files}
     assert names == {
         "rates",
@@ -157,9 +173,8 @@ def test_the_worst_configurations_are_shown_with_the_command_that_replays_them(p
 
 def test_what_belongs_to_the_call_alone_stands_between_marks(directory: Path) -> None:
     def rest() -> str:
-        write_report(directory)
-        page = (directory / "report.html").read_text(encoding="utf-8")
-        parts = re.split(r"<!-- when -->(.*?)<!-- /when -->|<!-- work -->(.*?)<!-- /work -->", page, flags=re.DOTALL)
+        marks = r"<!-- when -->(.*?)<!-- /when -->|<!-- work -->(.*?)<!-- /work -->"
+        parts = re.split(marks, text_of(directory), flags=re.DOTALL)
         assert "lab" in parts[5]
         return parts[0] + parts[3] + parts[6]
 
@@ -168,13 +183,12 @@ def test_what_belongs_to_the_call_alone_stands_between_marks(directory: Path) ->
     metadata |= {"created": "2027-01-01T00:00:00", "host": {"name": "lab 2"}}
     metadata["counts"] = {"executed": 7, "reused": 8, "cpu_s": 9.0, "wall_s": 10.0, "results": "/elsewhere"}
     (directory / "metadata.json").write_text(json.dumps(metadata))
+    write_report(directory)
     assert rest() == first
 
 
-def test_rows_of_a_table_are_data_that_a_script_can_read(directory: Path) -> None:
-    write_report(directory)
-    text = (directory / "report.html").read_text(encoding="utf-8")
-    (data,) = re.findall(r'<script type="application/json" id="data-configurations">(.*?)</script>', text)
+def test_rows_of_a_table_are_data_that_a_script_can_read(shown: Path) -> None:
+    (data,) = re.findall(r'<script type="application/json" id="data-configurations">(.*?)</script>', text_of(shown))
     assert json.loads(data)["kinds"][:4] == ["text", "choice", "class", "rate"]
     assert [row[0] for row in json.loads(data)["rows"]] == ["noisy-2", "noisy-1", "quiet-1", "quiet-2"]
     assert json.loads(data)["rows"][1][3][:3] == [3, 5, 0]
@@ -184,7 +198,7 @@ def test_a_campaign_that_was_stopped_early_says_how_many_runs_that_saved(directo
     metadata = json.loads((directory / "metadata.json").read_text())
     (directory / "metadata.json").write_text(json.dumps({**metadata, "sequential": {"min": 3, "max": 20}}))
     write_report(directory)
-    page = Page((directory / "report.html").read_text(encoding="utf-8"))
+    page = Page(text_of(directory))
     text = " ".join(page.text.split())
     assert "60 of 80 runs were saved" in text
     assert "those that took longest to decide count most" in text
@@ -195,19 +209,19 @@ def test_a_sample_and_a_selection_are_said_at_the_top(directory: Path) -> None:
     metadata |= {"counts": {"sampled_from": 1234}, "asked": {"runs": 5, "sample": 4, "only": ["noisy*"]}}
     (directory / "metadata.json").write_text(json.dumps(metadata))
     write_report(directory)
-    words = " ".join(Page((directory / "report.html").read_text(encoding="utf-8")).text.split())
+    words = " ".join(Page(text_of(directory)).text.split())
     assert "A sample: 4 of 1,234 distinct configurations of the campaign" in words
     assert "Of the campaign only this was asked for: noisy*." in words
 
 
-def test_duplicates_are_counted_beside_as_the_paper_counts_them(page: Page, directory: Path) -> None:
+def test_duplicates_are_counted_beside_as_the_paper_counts_them(page: Page, shown: Path) -> None:
     # noisy-3 is noisy-1: its 3 of 5 count twice, 5 + 2 · 3 + 0 of 5 + 2 · 5 + 5.
     assert "55\u00a0% 11 of 20" in page.text
-    assert json.loads((directory / "evidence.json").read_text())["weighted"]["counts"]["passed"] == 11
+    assert json.loads((shown / "evidence.json").read_text())["weighted"]["counts"]["passed"] == 11
 
 
-def test_evidence_has_classes_total_failures_and_factors(page: Page, directory: Path) -> None:
-    evidence = json.loads((directory / "evidence.json").read_text())
+def test_evidence_has_classes_total_failures_and_factors(page: Page, shown: Path) -> None:
+    evidence = json.loads((shown / "evidence.json").read_text())
     assert evidence["classes"]["configurations"]["noisy-2"] in ("systematic", "undecided")
     assert evidence["total_failures"] | {"share": None} == {
         "configurations": 1, "failures": 5, "of_failures": 7, "share": None
@@ -220,12 +234,12 @@ def test_evidence_has_classes_total_failures_and_factors(page: Page, directory: 
 def test_every_basis_of_robustness_is_tabulated_beside_the_one_that_judges(synthetic_campaign, tmp_path, build) -> None:
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     synthetic_campaign.add(
-        "a-1", "a", room, TASK, recordings=[build.a_recording(WAY)], oracles=[("robustness", {"basis": "maximum"})]
+        "a-1", "a", room, TASK, recordings=[build.a_recording(LINE)], oracles=[("robustness", {"basis": "maximum"})]
     )
     synthetic_campaign.metadata = {"oracles": [{"name": "robustness", "parameters": {"basis": "maximum"}}]}
     directory = synthetic_campaign.write()
     write_report(directory)
-    page = Page((directory / "report.html").read_text(encoding="utf-8"))
+    page = Page(text_of(directory))
     assert "maximum, judged by" in page.text
     assert "sum over meters driven" in page.text
 
@@ -255,8 +269,8 @@ def test_the_headline_counts_judged_runs_alone(page: Page) -> None:
     assert "of the judged runs passed every oracle: 8 of 15." in page.text
 
 
-def test_evidence_has_rates_and_intervals_for_campaign_family_and_configuration(page: Page, directory: Path) -> None:
-    evidence = json.loads((directory / "evidence.json").read_text())
+def test_evidence_has_rates_and_intervals_for_campaign_family_and_configuration(page: Page, shown: Path) -> None:
+    evidence = json.loads((shown / "evidence.json").read_text())
     together = evidence["all_oracles"]
     assert list(evidence["oracles"]) == ["success", "performance", "safety"]
     assert (together["campaign"]["passed"], together["campaign"]["failed"], together["campaign"]["not_judged"]) == (
@@ -275,21 +289,19 @@ def test_evidence_has_rates_and_intervals_for_campaign_family_and_configuration(
     assert (evidence["rejected"], evidence["duplicates"]) == (2, {"noisy-3": "noisy-1"})
 
 
-def test_a_duplicate_is_counted_once(directory: Path) -> None:
-    family = evidence_of(read_tables(directory))[None].families["noisy"]
+def test_a_duplicate_is_counted_once(shown: Path) -> None:
+    family = evidence_of(read_tables(shown))[None].families["noisy"]
     assert (family.configurations, family.counts.judged) == (2, 10)
 
 
-def test_a_report_can_be_written_again(directory: Path) -> None:
+def test_a_report_can_be_written_again(shown: Path, directory: Path) -> None:
     write_report(directory)
-    first = (directory / "report.html").read_bytes()
-    write_report(directory)
-    assert (directory / "report.html").read_bytes() == first
+    assert text_of(directory) == text_of(shown)
 
 
 def test_what_a_user_has_set_for_matplotlib_changes_no_picture(directory: Path) -> None:
-    write_report(directory)
     before = {file.name: file.read_bytes() for file in (directory / "figures").iterdir()}
+    shutil.rmtree(directory / "figures")
     with matplotlib.rc_context({"font.size": 30, "axes.facecolor": "black", "savefig.bbox": "tight"}):
         write_report(directory)
         assert matplotlib.rcParams["font.size"] == 30
@@ -300,7 +312,7 @@ def test_a_campaign_of_which_nothing_could_be_built_has_a_report(synthetic_campa
     synthetic_campaign.reject("far", REASON, {"path_length": 200.0})
     directory = synthetic_campaign.write()
     write_report(directory)
-    page = Page((directory / "report.html").read_text(encoding="utf-8"))
+    page = Page(text_of(directory))
     assert "Nothing was run: no configuration could be built." in page.text
     assert REASON in page.text
     assert page.misnested == []
@@ -308,7 +320,7 @@ def test_a_campaign_of_which_nothing_could_be_built_has_a_report(synthetic_campa
 
 def test_a_campaign_whose_every_run_broke_has_a_report(synthetic_campaign, tmp_path: Path, build) -> None:
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
-    synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(WAY)])
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(LINE)])
     synthetic_campaign.verdicts = [{**row, "judgement": "not judged"} for row in synthetic_campaign.verdicts]
     directory = synthetic_campaign.write()
     write_report(directory)
@@ -400,15 +412,20 @@ COVERAGE = {
 }
 
 
-@pytest.fixture
-def coverage_text(directory: Path) -> str:
-    """The words of the section on coverage, single spaces between them."""
+@pytest.fixture(scope="module")
+def covered(shown: Path, tmp_path_factory) -> Path:
+    """A directory with a table of its coverage, and its report."""
+    directory = Path(shutil.copytree(shown, tmp_path_factory.mktemp("covered") / "results"))
     (directory / "coverage.json").write_text(json.dumps(COVERAGE))
     write_report(directory)
-    page = (directory / "report.html").read_text(encoding="utf-8")
-    (section,) = re.findall(
-        r'<details class="fold" id="coverage">.*?</details>\s*<details class="fold"', page, re.DOTALL
-    )
+    return directory
+
+
+@pytest.fixture(scope="module")
+def coverage_text(covered: Path) -> str:
+    """The words of the section on coverage, single spaces between them."""
+    sections = r'<details class="fold" id="coverage">.*?</details>\s*<details class="fold"'
+    (section,) = re.findall(sections, text_of(covered), re.DOTALL)
     return " ".join(Page(section.replace("<t", " <t")).text.split())
 
 
@@ -427,8 +444,8 @@ def test_the_report_shows_dimensions_and_pairs(coverage_text: str):
     assert "Counted, not listed: 7 pairs." in coverage_text
 
 
-def test_tags_of_a_report_with_coverage_are_closed_in_order(coverage_text: str, directory: Path):
-    page = Page((directory / "report.html").read_text(encoding="utf-8"))
+def test_tags_of_a_report_with_coverage_are_closed_in_order(covered: Path):
+    page = Page(text_of(covered))
     assert (page.open, page.misnested) == ([], [])
 
 

@@ -48,7 +48,7 @@ def spaces(draw):
     return sorted(blocks, key=lambda block: block.factors), counts
 
 
-@settings(deadline=None, max_examples=120)
+@settings(deadline=None, max_examples=60)
 @given(spaces(), st.integers(1, 4))
 def test_every_row_is_admissible_and_every_admissible_tuple_is_in_a_row(space, strength):
     blocks, counts = space

@@ -163,7 +163,7 @@ truths = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=60)
 @given(truths)
 def test_an_expression_means_what_it_means_in_python(text):
     values = {"a": 3, "b": 0.25}

@@ -195,7 +195,7 @@ def test_the_walls_round_a_convex_room_fill_its_mitred_offset(outline, thickness
 
 
 @given(polygons(), st.floats(0.05, 0.4))
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_walls_leave_no_gap_round_a_room_of_any_shape_whose_walls_are_longer_than_thick(outline, thickness):
     """Beside a notch of shorter walls a sliver of up to a hundred square centimeters can stay open.
 

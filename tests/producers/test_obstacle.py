@@ -209,7 +209,7 @@ def test_obstacles_that_would_close_a_corridor_are_rejected_with_the_reason(draw
     (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 0, "args": "width:=0.6"}), inputs)
     assert isinstance(item, Rejection)
     assert item.reason.startswith("at most 0 of 1 obstacles found room in 10 attempts of 100 tries each")
-    assert "left no way to the goals" in item.reason
+    assert "left no path to the goals" in item.reason
     assert item.requested["obstacle_configs"][0]["max_distance"] == 0.0
 
 
@@ -217,7 +217,7 @@ def test_obstacles_that_would_close_a_corridor_are_rejected_with_the_reason(draw
     ("without_keys", "extra", "reason"),
     [
         (("_path", "start_pose"), {}, "there is no path to place obstacles at: no start_pose with goal_pose"),
-        (("_path",), {"start_pose": {"x": -0.9, "y": -1.9}}, "there is no way from the start to the goals"),
+        (("_path",), {"start_pose": {"x": -0.9, "y": -1.9}}, "there is no path from the start to the goals"),
         ((), {"start_pose": 3}, "start_pose: found 3; a pose"),
         (("map_file",), {}, "map_file is None, not a map file"),
     ],
@@ -312,7 +312,7 @@ def test_obstacles_that_stand_in_the_only_way_are_named_as_the_reason(drawn_map)
         "static_objects": [{"spawn_pose": {"x": 5.0, "y": -1.5}, "xacro_arguments": "width:=2.0"}],
     }
     (item,) = evaluate(obstacle_variation({"amount": 1, "max_distance": 0, "args": "width:=0.2"}), inputs)
-    assert item.reason == "the obstacles that are there already leave no way to the goals"
+    assert item.reason == "the obstacles that are there already leave no path to the goals"
 
 
 @pytest.mark.parametrize(

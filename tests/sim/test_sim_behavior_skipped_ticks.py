@@ -164,7 +164,7 @@ def tree_of(root, mission_end_s):
     return ScenarioTree(definition, {}, ACTIONS, functions)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(trees, st.integers(1, TICKS))
 def test_leaving_out_ticks_that_change_nothing_changes_no_outcome(root, mission_end):
     every, leaping = tree_of(root, mission_end / 10), tree_of(root, mission_end / 10)

@@ -56,7 +56,7 @@ def test_a_run_is_read_back_from_its_row(run):
 
 
 @given(blocks())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_what_a_block_holds_is_what_was_written(recordings):
     found = read_recordings(write_recordings(recordings))
     assert [r.run for r in found] == [r.run for r in recordings]

@@ -35,7 +35,7 @@ def by_formula(costmap, resolution_m, inscribed_m, radius_m, k):
     ),
     st.sampled_from([JAZZY, (0.06, 0.181353, 0.45, 4.0), (0.05, 0.225498, 0.1, 3.0), (0.05, 0.225498, 0.0, 10.0)]),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_every_cell_has_the_cost_of_the_formula(costmap, parameters):
     np.testing.assert_array_equal(inflate(costmap, *parameters), by_formula(costmap, *parameters))
 

@@ -49,7 +49,7 @@ def nearest_cell(occupied, x, y, dx, dy, margin, start=0.0):
 
 
 @given(GRIDS, COORDINATES, COORDINATES, ANGLES)
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_range_is_that_to_the_first_cell_the_beam_meets(occupied, x, y, angle):
     dx, dy = math.cos(angle), math.sin(angle)
     found = range_to_wall(skip_table_of(occupied), x, y, dx, dy, 0.0, 1e3)
@@ -58,7 +58,7 @@ def test_a_range_is_that_to_the_first_cell_the_beam_meets(occupied, x, y, angle)
 
 
 @given(GRIDS, COORDINATES, COORDINATES, st.sampled_from([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_beam_along_an_axis_is_exact_too(occupied, x, y, direction):
     found = range_to_wall(skip_table_of(occupied), x, y, *direction, 0.0, 1e3)
     assert nearest_cell(occupied, x, y, *direction, HAIR) - 1e-6 <= found
@@ -66,7 +66,7 @@ def test_a_beam_along_an_axis_is_exact_too(occupied, x, y, direction):
 
 
 @given(GRIDS, COORDINATES, COORDINATES, ANGLES, st.floats(0.1, 10.0))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_what_is_nearer_than_the_start_is_not_seen(occupied, x, y, angle, start):
     dx, dy = math.cos(angle), math.sin(angle)
     found = range_to_wall(skip_table_of(occupied), x, y, dx, dy, start, 1e3)
@@ -75,7 +75,7 @@ def test_what_is_nearer_than_the_start_is_not_seen(occupied, x, y, angle, start)
 
 
 @given(GRIDS, COORDINATES, COORDINATES, ANGLES, st.floats(0.5, 30.0))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_wall_beyond_the_end_gives_no_return(occupied, x, y, angle, end):
     dx, dy = math.cos(angle), math.sin(angle)
     everything = range_to_wall(skip_table_of(occupied), x, y, dx, dy, 0.0, 1e3)
@@ -127,7 +127,7 @@ def outline(x, y, yaw, length, width, margin):
 
 
 @given(BOXES, st.floats(-5, 5), st.floats(-5, 5), ANGLES)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_the_range_to_a_box_is_that_of_shapely(obstacle, x, y, angle):
     cx, cy, yaw, length, width = obstacle
     row = np.array([cx, cy, math.cos(yaw), math.sin(yaw), length / 2, width / 2])
@@ -141,7 +141,7 @@ def test_the_range_to_a_box_is_that_of_shapely(obstacle, x, y, angle):
 
 
 @given(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.01, 3.0), ANGLES)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_the_range_to_a_cylinder_is_where_the_beam_enters_the_circle(cx, cy, radius, angle):
     dx, dy = math.cos(angle), math.sin(angle)
     along, across = cx * dx + cy * dy, abs(cx * dy - cy * dx)
@@ -227,7 +227,7 @@ OBSTACLES = st.lists(
 
 
 @given(OBSTACLES, ANGLES, st.sampled_from([1, 2, 7, 360]), st.floats(0.001, 1.0))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_scan_sees_of_obstacles_what_each_beam_alone_sees(obstacles, yaw, beams, fullness):
     """Whichever beams are looked at for an obstacle: in front, behind, round the sensor, across the first beam."""
     rows = np.array([(x, y, math.cos(a), math.sin(a), length, width) for x, y, a, length, width in obstacles])

@@ -53,7 +53,7 @@ def away_from_walls(occupancy, pose, velocities):
 
 
 @given(GRIDS, POSES, STEPS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_a_wall(grid, pose, velocities):
     occupancy = OccupancyMap(grid, RESOLUTION_M, ORIGIN)
     free, after = free_motion(occupancy, pose, velocities)
@@ -65,7 +65,7 @@ def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_a_wal
 
 
 @given(GRIDS, POSES, STEPS)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_where_it_moves_freely_the_engine_moves_it_alike_and_finds_no_contact(grid, pose, velocities):
     occupancy = OccupancyMap(grid, RESOLUTION_M, ORIGIN)
     free, after = free_motion(occupancy, pose, velocities)
@@ -82,7 +82,7 @@ OBSTACLES = st.tuples(st.sampled_from(["box", "cylinder"]), POSES, st.floats(0.0
 
 
 @given(OBSTACLES, POSES, STEPS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_an_obstacle(obstacle, pose, velocities):
     empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
     free, _ = free_motion(empty, pose, velocities, (obstacle,))

@@ -48,7 +48,7 @@ def test_a_flood_in_used_memory_is_a_flood_in_new_memory(costmap, data):
 
 
 @given(COSTMAPS, st.floats(50.0, 3000.0), st.data())
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_within_bounds_nothing_is_flooded_that_no_way_of_that_cost_leads_through(costmap, bound, data):
     rows, columns = costmap.shape
     root = data.draw(st.integers(1, columns - 2)), data.draw(st.integers(1, rows - 2))

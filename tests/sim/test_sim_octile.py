@@ -27,7 +27,7 @@ GRIDS = st.tuples(st.integers(1, 14), st.integers(1, 14)).flatmap(
 
 
 @given(GRIDS, st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_the_field_is_that_of_a_minimum_cost_path(free, data):
     source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
     field = distance_field(free, *source)
@@ -46,7 +46,7 @@ def test_the_field_of_a_wide_open_map_is_that_of_a_minimum_cost_path_too():
 
 
 @given(GRIDS, st.data(), st.floats(0.0, 12.0))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_limit_leaves_what_is_nearer_and_nothing_else(free, data, limit):
     source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
     whole = distance_field(free, *source)
@@ -54,7 +54,7 @@ def test_a_limit_leaves_what_is_nearer_and_nothing_else(free, data, limit):
 
 
 @given(GRIDS, st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_the_way_down_the_field_is_connected_free_and_as_long_as_the_field_says(free, data):
     source = tuple(data.draw(st.integers(0, n - 1)) for n in free.shape)
     field = distance_field(free, *source)
@@ -87,7 +87,7 @@ def test_there_is_no_way_from_a_cell_that_is_not_reached():
 
 
 @given(GRIDS, st.floats(0.0, 5.0))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_cell_is_passable_exactly_when_every_cell_within_the_radius_is_free(free, radius_cells):
     found = inflated_free(free, radius_cells)
     blocked = np.argwhere(~np.pad(free, 1, constant_values=False)) - 1
@@ -121,7 +121,7 @@ def test_a_radius_is_taken_in_meters(drawn):
 
 
 @given(GRIDS, st.floats(0.0, 0.3), st.sampled_from([0.02, 0.05, 0.1]))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_robot_stands_where_every_cell_of_its_disc_is_free_and_part_of_a_cell_is_one(free, radius_m, resolution_m):
     """Version 1's test of a start or goal, read plainly: all cells of a disc of ceil(radius / resolution) cells."""
     cells = np.where(free, 0, 100).astype(np.int8)

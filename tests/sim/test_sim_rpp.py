@@ -152,7 +152,7 @@ VARIANTS = [
 ]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     yaw=st.floats(-3.1, 3.1),

@@ -22,7 +22,7 @@ def covered(rectangles, shape):
 
 
 @given(GRIDS)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_the_rectangles_cover_each_wall_cell_that_anything_can_reach_once_and_no_other(cells):
     occupancy = OccupancyMap(cells, 1.0, (0.0, 0.0))
     framed = np.pad(occupancy.occupied, 1, constant_values=True)
@@ -45,7 +45,7 @@ def test_a_map_without_walls_has_no_rectangle():
 
 
 @given(GRIDS, st.floats(-3, 19), st.floats(-3, 19))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_every_wall_within_a_tile_of_a_place_is_among_those_around_it(cells, x, y):
     index = WallIndex(OccupancyMap(cells, 1.0, (0.0, 0.0)))
     around = index.around(index.tile_of(x, y))

@@ -78,8 +78,14 @@ def test_no_stage_has_code_that_reads_in_its_source(stage):
     assert not code.data
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """What was read of source, by its content: a copy is read where it differs."""
+    return tmp_path_factory.mktemp("cache") / "source"
+
+
 @pytest.fixture
-def copied(tmp_path):
+def copied(tmp_path, cache):
     """A copy of vastflow's source, and the digests of all its stages."""
     folders = {}
     for package in PACKAGES:
@@ -88,7 +94,7 @@ def copied(tmp_path):
         shutil.copytree(source, folders[package], ignore=shutil.ignore_patterns("__pycache__"))
 
     def digests():
-        tree = SourceTree(folders)
+        tree = SourceTree(folders, cache=cache)
         return {name: tree.digest(*entries) for name, entries in {**STAGES, **{p: [p] for p in plug_ins()}}.items()}
 
     return tmp_path, digests

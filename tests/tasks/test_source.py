@@ -177,7 +177,7 @@ def test_a_comment_in_a_kernel_changes_no_key_and_its_code_does(tmp_path):
     for kernel in kernels:
         text = kernel.read_text()
         kernel.write_text(text.replace("@njit", "# compiled\n@njit", 1))
-        assert _copied_sim(tmp_path).digest("vastflow.sim.run") == before
+    assert _copied_sim(tmp_path).digest("vastflow.sim.run") == before
     used = SourceTree({"vastflow.sim": tmp_path / "copy/sim"}).closure("vastflow.sim.run")
     names = {
         file: "vastflow.sim." + ".".join(file.relative_to(tmp_path / "copy/sim").with_suffix("").parts)
