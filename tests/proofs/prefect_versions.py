@@ -19,6 +19,8 @@ import venv
 from collections.abc import Sequence
 from pathlib import Path
 
+from installed import built
+
 ROOT = Path(__file__).parents[2]
 QUIET = ("-q", "--disable-pip-version-check")
 REQUIRED = "import importlib.metadata as m; print(*(r for r in m.requires('prefect') if 'extra' not in r), sep='\\n')"
@@ -32,10 +34,11 @@ def main() -> int:
     parser.add_argument("--beyond", metavar="RELEASE", help="Try this release too, whatever it requires.")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="prefect-versions-") as temporary:
-        folder = asked.folder or Path(temporary)
-        codes = [proved(folder / release, release, asked.tests) for release in dict.fromkeys(map(resolved, pins()))]
+        folder, wheel = asked.folder or Path(temporary), built(Path(temporary, "source"))
+        releases = dict.fromkeys(map(resolved, pins()))
+        codes = [proved(folder / release, wheel, release, asked.tests) for release in releases]
         if asked.beyond:
-            codes.append(proved(folder / asked.beyond, asked.beyond, asked.tests, beyond=True))
+            codes.append(proved(folder / asked.beyond, wheel, asked.beyond, asked.tests, beyond=True))
         return max(codes)
 
 
@@ -56,17 +59,19 @@ def resolved(pin: str) -> str:
     return str(found["metadata"]["version"])
 
 
-def proved(environment: Path, release: str, tests: Sequence[str], *, beyond: bool = False) -> int:
+def proved(environment: Path, wheel: Path, release: str, tests: Sequence[str], *, beyond: bool = False) -> int:
     """The exit code of the tests in an environment with this Prefect.
 
     Args:
+        wheel: Of this checkout: in the checkout itself pip would build it, and leave its folder there.
         beyond: The release is installed over one that is allowed.
     """
     if not (environment / "bin" / "python").exists():
         venv.create(environment, with_pip=True)
     python = environment / "bin" / "python"
     pip, pin = [python, "-m", "pip", "install", *QUIET], f"prefect=={release}"
-    subprocess.run([*pip, *([] if beyond else [pin]), f"{ROOT}[dev]"], check=True)
+    subprocess.run([*pip, *([] if beyond else [pin]), f"{wheel}[dev]"], check=True)
+    subprocess.run([*pip, "--no-deps", "--force-reinstall", wheel], check=True)  # one of this version may be there
     if beyond:
         subprocess.run([*pip, "--no-deps", pin], check=True)
         said = subprocess.run([python, "-c", REQUIRED], capture_output=True, text=True, check=True).stdout
