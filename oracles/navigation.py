@@ -35,12 +35,12 @@ class Navigation(Oracle[NavigationParameters]):
     Metrics:
     - `spl` (1): S l / max(p, l), whose mean over runs is the success weighted by path length of Anderson et al., "On evaluation of
       embodied navigation agents", arXiv:1807.06757, 2018.
-    - `path_efficiency` (1): l / p of a run with S = 1; above 1 by as much as octile length is longer than the way a robot can take.
+    - `path_efficiency` (1): l / p of a run with S = 1; above 1 by as much as octile length is longer than the path a robot can take.
     - `time_to_goal` (s): simulated, from the run's start until the last goal was reached, with S = 1.
     - `minimum_clearance` (m): from the robot's center to the nearest wall or outline of an obstacle.
     - `smoothness` (1): spectral arc length of the true speed |v| (`vastflow.oracles.smoothness`), negative; one movement has about -1.4
       and each stop and start lowers it.
-    - `turning` (rad/m): Σ |Δyaw| / p, the mean absolute curvature of the way, turns on the spot included.
+    - `turning` (rad/m): Σ |Δyaw| / p, the mean absolute curvature of the path, turns on the spot included.
     - `recoveries` (1): of Nav2's behavior tree.
     - `stops` (1): times the robot stood for `stop_s` or more between driving and driving; the waits before the first
       motion and after the last are none. `stopped_time` (s): of all of them.

@@ -88,5 +88,5 @@ def resampled(path_xy_m: NDArray[np.float64], samples: int) -> NDArray[np.float6
 
 
 def arc_lengths_m(path_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) way along a polyline (N, 2) up to each of its points."""
+    """(N,) distance along a polyline (N, 2) up to each of its points."""
     return np.asarray(np.r_[0.0, np.cumsum(np.hypot(*np.diff(path_xy_m, axis=0).T))])

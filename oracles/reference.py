@@ -45,7 +45,7 @@ def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_
             legs[stop, next_stop] = shortest_path(occupancy, free, np.array((stop, next_stop)))
         leg = legs[stop, next_stop]
         if leg is None:
-            return NoReference(f"no way for a robot of radius {radius_m:g} m from {name} to {next_name}")
+            return NoReference(f"no path for a robot of radius {radius_m:g} m from {name} to {next_name}")
         points.append(leg[0])
         length_m += leg[1]
     return Reference(_corners(np.concatenate(points)), round(length_m, 3))

@@ -1,4 +1,4 @@
-"""Responses: how soon a robot brakes for an obstacle that appears in its way."""
+"""Responses: how soon a robot brakes for an obstacle that appears in its path."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

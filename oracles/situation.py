@@ -10,7 +10,7 @@ from vastflow.sim.world.obstacle import Obstacle
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """Where a mission begins, where it is to go, and what stands in the way.
+    """Where a mission begins, where it is to go, and what stands between.
 
     Attributes:
         start: None where the scenario has no robot.

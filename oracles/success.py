@@ -14,7 +14,7 @@ class SuccessParameters(Parameters):
     """Parameters of `success`.
 
     Attributes:
-        allow_missed: Let a waypoint mission pass that gave goals up under way. Nav2's own action succeeds then.
+        allow_missed: Let a waypoint mission pass that gave goals up along the route. Nav2's own action succeeds then.
     """
 
     allow_missed: bool = False

@@ -166,7 +166,7 @@ class ObstacleParameters(producer.Parameters):
 
 
 class ObstacleVariation(Producer[ObstacleParameters]):
-    """Boxes and cylinders near the path, on free cells, so that the robot still finds a way.
+    """Boxes and cylinders near the path, on free cells, so that the robot still finds a path.
 
     They keep clear of walls, unknown space, each other, obstacles that are there already, and the robot at its start and
     goals, unless they are placed as version 1 does. The path is the one a path producer drew, else the shortest one from start to goals.

@@ -1,4 +1,4 @@
-"""The producer of start and goals a promised way apart."""
+"""The producer of start and goals, a promised path length apart."""
 
 import itertools
 import math
@@ -105,7 +105,7 @@ class PathParameters(producer.Parameters):
 
 
 class PathVariationRandom(Producer[PathParameters]):
-    """Start and goals, drawn uniformly from all that are the promised way apart.
+    """Start and goals, drawn uniformly from all that are the promised path length apart.
 
     The start is uniform over the cells that have such a goal, the goal over those goals; both are centers of
     cells. With several goals each leg takes an equal share of the length and of the tolerance. The start's
@@ -202,10 +202,10 @@ class PathVariationRandom(Producer[PathParameters]):
             values[goals_key(self.parameters.goal_poses)] = (
                 goals[0].value() if goals_key(self.parameters.goal_poses) == GOAL_KEY else [g.value() for g in goals]
             )
-        return {**values, **way_values(ground, legs)}
+        return {**values, **path_values(ground, legs)}
 
 
-def way_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
+def path_values(ground: Ground, legs: Sequence[Leg]) -> dict[str, Value]:
     """The provenance of a path: where it begins, turns and ends (m), its length (m), and what surrounds it."""
     cells = np.concatenate([legs[0].cells, *(leg.cells[1:] for leg in legs[1:])])
     stops = list(itertools.accumulate((len(leg.cells) - 1 for leg in legs), initial=0))
@@ -280,7 +280,7 @@ class _Task:
         for one, other in itertools.pairwise(((self.start,) if self.start else ()) + self.goals):
             leg = shortest_leg(ground, self._cell(one), self._cell(other))
             if leg is None:
-                return _always(f"there is no way for {self.ground.robot_text} through the given poses")
+                return _always(f"there is no path for {self.ground.robot_text} through the given poses")
             legs.append(leg)
         given_m = sum(leg.length_m for leg in legs)
         if self.start is not None:

@@ -1,4 +1,4 @@
-"""The producer of starts and goals between the points of a raster, a promised way apart."""
+"""The producer of starts and goals between the points of a raster, a promised path length apart."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.path import center_m, legs_text, length_text, way_values
+from vastflow.producers.path import center_m, legs_text, length_text, path_values
 from vastflow.producers.places.ground import (
     MAP_KEY,
     Ground,
@@ -59,7 +59,7 @@ class RasterParameters(producer.Parameters):
 
 
 class PathVariationRasterized(Producer[RasterParameters]):
-    """Every ordered pair of raster points that are the promised way apart, as start and goal with yaw 0.
+    """Every ordered pair of raster points that are the promised path length apart, as start and goal with yaw 0.
 
     A point is the cell of the map it lies in, where the robot can stand. With several goals there is one path from each
     start: each leg takes an equal share of the length and of the tolerance, and leads to the first point of the
@@ -141,7 +141,7 @@ class PathVariationRasterized(Producer[RasterParameters]):
             values[start_key(asked.start_pose)] = (start or Pose(*center_m(ground, legs[0].start))).value()
         goals: list[Value] = [Pose(*center_m(ground, leg.end)).value() for leg in legs]
         values[self._goal_key] = goals[0] if self._goal_key == GOAL_KEY else goals
-        return {**values, **way_values(ground, legs)}
+        return {**values, **path_values(ground, legs)}
 
     @property
     def _goal_key(self) -> str:
@@ -192,7 +192,7 @@ class _Raster:
         limit_m = max(request.length_m + request.tolerance_m for request in requests)
         for i, cell in enumerate(self._cells() if self.start is None or n_goals > 1 else ()):
             reach = reach_of(self.ground, cell, limit_m)
-            # What leads to an earlier point is the way from there, turned round.
+            # What leads to an earlier point is the path from there, turned round.
             for request, legs in found.items():
                 for leg in _admitted(reach, self.points[i + 1 :], request):
                     legs.setdefault(leg.start, []).append(leg)
@@ -252,7 +252,7 @@ def _paths(starts: Sequence[Cell], legs: Mapping[Cell, list[Leg]], n_goals: int)
 
 
 def _path(legs: Mapping[Cell, list[Leg]], start: Cell, n_goals: int) -> list[Leg]:
-    """The path from a start; empty where it has no first leg. A given start off the raster has no way back to it."""
+    """The path from a start; empty where it has no first leg. A given start off the raster has no path back to it."""
     path: list[Leg] = []
     passed = {start}
     for _ in range(n_goals):

@@ -67,9 +67,9 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
         raise NotDrawn(f"{tables.directory} has no recording of it")
     words: dict[int, Judgement] = {code: word for word, code in CODES.items()}
     shown = [run for run in range(len(walks.run_index)) if int(walks.run_index[run]) in judged]
-    ways: Sequence[tuple[Judgement, NDArray[Any]]] = [
+    paths: Sequence[tuple[Judgement, NDArray[Any]]] = [
         (words.get(judged[int(walks.run_index[run])], "not judged"), walks.line(run)) for run in shown
     ]
     indices = [int(walks.run_index[run]) for run in shown]
     chosen = indices.index(strong) if strong in indices else None
-    return Side(title, occupancy, situation, [*situation.obstacles, *walks.spawned], ways, chosen)
+    return Side(title, occupancy, situation, [*situation.obstacles, *walks.spawned], paths, chosen)

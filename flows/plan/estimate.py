@@ -46,12 +46,12 @@ class Estimate:
 def estimate_of(configurations: Iterable[Configuration], runs: int, timeout_s: float, cores: int) -> Estimate:
     """The estimate for `runs` of each configuration that is no duplicate."""
     distinct = (configuration for configuration in configurations if configuration.duplicate_of is None)
-    simulated_s = runs * sum(min(timeout_s, way_m(each) / MEAN_SPEED_MPS) for each in distinct)
+    simulated_s = runs * sum(min(timeout_s, route_m(each) / MEAN_SPEED_MPS) for each in distinct)
     return Estimate(simulated_s, timeout_s, cores)
 
 
-def way_m(configuration: Configuration) -> float:
-    """Length of a configuration's way: of its path, else straight from stop to stop; infinite where it has no mission."""
+def route_m(configuration: Configuration) -> float:
+    """Length of a configuration's route: of its path, else straight from stop to stop; infinite where it has no mission."""
     try:
         script = script_of(configuration.scenario)
     except ValueError:

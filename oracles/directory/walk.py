@@ -37,7 +37,7 @@ class Walks:
         return np.asarray(self.xy_m[self.starts[1:] - 1])
 
     def line(self, run: int) -> NDArray[np.float64]:
-        """The way (M, 2) of the run at an index, a point every 5 cm and the last."""
+        """The path (M, 2) of the run at an index, a point every 5 cm and the last."""
         xy_m = self.xy_m[self.starts[run] : self.starts[run + 1]]
         along_m = np.r_[0.0, np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))]
         keep = np.r_[True, np.diff(np.floor(along_m / _STEP_M)) > 0]

@@ -26,7 +26,7 @@ def case_figure(
     occupancy: OccupancyMap,
     situation: Situation,
     obstacles: Sequence[Obstacle],
-    ways: Sequence[tuple[Judgement, NDArray[np.float64]]],
+    paths: Sequence[tuple[Judgement, NDArray[np.float64]]],
     estimate_xy_m: NDArray[np.float64] | None = None,
     world: OccupancyMap | None = None,
 ) -> Figure:
@@ -45,19 +45,19 @@ def case_figure(
     draw_obstacles(axes, obstacles, alpha=0.7)
     judgements: tuple[Judgement, ...] = ("pass", "not judged", "fail")
     for judgement in judgements:
-        lines = [line for said, line in ways if said == judgement]
+        lines = [line for said, line in paths if said == judgement]
         draw_lines(axes, lines, COLORS[judgement], alpha=0.55 if len(lines) > 3 else 0.8)
     if estimate_xy_m is not None:
         axes.plot(*estimate_xy_m.T, color=INK, linewidth=1.3, linestyle=(0, (3, 2)), alpha=0.8)
-    ends = np.array([line[-1] for said, line in ways if said == "fail"]).reshape(-1, 2)
+    ends = np.array([line[-1] for said, line in paths if said == "fail"]).reshape(-1, 2)
     axes.plot(*ends.T, "X", ms=8, color=COLORS["fail"], mec="white", mew=0.9)
     if situation.start is not None:
         start = np.array([(situation.start.x_m, situation.start.y_m)])
         goals = np.array([(goal.x_m, goal.y_m) for goal in situation.goals]).reshape(-1, 2)
         draw_ends(axes, start, goals)
-        points = np.concatenate([start, goals, *(line for _, line in ways)])
+        points = np.concatenate([start, goals, *(line for _, line in paths)])
     else:
-        points = np.concatenate([np.zeros((0, 2)), *(line for _, line in ways)])
+        points = np.concatenate([np.zeros((0, 2)), *(line for _, line in paths)])
     if len(points):
         (x0, y0), (x1, y1) = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
         meters = max(x1 - x0, (y1 - y0) * _WIDTH_IN / _HEIGHT_IN, _LEAST_M)

@@ -54,12 +54,12 @@ def final_poses_figure(scene: Scene) -> Figure:
     return figure
 
 
-def ways_figure(scene: Scene, judgement: Judgement) -> Figure:
+def paths_figure(scene: Scene, judgement: Judgement) -> Figure:
     """The true trajectories of failed or of passed runs, from circle to cross, with the obstacles."""
     figure, axes = map_figure(scene.occupancy, legend_rows=1, width_in=_WIDTH_IN, dpi=_DPI)
     drawn = min(len(scene.obstacles), MAX_OBSTACLES)
     draw_obstacles(axes, scene.obstacles[:drawn], alpha=0.45 if drawn < 40 else 0.2)
-    draw_ways(axes, scene, judgement)
+    draw_paths(axes, scene, judgement)
     lines = scene.lines[CODES[judgement]]
     handles: list[Any] = [Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=_lines_label(scene, judgement))]
     if len(lines) <= MAX_CROSSES:
@@ -83,7 +83,7 @@ def failure_rate_figure(scene: Scene) -> Figure:
 
 
 def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
-    """The paper's figure: a column for each map; final poses of failures, failed ways, passed ways below each other."""
+    """The paper's figure: a column for each map; final poses of failures, failed paths, passed paths below each other."""
     shown = sorted(range(len(scenes)), key=lambda k: -scenes[k].runs.failed)[:MAX_COLUMNS]
     columns = [scenes[k] for k in sorted(shown)]
     aspects = [_aspect(scene.occupancy) for scene in columns]
@@ -109,7 +109,7 @@ def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
                 draw_final_poses(axes, scene)
                 axes.set_title(titles[k], fontsize=10, color=INK, pad=5)
             else:
-                draw_ways(axes, scene, ("fail", "pass")[row - 1], 0.55)
+                draw_paths(axes, scene, ("fail", "pass")[row - 1], 0.55)
             if left_in == 0.4:
                 axes.set_ylabel(("final poses", "failed", "passed")[row], fontsize=10, color=INK, labelpad=4)
         left_in += width_in + 0.1
@@ -129,8 +129,8 @@ def draw_final_poses(axes: Axes, scene: Scene) -> float:
     return greatest
 
 
-def draw_ways(axes: Axes, scene: Scene, judgement: Judgement, scale: float = 1.0) -> None:
-    """Draw ways with a circle where they start and a cross where they end; `scale` of lines and marks."""
+def draw_paths(axes: Axes, scene: Scene, judgement: Judgement, scale: float = 1.0) -> None:
+    """Draw paths with a circle where they start and a cross where they end; `scale` of lines and marks."""
     lines = scene.lines[CODES[judgement]]
     draw_lines(axes, lines, COLORS[judgement], width=1.3 * scale)
     if lines:

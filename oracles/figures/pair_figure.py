@@ -39,14 +39,14 @@ class Side:
     """What one campaign's panel shows.
 
     Attributes:
-        ways: (N, 2) true trajectories with their judgement; the one at `chosen` is drawn strong.
+        paths: (N, 2) true trajectories with their judgement; the one at `chosen` is drawn strong.
     """
 
     title: str
     occupancy: OccupancyMap
     situation: Situation
     obstacles: Sequence[Obstacle]
-    ways: Sequence[tuple[Judgement, NDArray[np.float64]]] = field(repr=False)
+    paths: Sequence[tuple[Judgement, NDArray[np.float64]]] = field(repr=False)
     chosen: int | None = None
 
 
@@ -73,15 +73,15 @@ def _draw(axes: Axes, side: Side) -> list[Line2D]:
     axes.set_xticks([])
     axes.set_yticks([])
     draw_obstacles(axes, side.obstacles, alpha=0.7)
-    others = [way for k, way in enumerate(side.ways) if k != side.chosen]
+    others = [path for k, path in enumerate(side.paths) if k != side.chosen]
     for judgement in _JUDGEMENTS:
         lines = [line for said, line in others if said == judgement]
         draw_lines(axes, lines, COLORS[judgement], alpha=0.22 if side.chosen is not None else None)
     if side.chosen is not None:
-        said, line = side.ways[side.chosen]
+        said, line = side.paths[side.chosen]
         draw_lines(axes, [line], COLORS[said], alpha=1.0, width=2.6)
     marks = draw_ends(axes, *_stops(side.situation)) if side.situation.start is not None else []
-    ends = np.array([line[-1] for said, line in side.ways if said == "fail"]).reshape(-1, 2)
+    ends = np.array([line[-1] for said, line in side.paths if said == "fail"]).reshape(-1, 2)
     axes.plot(*ends.T, **_cross())
     return marks
 
@@ -95,7 +95,7 @@ def _stops(situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float6
 def _box(sides: Sequence[Side]) -> tuple[float, float, float, float]:
     """x0, y0, x1, y1 of all that happened on either side."""
     points = np.concatenate(
-        [part for side in sides for part in (*_stops(side.situation), *(way for _, way in side.ways))]
+        [part for side in sides for part in (*_stops(side.situation), *(path for _, path in side.paths))]
     )
     if not len(points):
         points = np.zeros((1, 2))
@@ -123,8 +123,8 @@ def _handles(sides: Sequence[Side]) -> list[Any]:
     handles: list[Any] = []
     words = {"pass": "passed", "fail": "failed", "not judged": "not judged"}
     for judgement in _JUDGEMENTS:
-        if any(said == judgement for side in sides for said, _ in side.ways):
+        if any(said == judgement for side in sides for said, _ in side.paths):
             handles.append(Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=words[judgement]))
-    if any(said == "fail" for side in sides for said, _ in side.ways):
+    if any(said == "fail" for side in sides for said, _ in side.paths):
         handles.append(Line2D([], [], label="where it failed", **_cross()))
     return handles + obstacle_handle(max(len(side.obstacles) for side in sides))

@@ -24,7 +24,7 @@ from vastflow.oracles.figures.map_figures import (
     all_maps_figure,
     failure_rate_figure,
     final_poses_figure,
-    ways_figure,
+    paths_figure,
 )
 from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.rate_figure import rates_figure
@@ -98,7 +98,7 @@ def factor_pictures(designs: Sequence[Design]) -> list[list[Picture]]:
 
 
 def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
-    """Final poses of failures, failure rates, failed ways and passed ways on one map."""
+    """Final poses of failures, failure rates, failed paths and passed paths on one map."""
     end, runs = scene.environment[:8], scene.runs
     if len(scene.failed_xy_m):
         yield _picture(
@@ -132,7 +132,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "Failed runs",
             f"{name}: true trajectories of failed runs",
             f"True trajectories of failed runs, from circle to cross.{obstacles}",
-            ways_figure(scene, "fail"),
+            paths_figure(scene, "fail"),
         )
     if scene.lines[CODES["pass"]] or not runs.failed:
         yield _picture(
@@ -140,7 +140,7 @@ def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
             "Passed runs",
             f"{name}: true trajectories of passed runs",
             f"True trajectories of passed runs, from circle to cross.{obstacles}",
-            ways_figure(scene, "pass"),
+            paths_figure(scene, "pass"),
         )
 
 
@@ -166,8 +166,8 @@ def case_picture(tables: Tables, configuration: int, files: KeptFiles) -> Pictur
     first, last = np.searchsorted(verdicts.configuration, (configuration, configuration + 1))
     rows = first + np.searchsorted(verdicts.run_index[first:last], walks.run_index)
     words = {code: judgement for judgement, code in CODES.items()}
-    ways = [(words[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
-    figure = _on_map(tables, configuration, files, ways, walks.spawned)
+    paths = [(words[int(verdicts.together[row])], walks.line(k)) for k, row in enumerate(rows)]
+    figure = _on_map(tables, configuration, files, paths, walks.spawned)
     return _picture(f"case-{name}", "", f"Trajectories of {name} on its map", "", figure)
 
 
@@ -195,9 +195,9 @@ def cause_picture(tables: Tables, count: CauseCount, files: KeptFiles) -> Pictur
     if walks is None or count.run_index not in walks.run_index:
         return None
     run = int(np.searchsorted(walks.run_index, count.run_index))
-    ways: list[tuple[Judgement, NDArray[np.float64]]] = [("fail", walks.line(run))]
+    paths: list[tuple[Judgement, NDArray[np.float64]]] = [("fail", walks.line(run))]
     estimate_xy_m = read_estimate(tables.directory, count.configuration, count.run_index)
-    figure = _on_map(tables, configuration, files, ways, walks.spawned, estimate_xy_m)
+    figure = _on_map(tables, configuration, files, paths, walks.spawned, estimate_xy_m)
     alt = f"{count.cause}: run {count.run_index} of {count.configuration} on its map, and where the robot took itself to be"
     return _picture(f"cause-{count.cause.replace(' ', '-')}", "", alt, "", figure)
 
@@ -206,7 +206,7 @@ def _on_map(
     tables: Tables,
     configuration: int,
     files: KeptFiles,
-    ways: Sequence[tuple[Judgement, NDArray[np.float64]]],
+    paths: Sequence[tuple[Judgement, NDArray[np.float64]]],
     spawned: Sequence[Obstacle],
     estimate_xy_m: NDArray[np.float64] | None = None,
 ) -> Figure:
@@ -216,7 +216,7 @@ def _on_map(
     difference = difference_of(tables.configurations.contents[configuration]["environment"].get(WORLD_KEY))
     world = None if difference is None else world_of(occupancy, difference)
     obstacles = distinct_obstacles([*situation.obstacles, *spawned])
-    return case_figure(occupancy, situation, obstacles, ways, estimate_xy_m, world)
+    return case_figure(occupancy, situation, obstacles, paths, estimate_xy_m, world)
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:

@@ -36,7 +36,7 @@ _DASHES: Final = (0, (3, 2))
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class DrivenPath:
     """Where the robot has been until a moment: true and estimated positions (N, 2), and where it touched something."""
 
     true_xy_m: NDArray[np.float64]
@@ -45,7 +45,7 @@ class Way:
     color: str
 
 
-def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: TickSnapshot, way: Way, box: Box) -> None:
+def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: TickSnapshot, path: DrivenPath, box: Box) -> None:
     """Fill `axes` with the part `box` of the map frame; the box should have the axes' proportions."""
     axes.set(xlim=(box.x0, box.x1), ylim=(box.y0, box.y1), xticks=[], yticks=[], facecolor=_hex(_UNKNOWN))
     axes.spines[:].set(color="#B8BEC6", linewidth=0.8)
@@ -54,8 +54,8 @@ def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: TickSnapshot, w
     if snapshot.local_costs is not None:
         _draw_local(axes, snapshot.local_costs)
     _draw_obstacles(axes, snapshot.obstacles)
-    axes.plot(*way.estimated_xy_m.T, color=BELIEF_COLOR, linewidth=0.9, linestyle=_DASHES, alpha=0.9)
-    axes.plot(*way.true_xy_m.T, color=way.color, linewidth=1.8, alpha=0.9, solid_capstyle="round")
+    axes.plot(*path.estimated_xy_m.T, color=BELIEF_COLOR, linewidth=0.9, linestyle=_DASHES, alpha=0.9)
+    axes.plot(*path.true_xy_m.T, color=path.color, linewidth=1.8, alpha=0.9, solid_capstyle="round")
     axes.plot(*snapshot.ahead_xy_m.T, color=GOAL_COLOR, linewidth=4.5, alpha=0.35, solid_capstyle="round")
     axes.plot(*snapshot.plan_xy_m.T, color=GOAL_COLOR, linewidth=1.5)
     axes.plot(*snapshot.intended_xy_m.T, color=INTENT_COLOR, linewidth=2.2, solid_capstyle="round")
@@ -64,7 +64,7 @@ def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: TickSnapshot, w
     size = float(np.clip(0.05 * points_per_m, 1.2, 3.0))
     axes.plot(*snapshot.scan_xy_m.T, linestyle="none", marker="o", markersize=size, color=SCAN_COLOR,
               markeredgecolor="white", markeredgewidth=0.25 * size)  # fmt: skip
-    axes.plot(*way.contacts_xy_m.T, linestyle="none", marker="X", markersize=8, color="#D55E00",
+    axes.plot(*path.contacts_xy_m.T, linestyle="none", marker="X", markersize=8, color="#D55E00",
               markeredgecolor="white", markeredgewidth=0.8)  # fmt: skip
     _draw_robot(axes, snapshot)
     _draw_goals(axes, snapshot, box)
@@ -77,7 +77,7 @@ def legend_handles(color: str) -> list[Any]:
     believed: dict[str, Any] = {"linestyle": _DASHES, "linewidth": 1, "markerfacecolor": "none", "markeredgewidth": 1.6}
     return [
         Line2D([], [], label="robot", marker="o", markersize=8, color=INK, **alone),
-        Line2D([], [], label="way so far", color=color, linewidth=2),
+        Line2D([], [], label="path so far", color=color, linewidth=2),
         Line2D([], [], label="where it takes itself to be", marker="o", markersize=8, color=BELIEF_COLOR, **believed),
         Line2D([], [], label="particles", marker=".", markersize=4, color=BELIEF_COLOR, **alone),
         Line2D([], [], label="scan", marker="o", markersize=3, color=SCAN_COLOR, **alone),

@@ -71,7 +71,7 @@ def overview_size_in(story: Story, width_in: float, height_in: float) -> tuple[f
 
 
 def draw_overview(axes: Axes, story: Story, snapshot: TickSnapshot, ticks: Sequence[int]) -> None:
-    """What is known of the map with the global costs of `snapshot`, the way until then, the plan and the goals.
+    """What is known of the map with the global costs of `snapshot`, the path until then, the plan and the goals.
 
     Args:
         ticks: The places of these are numbered; without any, the robot and what the close-up shows are marked.
@@ -81,9 +81,9 @@ def draw_overview(axes: Axes, story: Story, snapshot: TickSnapshot, ticks: Seque
     known = story.known
     axes.set(xlim=(known.x0, known.x1), ylim=(known.y0, known.y1), xticks=[], yticks=[], autoscale_on=False)
     axes.spines[:].set_visible(False)
-    way = story.way_until(snapshot.moment.tick)
+    path = story.path_until(snapshot.moment.tick)
     axes.plot(*snapshot.plan_xy_m.T, color=GOAL_COLOR, linewidth=1.0)
-    axes.plot(*way.true_xy_m.T, color=way.color, linewidth=1.6)
+    axes.plot(*path.true_xy_m.T, color=path.color, linewidth=1.6)
     for goal in snapshot.goals:
         axes.plot(goal.x_m, goal.y_m, marker="D", markersize=5, color=GOAL_COLOR, markeredgecolor="white")
     if ticks:
@@ -92,7 +92,7 @@ def draw_overview(axes: Axes, story: Story, snapshot: TickSnapshot, ticks: Seque
     box = story.view.box(snapshot.moment)
     frame = Rectangle((box.x0, box.y0), box.x1 - box.x0, box.y1 - box.y0, fill=False, edgecolor=INK, linewidth=0.8)
     axes.add_patch(frame)
-    axes.plot(*way.true_xy_m[-1], marker="o", markersize=5, color=INK, markeredgecolor="white")
+    axes.plot(*path.true_xy_m[-1], marker="o", markersize=5, color=INK, markeredgecolor="white")
 
 
 def _write_places(axes: Axes, story: Story, ticks: Sequence[int]) -> None:

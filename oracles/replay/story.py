@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.figures.palette import COLORS
 from vastflow.oracles.replay.caption import happening
-from vastflow.oracles.replay.close_up import Way
+from vastflow.oracles.replay.close_up import DrivenPath
 from vastflow.oracles.replay.highlights import tick_of
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.maps.occupancy import UNKNOWN, OccupancyMap
@@ -96,10 +96,10 @@ class Story:
         how = f"{outcome}: {self.run.reason}" if self.run.reason else outcome
         return f"{how}  ·  {self.run.simulated_s:.2f} s, {self.run.distance_m:.1f} m"
 
-    def way_until(self, tick: int) -> Way:
+    def path_until(self, tick: int) -> DrivenPath:
         """Where the robot has been."""
         contacts = [(e.x_m, e.y_m) for e in self.run.events if e.kind == "contact" and tick_of(e) <= tick]
-        return Way(
+        return DrivenPath(
             self._true_xy_m[: tick + 1],
             self._estimated_xy_m[: tick + 1],
             np.array(contacts, dtype=np.float64).reshape(-1, 2),

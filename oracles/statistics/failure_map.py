@@ -167,7 +167,7 @@ def failure_map(
         starts: (R + 1,) where each run begins in them, and N. A run without positions visits nothing.
         failed: (R,) whether the run failed. Runs that were not judged are to be left out.
         configurations: (R,) number of each run's configuration; by default all are of one.
-        last_m: Way before the end that counts as where it failed.
+        last_m: Distance before the end that counts as where it failed.
     """
     begin = np.asarray(starts, dtype=np.int64)
     bad = np.asarray(failed, dtype=bool)

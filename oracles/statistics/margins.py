@@ -79,9 +79,9 @@ class Margins:
 
         A point that the model can't tell, because its level comes with those of other factors alone, has the plain mean of its group.
         """
-        ways = points @ self._inverse  # (k, columns)
-        told = np.abs(ways @ (self._model.T @ self._model) - points).max(axis=1) < 1e-6
-        weights = ways @ self._model.T  # (k, m): means are sums of these times responses
+        combined = points @ self._inverse  # (k, columns)
+        told = np.abs(combined @ (self._model.T @ self._model) - points).max(axis=1) < 1e-6
+        weights = combined @ self._model.T  # (k, m): means are sums of these times responses
         for k, group in enumerate(groups):
             if not told[k]:
                 weights[k] = group / group.sum()

@@ -37,7 +37,7 @@ ROUNDING: Final = 9
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """The way of a configuration.
+    """The path of a configuration.
 
     Attributes:
         xy_m: (N, 2) its points, N >= 1.
@@ -54,7 +54,7 @@ class Quantities:
     def __init__(self) -> None:
         self._walls: dict[str, tuple[OccupancyMap, NDArray[np.float64]]] = {}
         self._clearances: dict[Any, tuple[float, float, float]] = {}
-        self._ways: dict[Any, Drawn | str] = {}
+        self._paths: dict[Any, Drawn | str] = {}
 
     def of(self, name: str, partial: Partial) -> int | float:
         """The quantity called `name`, a key of `QUANTITIES`.
@@ -65,7 +65,7 @@ class Quantities:
         found = _COMPUTED[name](self, partial)
         return round(found, ROUNDING) if isinstance(found, float) else found
 
-    def way(self, partial: Partial) -> Drawn:
+    def path(self, partial: Partial) -> Drawn:
         """The path that was drawn, or else the shortest one between start and goals."""
         values: Mapping[str, Any] = partial.values
         if PATH_KEY in values and PATH_LENGTH_KEY in values:
@@ -73,23 +73,23 @@ class Quantities:
         stops = _stops(values)
         map_file = _map(values)
         key = (map_file.digest, tuple(stops))
-        if key not in self._ways:
+        if key not in self._paths:
             ground = ground_of(map_file, DEFAULT_ROBOT_DIAMETER_M)
-            way = shortest_path(ground.occupancy, ground.passable, np.array(stops))
+            path = shortest_path(ground.occupancy, ground.passable, np.array(stops))
             across = f"a robot {DEFAULT_ROBOT_DIAMETER_M:g} m across"
-            self._ways[key] = Drawn(*way) if way else f"there is no way from the start to the goals for {across}"
-        found = self._ways[key]
+            self._paths[key] = Drawn(*path) if path else f"there is no path from the start to the goals for {across}"
+        found = self._paths[key]
         if isinstance(found, str):
             raise NotEvaluable(found)
         return found
 
     def clearances(self, partial: Partial) -> tuple[float, float, float]:
-        """Distance (m) to the nearest wall: the least along the way, at its start, at its end."""
-        map_file, way = _map(partial.values), self.way(partial)
-        key = (map_file.digest, way.xy_m.tobytes())
+        """Distance (m) to the nearest wall: the least along the path, at its start, at its end."""
+        map_file, path = _map(partial.values), self.path(partial)
+        key = (map_file.digest, path.xy_m.tobytes())
         if key not in self._clearances:
             occupancy, distance_m = self._distance_m(map_file)
-            cells = np.array([occupancy.cell_of(*point) for point in _dense(way.xy_m, occupancy.resolution_m)])
+            cells = np.array([occupancy.cell_of(*point) for point in _dense(path.xy_m, occupancy.resolution_m)])
             inside = np.clip(cells, 0, np.array(distance_m.shape) - 1)
             along = distance_m[inside[:, 0], inside[:, 1]]
             self._clearances[key] = float(along.min()), float(along[0]), float(along[-1])
@@ -128,7 +128,7 @@ def obstacle_count(partial: Partial) -> int:
 
 
 def _density(quantities: Quantities, partial: Partial) -> float:
-    length_m = quantities.way(partial).length_m
+    length_m = quantities.path(partial).length_m
     if length_m <= 0.0:
         raise NotEvaluable("the path has no length")
     return obstacle_count(partial) / length_m
@@ -151,7 +151,7 @@ def _goals(quantities: Quantities, partial: Partial) -> int:
 
 
 _COMPUTED: Final[Mapping[str, Callable[[Quantities, Partial], int | float]]] = {
-    "path_length": lambda quantities, partial: quantities.way(partial).length_m,
+    "path_length": lambda quantities, partial: quantities.path(partial).length_m,
     "narrowest_passage": lambda quantities, partial: 2.0 * quantities.clearances(partial)[0],
     "clearance": lambda quantities, partial: quantities.clearances(partial)[0],
     "start_clearance": lambda quantities, partial: quantities.clearances(partial)[1],

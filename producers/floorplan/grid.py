@@ -80,7 +80,7 @@ def grid_of(
     """The slice of a building at the height of the laser.
 
     Floors are free, walls occupied, columns and dividers occupied where they are as high as the laser; entryways that
-    are open at that height are free, and a cell beyond both faces. Windows stay wall: what is behind glass is no way.
+    are open at that height are free, and a cell beyond both faces. Windows stay wall: nobody drives through glass.
     Borders of what is drawn belong to it, so a wall is up to a cell thicker than it is, and so is an entryway wider.
 
     Raises:

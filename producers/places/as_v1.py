@@ -26,7 +26,7 @@ def place_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) 
     """Draw a place for every obstacle in turn; or say why version 1 would find none.
 
     Places are drawn as `vastflow.producers.places.placement.place` draws them. One will do where the center is far enough
-    from the stops and from other centers. A whole set will do where a way remains: it is drawn `MAX_ATTEMPTS` times at most.
+    from the stops and from other centers. A whole set will do where a path remains: it is drawn `MAX_ATTEMPTS` times at most.
     """
     total = sum(each.amount for each in wanted)
     if total == 0:
@@ -41,9 +41,7 @@ def place_as_v1(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) 
             return obstacles
         blocking += 1
     if blocking:
-        return (
-            f"as version 1 places them, {blocking} of {MAX_ATTEMPTS} sets of {total} obstacles left no way to the goals"
-        )
+        return f"as version 1 places them, {blocking} of {MAX_ATTEMPTS} sets of {total} obstacles left no path to the goals"
     return f"as version 1 places them, at most {most} of {total} obstacles found room in {MAX_ATTEMPTS} attempts"
 
 

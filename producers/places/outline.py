@@ -92,7 +92,7 @@ class Line:
 
     Attributes:
         corners_m: (N, 2).
-        along_m: (N,) way from the first corner to each.
+        along_m: (N,) distance along the outline from the first corner to each.
     """
 
     corners_m: NDArray[np.float64]

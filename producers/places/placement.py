@@ -1,4 +1,4 @@
-"""Placing obstacles along a path so that none overlaps anything and a way remains."""
+"""Placing obstacles along a path so that none overlaps anything and a path remains."""
 
 import itertools
 import math
@@ -23,7 +23,7 @@ MAX_TRIES: Final = 100
 MAX_ATTEMPTS: Final = 10
 """Sets drawn before a placement is given up."""
 NEIGHBORHOOD_M: Final = 5.0
-"""How far round the path a way is looked for before the whole map is."""
+"""How far round the path another one is looked for before the whole map is."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def place(site: Site, wanted: Sequence[Wanted], rng: np.random.Generator) -> lis
     most = 0
     passable = around(site.ground, site.standing)
     if site.standing and not is_connected(site, passable):
-        return "the obstacles that are there already leave no way to the goals"
+        return "the obstacles that are there already leave no path to the goals"
     for _ in range(MAX_ATTEMPTS):
         layout = _Layout(site, passable, refusals)
         if all(layout.add(pattern, rng) for pattern in _each(wanted)):
@@ -125,7 +125,7 @@ class _Layout:
             return "lay on walls or unknown space"
         passable = without(self._passable, covered, ground.radius_cells)
         if not is_connected(self._site, passable):
-            return "left no way to the goals"
+            return "left no path to the goals"
         self._outlines.append(outline)
         self._passable = passable
         return None

@@ -1,7 +1,7 @@
 """Routes of promised length, drawn constructively: from the places that are that far away.
 
 A route is a start and one goal or several, joined by shortest paths of the 8-connected grid. Each of n legs
-takes an equal share of the length and of the tolerance: then the way back is always a leg of the right
+takes an equal share of the length and of the tolerance: then the path back is always a leg of the right
 length, so that a route which has its first leg never runs into a dead end.
 """
 
@@ -48,7 +48,7 @@ class Leg:
         return int(self.cells[-1, 0]), int(self.cells[-1, 1])
 
     def reversed(self) -> "Leg":
-        """The same way from its end."""
+        """The same path from its end."""
         return Leg(self.cells[::-1], self.length_m)
 
 
@@ -123,8 +123,8 @@ class Reach:
 
     def leg_to(self, end: Cell) -> Leg:
         """The leg to a cell that is reached."""
-        way = descend(self.field, end[0] - self.corner[0], end[1] - self.corner[1])[::-1]
-        return leg_of(self.ground, way + np.array(self.corner))
+        path = descend(self.field, end[0] - self.corner[0], end[1] - self.corner[1])[::-1]
+        return leg_of(self.ground, path + np.array(self.corner))
 
 
 def reach_of(ground: Ground, start: Cell, limit_m: float) -> Reach:
@@ -161,7 +161,7 @@ def draw_legs(ground: Ground, start: Cell, n: int, request: LegRequest, rng: np.
     legs: list[Leg] = []
     for _ in range(n):
         leg = draw_leg(ground, legs[-1].end if legs else start, request, rng)
-        # The way back is missed only if rounding puts it just outside the request.
+        # The path back is missed only if rounding puts it just outside the request.
         leg = leg or (legs[-1].reversed() if legs else None)
         if leg is None:
             return None
@@ -196,9 +196,9 @@ class StartSearch:
         self._request = request
         self._failed = 0
         self._scouted: set[int] = set()
-        longest_way_m = (ground.component_cells - 1) * math.sqrt(2.0) * ground.occupancy.resolution_m
+        longest_path_m = (ground.component_cells - 1) * math.sqrt(2.0) * ground.occupancy.resolution_m
         self._stops = ground.stops[ground.cells[:, 0], ground.cells[:, 1]]
-        self._possible = self._stops & (longest_way_m >= request.length_m - request.tolerance_m - ROUNDING_M)
+        self._possible = self._stops & (longest_path_m >= request.length_m - request.tolerance_m - ROUNDING_M)
 
     def draw(self, rng: np.random.Generator) -> list[Leg] | None:
         """The legs of a route; None where there is none, or none was found (`gave_up`)."""

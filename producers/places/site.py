@@ -79,10 +79,10 @@ class SiteRequest:
             return Site(ground, path_xy_m, length_m, stops, standing)
         if not stops:
             return f"there is no path to place obstacles at: no {START_KEY} with {GOAL_KEY} or {GOALS_KEY} was written before"
-        way = shortest_path(ground.occupancy, ground.passable, np.array(stops))
-        if way is None:
-            return f"there is no way from the start to the goals for a robot {ground.robot_diameter_m:g} m across"
-        return Site(ground, *way, stops, standing)
+        path = shortest_path(ground.occupancy, ground.passable, np.array(stops))
+        if path is None:
+            return f"there is no path from the start to the goals for a robot {ground.robot_diameter_m:g} m across"
+        return Site(ground, *path, stops, standing)
 
     def written(self, inputs: Mapping[str, Value], site: Site, entries: Sequence[Value]) -> dict[str, Value]:
         """The list with `entries` at its end, the note of it for producers that follow, and what surrounds the path with them."""

@@ -94,10 +94,10 @@ def surroundings_at(site: Site, obstacles: Sequence[Obstacle]) -> dict[str, Valu
     """As `surroundings`, of the shortest path round what stands there and `obstacles`; without one nothing is known of it."""
     occupancy = site.ground.occupancy
     everything = (*site.standing, *obstacles)
-    way = shortest_path(occupancy, around(site.ground, everything), np.array(site.stops_xy_m))
-    if way is None:
+    path = shortest_path(occupancy, around(site.ground, everything), np.array(site.stops_xy_m))
+    if path is None:
         return dict.fromkeys((NARROWEST_KEY, START_CLEARANCE_KEY, GOAL_CLEARANCE_KEY, TURNING_KEY, NEAR_KEY))
-    cells = np.floor(occupancy.in_cells(way[0])).astype(np.int64)
+    cells = np.floor(occupancy.in_cells(path[0])).astype(np.int64)
     stops = [0]
     for stop in site.stops_xy_m[1:]:
         reached = np.flatnonzero((cells[stops[-1] :] == occupancy.cell_of(*stop)).all(axis=1))

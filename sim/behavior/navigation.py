@@ -89,19 +89,19 @@ class OdometryDistance(Action):
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._wanted_m = self._way_m = 0.0
+        self._wanted_m = self._driven_m = 0.0
         self._last = Pose(0.0, 0.0)
 
     def enter(self, arguments: Mapping[str, Any]) -> None:
-        self._wanted_m, self._way_m = float(arguments["distance"]), 0.0
+        self._wanted_m, self._driven_m = float(arguments["distance"]), 0.0
         self._last = self._simulation.odometry
 
     def update(self) -> Status:
         here = self._simulation.odometry
-        self._way_m += distance_m(here, self._last)
+        self._driven_m += distance_m(here, self._last)
         self._last = here
-        self.message = f"{self._way_m:.2f} of {self._wanted_m:.2f} m"
-        return Status.SUCCESS if self._way_m >= self._wanted_m else Status.RUNNING
+        self.message = f"{self._driven_m:.2f} of {self._wanted_m:.2f} m"
+        return Status.SUCCESS if self._driven_m >= self._wanted_m else Status.RUNNING
 
 
 class BagRecord(Immediate):

@@ -22,5 +22,5 @@ def pose_between(simulation: Simulation, parent: str, robot: str) -> Pose | None
 def moved(before: Pose, after: Pose, duration_s: float) -> tuple[float, float]:
     """Speed (m/s) and yaw rate (rad/s) between two poses, without direction."""
     turned_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
-    way_m = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
-    return way_m / duration_s, abs(turned_rad) / duration_s
+    driven_m = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+    return driven_m / duration_s, abs(turned_rad) / duration_s

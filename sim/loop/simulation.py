@@ -120,8 +120,8 @@ class Simulation:
                 ("waypoint_follower", f"Received follow waypoint request with {len(mission.goals)} waypoints.")
             )
         else:
-            way = "" if mission.kind == "navigate_to_pose" else f"through {len(mission.goals)} poses "
-            begun = f"({here.x_m:.2f}, {here.y_m:.2f}) {way}to ({goal.x_m:.2f}, {goal.y_m:.2f})"
+            through = "" if mission.kind == "navigate_to_pose" else f"through {len(mission.goals)} poses "
+            begun = f"({here.x_m:.2f}, {here.y_m:.2f}) {through}to ({goal.x_m:.2f}, {goal.y_m:.2f})"
             self.told.append(("bt_navigator", f"Begin navigating from current location {begun}"))
         self._loop.navigate(mission)
         return Order(self._loop, self._orders, lambda: self._orders)

@@ -45,7 +45,7 @@ def inflated_free(free: NDArray[np.bool_], radius_cells: float) -> NDArray[np.bo
 def distance_field(
     free: NDArray[np.bool_], row: int, column: int, limit_cells: float = math.inf
 ) -> NDArray[np.float32]:
-    """Octile distance in cells (H, W) from one cell to every other; infinite where there is no way.
+    """Octile distance in cells (H, W) from one cell to every other; infinite where there is no path.
 
     Args:
         free: (H, W) passable cells.
@@ -120,7 +120,7 @@ def _flood(free: Any, row: int, column: int, limit: float, out: Any) -> None:
             cell = buckets[now, k]
             here = field[cell]
             if here < level:
-                continue  # was reached on a shorter way since, and is done
+                continue  # was reached on a shorter path since, and is done
             r = cell // columns
             c = cell - r * columns
             for near_r in range(max(r - 1, 0), min(r + 2, rows)):

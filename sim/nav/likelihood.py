@@ -10,7 +10,7 @@ from vastflow.sim.nav.parameters.amcl import AmclParameters
 
 UNREACHED: Final = -1
 FRAME: Final = 64
-"""So wide, because beams need no test for the table's border while they are shorter than the way to it."""
+"""So wide, because beams need no test for the table's border while they are shorter than the distance to it."""
 
 WIDTH: Final = 64
 

@@ -1,6 +1,6 @@
-"""The least that a way to a goal can cost: NavFn's potential from the goal over the map with nothing marked in it.
+"""The least that a path to a goal can cost: NavFn's potential from the goal over the map with nothing marked in it.
 
-Marks of the scan and unknown cells only make ways dearer, so what is computed once for a goal holds as long as it is headed for.
+Marks of the scan and unknown cells only make paths dearer, so what is computed once for a goal holds as long as it is headed for.
 """
 
 import math
@@ -13,15 +13,15 @@ from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.navfn import NEUTRAL, UNREACHED, propagate_within
 
 LEAST_CELL_COST: Final = 0.99 * NEUTRAL
-"""Of a cell's way in a straight line; NavFn's interpolated potential rises 0.5 % less than `NEUTRAL` along a diagonal."""
+"""Of a cell's path in a straight line; NavFn's interpolated potential rises 0.5 % less than `NEUTRAL` along a diagonal."""
 
 DETOUR: Final = 1.6
-"""Of a map's ways over the straight line, inflation counted in; where one is longer, the bounds are computed again."""
+"""Of a map's paths over the straight line, inflation counted in; where one is longer, the bounds are computed again."""
 
 SPARE_COST: Final = 20 * NEUTRAL
 WIDER: Final = 2.0
 ATTEMPTS: Final = 3
-"""To find a way at all, each time among ways `WIDER` as dear."""
+"""To find a path at all, each time among paths `WIDER` as dear."""
 
 BOUND: Final = np.dtype(
     [(name, np.float64) for name in ("reach", "detour")]
@@ -38,7 +38,7 @@ class Bounds(NamedTuple):
 
     Attributes:
         least: (H, W) uint8 travel costs with nothing marked and nothing unknown.
-        to_goal: (L, H, W) float32, what a way from a cell to the leg's goal costs at the least; 0 where nothing is known.
+        to_goal: (L, H, W) float32, what a path from a cell to the leg's goal costs at the least; 0 where nothing is known.
         legs: (L,) records of `BOUND`.
     """
 
@@ -100,7 +100,7 @@ def covers(b: Any, column: int, row: int, bound: float) -> bool:
 
 @inner
 def straight(column: int, row: int, to_column: int, to_row: int) -> float:
-    """The least that a way between two cells costs."""
+    """The least that a path between two cells costs."""
     return float(LEAST_CELL_COST * math.hypot(column - to_column, row - to_row))
 
 

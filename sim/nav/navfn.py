@@ -116,12 +116,12 @@ def propagate_astar(travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: 
 def propagate_within(
     travel: Any, root_x: int, root_y: int, stop_x: int, stop_y: int, lower: Any, bound: float, out: Any, scratch: Any
 ) -> bool:
-    """`propagate`, but only into cells that a way from the root of at most `bound` can lead through.
+    """`propagate`, but only into cells that a path from the root of at most `bound` can lead through.
 
-    Where no such way comes near what is left out, the potential is that of the whole flood.
+    Where no such path comes near what is left out, the potential is that of the whole flood.
 
     Args:
-        lower: (H, W) float32, no greater than what any way on from a cell costs, the cell's own cost included.
+        lower: (H, W) float32, no greater than what any path on from a cell costs, the cell's own cost included.
     """
     return bool(_propagate(travel, root_x, root_y, stop_x, stop_y, False, lower, bound, out, scratch))
 

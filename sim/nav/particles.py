@@ -144,10 +144,10 @@ def _drive(particles: Any, draws: Any, n: int, step: Any, sigma: Any) -> None:
     """Turn, go and turn by `step` less `sigma` times the standard normal numbers (3, N) drawn for it."""
     for k in range(n):
         turn = _whole_turns_off(step[0] - sigma[0] * draws[0, k])
-        way = step[1] - sigma[1] * draws[1, k]
+        driven = step[1] - sigma[1] * draws[1, k]
         sine, cosine = sincos(particles[2, k] + turn)
-        particles[0, k] += way * cosine
-        particles[1, k] += way * sine
+        particles[0, k] += driven * cosine
+        particles[1, k] += driven * sine
         particles[2, k] += turn + _whole_turns_off(step[2] - sigma[2] * draws[2, k])
 
 

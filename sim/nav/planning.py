@@ -1,18 +1,21 @@
 """The global plan: NavFn legs through the goals that remain, every one flooded afresh at every replanning.
 
 As in Nav2, a leg is flooded from its start until its goal has a value, and walked back from there. The flood keeps within
-bounds: where a way through a cell would cost `MARGIN` more than is to be expected, going by the least that is left to the
-goal from there, it does not enter. No better way is lost by that, and along the best one the potential is the whole flood's
+bounds: where a path through a cell would cost `MARGIN` more than is to be expected, going by the least that is left to the
+goal from there, it does not enter. No better path is lost by that, and along the best one the potential is the whole flood's
 but for the order of NavFn's updates.
 """
 
 import math
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.lower_bound import Bounds, bound_below, covers
 from vastflow.sim.nav.navfn import NEUTRAL, OBSTACLE, UNREACHED, descend, propagate, propagate_astar, propagate_within
 from vastflow.sim.nav.state import NAVIGATE_THROUGH_POSES, Grids, Route
+
+Cell: TypeAlias = tuple[int, int]
+"""Column and row, as NavFn counts them."""
 
 START_OUTSIDE, GOAL_OUTSIDE, NO_VALID_PATH = 203, 204, 208
 """Nav2's error codes of ComputePathToPose; those of ComputePathThroughPoses are 100 greater."""
@@ -22,10 +25,10 @@ PASSED_M: Final = 0.7
 
 MARGIN: Final = 0.05
 MARGIN_COST: Final = 30 * NEUTRAL
-"""Ways this much dearer than expected are flooded, too: the walk down the potential reads cells beside the best way."""
+"""Paths this much dearer than expected are flooded, too: the walk down the potential reads cells beside the best one."""
 
 WIDER: Final = 1.5
-"""By this much more a way may cost where none was found within the first bounds; after that there are none."""
+"""By this much more a path may cost where none was found within the first bounds; after that there are none."""
 
 FARTHER: Final = 1.25
 """So much more than is needed at once new lower bounds reach."""
@@ -68,7 +71,7 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
 
 
 @inner
-def cell(p: Any, x_m: float, y_m: float) -> Any:
+def cell(p: Any, x_m: float, y_m: float) -> Cell:
     """NavFn's (column, row) of a point: rounded, so its paths lie half a cell off the costmap's cells."""
     resolution = p.resolution
     return (
@@ -104,12 +107,10 @@ def _plan_leg(
     n = 0
     # The nearest free point is the nearest that can be reached, unless the flood says otherwise.
     found, x_m, y_m = _nearest(p, g, goal_x_m, goal_y_m, False)
-    if found:
-        # NavFn floods until it meets the goal: where that can't be reached, until there is nothing left.
-        stop_column, stop_row = cell(p, goal_x_m, goal_y_m)
-        end_column, end_row = cell(p, x_m, y_m)
-        if not _flood(p, m, g, route.bounds, leg, column, row, end_column, end_row, stop_column, stop_row):
-            found, x_m, y_m = _nearest(p, g, goal_x_m, goal_y_m, True)
+    # NavFn floods until it meets the goal: where that can't be reached, until there is nothing left.
+    start, stop = (column, row), cell(p, goal_x_m, goal_y_m)
+    if found and not _flood(p, m, g, route.bounds, leg, start, cell(p, x_m, y_m), stop):
+        found, x_m, y_m = _nearest(p, g, goal_x_m, goal_y_m, True)
     if found:
         m.end_x, m.end_y = x_m, y_m
         end_column, end_row = cell(p, x_m, y_m)
@@ -148,47 +149,25 @@ def _open(p: Any, g: Grids, x_m: float, y_m: float, reached: bool) -> bool:
 
 
 @inner
-def _flood(
-    p: Any,
-    m: Any,
-    g: Grids,
-    bounds: Bounds,
-    leg: int,
-    column: int,
-    row: int,
-    end_column: int,
-    end_row: int,
-    stop_column: int,
-    stop_row: int,
-) -> bool:
+def _flood(p: Any, m: Any, g: Grids, bounds: Bounds, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
     """NavFn's potential from a cell until the stop has a value; whether the end has one. If not, all that can be reached is flooded."""
-    # A* does not find the best way, and which one it finds hangs on every cell it has been to.
+    # A* does not find the best path, and which one it finds hangs on every cell it has been to.
     if p.planner.use_astar != 0:
         m.floods += 1
-        propagate_astar(g.travel, column, row, stop_column, stop_row, g.potential, g.scratch)
-        return bool(g.potential[end_row, end_column] < UNREACHED)
-    if _flood_within_bounds(m, g, bounds, leg, column, row, end_column, end_row, stop_column, stop_row):
+        propagate_astar(g.travel, start[0], start[1], stop[0], stop[1], g.potential, g.scratch)
+        return bool(g.potential[end[1], end[0]] < UNREACHED)
+    if _flood_within_bounds(m, g, bounds, leg, start, end, stop):
         return True
     m.floods += 1
-    propagate(g.travel, column, row, stop_column, stop_row, g.potential, g.scratch)
-    return bool(g.potential[end_row, end_column] < UNREACHED)
+    propagate(g.travel, start[0], start[1], stop[0], stop[1], g.potential, g.scratch)
+    return bool(g.potential[end[1], end[0]] < UNREACHED)
 
 
 @inner
-def _flood_within_bounds(
-    m: Any,
-    g: Grids,
-    bounds: Bounds,
-    leg: int,
-    column: int,
-    row: int,
-    end_column: int,
-    end_row: int,
-    stop_column: int,
-    stop_row: int,
-) -> bool:
-    """The same among ways little dearer than the one to be expected; whether it was among them."""
+def _flood_within_bounds(m: Any, g: Grids, bounds: Bounds, leg: int, start: Cell, end: Cell, stop: Cell) -> bool:
+    """The same among paths little dearer than the one to be expected; whether it was among them."""
     b, least, to_goal = bounds.legs[leg], bounds.least, bounds.to_goal[leg]
+    (column, row), (end_column, end_row) = start, end
     if least[row, column] >= OBSTACLE:
         return False
     if b.goal_column != end_column or b.goal_row != end_row or to_goal[row, column] == 0.0:
@@ -205,10 +184,10 @@ def _flood_within_bounds(
                 b, least, to_goal, column, row, end_column, end_row, FARTHER * bound, g.potential, g.scratch
             )
         m.floods += 1
-        propagate_within(g.travel, column, row, stop_column, stop_row, to_goal, bound, g.potential, g.scratch)
+        propagate_within(g.travel, column, row, stop[0], stop[1], to_goal, bound, g.potential, g.scratch)
         if g.potential[end_row, end_column] < UNREACHED:
             expected = g.potential[end_row, end_column]
-            # A way that only just fits has been cut at its sides.
+            # A path that only just fits has been cut at its sides.
             if expected + 0.5 * margin <= bound:
                 b.detour = max(expected / to_goal[row, column], 1.0)
                 return True

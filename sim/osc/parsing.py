@@ -1,4 +1,4 @@
-"""The way from the text of a scenario file to its syntax, without lark until there is a text."""
+"""From the text of a scenario file to its syntax, without lark until there is a text."""
 
 from vastflow.sim.osc.syntax import FileText
 

@@ -84,10 +84,10 @@ def move_freely(
     x, y, yaw = body.pose[0], body.pose[1], body.pose[2]
     column, row = (x - origin_x_m) / resolution_m, (y - origin_y_m) / resolution_m
     reach_m = body.radius_m + MARGIN_M
-    way_m = 0.0
+    driven_m = 0.0
     for k in range(velocities.shape[0]):
-        way_m += abs(velocities[k, 0]) * dt_s
-    near_walls = free_square(skips, column, row) * resolution_m < reach_m + way_m
+        driven_m += abs(velocities[k, 0]) * dt_s
+    near_walls = free_square(skips, column, row) * resolution_m < reach_m + driven_m
     for k in range(velocities.shape[0]):
         x, y, yaw = arc(x, y, yaw, velocities[k, 0], velocities[k, 1], dt_s)
         if near_walls:

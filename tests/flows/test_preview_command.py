@@ -9,7 +9,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.flows.plan.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, way_m
+from vastflow.flows.plan.estimate import MEAN_SPEED_MPS, TIMES_REAL_TIME, Estimate, estimate_of, route_m
 from vastflow.flows.plan.preview import plan_view_of
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiate import instantiate
@@ -134,7 +134,7 @@ def test_the_estimate_of_a_run_does_not_exceed_the_timeout(small_room):
 
 
 def test_without_a_path_the_way_is_straight_from_stop_to_stop(small_room):
-    assert [way_m(configuration) for configuration in configurations_of(small_room)] == [2.0, 2.0]
+    assert [route_m(configuration) for configuration in configurations_of(small_room)] == [2.0, 2.0]
 
 
 def test_the_estimate_says_what_it_supposes(small_room):

@@ -29,7 +29,7 @@ METADATA = {
     "asked": {"only": [], "runs": 2},
 }
 EXCLUDED = ExcludedInstance("room", "room-*", "far_apart", {"distance": 0.5})
-REJECTED = RejectedInstance("room", "room", "PathVariationRandom", "no way", {"length": 9.0}, {"start": 1})
+REJECTED = RejectedInstance("room", "room", "PathVariationRandom", "no path", {"length": 9.0}, {"start": 1})
 
 
 @pytest.fixture

@@ -97,7 +97,7 @@ def test_a_run_is_written_with_its_contacts_counted():
         "seed": "7",
         "outcome": "aborted",
         "error_code": 103,
-        "reason": "no way",
+        "reason": "no path",
         "simulated_s": 12.5,
         "distance_m": 3.0,
         "recoveries": 1,

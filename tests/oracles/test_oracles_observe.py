@@ -250,7 +250,7 @@ def test_there_is_no_reference_through_a_gap_too_narrow_for_the_robot(scenario_o
     door = build.write_map(tmp_path / "door", cells)
     wide, slim = reference_of(scenario_on(door)), reference_of(scenario_on(door, robot_radius=0.15))
     assert isinstance(wide, NoReference)
-    assert "no way for a robot of radius 0.22 m from start to goal 1" in wide.reason
+    assert "no path for a robot of radius 0.22 m from start to goal 1" in wide.reason
     assert isinstance(slim, Reference)
 
 

@@ -40,7 +40,7 @@ def test_reasons_that_differ_in_numbers_alone_are_of_one_kind() -> None:
 def test_why_runs_failed_counts_runs_and_configurations_of_each_kind(synthetic_campaign, room, build) -> None:
     synthetic_campaign.add("a-1", "a", room, TASK, recordings=lost(build, 3, 2, "stuck after @ tries"))
     synthetic_campaign.add("a-2", "a", room, TASK, recordings=lost(build, 3, 3, "stuck after @ tries"))
-    synthetic_campaign.add("a-3", "a", room, TASK, recordings=lost(build, 3, 1, "no way"))
+    synthetic_campaign.add("a-3", "a", room, TASK, recordings=lost(build, 3, 1, "no path"))
     stuck, no_way = failure_kinds(read_tables(synthetic_campaign.write()))
     assert (stuck["oracle"], stuck["runs"], stuck["configurations"], stuck["alike"]) == ("success", 5, 2, False)
     assert (no_way["runs"], no_way["configurations"], no_way["alike"]) == (1, 1, True)

@@ -85,7 +85,7 @@ def close_up(occupancy):
     """The color at a place of the map in a close-up of 4 m × 4 m."""
     figure = Figure(figsize=(8, 8), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1))
-    draw_close_up(axes, occupancy, a_snapshot(50), a_story(occupancy).way_until(50), BOX)
+    draw_close_up(axes, occupancy, a_snapshot(50), a_story(occupancy).path_until(50), BOX)
     drawn = pixels(figure)
 
     def color_at(x_m, y_m):
@@ -110,7 +110,7 @@ def test_the_body_of_a_polygon_is_drawn_as_it_lies(occupancy):
     figure = Figure(figsize=(8, 8), dpi=100)
     axes = figure.add_axes((0, 0, 1, 1))
     long = Robot(0.61, vertices=((0.6, 0.1), (0.6, -0.1), (-0.6, -0.1), (-0.6, 0.1)))
-    draw_close_up(axes, occupancy, a_snapshot(50, robot=long), a_story(occupancy).way_until(50), BOX)
+    draw_close_up(axes, occupancy, a_snapshot(50, robot=long), a_story(occupancy).path_until(50), BOX)
     drawn = pixels(figure)
     behind, beside = drawn[799 - 390, int(200 * (1.5 - 0.55))], drawn[799 - int(200 * (2.0 + 0.3)), 300]
     assert near(tuple(behind.tolist()), rgb(INK))
@@ -164,14 +164,14 @@ def test_without_a_local_costmap_yet_there_is_a_picture_all_the_same(occupancy):
     figure = Figure(figsize=(2, 2))
     points = dict.fromkeys(("plan_xy_m", "ahead_xy_m", "intended_xy_m", "scan_xy_m"), np.empty((0, 2)))
     snapshot = a_snapshot(0, local_costs=None, **points)
-    draw_close_up(figure.add_axes((0, 0, 1, 1)), occupancy, snapshot, a_story(occupancy).way_until(0), BOX)
+    draw_close_up(figure.add_axes((0, 0, 1, 1)), occupancy, snapshot, a_story(occupancy).path_until(0), BOX)
     assert pixels(figure).std() > 0
 
 
 def test_a_goal_out_of_sight_is_named_with_its_distance(occupancy):
     figure = Figure(figsize=(4, 4))
     axes = figure.add_axes((0, 0, 1, 1))
-    draw_close_up(axes, occupancy, a_snapshot(0, goals=(Pose(12.0, 2.0),)), a_story(occupancy).way_until(0), BOX)
+    draw_close_up(axes, occupancy, a_snapshot(0, goals=(Pose(12.0, 2.0),)), a_story(occupancy).path_until(0), BOX)
     assert "goal, 10 m" in [text.get_text() for text in axes.texts]
 
 

@@ -100,7 +100,7 @@ def test_a_box_stands_in_the_wall_where_none_would_find_room(narrow):
 
 def test_a_set_that_leaves_no_path_is_drawn_ten_times_and_then_rejected(narrow):
     (item,) = evaluate(obstacles(obstacle_configs=boxes(1, max_distance=0.0)), narrow)
-    assert item.reason == "as version 1 places them, 10 of 10 sets of 1 obstacles left no way to the goals"
+    assert item.reason == "as version 1 places them, 10 of 10 sets of 1 obstacles left no path to the goals"
 
 
 def test_more_centers_than_the_path_holds_are_rejected_with_how_many_it_held(wide):

@@ -63,9 +63,9 @@ def possible(q: Any, v_mps: float, w_radps: float) -> bool:
 @inner
 def step_count(q: Any, v_mps: float, w_radps: float) -> int:
     """Steps of a sample's roll-out, fine enough for both granularities at the sample's own velocities."""
-    by_way = abs(v_mps) * q.sim_time / q.linear_granularity
+    by_length = abs(v_mps) * q.sim_time / q.linear_granularity
     by_turn = abs(w_radps) * q.sim_time / q.angular_granularity
-    longer = max(by_way, by_turn)
+    longer = max(by_length, by_turn)
     steps = int(longer)
     return max(1, steps + 1 if longer > steps else steps)
 

@@ -245,7 +245,7 @@ def judge_alignment(space: Space, first: int, points: int, furthest: int, scale:
 
 @inner
 def followed_point(q: Any, free: Any, furthest: int, n: int) -> int:
-    """The point that PathFollowCritic wants to be near: some way beyond the furthest, and free."""
+    """The point that PathFollowCritic wants to be near: some points beyond the furthest, and free."""
     i = min(furthest + q.offset_from_furthest, n - 1)
     while i < n - 2 and not free[i]:
         i += 1

@@ -104,7 +104,7 @@ def _carrot(pose: Any, plan: Any, n: int, lookahead_m: float) -> Any:
 
 @inner
 def _crossing(x: float, y: float, dx: float, dy: float, radius: float) -> float:
-    """Part of the way (dx, dy) from a point inside a circle round the origin to the circle, at most 1."""
+    """Part of the line (dx, dy) from a point inside a circle round the origin to the circle, at most 1."""
     along, square = x * dx + y * dy, dx * dx + dy * dy
     root = math.sqrt(max(along * along + square * (radius * radius - x * x - y * y), 0.0))
     return min((root - along) / square, 1.0)

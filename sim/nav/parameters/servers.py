@@ -116,7 +116,7 @@ class Perturbation(ParameterGroup):
     Attributes:
         laserscan_gaussian_noise_std_deviation: Of every beam, meters.
         laserscan_random_drop_percentage: Share of beams lost, a fraction 0..1 in spite of its name.
-        odometry_noise_std_deviation: Of each step's way and turn, as a share of them.
+        odometry_noise_std_deviation: Of each step's distance and turn, as a share of them.
         initial_pose_covariance_xx, initial_pose_covariance_yy, initial_pose_covariance_yaw: Of the initial pose (m², rad²).
     """
 
