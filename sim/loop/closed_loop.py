@@ -17,7 +17,7 @@ from vastflow.sim.nav.state import ROW_TICKS, SUBSTEPS, give, new_stack, set_pos
 from vastflow.sim.nav.tick import APPEARS, PHYSICS, advance, conclude, halt, start
 from vastflow.sim.pose import Pose
 from vastflow.sim.recordings.recording import Event
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.motion import FREE, MOVING, NOT_THERE, Body, new_body
 from vastflow.sim.world.obstacle import Obstacle
 from vastflow.sim.world.physics import World

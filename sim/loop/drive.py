@@ -18,7 +18,7 @@ from vastflow.sim.nav.state import COLUMNS, EVENT_KINDS, EVENT_RECOVERY, RECOVER
 from vastflow.sim.pose import Pose
 from vastflow.sim.process.tables import Columns
 from vastflow.sim.recordings.recording import Entity, Event, Outcome, Recording, Run
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.obstacle import Obstacle
 from vastflow.sim.world.robot_model import Robot
 

@@ -19,7 +19,7 @@ from vastflow.sim.nav.outline import inscribed_radius_m, outline_of
 from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.world.difference import WorldDifference, world_of
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.skip_table import SkipTable, skip_table_of
 from vastflow.sim.world.walls import WallIndex
 

@@ -29,7 +29,7 @@ from vastflow.sim.nav.rates import TICK_S, ticks_of
 from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.lidar import MOST_BEAMS, Lidar
+from vastflow.sim.world.lidar_model import MOST_BEAMS, Lidar
 from vastflow.sim.world.robot_model import Robot
 
 SUBSTEPS: Final = 5

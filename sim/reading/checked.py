@@ -25,7 +25,7 @@ from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
 from vastflow.sim.world.difference import WorldDifference
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 MAP_KEY: Final = "map_file"

@@ -11,7 +11,7 @@ from vastflow.sim.nav.parameters.servers import VelocitySmoother
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.polygon import Vertices, vertices_of
 from vastflow.sim.nav.rates import held_hz
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 TURTLEBOT_4: Final = Robot()

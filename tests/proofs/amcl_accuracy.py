@@ -28,7 +28,8 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.maps.octile import descend, distance_field, passable, path_xy_m
 from vastflow.sim.nav.amcl import Filter
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.lidar import Lidar, perturb, scan
+from vastflow.sim.world.lidar import perturb, scan
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot import arc, limited, wrapped
 from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.skip_table import skip_table_of

@@ -31,7 +31,7 @@ from vastflow.sim.nav.profile import CLOCK, STAGES
 from vastflow.sim.nav.rates import TICK_S
 from vastflow.sim.nav.state import RUNNING, SUBSTEPS
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 MAP_SEED: Final = 20

@@ -13,7 +13,8 @@ from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.amcl import Filter, weight
 from vastflow.sim.nav.parameters.amcl import AmclParameters, covariance_of
 from vastflow.sim.nav.parameters.parameter import ParameterError
-from vastflow.sim.world.lidar import Lidar, scan
+from vastflow.sim.world.lidar import scan
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.skip_table import skip_table_of
 
 LIDAR = Lidar()

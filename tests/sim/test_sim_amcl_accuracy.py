@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 
 PROOF = Path(__file__).parents[1] / "proofs" / "amcl_accuracy.py"
 RESOLUTION_M = 0.05

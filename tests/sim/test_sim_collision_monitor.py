@@ -11,7 +11,7 @@ from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m,
 from vastflow.sim.nav.parameters.servers import CollisionMonitor, VelocitySmoother
 from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.state import MEMORY
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 
 OUTLINE = padded_outline(0.22, 0.01)
 

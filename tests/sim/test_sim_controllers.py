@@ -28,7 +28,7 @@ from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-a-controller.md"

@@ -11,7 +11,8 @@ from shapely.affinity import affine_transform
 from shapely.geometry import LineString, Point, box
 
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.world.lidar import Lidar, perturb, range_to_obstacle, scan
+from vastflow.sim.world.lidar import perturb, range_to_obstacle, scan
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.skip_table import ranges_to_walls, skip_table_of
 
 HAIR = 1e-7

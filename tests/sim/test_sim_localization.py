@@ -12,7 +12,7 @@ from vastflow.sim.nav.parameters.servers import Perturbation
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.recordings.recording import si
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 ROUTES = 3

@@ -16,7 +16,7 @@ from vastflow.sim.nav.state import COLUMNS, give, new_stack, set_pose
 from vastflow.sim.nav.tick import advance
 from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.motion import FREE, new_body
 from vastflow.sim.world.obstacle_values import obstacle_of
 from vastflow.sim.world.robot_model import Robot

@@ -18,7 +18,7 @@ from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.planning import GOAL_OUTSIDE, NO_VALID_PATH, plan
 from vastflow.sim.nav.state import give, new_stack, set_pose
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 PROOF = Path(__file__).parents[1] / "proofs" / "path_cost.py"

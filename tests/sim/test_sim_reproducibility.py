@@ -17,7 +17,7 @@ from vastflow.sim.pose import pose_of
 from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.recordings.blocks import write_recordings
 from vastflow.sim.run import run
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 NOISE = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}

@@ -23,7 +23,7 @@ from vastflow.sim.pose import Pose
 from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import ScenarioError, run
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.obstacle_values import obstacle_of
 from vastflow.sim.world.robot_model import Robot
 

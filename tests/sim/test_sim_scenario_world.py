@@ -19,7 +19,7 @@ from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.recordings.recording import Entity, si
 from vastflow.sim.run import run
 from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.obstacle import Obstacle
 from vastflow.sim.world.robot_model import Robot
 

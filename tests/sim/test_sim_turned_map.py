@@ -22,7 +22,7 @@ from vastflow.sim.recordings.recording import si
 from vastflow.sim.replay.replay import replay
 from vastflow.sim.replay.snapshot import Box
 from vastflow.sim.run import run
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 ORIGIN = (-2.0, 1.5)

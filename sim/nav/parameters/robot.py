@@ -13,7 +13,7 @@ from pydantic import field_validator, model_validator
 from vastflow.sim.nav.parameters.document import ParameterLocation
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 from vastflow.sim.nav.polygon import vertices_of
-from vastflow.sim.world.lidar import MOST_BEAMS
+from vastflow.sim.world.lidar_model import MOST_BEAMS
 
 ROBOT_KEY: Final = "robot"
 """First name of the keys of the system dimension that give these."""
