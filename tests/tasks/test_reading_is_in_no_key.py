@@ -30,6 +30,7 @@ RESULTS_OF_READING = {
     "vastflow.sim.reading.map_file.load_map",
     "vastflow.sim.reading.map_file.map_content",
     "vastflow.sim.reading.script.script_of",
+    "vastflow.sim.reading.world.difference_of",
 }
 """What stages call to read what keys have the value of."""
 
