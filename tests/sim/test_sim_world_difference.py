@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from tests.sim.conftest import rooms_cells
 from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.reading.world import difference_of
@@ -15,11 +14,6 @@ from vastflow.sim.world.difference import WorldDifference, world_of
 from vastflow.sim.world.robot_model import Robot
 
 RESOLUTION_M = 0.05
-
-
-@pytest.fixture(scope="module")
-def rooms() -> OccupancyMap:
-    return OccupancyMap(rooms_cells(), RESOLUTION_M, (0.0, 0.0))
 
 
 def offsets_of_a_wall(seed: int, **given: float) -> np.ndarray:
