@@ -3,7 +3,8 @@
     instantiate ──▶ execute ──▶ observe ──▶ judge ──▶ assess ──▶ report
 
 It is the only one: `vastflow run` calls it, deployments and schedules run it, with a work pool it drives the pool's workers. Each stage
-maps a Prefect task over shards of what is missing in the store, and is chained shard by shard: nothing waits for a whole stage.
+maps a Prefect task over shards of what is missing in the store, and is chained shard by shard: nothing waits for a whole stage. Of a
+search each batch of points goes through the first four before the next is proposed.
 """
 
 from contextlib import suppress
@@ -56,16 +57,17 @@ def campaign(request: RunRequest) -> State[Any]:
     with running(request) as run, task_runs_of(run.name, run.engine, run.tally) as task_runs, pool_of(run) as pool:
         for _ in run.attempts():
             with suppress(Lost):  # a damaged artifact is found when it is read, and computed again by the next attempt
-                if run.instantiated is None:
-                    run.know(instantiate(task_runs, run.instantiator))
-                for wave in run.waves():
-                    if pool is not None:
-                        pool.compute(wave.members)
-                        continue
-                    recordings = execute(task_runs, wave.shards)
-                    traces = observe(task_runs, wave.shards, recordings)
-                    verdicts = judge(task_runs, wave.shards, traces)
-                    task_runs.wait(wave.shards, recordings, traces, verdicts)
+                for _batch in run.batches():
+                    if run.instantiated is None:
+                        run.know(instantiate(task_runs, run.instantiator))
+                    for wave in run.waves():
+                        if pool is not None:
+                            pool.compute(wave.members)
+                            continue
+                        recordings = execute(task_runs, wave.shards)
+                        traces = observe(task_runs, wave.shards, recordings)
+                        verdicts = judge(task_runs, wave.shards, traces)
+                        task_runs.wait(wave.shards, recordings, traces, verdicts)
                 with new_directory(run.delivery.folder, run.name, run.created) as directory:
                     written = report(run, assess(run, directory))
                 found = deliver(run, written)

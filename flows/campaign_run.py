@@ -28,6 +28,8 @@ from vastflow.flows.results.found import RunFault, StoredResult
 from vastflow.flows.results.ingredients import ingredients_row
 from vastflow.flows.results.inputs import Inputs, inputs_of
 from vastflow.flows.results.summary import Results, Work
+from vastflow.flows.search.opening import search_progress
+from vastflow.flows.search.progress import SearchProgress
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
@@ -47,6 +49,7 @@ from vastflow.tasks.surroundings import check_surroundings
 
 if TYPE_CHECKING:
     from vastflow.flows.request.stopping import Stopping
+    from vastflow.flows.search.repetition import PointRuns
 
 _CURRENT: Final = ContextVar["CampaignRun | None"]("vastflow_campaign_run", default=None)
 
@@ -72,6 +75,7 @@ class CampaignRun:
         delivery: Where the campaign directory is made, and where it is to be.
         record: What `metadata.json` says beside what every campaign directory has.
         stopping: Says how many runs a configuration wants; None where that is fixed.
+        search: The search that proposes configurations; None where the file lists them.
         log: File for all that would be said on the terminal otherwise.
         instantiated: What is run of the campaign, once that is known.
         found: Of each member, by name, what the store has.
@@ -88,7 +92,8 @@ class CampaignRun:
     delivery: Delivery
     tree: SourceTree = field(repr=False)
     keys: Keys = field(repr=False)
-    stopping: "Stopping | None"
+    stopping: "Stopping | PointRuns | None"
+    search: SearchProgress | None = field(repr=False)
     engine: Engine = field(repr=False)
     tally: Tally = field(repr=False)
     log: Path
@@ -115,8 +120,11 @@ class CampaignRun:
 
     @property
     def instantiator(self) -> Instantiator:
-        """Instantiates the campaign from what the store has."""
-        return Instantiator(self.campaign, self.store, self.keys, self.tree)
+        """Instantiates the campaign, of a search the points under way, from what the store has."""
+        if self.search is None:
+            return Instantiator(self.campaign, self.store, self.keys, self.tree)
+        points = self.search.campaign(self.campaign)
+        return Instantiator(points, self.store, self.keys, self.tree, refuse_empty=False)
 
     @property
     def runs(self) -> Runs:
@@ -147,10 +155,24 @@ class CampaignRun:
         """Whether the store has everything already; nothing is computed to find out."""
         self.tally.begin("scanning")
         self.store.survey()
-        if (stored := self.instantiator.stored()) is None:
-            return False
-        self.know(stored)
-        return not self.incomplete
+        return all(self.instantiated is not None and not self.incomplete for _ in self.batches())
+
+    def batches(self) -> Iterator[None]:
+        """Come to each part of the campaign that begins when the one before is judged: the whole of it; or the batches of a search,
+        and in the end all its points together. It is known already where the store has what producers make of it.
+
+        Raises:
+            Lost: verdicts are damaged.
+        """
+        while True:
+            if self.instantiated is None and (stored := self.instantiator.stored()) is not None:
+                self.know(stored)
+            yield
+            search, known, index = self.search, self.instantiated, self.engine.index
+            if search is None or known is None or not search.take(known, self.found, index, self.engine.broken):
+                return
+            self.engine.forget(self.found)
+            self.instantiated, self.found = None, {}
 
     def begin(self) -> None:
         """Let workers begin with what is missing; or where that is not known yet, at least with compiling kernels.
@@ -169,13 +191,17 @@ class CampaignRun:
         Raises:
             CampaignError: a name in `only` is unknown.
         """
-        selection = Selection(self.request.only, self.request.sample, self.campaign.seed)
-        self.instantiated = narrowed(instantiated, selection, self.campaign.document.file)
+        if self.search is None:
+            selection = Selection(self.request.only, self.request.sample, self.campaign.seed)
+            self.instantiated = narrowed(instantiated, selection, self.campaign.document.file)
+        else:
+            self.instantiated = self.search.named(instantiated)
         members = members_of(self.instantiated.instantiation, self.asked.runs)
         if self.stopping is not None:
             first = self.stopping.wanted({})
             members = [replace(member, runs=first) for member in members]
-        self.tally.expect({member.name: member.runs for member in members})
+        wanted = {member.name: member.runs for member in members}
+        self.tally.expect(wanted if self.search is None else self.search.expected(wanted))
         self.tally.begin("scanning")
         self.found = self.engine.scan(members)
 
@@ -274,12 +300,14 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             asked = _asked(request, campaign, inputs)
             rule = {} if stopping is None else {SEQUENTIAL: stopping.as_json}
             check_surroundings()
+            search = search_progress(campaign, request, stopping, asked.runs, store, inputs.campaign, tally)
+            rule_of_runs = stopping if search is None else search.runs
             engine = Engine(
                 Index(store, keys),
                 Pool(request.workers or cores(), log),
                 tally,
                 pickle.dumps(tuple(oracles)),
-                stopping,
+                rule_of_runs,
             )
             run = CampaignRun(
                 request=request,
@@ -292,7 +320,8 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
                 delivery=delivery,
                 tree=tree,
                 keys=keys,
-                stopping=stopping,
+                stopping=rule_of_runs,
+                search=search,
                 engine=engine,
                 tally=tally,
                 log=log,

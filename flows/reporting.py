@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vastflow.flows.campaign_run import CampaignRun
+from vastflow.flows.request.asked import SEARCH
 from vastflow.flows.results.basis import basis_of
 from vastflow.flows.results.directory import NewDirectory
 from vastflow.flows.results.kept_answer import keep_answer
@@ -13,6 +14,7 @@ from vastflow.flows.results.kept_report import KeptReport
 from vastflow.flows.results.report_key import report_key
 from vastflow.flows.results.results import Assessed, write_report, write_tables
 from vastflow.flows.results.summary import Results
+from vastflow.flows.search.tables import search_record, write_search
 from vastflow.producers.postprocessing import steps_of
 from vastflow.tasks.store import store_address
 
@@ -40,6 +42,10 @@ def assess(run: CampaignRun, directory: NewDirectory) -> Assessed:
             run.store, key, run.keys.sources, KeptParts(run.store, run.keys, part_source(run.tree), contents)
         )
 
+    record = run.record
+    if run.search is not None:
+        write_search(directory.partial, run.search)
+        record = {**record, SEARCH: search_record(run.search)}
     return write_tables(
         directory,
         run.campaign,
@@ -49,7 +55,7 @@ def assess(run: CampaignRun, directory: NewDirectory) -> Assessed:
         runs=run.runs,
         oracles=[oracle.name for oracle in run.oracles],
         keys=run.keys,
-        record=run.record,
+        record=record,
         faults=run.campaign_faults,
         created=run.created,
         work=lambda: run.work,

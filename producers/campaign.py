@@ -2,27 +2,26 @@
 
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from vastflow.producers import plug_in_file
 from vastflow.producers.abstract_scenario import FROM_GOAL, abstract_scenario_of
 from vastflow.producers.family import Family, FamilyReader
 from vastflow.producers.faults import NOT_EXECUTED, CampaignError, Fault, Location, Note, path_text
 from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.postprocessing import step_notes, steps_of
 from vastflow.producers.programs import programs_of
+from vastflow.producers.search.reading import read_search
+from vastflow.producers.search.search import Search
 from vastflow.producers.size import most_configurations, runs_faults, size_faults
 from vastflow.producers.vast.document import Document, read_document
 from vastflow.producers.vast.model_faults import faults_of
 from vastflow.producers.vast.nav2_params import nav2_params_of
 from vastflow.producers.vast.repetition import Sequential
-from vastflow.producers.vast.search import SearchSpec
-from vastflow.producers.vast.search_template import SEARCH, marker_faults, with_first_point
 from vastflow.producers.vast.spec import (
     DEFAULT_TIMEOUT_S,
     CampaignSpec,
@@ -66,6 +65,8 @@ class Campaign:
             modelled.
         unavailable: What is missing of each family that lacks files or goals; it is not among the families.
         unexecutable: Why this version can't run the campaign; empty where it can.
+        search: What proposes points, in place of families; `families` are then its template at corners of the space. None where
+            the file has families, or can't be run.
         borrowed_maps: Path of each map that is not beside the file, to the name that the file has for it.
     """
 
@@ -84,6 +85,7 @@ class Campaign:
     unavailable: Mapping[str, Sequence[Fault]]
     document: Document = field(repr=False)
     borrowed_maps: Mapping[str, str] = field(default_factory=dict)
+    search: Search | None = field(default=None, repr=False)
 
     @property
     def missing(self) -> tuple[Fault, ...]:
@@ -141,12 +143,18 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
         document, path.parent, abstract, nav2.system, maps, spec.execution.max_configurations, as_v1=as_v1
     )
     families = [family for family in _families(document, data, reader) if family.name not in reader.unavailable]
+    searching = None
     if spec.search and not spec.configuration:
-        template = with_first_point(document, spec.search)
-        searched = FamilyReader(template, path.parent, abstract, nav2.system, maps, as_v1=as_v1)
-        searched.read(SEARCH, "search", {})
-        faults += [*marker_faults(document, spec.search), *searched.faults, *searched.unavailable.get("search", ())]
-        faults += _search_plug_in_faults(document, spec.search, path.parent)
+        searching = read_search(
+            document,
+            spec.search,
+            spec.execution,
+            path.parent,
+            lambda filled: FamilyReader(
+                filled, path.parent, abstract, nav2.system, maps, as_v1=as_v1, refuse_empty=False
+            ),
+        )
+        families, faults = [*searching.families], [*faults, *searching.faults]
     faults += [*reader.faults, *_family_set_faults(document), *_oracle_faults(document)]
     if faults or document.faults or nav2.faults or (reader.unavailable and not families):
         faults += [fault for missing in reader.unavailable.values() for fault in missing]
@@ -160,10 +168,6 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
     notes += [*program_notes, *reader.notes]
     steps = steps_of(spec.results_processing.postprocessing)
     notes += step_notes(document, steps, path.parent, ("results_processing", "postprocessing"))
-    unexecutable: list[Fault] = []
-    if spec.search:
-        right = "scenario families under configuration"
-        unexecutable.append(document.fault(("search",), f"search is {NOT_EXECUTED}", right, "key"))
     runs = spec.execution.runs
     return Campaign(
         path=path,
@@ -180,10 +184,11 @@ def load_campaign(path: str | Path, map_dir: Path | None = None, *, as_v1: bool 
             *sorted(dict.fromkeys([*document.notes, *notes]), key=lambda note: (note.line, note.column)),
             *nav2.notes,
         ),
-        unexecutable=tuple(unexecutable),
+        unexecutable=searching.unexecutable if searching else (),
         unavailable=reader.unavailable,
         document=document,
         borrowed_maps=maps.borrowed,
+        search=searching.search if searching else None,
     )
 
 
@@ -278,19 +283,6 @@ def oracle_requests(evaluation: EvaluationSpec) -> list[OracleRequest]:
         for k, entry in enumerate(evaluation.oracles)
         for name, parameters in entry.items()
     ]
-
-
-def _search_plug_in_faults(document: Document, search: SearchSpec, base: Path) -> Iterator[Fault]:
-    """Plug-ins of a search that are named by a file which does not have them."""
-    named: list[tuple[Location, str]] = [(("search", "strategy"), search.strategy)]
-    if search.extract is not None:
-        named.append((("search", "extract", "plugin"), search.extract.plugin))
-    named += [(("search", "variations", k, name), name) for k, entry in enumerate(search.variations) for name in entry]
-    for where, reference in named:
-        what = plug_in_file.plug_in_complaint(reference, base) if plug_in_file.names_file(reference) else None
-        if what is not None:
-            at: Literal["key", "value"] = "key" if where[1] == "variations" else "value"
-            yield document.fault(where, what, "file.py:Class, relative to this file", at)
 
 
 def _oracle_faults(document: Document) -> list[Fault]:

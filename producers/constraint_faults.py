@@ -18,11 +18,14 @@ MOST_LOOKED_AT: Final = 20_000
 """Combinations of values; more are left to instantiation."""
 
 
-def constraint_faults(family: InstantiableFamily) -> list[Fault]:
+def constraint_faults(family: InstantiableFamily, *, refuse_empty: bool = True) -> list[Fault]:
     """Constraints on plain values that can't be evaluated for some of them, or that leave nothing between them.
 
     Only producers are asked that read nothing and build nothing, and only constraints are looked at that name
     nothing else.
+
+    Args:
+        refuse_empty: Whether it is a fault to leave nothing.
     """
     known = [producer for producer in family.producers if _is_plain(producer)]
     constraints = [c for c in family.constraints if _is_foreseeable(c, family)]
@@ -41,7 +44,7 @@ def constraint_faults(family: InstantiableFamily) -> list[Fault]:
     except CampaignError as error:
         return list(error.faults)
     nothing = not all(len(block.table) for block in blocks) or (not blocks and bool(space.excluded))
-    return contradictions(constraints, family.name, space.excluded) if nothing else []
+    return contradictions(constraints, family.name, space.excluded) if nothing and refuse_empty else []
 
 
 def _first(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragment | Rejection]:

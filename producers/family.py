@@ -94,6 +94,7 @@ class FamilyReader:
         max_configurations: int = ExecutionSpec().max_configurations,
         *,
         as_v1: bool = False,
+        refuse_empty: bool = True,
     ) -> None:
         """Read families of `document`, whose file names are relative to `base`.
 
@@ -103,6 +104,7 @@ class FamilyReader:
             maps: Where maps are; else below `base`.
             max_configurations: Of each family.
             as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
+            refuse_empty: Whether constraints that leave nothing of a family are a fault.
         """
         self.faults: list[Fault] = []
         self.unavailable: dict[str, list[Fault]] = {}
@@ -112,6 +114,7 @@ class FamilyReader:
         self._abstract = abstract
         self._system = system or {}
         self._max_configurations = max_configurations
+        self._refuse_empty = refuse_empty
         self._search = maps or MapSearch(base)
         self._context = {"base": base, "maps": self._search, "as_v1": as_v1, "plans": {}}
         self._remarked: set[str] = set()
@@ -162,7 +165,7 @@ class FamilyReader:
         elif not own:
             self._note_unread(flow, tags, system)
             self._note_remarks(links)
-            self.faults += constraint_faults(family)
+            self.faults += constraint_faults(family, refuse_empty=self._refuse_empty)
         return family
 
     def _refuse_unknown_overrides(self) -> None:

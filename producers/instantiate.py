@@ -89,11 +89,13 @@ def growth_of(family: InstantiableFamily) -> Growth:
     return CartesianGrowth(family) if family.design.cartesian is not None else DesignGrowth(family)
 
 
-def instantiation_of(campaign: InstantiableCampaign, grown: Sequence[Grown]) -> Instantiation:
+def instantiation_of(
+    campaign: InstantiableCampaign, grown: Sequence[Grown], *, refuse_empty: bool = True
+) -> Instantiation:
     """Configurations and coverage of all families, each grown.
 
     Raises:
-        CampaignError: constraints exclude everything there is.
+        CampaignError: constraints exclude everything there is, and `refuse_empty`.
     """
     configurations = mark_duplicates(
         configuration
@@ -101,7 +103,7 @@ def instantiation_of(campaign: InstantiableCampaign, grown: Sequence[Grown]) -> 
         for configuration in finish(family, each.partials, campaign.abstract, campaign.timeout_s, campaign.programs)
     )
     excluded = tuple(instance for each in grown for instance in each.excluded)
-    if not configurations and excluded:
+    if refuse_empty and not configurations and excluded:
         raise CampaignError(
             fault for family in campaign.families for fault in contradictions(family.constraints, family.name, excluded)
         )

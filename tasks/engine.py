@@ -4,7 +4,7 @@ Prefect is not needed here: `vastflow.tasks.stages` puts its tasks round these m
 """
 
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
@@ -203,6 +203,12 @@ class Engine:
                     self.start_executing(each.member)
 
         threading.Thread(target=start, daemon=True).start()
+
+    def forget(self, members: Collection[str]) -> None:
+        """Let members be as if nothing of them had been asked: what broke of them is computed again where it is asked again."""
+        with self._lock:
+            self._faults = [fault for fault in self._faults if fault.member not in members]
+            self._executing = {key: jobs for key, jobs in self._executing.items() if key[0] not in members}
 
     def add_faults(self, faults: Sequence[MemberFault]) -> None:
         """Faults that members met elsewhere."""

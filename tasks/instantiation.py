@@ -80,12 +80,17 @@ class Instantiated:
 
 @dataclass(frozen=True, slots=True)
 class Instantiator:
-    """Instantiates a campaign from what is in the store."""
+    """Instantiates a campaign from what is in the store.
+
+    Attributes:
+        refuse_empty: Whether constraints that leave nothing are a fault of the file.
+    """
 
     campaign: Campaign
     store: Store
     keys: Keys
     tree: SourceTree
+    refuse_empty: bool = True
 
     def stored(self) -> Instantiated | None:
         """The instantiation, if every evaluation is in the store."""
@@ -104,7 +109,8 @@ class Instantiator:
         families = [_Growing(family, growth_of(family)) for family in self.campaign.families]
         for step in range(max((len(family.producers) for family in self.campaign.families), default=0)):
             self._step([growing for growing in families if step < len(growing.family.producers)], step, evaluator)
-        instantiation = instantiation_of(self.campaign, [growing.growth.grown() for growing in families])
+        grown = [growing.growth.grown() for growing in families]
+        instantiation = instantiation_of(self.campaign, grown, refuse_empty=self.refuse_empty)
         unavailable = [
             ProducerFault(family, "", str(fault))
             for family, missing in self.campaign.unavailable.items()

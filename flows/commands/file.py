@@ -21,6 +21,7 @@ def validate(
     """
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.flows.request.notes import terminal_lines
+    from vastflow.producers.search.criteria import plan_text
     from vastflow.sim.plug_ins.effects import looking_only
 
     with looking_only():
@@ -37,8 +38,11 @@ def validate(
         lost = count_text(len(campaign.unavailable), "family", "families")
         print(f"{lost} left out for want of a file, {len(campaign.families)} to be run", file=sys.stderr)
         raise typer.Exit(BAD_INPUT)
-    producers = sum(len(family.producers) for family in campaign.families)
-    counts = [count_text(len(campaign.families), "family", "families"), count_text(producers, "producer")]
+    if campaign.spec.search is None:
+        producers = sum(len(family.producers) for family in campaign.families)
+        counts = [count_text(len(campaign.families), "family", "families"), count_text(producers, "producer")]
+    else:
+        counts = [plan_text(campaign.spec.search, campaign.runs, at_most=campaign.sequential is not None)]
     counts.append(count_text(len(oracles), "oracle"))
     verdict = "OK, but not to be run by this version" if campaign.unexecutable else "OK"
     print(f"{verdict}: {', '.join(counts)}")

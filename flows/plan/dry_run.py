@@ -20,6 +20,7 @@ from vastflow.flows.results.past import Past, newest_past, past_of
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.robots import robots_json
+from vastflow.producers.search.criteria import plan_text
 from vastflow.tasks.index import Index, Member, Stored, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator, ProducerFault
 from vastflow.tasks.keys import Keys
@@ -119,6 +120,12 @@ def dry_run(
     campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1)
     if campaign.unexecutable:
         raise CampaignError(campaign.unexecutable)
+    if campaign.search is not None:
+        plan = plan_text(campaign.search.spec, campaign.runs, at_most=campaign.sequential is not None)
+        what = f"what a search proposes follows from its runs; it is a {plan}"
+        raise CampaignError(
+            [campaign.fault(("search",), what, "vastflow run, which goes on from what the store has", "key")]
+        )
     name = campaign_name(campaign)
     past = newest_past(results, name) if since is None else past_of(since)
     tree = installed_tree()

@@ -6,6 +6,8 @@ from typing import Any, Final
 
 SEQUENTIAL: Final = "sequential"
 """Key of `metadata.json` with the rule by which the runs of each configuration ended, if they did."""
+SEARCH: Final = "search"
+"""Key of `metadata.json` with what was searched and found, if the campaign was a search."""
 
 
 @dataclass(frozen=True, slots=True)

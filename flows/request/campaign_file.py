@@ -10,11 +10,12 @@ from pydantic import ValidationError
 
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, oracle_requests
-from vastflow.producers.faults import CampaignError, Fault, Note
+from vastflow.producers.faults import CampaignError, Fault, Location, Note
 from vastflow.producers.vast.document import Document, read_document
 from vastflow.producers.vast.spec import EvaluationSpec
 from vastflow.sim.nav.parameters.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.reading.names import did_you_mean
 from vastflow.tasks.evaluation import producers_in
 
 
@@ -38,6 +39,8 @@ def read_campaign(
         raise CampaignError(faults)
     requests = [(request.name, request.parameters) for request in campaign.oracles]
     oracles = oracles_of(requests, campaign.path.parent)
+    if faults := list(_quantity_faults(campaign, oracles)):
+        raise CampaignError(faults)
     return replace(campaign, notes=(*campaign.notes, *_hidden(campaign, oracles))), oracles
 
 
@@ -73,6 +76,19 @@ def _faults(requests: Iterable[OracleRequest], document: Document, base: Path) -
             for fault in error.faults:
                 where = (*request.location, *fault.location)
                 yield document.fault(where, fault.what, fault.right, "value" if fault.location else "key")
+
+
+def _quantity_faults(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iterator[Fault]:
+    """Numbers that a search takes from verdicts of oracles which do not give them."""
+    metrics = {oracle.name: oracle.metrics for oracle in oracles}
+    for name, each in campaign.search.quantities.items() if campaign.search else ():
+        where: Location = ("search", "extract", "params", name)
+        if each.oracle is not None and each.oracle not in metrics:
+            what = f"no oracle {each.oracle!r} judges this campaign"
+            yield campaign.fault((*where, "oracle"), what, did_you_mean(each.oracle, metrics))
+        elif each.oracle is not None and each.metric is not None and each.metric not in metrics[each.oracle]:
+            right = did_you_mean(each.metric, metrics[each.oracle], "it has none")
+            yield campaign.fault((*where, "metric"), f"no metric {each.metric!r} of oracle {each.oracle}", right)
 
 
 def campaign_name(campaign: Campaign) -> str:

@@ -55,4 +55,7 @@ def open_campaign(
     campaign, oracles = read_campaign(Path(path), as_v1=as_v1)
     if campaign.unexecutable:
         raise CampaignError(campaign.unexecutable)
+    if campaign.search is not None:
+        what = "a search proposes its configurations by what their runs come to"
+        raise CampaignError([campaign.fault(("search",), what, "vastflow run, which has all stages", "key")])
     return OpenCampaign(campaign, oracles, open_store(store))

@@ -100,7 +100,10 @@ def _evaluations(
     try:
         asked = asked_of(metadata)
         with replica(directory, asked) as file:
-            Instantiator(read_campaign(file, as_v1=asked.as_v1)[0], store, keys, tree).instantiated(stored)
+            campaign = read_campaign(file, as_v1=asked.as_v1)[0]
+            if campaign.search is not None:
+                return None  # which points it proposed only its verdicts tell
+            Instantiator(campaign, store, keys, tree).instantiated(stored)
     except StoreError:
         raise
     except (NotEvaluated, Lost):

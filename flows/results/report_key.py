@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.flows.request.asked import SEQUENTIAL
+from vastflow.flows.request.asked import SEARCH, SEQUENTIAL
 from vastflow.flows.request.members import Runs
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.instantiate import Instantiation
@@ -57,6 +57,8 @@ def report_key(
     same["selection"] = [metadata.get("asked", {}).get("only"), instantiation.sampled_from]
     if SEQUENTIAL in metadata:
         same[SEQUENTIAL] = metadata[SEQUENTIAL]
+    if SEARCH in metadata:
+        same[SEARCH] = metadata[SEARCH]
     libraries = {name: importlib.metadata.version(name) for name in REPORT_LIBRARIES}
     said = [[oracle.name, inspect.getdoc(type(oracle))] for oracle in oracles]
     for part in (

@@ -7,12 +7,13 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from vastflow.flows.request.asked import SEQUENTIAL
+from vastflow.flows.request.asked import SEARCH, SEQUENTIAL
 from vastflow.flows.terminal.table import terminal_table
 from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.evidence import Evidence
 from vastflow.oracles.evidence.rates import LEVEL, Counts
+from vastflow.oracles.evidence.searched import found_text
 from vastflow.oracles.evidence.standstills import standstills_of
 
 
@@ -32,6 +33,8 @@ def outcome(tables: Tables, evidence: Mapping[str | None, Evidence]) -> Iterator
         yield Text(
             f"{runs:,} runs of at most {most:,}, {most - runs:,} saved: they end when a configuration's class is decided"
         )
+    if searched := tables.metadata.get(SEARCH):
+        yield Text(found_text(searched), "bold")
     if len(tables.oracles) > 1:
         yield Text("  ".join(f"{name} {_share(evidence[name].campaign.counts)}" for name in tables.oracles), "dim")
     if (stood := standstills_of(tables)).runs:

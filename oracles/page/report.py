@@ -34,6 +34,7 @@ from vastflow.oracles.page.pictures import (
     rate_pictures,
     threshold_pictures,
 )
+from vastflow.oracles.page.search_section import search_section
 from vastflow.oracles.page.table import bar, rate_cell, rate_words
 from vastflow.oracles.page.words import capital, chance, criterion_text, number, percent, points, sentence, span
 from vastflow.oracles.page.work_section import with_work
@@ -64,6 +65,7 @@ class Gallery:
         overview: All maps beside each other; None where there is but one.
         causes: By cause, of the run to look at.
         cases: By the index of the configuration.
+        search: Of a search; none where the file listed the configurations.
     """
 
     rates: Sequence[Picture]
@@ -73,10 +75,12 @@ class Gallery:
     places: Sequence[MapPictures]
     causes: Mapping[Cause, Picture]
     cases: Mapping[int, Picture]
+    search: Sequence[Picture] = ()
 
     @property
     def pictures(self) -> Iterable[Picture]:
         """All of them, what a reader should have at hand first."""
+        yield from self.search
         yield from self.causes.values()
         yield from self.cases.values()
         if self.overview is not None:
@@ -110,7 +114,7 @@ def write_report(directory: Path) -> None:
     }
     (directory / "evidence.json").write_text(evidence_json(tables, evidence, spreads, said), encoding="utf-8")
     write_wide(directory, wide_table(tables))
-    scenes = scenes_of(tables)
+    scenes, searched = scenes_of(tables), search_section(tables)
     gallery = Gallery(
         list(rate_pictures({oracle: evidence[oracle] for oracle in rows.shown_oracles(evidence)})),
         factor_pictures(findings.designs),
@@ -121,6 +125,7 @@ def write_report(directory: Path) -> None:
             for s in scenes
         ],
         *_run_pictures(tables, findings, causes),
+        search=searched.pictures if searched else (),
     )
     figures = directory / "figures"
     figures.mkdir(exist_ok=True)
@@ -136,6 +141,7 @@ def write_report(directory: Path) -> None:
         criteria=criteria,
         counted=causes,
         gallery=gallery,
+        searched=searched,
         environments=rows.environment_table(tables, names),
         places=rows.place_table(scenes, names),
         measured=rows.measured_table(spreads),

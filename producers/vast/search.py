@@ -1,4 +1,4 @@
-"""The `search` section of a campaign file: read and checked, not executed by this version."""
+"""The `search` section of a campaign file: its keys and what is wrong with one of them alone."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, Self, TypeAlias
@@ -7,9 +7,13 @@ from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers.faults import shown
-from vastflow.producers.quantities import Count, NotNegative, Number, Positive, Seed
+from vastflow.producers.quantities import Amount, Count, NotNegative, Number, Positive, Seed
 from vastflow.producers.vast.section import NamedSteps, Section, SingleKeys
 from vastflow.sim.reading.names import did_you_mean
+
+FAILURE_RATE: Final = "failure_rate"
+"""The plug-in of `extract`, and the number that it gives."""
+METRICS: Final = "metrics"
 
 _KEYS: Final[Mapping[str, frozenset[str]]] = {
     "float": frozenset({"low", "high", "log"}),
@@ -75,20 +79,45 @@ class SearchDimension(Section):
         return int(self.low) if self.type == "int" else self.low
 
 
+class Quantity(Section):
+    """A number of a point: what one oracle or all say of its runs, taken together."""
+
+    oracle: Annotated[str, Field(min_length=1)] | None = None
+    """Name of an oracle of `evaluation.oracles`, or `success`; all together where none is given."""
+    metric: Annotated[str, Field(min_length=1)] | None = None
+    """Name of a metric of the oracle, in its unit; the failure rate (0 to 1) of judged runs where none is given."""
+    aggregate: Literal["mean", "median", "min", "max", "quantile"] = "mean"
+    """How the metric of single runs becomes one number; a rate is always a mean."""
+    q: Annotated[Number, Field(ge=0, le=1)] | None = None
+    """Which quantile, from 0 to 1; with `aggregate: quantile`."""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.metric is not None and self.oracle is None:
+            raise _wrong("metric without oracle; the oracle that measures it")
+        if self.metric is None and self.model_fields_set & {"aggregate", "q"}:
+            raise _wrong("aggregate without metric; a failure rate has none")
+        if (self.aggregate == "quantile") != (self.q is not None):
+            raise _wrong(
+                "aggregate {how} {but} q; quantile with q", how=self.aggregate, but="and" if self.q else "without"
+            )
+        return self
+
+
 class Extract(Section):
-    """The plug-in that turns a point's runs into objectives: `failure_rate` or `file.py:Class`."""
+    """What turns a point's runs into numbers: `failure_rate`, `metrics` or `file.py:Class`."""
 
     plugin: Annotated[str, Field(min_length=1)]
-    """`failure_rate`, or `file.py:Class` relative to the campaign file."""
+    """`failure_rate`, `metrics`, or `file.py:Class` relative to the campaign file."""
     params: dict[str, Any] = Field(default_factory=dict)
-    """Parameters of the plug-in."""
+    """Of `failure_rate` nothing or `{oracle}`; of `metrics` name to `{oracle, metric, aggregate, q}`."""
 
 
 class Objective(Section):
     """A number that the search drives."""
 
     name: Annotated[str, Field(min_length=1)]
-    """Name of the number, as the plug-in of `extract` gives it."""
+    """Name of the number, as `extract` gives it."""
     direction: Literal["maximize", "minimize"] = "maximize"
     """Whether the search looks for its greatest or its least value."""
 
@@ -165,18 +194,23 @@ Stoppings: TypeAlias = Annotated[
 
 
 class SearchSpec(Section):
-    """Families that an optimiser proposes, in place of `configuration`."""
+    """Points that a strategy proposes, in place of `configuration`."""
 
     strategy: Annotated[str, Field(min_length=1)]
-    """`random`, `optuna`, `qd` or `file.py:Class`."""
+    """`random`, `sobol`, `optuna`, `qd`, `boundary`, another of the entry points `vastflow.strategies`, or `file.py:Class`."""
     search_space: Annotated[dict[str, SearchDimension], Field(min_length=1)]
     """Name to domain. One that no `$name` stands for is a parameter of the scenario."""
     extract: Extract | None = None
-    """The plug-in that turns a point's runs into objectives."""
+    """What turns a point's runs into numbers; their failure rate where nothing is said."""
     objectives: list[Objective] = Field(default_factory=list)
-    """The number that the search drives; at most one."""
+    """The number that the search drives; at most one, and the greatest failure rate where there is none."""
     per_batch: Count = 1
     """Points proposed at a time."""
+    max_proposals: Count = 1000
+    """Points after which the search ends in any case, those that can't be built included. Not part of version 1 elsewhere."""
+    confirm: Amount = 60
+    """Runs of the best point, after the search and with run indices that it never used, of which its rate is reported. Not part of
+    version 1 elsewhere."""
     budget: Budgets = Field(default_factory=list)
     """How much the search may spend; this or `stopping` must be given, and what is reached first ends it."""
     stopping: Stoppings = Field(default_factory=list)
@@ -199,6 +233,16 @@ class SearchSpec(Section):
         if len(self.objectives) > 1:
             raise _wrong("found {n} objectives; one", n=len(self.objectives), at="objectives")
         return self
+
+    @property
+    def objective(self) -> Objective:
+        """The number that the search drives."""
+        return self.objectives[0] if self.objectives else Objective(name=FAILURE_RATE)
+
+    @property
+    def direction(self) -> Literal["maximize", "minimize"]:
+        """Whether its greatest or its least value is looked for."""
+        return self.objective.direction
 
 
 def _check_not_empty(criterion: Section) -> None:

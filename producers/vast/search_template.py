@@ -1,7 +1,7 @@
 """The template of a search: the parameters and producers of its one family, with `$name` for what is searched."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -31,18 +31,22 @@ def marker_faults(document: Document, spec: SearchSpec) -> Iterator[Fault]:
                 yield document.fault(where, what, did_you_mean(name, spec.search_space))
 
 
-def with_first_point(document: Document, spec: SearchSpec) -> Document:
-    """The file with the template as a family would have it, each dimension at a value of its domain.
+def with_point(
+    document: Document, spec: SearchSpec, point: Mapping[str, Any], left_out: Container[int] = ()
+) -> Document:
+    """The file with the template as a family would have it, each dimension at its value of a point.
 
-    Places stay. A dimension that no marker names is a parameter of the scenario. Producers from a file are left out.
+    Places stay. A dimension that no marker names is a parameter of the scenario.
+
+    Args:
+        left_out: Places of producers that can't be had here, of which the template then has none.
     """
-    point = {name: dimension.first for name, dimension in spec.search_space.items()}
     search = document.data["search"]
     template = {part: search.get(part) or [] for part in ("parameters", "variations")}
     named = {name for _, name in _markers(template, SEARCH)}
     filled = {part: [_filled(entry, point) for entry in entries] for part, entries in template.items()}
     filled["parameters"] += [{name: value} for name, value in point.items() if name not in named]
-    filled["variations"] = [{} if _of_file(entry) else entry for entry in filled["variations"]]
+    filled["variations"] = [{} if k in left_out else entry for k, entry in enumerate(filled["variations"])]
     values = dict(document.values)
     for k, entry in enumerate(filled["parameters"][len(template["parameters"]) :], len(template["parameters"])):
         (name,) = entry
@@ -50,10 +54,6 @@ def with_first_point(document: Document, spec: SearchSpec) -> Document:
         values[(*SEARCH, "parameters", k)] = values[(*SEARCH, "parameters", k, name)]
     values.setdefault((*SEARCH, "parameters"), document.place(SEARCH))
     return replace(document, data={**document.data, "search": filled}, values=values)
-
-
-def _of_file(entry: object) -> bool:
-    return isinstance(entry, Mapping) and any(".py:" in str(name) for name in entry)
 
 
 def _markers(value: Any, where: Location) -> Iterator[tuple[Location, str]]:

@@ -263,7 +263,7 @@ class CampaignSpec(Section):
     """Free-form, for every producer."""
     configuration: Annotated[list[FamilySpec], EmptyIsList] = Field(default_factory=list)
     """The scenario families."""
-    search: Annotated[SearchSpec | None, Unexecuted()] = None
+    search: SearchSpec | None = None
     """Families that an optimiser proposes, in place of `configuration`."""
     constraints: Constraints = None
     """What the configurations of every family must fulfil. Not part of version 1 elsewhere."""

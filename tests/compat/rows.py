@@ -178,6 +178,8 @@ def _campaign(name: str, file: Path, trial: Trial) -> Row:
         campaign, oracles = read_campaign(file, as_v1=True)
         if campaign.unexecutable:
             return Row(name, "campaign", "valid", campaign.unexecutable[0].what)
+        if campaign.search is not None:
+            return Row(name, "campaign", "valid", "a search: what it runs follows from its runs")
         made = instantiate(campaign)
     except CampaignError as error:
         return Row(name, "campaign", "refused", _first([_short(fault, file) for fault in error.faults]))

@@ -161,11 +161,12 @@ def test_a_campaign_this_version_cannot_run_is_a_valid_file_and_run_refuses_it(t
     file.write_text(
         "version: 1\nexecution: {scenario_file: wait.osc}\n"
         "search:\n  strategy: random\n  search_space: {a: {type: int, low: 1, high: 2}}\n  budget: {batches: 1}\n"
+        "  postprocessing: [render]\n"
     )
     result = called("validate", file)
     assert result.exit_code == 0
     reason, ok = result.stdout.splitlines()
-    assert "search is not executed by this version" in reason and ok.startswith("OK, but not to be run")
+    assert "'render' is not executed by this version" in reason and ok.startswith("OK, but not to be run")
     result = called("run", file, "--results", tmp_path / "results")
     assert result.exit_code == 2 and "search" in result.stderr
     assert not (tmp_path / "results").exists()

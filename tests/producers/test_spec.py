@@ -207,7 +207,7 @@ def test_everything_without_an_effect_is_found_and_nothing_else() -> None:
     assert found == {
         *(f"execution.{key}" for key in execution),
         *(f"results_processing.{key}" for key in ("metadata_processing", "publication")),
-        *("general", "search", "evaluation.visualization"),
+        *("general", "evaluation.visualization"),
     }
 
 

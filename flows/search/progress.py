@@ -1,0 +1,229 @@
+"""The progress of a search: what was proposed and found, batch by batch, until its budget is spent; then its best is confirmed.
+
+Nothing of it is kept but results: a search that is taken up again asks its strategy from the beginning, and finds in the store what the
+runs of each batch came to.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+from vastflow.flows.search.clock import BatchClock
+from vastflow.flows.search.repetition import PointRuns
+from vastflow.oracles.quantity import RunQuantity
+from vastflow.oracles.verdict import Verdict, read_verdicts
+from vastflow.producers.campaign import Campaign
+from vastflow.producers.family import Family
+from vastflow.producers.instantiate import Instantiation
+from vastflow.producers.search.criteria import best_of, criteria
+from vastflow.producers.search.evaluation import Evaluation, Proposal
+from vastflow.producers.search.search import Search
+from vastflow.producers.search.strategy import Strategy
+from vastflow.tasks.index import FoundMember, Index
+from vastflow.tasks.instantiation import Instantiated
+from vastflow.tasks.progress import Tally
+from vastflow.tasks.work import VERDICTS
+
+BROKEN: Final = "a point broke twice"
+
+
+@dataclass(frozen=True, slots=True)
+class Confirmation:
+    """What runs say of the best point that the search never used.
+
+    Attributes:
+        samples: The objective of each run that has one.
+        runs: How many there were.
+    """
+
+    proposal: Proposal
+    found: float
+    samples: Sequence[float]
+    runs: int
+
+
+@dataclass
+class SearchProgress:
+    """A search under way.
+
+    Attributes:
+        runs: How many are wanted of a point.
+        proposals: Those of the batch under way; in the end all.
+        batches: What was found, batch by batch.
+        ended_by: Why no more is asked; empty as long as it goes on.
+        confirmation: None before, and where nothing could be confirmed.
+    """
+
+    search: Search
+    runs: PointRuns
+    clock: BatchClock
+    tally: Tally
+    proposals: Sequence[Proposal] = ()
+    batches: list[list[Evaluation]] = field(default_factory=list)
+    ended_by: str = ""
+    confirmation: Confirmation | None = None
+    _strategy: Strategy[Any] | None = None
+    _again: bool = False
+    _wanted: dict[str, int] = field(default_factory=dict)
+    _families: dict[str, Family] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._strategy = self.search.strategy()
+        self._quantities = {
+            name: RunQuantity(each.oracle, each.metric, each.aggregate, each.q)
+            for name, each in self.search.quantities.items()
+        }
+        self._ask()
+
+    @property
+    def strategy(self) -> Strategy[Any]:
+        """The strategy, which knows all batches that there are."""
+        assert self._strategy is not None
+        return self._strategy
+
+    @property
+    def evaluations(self) -> list[Evaluation]:
+        """What was found so far, in the order of the proposals."""
+        return [each for batch in self.batches for each in batch]
+
+    @property
+    def best(self) -> Evaluation | None:
+        """The best evaluation."""
+        return best_of(self.evaluations, self.search.spec.direction)
+
+    def campaign(self, campaign: Campaign) -> Campaign:
+        """The campaign with the points under way for its families."""
+        return replace(campaign, families=tuple(map(self._family, self.proposals)))
+
+    def named(self, instantiated: Instantiated) -> Instantiated:
+        """What became of the points under way, each called as its proposal.
+
+        Raises:
+            CampaignError: the template makes several configurations of a point.
+        """
+        made: Instantiation = self.search.instantiation(self.proposals, instantiated.instantiation)
+        return replace(instantiated, instantiation=made)
+
+    def expected(self, members: Mapping[str, int]) -> Mapping[str, int]:
+        """Runs of these members and of all points before."""
+        self._wanted |= members
+        return self._wanted
+
+    def take(
+        self, instantiated: Instantiated, found: Mapping[str, FoundMember], index: Index, broken: Collection[str]
+    ) -> bool:
+        """Take what the points under way came to, and ask for the next; whether there is something to do.
+
+        A batch in which something broke is done once more; where that breaks too, no more is asked.
+
+        Args:
+            broken: Names of members that met a fault.
+
+        Raises:
+            Lost: verdicts are damaged.
+        """
+        if (instantiated.faults or not set(broken).isdisjoint(found)) and not self._again:
+            self._again = True
+            return True
+        if self.ended_by:
+            self._confirm(found, index, broken)
+            return False
+        if instantiated.faults or not set(broken).isdisjoint(found):
+            return self._end(BROKEN)
+        evaluations = self._evaluations(instantiated.instantiation, found, index)
+        self._again = False
+        self.batches.append(evaluations)
+        self.strategy.tell(evaluations)
+        elapsed_s = self.clock.elapsed_s(len(self.batches), self.search.spec)
+        standing = list(criteria(self.search.spec, self.batches, self.strategy.metrics, elapsed_s))
+        self._say([each.text for each in standing[:-1]])
+        if met := [each.text for each in standing if each.met]:
+            return self._end(met[0])
+        return self._ask()
+
+    def _ask(self) -> bool:
+        batch, first = len(self.batches), sum(map(len, self.batches)) + 1
+        count = min(self.search.spec.per_batch, self.search.spec.max_proposals - first + 1)
+        points = self.strategy.ask(batch, count)
+        self.proposals = [Proposal(first + k, batch, point) for k, point in enumerate(points)]
+        return bool(points) or self._end("the strategy proposes nothing more")
+
+    def _end(self, why: str) -> bool:
+        """Ask for all points together, the best with the runs that confirm it; whether there is any."""
+        self.ended_by, self._again = why, False
+        self.clock.keep(len(self.batches))
+        if why != BROKEN:
+            self.proposals = [each.proposal for each in self.evaluations]
+            if (best := self.best) is not None:
+                self.runs.confirmed = best.proposal.name
+        else:
+            self.proposals = [*(each.proposal for each in self.evaluations), *self.proposals]
+        return bool(self.proposals)
+
+    def _family(self, proposal: Proposal) -> Family:
+        if proposal.name not in self._families:
+            self._families[proposal.name] = self.search.family(proposal)
+        return self._families[proposal.name]
+
+    def _evaluations(
+        self, instantiation: Instantiation, found: Mapping[str, FoundMember], index: Index
+    ) -> list[Evaluation]:
+        made = {each.name: each.duplicate_of or each.name for each in instantiation.configurations}
+        why = {each.parent: each.reason for each in instantiation.rejections}
+        why |= {each.name: f"the constraint {each.constraint} excludes it" for each in instantiation.excluded}
+        return [
+            self._evaluated(proposal, found[made[proposal.name]], index)
+            if proposal.name in made
+            else Evaluation(proposal, "rejected", reason=why.get(proposal.name, "nothing could be made of it"))
+            for proposal in self.proposals
+        ]
+
+    def _evaluated(self, proposal: Proposal, found: FoundMember, index: Index) -> Evaluation:
+        verdicts, used = verdicts_of(found, index), range(found.member.runs)
+        numbers: dict[str, float] = {}
+        for name in {self.search.spec.objective.name, *self.search.measures}:
+            if (quantity := self._quantities.get(name)) is not None:
+                value = quantity.value(quantity.samples(verdicts, used))
+            else:
+                value = float(proposal.point[name])  # type: ignore[arg-type]
+            if value is not None:
+                numbers[name] = value
+        objective = numbers.get(self.search.spec.objective.name)
+        simulated = {
+            int(run): float(s) for each in found.stored for run, s in each.recordings.info["runs"] if int(run) in used
+        }
+        return Evaluation(
+            proposal,
+            "not judged" if objective is None else "judged",
+            objective,
+            {name: numbers[name] for name in self.search.measures if name in numbers},
+            len(used),
+            sum(simulated.values()),
+            "" if objective is not None else "its runs do not give the objective",
+        )
+
+    def _confirm(self, found: Mapping[str, FoundMember], index: Index, broken: Collection[str]) -> None:
+        best = self.best
+        if best is None or best.objective is None or best.proposal.name in broken or not self.runs.confirm:
+            return
+        name = best.proposal.name
+        if (member := found.get(name)) is None:
+            return
+        fresh = range(best.runs, member.member.runs)
+        samples = self._quantities[self.search.spec.objective.name].samples(verdicts_of(member, index), fresh)
+        self.confirmation = Confirmation(best.proposal, best.objective, samples, len(fresh))
+
+    def _say(self, standing: Sequence[str]) -> None:
+        best, name = self.best, self.search.spec.objective.name
+        found = "nothing judged" if best is None else f"best {name} {best.objective:.3g} at {best.proposal.name}"
+        self.tally.notice(f"batch {len(self.batches)}: {found}; {', '.join(standing)}")
+
+
+def verdicts_of(found: FoundMember, index: Index) -> list[Verdict]:
+    """All verdicts on a member's runs.
+
+    Raises:
+        Lost: they are damaged.
+    """
+    contents = (index.store.load(each.verdicts, VERDICTS) for each in found.stored if each.verdicts)
+    return [verdict for content in contents for verdict in read_verdicts(content)]

@@ -1,0 +1,117 @@
+"""What a campaign directory has of a search: `evaluations.parquet`, `archive.parquet`, and its place in `metadata.json`."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+
+from vastflow.flows.results.tables import plain, write_table
+from vastflow.flows.search.progress import SearchProgress
+from vastflow.producers.search.boundary import BAND, Boundary
+from vastflow.producers.search.evaluation import Evaluation
+
+EVALUATIONS: Final = pa.schema(
+    [
+        pa.field("configuration", pa.string(), nullable=False),
+        pa.field("batch", pa.int64(), nullable=False),
+        pa.field("point", pa.string(), nullable=False),
+        pa.field("standing", pa.string(), nullable=False),
+        pa.field("objective", pa.float64()),
+        pa.field("measures", pa.string(), nullable=False),
+        pa.field("runs", pa.int64(), nullable=False),
+        pa.field("simulated_s", pa.float64(), nullable=False),
+        pa.field("reason", pa.string(), nullable=False),
+    ]
+)
+"""A row for each proposal, in order; `point` and `measures` are JSON."""
+ARCHIVE: Final = pa.schema(
+    [
+        pa.field("cell", pa.string(), nullable=False),
+        pa.field("configuration", pa.string(), nullable=False),
+        pa.field("objective", pa.float64(), nullable=False),
+        pa.field("measures", pa.string(), nullable=False),
+    ]
+)
+"""A row for each cell that is filled, by its place; `cell`, its place along each measure, and `measures` are JSON."""
+BOUNDARY: Final = pa.schema(
+    [
+        pa.field("point", pa.string(), nullable=False),
+        pa.field("low", pa.float64(), nullable=False),
+        pa.field("expected", pa.float64(), nullable=False),
+        pa.field("high", pa.float64(), nullable=False),
+    ]
+)
+"""A row for each place of a lattice over the space: what is expected of the objective, with its band of 95 %."""
+
+
+def write_search(place: Path, search: SearchProgress) -> None:
+    """Write the tables of a search into a campaign directory: the same bytes for the same verdicts."""
+    write_table(place / "evaluations.parquet", EVALUATIONS, map(_evaluation_row, search.evaluations))
+    strategy = search.strategy
+    if search.search.measures:
+        write_table(place / "archive.parquet", ARCHIVE, _cells(search))
+    if isinstance(strategy, Boundary) and search.best is not None:
+        write_table(place / "boundary.parquet", BOUNDARY, _surface(strategy))
+
+
+def search_record(search: SearchProgress) -> dict[str, Any]:
+    """What `metadata.json` says of a search."""
+    spec, told, best, confirmed = search.search.spec, search.evaluations, search.best, search.confirmation
+    return {
+        "strategy": spec.strategy,
+        "parameters": plain(dict(spec.strategy_parameters)),
+        "seed": spec.seed or 0,
+        "space": {name: each.model_dump(exclude_unset=True) for name, each in spec.search_space.items()},
+        "objective": spec.objective.name,
+        "direction": spec.direction,
+        "is_rate": search.search.quantities[spec.objective.name].metric is None,
+        "batches": len(search.batches),
+        "proposals": len(told),
+        "rejected": sum(each.standing == "rejected" for each in told),
+        "runs": sum(each.runs for each in told),
+        "ended_by": search.ended_by,
+        "metrics": dict(search.strategy.metrics),
+        "best": None if best is None else _best(best),
+        "confirmation": None
+        if confirmed is None
+        else {"runs": confirmed.runs, "samples": list(confirmed.samples), "found": confirmed.found},
+    }
+
+
+def _best(best: Evaluation) -> dict[str, Any]:
+    return {
+        "configuration": best.proposal.name,
+        "point": plain(dict(best.proposal.point)),
+        "objective": best.objective,
+        "runs": best.runs,
+    }
+
+
+def _evaluation_row(each: Evaluation) -> dict[str, Any]:
+    return {
+        "configuration": each.proposal.name,
+        "batch": each.proposal.batch,
+        "point": json.dumps(plain(dict(each.proposal.point))),
+        "standing": each.standing,
+        "objective": each.objective,
+        "measures": json.dumps(dict(each.measures)),
+        "runs": each.runs,
+        "simulated_s": each.simulated_s,
+        "reason": each.reason,
+    }
+
+
+def _cells(search: SearchProgress) -> Iterator[dict[str, Any]]:
+    for cell in search.strategy.archive:
+        row = _evaluation_row(cell.evaluation)
+        yield {"cell": json.dumps(cell.index), **{key: row[key] for key in ("configuration", "objective", "measures")}}
+
+
+def _surface(strategy: Boundary) -> Iterator[dict[str, Any]]:
+    lattice, level = strategy.lattice(), strategy.parameters.level
+    for unit, mean, deviation in zip(lattice, *strategy.surface(lattice), strict=True):
+        expected, half = level + float(mean), BAND * float(deviation)
+        point = json.dumps(plain(dict(strategy.problem.space.decoded(unit))))
+        yield {"point": point, "low": expected - half, "expected": expected, "high": expected + half}

@@ -1,0 +1,107 @@
+"""Figures of a search: how its best grew, the archive as a heat map, where the objective crosses its level."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from vastflow.oracles.figures.palette import COLORS, INK, LINE, SOFT_INK
+
+_DPI: Final = 120
+_SIZE_IN: Final = (6.0, 3.2)
+
+
+def progress_figure(rows: Sequence[Mapping[str, Any]], objective: str, direction: str) -> Figure:
+    """Objective of each judged point over the runs spent by then, and the best so far.
+
+    Args:
+        rows: Of `evaluations.parquet`.
+    """
+    figure, axes = _axes()
+    runs = np.cumsum([row["runs"] for row in rows])
+    judged = np.array([row["objective"] is not None for row in rows])
+    values = np.array([row["objective"] for row in rows if row["objective"] is not None])
+    best = (np.maximum if direction == "maximize" else np.minimum).accumulate(values)
+    axes.plot(runs[judged], values, "o", color=SOFT_INK, markersize=3, alpha=0.6)
+    axes.step(runs[judged], best, where="post", color=COLORS["fail"], linewidth=1.8)
+    axes.set_xlabel("runs", fontsize=8, color=SOFT_INK)
+    axes.set_ylabel(objective, fontsize=8, color=SOFT_INK)
+    return figure
+
+
+def archive_figure(
+    cells: Mapping[tuple[int, int], float],
+    names: Sequence[str],
+    ranges: Sequence[tuple[float, float, int]],
+    objective: str,
+) -> Figure:
+    """The objective of the best point in each cell of a grid of two measures.
+
+    Args:
+        cells: Place along both measures to objective.
+        ranges: Of each measure: low, high, bins.
+    """
+    figure, axes = _axes()
+    (x_low, x_high, x_bins), (y_low, y_high, y_bins) = ranges
+    grid = np.full((y_bins, x_bins), np.nan)
+    for (x, y), value in cells.items():
+        grid[y, x] = value
+    drawn = axes.imshow(
+        grid,
+        origin="lower",
+        extent=(x_low, x_high, y_low, y_high),
+        aspect="auto",
+        cmap="YlOrRd",
+        interpolation="nearest",
+    )
+    bar = figure.colorbar(drawn, ax=axes, fraction=0.05)
+    bar.set_label(objective, fontsize=8, color=SOFT_INK)
+    bar.ax.tick_params(length=0, labelsize=8)
+    axes.set_xlabel(names[0], fontsize=8, color=SOFT_INK)
+    axes.set_ylabel(names[1], fontsize=8, color=SOFT_INK)
+    axes.grid(visible=False)
+    return figure
+
+
+def boundary_figure(rows: Sequence[Mapping[str, Any]], names: Sequence[str], level: float, objective: str) -> Figure:
+    """Of one dimension the expected objective with its band; of two where it crosses the level, and where that is uncertain.
+
+    Args:
+        rows: Of `boundary.parquet`, each with its decoded `point`.
+    """
+    figure, axes = _axes()
+    x = np.array([row["point"][names[0]] for row in rows])
+    low, expected, high = (np.array([row[key] for row in rows]) for key in ("low", "expected", "high"))
+    axes.set_xlabel(names[0], fontsize=8, color=SOFT_INK)
+    if len(names) == 1:
+        axes.fill_between(x, low, high, color=COLORS["fail"], alpha=0.2, linewidth=0)
+        axes.plot(x, expected, color=COLORS["fail"], linewidth=1.8)
+        axes.axhline(level, color=INK, linewidth=1)
+        axes.set_ylabel(objective, fontsize=8, color=SOFT_INK)
+        return figure
+    y = np.array([row["point"][names[1]] for row in rows])
+    side = round(len(rows) ** 0.5)
+    shape = side, side
+    axes.contourf(
+        *(each.reshape(shape) for each in (x, y, ((low < level) & (high > level)).astype(float))),
+        levels=[0.5, 1.5],
+        colors=[COLORS["fail"]],
+        alpha=0.2,
+    )
+    axes.contour(
+        *(each.reshape(shape) for each in (x, y, expected)), levels=[level], colors=[COLORS["fail"]], linewidths=1.8
+    )
+    axes.set_ylabel(names[1], fontsize=8, color=SOFT_INK)
+    return figure
+
+
+def _axes() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout="constrained")
+    axes = figure.add_subplot()
+    axes.grid(color=LINE, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.tick_params(length=0, colors=INK, labelsize=8)
+    axes.spines[:].set_visible(False)
+    return figure, axes

@@ -1,0 +1,101 @@
+"""The report's section on a search: what was searched, how the best grew, what was found and how sure it is."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+from matplotlib.figure import Figure
+
+from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.evidence.searched import found_text
+from vastflow.oracles.figures.picture import png, svg
+from vastflow.oracles.figures.search_figure import archive_figure, boundary_figure, progress_figure
+from vastflow.oracles.page.pictures import Picture
+
+
+@dataclass(frozen=True, eq=False)
+class SearchSection:
+    """What the page says of a search.
+
+    Attributes:
+        searched: What was searched, and why it ended.
+        found: The best point and what confirms it.
+        point: Its values, by name.
+    """
+
+    searched: str
+    found: str
+    configuration: str
+    point: Mapping[str, Any]
+    pictures: Sequence[Picture]
+
+
+def search_section(tables: Tables) -> SearchSection | None:
+    """The section; None where the campaign was no search."""
+    said = tables.metadata.get("search")
+    if not said:
+        return None
+    best = said["best"] or {"configuration": "", "point": {}}
+    return SearchSection(
+        _searched(said), found_text(said), best["configuration"], best["point"], list(_pictures(tables.directory, said))
+    )
+
+
+def _searched(said: Mapping[str, Any]) -> str:
+    space = ", ".join(f"{name} ({_domain(each)})" for name, each in said["space"].items())
+    aim = f"to {said['direction']} {said['objective'].replace('_', ' ')}"
+    spent = f"{said['proposals']} points in {said['batches']} batches, {said['runs']} runs"
+    rejected = f", {said['rejected']} points that could not be built" if said["rejected"] else ""
+    return f"{said['strategy']} over {space}, {aim}: {spent}{rejected}. It ended at {said['ended_by']}."
+
+
+def _domain(dimension: Mapping[str, Any]) -> str:
+    if "values" in dimension:
+        return " | ".join(map(str, dimension["values"]))
+    return f"{dimension['low']:g} to {dimension['high']:g}" if "low" in dimension else "true | false"
+
+
+def _picture(name: str, title: str, alt: str, caption: str, figure: Figure) -> Picture:
+    return Picture(name, title, alt, caption, png(figure), svg(figure), drawn=True)
+
+
+def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
+    rows = pq.read_table(directory / "evaluations.parquet").to_pylist()
+    name = said["objective"].replace("_", " ")
+    if said["best"] is not None:
+        yield _picture(
+            "search-progress",
+            "Best against budget",
+            f"{name} of each point over the runs spent",
+            "Dot: a point. Line: the best so far, by the runs that the search used; fresh runs correct it.",
+            progress_figure(rows, name, said["direction"]),
+        )
+    archive = said["parameters"].get("archive", {})
+    measures = archive.get("measures", {})
+    if archive.get("type", "grid") == "grid" and len(measures) == 2:
+        cells = pq.read_table(directory / "archive.parquet").to_pylist()
+        ranges = [
+            (each["low"], each["high"], each.get("bins") or archive.get("bins") or 10) for each in measures.values()
+        ]
+        places = {tuple(json.loads(row["cell"])): row["objective"] for row in cells}
+        yield _picture(
+            "search-archive",
+            "Archive",
+            f"{name} of the best point in each cell",
+            "Each cell: the best point whose measures lie in it. White: none was found.",
+            archive_figure(places, list(measures), ranges, name),
+        )
+    if (directory / "boundary.parquet").is_file() and len(said["space"]) <= 2:
+        level = said["parameters"].get("level", 0.5)
+        surface = pq.read_table(directory / "boundary.parquet").to_pylist()
+        decoded = [{**row, "point": json.loads(row["point"])} for row in surface]
+        yield _picture(
+            "search-boundary",
+            "Boundary",
+            f"Where {name} crosses {level:g}",
+            f"Line: where {name} is expected to cross {level:g}. Band: 95 %.",
+            boundary_figure(decoded, list(said["space"]), level, name),
+        )

@@ -1,0 +1,1 @@
+"""Search: which points of a space are looked at next, by what was found at those before."""

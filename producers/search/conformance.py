@@ -1,0 +1,83 @@
+"""What every strategy must do, as checks that a strategy's author can call in a test."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from vastflow.producers.search.evaluation import Evaluation, Proposal
+from vastflow.producers.search.space import Point
+from vastflow.producers.search.strategy import Parameters, Problem, Strategy
+from vastflow.sim.plug_ins.conformance import must, watched_generators
+
+BATCHES: Final = 4
+
+Kind = type[Strategy[Any]]
+
+
+def check_strategy(kind: Kind, parameters: Parameters, problem: Problem) -> None:
+    """Let a strategy search and check that it keeps its contract: all of `CHECKS`, in their order.
+
+    Raises:
+        AssertionError: what it did and what it should do.
+    """
+    for check in CHECKS:
+        check(kind, parameters, problem)
+
+
+def check_points(kind: Kind, parameters: Parameters, problem: Problem) -> None:
+    """It proposes points of the space, and no more than it is asked for."""
+    for points in _asked(kind, parameters, problem):
+        must(len(points) <= problem.per_batch, f"{kind.__name__} must propose at most {problem.per_batch} points")
+        outside = [point for point in points if not problem.space.contains(point)]
+        must(not outside, f"{kind.__name__} must propose points of the space, not {outside[:1]}")
+
+
+def check_determinism(kind: Kind, parameters: Parameters, problem: Problem) -> None:
+    """It proposes the same again when it is told the same, and global generators stay as they are."""
+    with watched_generators() as used:
+        same = _asked(kind, parameters, problem) == _asked(kind, parameters, problem)
+        must(same, f"{kind.__name__} must propose the same by the same evaluations; draw from `problem.draws` alone")
+        must(not used(), f"{kind.__name__} must not use a global generator; draw from `problem.draws` alone")
+
+
+def check_infeasible(kind: Kind, parameters: Parameters, problem: Problem) -> None:
+    """It goes on where nothing can be built."""
+    must(
+        all(_asked(kind, parameters, problem, feasible=False)), f"{kind.__name__} must go on where points are rejected"
+    )
+
+
+def check_numbers(kind: Kind, parameters: Parameters, problem: Problem) -> None:
+    """It reports the metrics that it declares, from the beginning."""
+    found, declared = set(kind(parameters, problem).metrics), set(kind.reports)
+    must(found == declared, f"{kind.__name__} must report {sorted(declared)}, not {sorted(found)}")
+
+
+CHECKS: Final[tuple[Callable[[Kind, Parameters, Problem], None], ...]] = (
+    check_points,
+    check_determinism,
+    check_infeasible,
+    check_numbers,
+)
+"""All checks, for a test that is parametrized with them and reports each on its own."""
+
+
+def _asked(kind: Kind, parameters: Parameters, problem: Problem, *, feasible: bool = True) -> list[Sequence[Point]]:
+    """The points of some batches of a search; every fifth is rejected, of the others the objective is the sum of their coordinates."""
+    strategy, number = kind(parameters, problem), 0
+    batches: list[Sequence[Point]] = []
+    for batch in range(BATCHES):
+        points = list(strategy.ask(batch, problem.per_batch))
+        evaluations = []
+        for point in points:
+            number += 1
+            proposal, known = Proposal(number, batch, point), feasible and number % 5 != 0
+            value = float(problem.space.encoded(point).sum()) if problem.space.contains(point) else 0.0
+            measures = dict.fromkeys(kind.measures(parameters), value)
+            evaluations.append(
+                Evaluation(proposal, "judged", value, measures, 5)
+                if known
+                else Evaluation(proposal, "rejected", reason="nothing can be built there")
+            )
+        strategy.tell(evaluations)
+        batches.append(points)
+    return batches

@@ -1,0 +1,166 @@
+"""The strategy `qd`: quality-diversity (MAP-Elites) by pyribs, which fills an archive of unlike points, each the best of its kind."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from vastflow.producers.quantities import Count, Number, Positive
+from vastflow.producers.search.evaluation import Evaluation
+from vastflow.producers.search.space import Point
+from vastflow.producers.search.strategy import Cell, Parameters, Strategy, missing_library
+
+if TYPE_CHECKING:
+    from ribs.archives import ArchiveBase
+
+_SEEDS: Final = 2**31
+_CELLS: Final = 256
+_BINS: Final = 10
+_CVT_SAMPLES: Final = 10_000
+"""Points in the space of measures of which the cells of a CVT archive are the clusters; (Vassiliades et al., 2018)."""
+
+
+class Measure(Parameters):
+    """The range of a measure: what is outside of it is in its outermost cell."""
+
+    low: Number
+    """Lower end, in the measure's unit."""
+    high: Number
+    """Upper end, in the measure's unit."""
+    bins: Count | None = None
+    """Cells along it, of a grid."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.low >= self.high:
+            said = f"low {self.low:g} is not below high {self.high:g}; low < high"
+            raise PydanticCustomError("range", "{said}", {"said": said})
+        return self
+
+
+class Archive(Parameters):
+    """How the space of measures is cut into cells."""
+
+    type: Literal["grid", "cvt"] = "grid"
+    """Equal bins along each measure, or cells round evenly spread centers, for many measures."""
+    cells: Count | None = None
+    """Of a CVT archive; 256 where nothing is said."""
+    bins: Count | None = None
+    """Along each measure that says none of its own; 10 where nothing is said."""
+    measures: Annotated[Mapping[str, Measure], Field(min_length=1)]
+    """Name to range: a dimension of the search, or a number that `extract` gives."""
+
+
+class QdParameters(Parameters):
+    """Parameters of `qd`."""
+
+    archive: Archive
+    """What kinds of points there are."""
+    sigma: Positive = 0.1
+    """Standard deviation of the step from a point of the archive to a new one, as a fraction of each range."""
+    emitters: Count = 1
+    """That take steps from the archive, each with its share of a batch."""
+
+
+class QualityDiversity(Strategy[QdParameters]):
+    """Steps from points of the archive, drawn evenly; the first batch is drawn at random."""
+
+    Parameters: ClassVar[type[Parameters]] = QdParameters
+    library: ClassVar[str] = "ribs"
+    reports: ClassVar[tuple[str, ...]] = ("coverage", "qd_score")
+
+    def __init__(self, parameters: Any, problem: Any) -> None:
+        super().__init__(parameters, problem)
+        self._dimensions = len(problem.space.dimensions)
+        self._archive = self._empty()
+        self._found: list[Evaluation] = []
+        self._names = self.measures(self.parameters)
+
+    @classmethod
+    def measures(cls, parameters: QdParameters) -> Sequence[str]:
+        """See `Strategy`."""
+        return tuple(parameters.archive.measures)
+
+    @property
+    def metrics(self) -> Mapping[str, float]:
+        """The share of cells that are filled, and the sum of their objectives (a least one looked for: with the other sign)."""
+        stats = self._archive.stats
+        return {"coverage": float(stats.coverage), "qd_score": float(stats.qd_score)}
+
+    def ask(self, batch: int, count: int) -> Sequence[Point]:
+        """See `Strategy`."""
+        draws = self.problem.draws(batch)
+        if self._archive.empty:
+            units = draws.random((count, self._dimensions))
+        else:
+            units = np.concatenate([self._emitted(share, int(draws.integers(_SEEDS))) for share in self._shares(count)])
+        return [self.problem.space.decoded(unit) for unit in units]
+
+    def tell(self, evaluations: Sequence[Evaluation]) -> None:
+        """See `Strategy`. A point of which a measure is not known is in no cell."""
+        known = [
+            each for each in evaluations if each.objective is not None and set(self._names) <= each.measures.keys()
+        ]
+        if not known:
+            return
+        places = np.arange(len(self._found), len(self._found) + len(known))
+        self._found += known
+        self._archive.add(
+            np.array([self.problem.space.encoded(each.proposal.point) for each in known]),
+            np.array([self.problem.gain(each.objective) for each in known if each.objective is not None]),
+            np.array([[each.measures[name] for name in self._names] for each in known]),
+            place=places,
+        )
+
+    @property
+    def archive(self) -> Sequence[Cell]:
+        """See `Strategy`."""
+        found = self._archive.data(["index", "place"])
+        indices = np.asarray(found["index"], dtype=np.int64)
+        if self.parameters.archive.type == "grid" and len(indices):
+            indices = np.stack(np.unravel_index(indices, self._bins()), axis=-1)
+        rows = zip(indices.reshape(len(found["place"]), -1).tolist(), found["place"], strict=True)
+        return sorted(
+            (Cell(tuple(index), self._found[int(place)]) for index, place in rows), key=lambda cell: cell.index
+        )
+
+    def _emitted(self, count: int, seed: int) -> Any:
+        from ribs.emitters import GaussianEmitter
+
+        d = self._dimensions
+        emitter = GaussianEmitter(
+            self._archive,
+            sigma=self.parameters.sigma,
+            x0=[0.5] * d,
+            bounds=[(0.0, 1.0)] * d,
+            batch_size=count,
+            seed=seed,
+        )
+        return emitter.ask()
+
+    def _shares(self, count: int) -> list[int]:
+        emitters = min(self.parameters.emitters, count)
+        return [count // emitters + (k < count % emitters) for k in range(emitters)]
+
+    def _bins(self) -> tuple[int, ...]:
+        archive = self.parameters.archive
+        return tuple(each.bins or archive.bins or _BINS for each in archive.measures.values())
+
+    def _empty(self) -> "ArchiveBase":
+        try:
+            from ribs.archives import CVTArchive, GridArchive
+        except ImportError:
+            raise missing_library("ribs (pyribs)") from None
+        archive = self.parameters.archive
+        ranges = [(each.low, each.high) for each in archive.measures.values()]
+        own: dict[str, Any] = {
+            "solution_dim": self._dimensions,
+            "ranges": ranges,
+            "seed": int(self.problem.draws(0).integers(_SEEDS)),
+            "extra_fields": {"place": ((), np.int64)},
+        }
+        if archive.type == "grid":
+            return GridArchive(dims=self._bins(), **own)
+        return CVTArchive(centroids=archive.cells or _CELLS, samples=_CVT_SAMPLES, **own)

@@ -1,0 +1,130 @@
+"""The search of a campaign file, ready to be begun: its space, its strategy, and the family that each of its points is."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+from vastflow.producers.configuration import Configuration, RejectedInstance
+from vastflow.producers.coverage import FamilyCount, coverage_of
+from vastflow.producers.family import Family, FamilyReader
+from vastflow.producers.faults import CampaignError, Fault
+from vastflow.producers.instantiate import Instantiation, mark_duplicates
+from vastflow.producers.search.evaluation import Proposal
+from vastflow.producers.search.space import Point, Space
+from vastflow.producers.search.strategy import Problem, Strategy
+from vastflow.producers.vast.document import Document
+from vastflow.producers.vast.search import Quantity, SearchSpec
+from vastflow.producers.vast.search_template import SEARCH, with_point
+
+FAMILY = "search"
+"""Of all points of a search, in tables and in the report."""
+
+
+class ReadsFamilies(Protocol):
+    """Gives a reader of the families of a document."""
+
+    def __call__(self, document: Document) -> FamilyReader: ...
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search that has no fault.
+
+    Attributes:
+        quantities: Numbers of a point that `extract` gives, by name.
+    """
+
+    spec: SearchSpec
+    space: Space
+    kind: type[Strategy[Any]]
+    parameters: Any
+    quantities: Mapping[str, Quantity]
+    document: Document = field(repr=False)
+    reader: ReadsFamilies = field(repr=False)
+
+    @property
+    def measures(self) -> Sequence[str]:
+        """Names of the numbers or dimensions that the strategy asks for beside the objective."""
+        return self.kind.measures(self.parameters)
+
+    def strategy(self) -> Strategy[Any]:
+        """The strategy at its beginning.
+
+        Raises:
+            MissingLibrary: it needs a library that is not installed.
+        """
+        problem = Problem(self.space, self.spec.direction, self.spec.seed or 0, self.spec.per_batch)
+        return self.kind(self.parameters, problem)
+
+    def family(self, proposal: Proposal) -> Family:
+        """The family of one configuration that a proposal is.
+
+        Raises:
+            CampaignError: the template is wrong at this point; most such faults are found at the corners of the space before.
+        """
+        family, faults = family_at(self.document, self.spec, self.reader, proposal.point, proposal.name)
+        if faults:
+            at = ", ".join(f"{name} = {value}" for name, value in proposal.point.items())
+            raise CampaignError(replace(fault, what=f"{fault.what}, at {at}") for fault in faults)
+        return family
+
+    def instantiation(self, proposals: Sequence[Proposal], made: Instantiation) -> Instantiation:
+        """What became of proposals, of which each was a family: one configuration each, called as the proposal.
+
+        Raises:
+            CampaignError: the template makes several configurations of a point.
+        """
+        named: list[Configuration] = []
+        seen: set[str] = set()
+        for each in made.configurations:
+            if each.family in seen:
+                raise CampaignError([self._several(each)])
+            seen.add(each.family)
+            points = {proposal.name: proposal.point for proposal in proposals}
+            factors = {**points[each.family], **each.factors}
+            named.append(replace(each, name=each.family, family=FAMILY, factors=factors, duplicate_of=None))
+        configurations = tuple(mark_duplicates(named))
+        rejections = tuple(_renamed(each) for each in made.rejections)
+        excluded = tuple(replace(each, name=each.family, family=FAMILY) for each in made.excluded)
+        first = self.family(proposals[0])
+        count = FamilyCount(FAMILY, first.producers, first.design, (1,) * len(first.producers))
+        coverage = coverage_of([count], configurations, rejections, excluded)
+        return Instantiation(configurations, rejections, excluded, coverage)
+
+    def _several(self, second: Configuration) -> Fault:
+        step = next((k for k, each in enumerate(second.steps) if each.choice > 1), 0)
+        return several_fault(self.document, step, second.steps[step].producer if second.steps else "")
+
+
+def family_at(
+    document: Document, spec: SearchSpec, reader: ReadsFamilies, point: Point, name: str, left_out: Sequence[int] = ()
+) -> tuple[Family, list[Fault]]:
+    """The template at a point as a family, and what is wrong with it there.
+
+    Args:
+        left_out: Places of producers that can't be had here.
+    """
+    families = reader(with_point(document, spec, point, left_out))
+    family = families.read(SEARCH, name, {})
+    return family, [*families.faults, *families.unavailable.get(name, ())]
+
+
+def several_fault(document: Document, step: int, producer: str) -> Fault:
+    """That a producer of the template makes several configurations of one point."""
+    where = document.known((*SEARCH, "variations", step, producer))
+    what = f"{producer or 'the template'} makes several configurations of one point"
+    return document.fault(where, what, "one path, one value, one obstacle configuration", "key")
+
+
+def corners(space: Space) -> Iterator[Point]:
+    """The points of least and of greatest values; and for each value of a choice one that has it."""
+    n = len(space.dimensions)
+    first = space.decoded([0.0] * n)
+    yield first
+    yield space.decoded([1.0] * n)
+    for name, dimension in space.dimensions.items():
+        yield from ({**first, name: value} for value in dimension.values or ())
+
+
+def _renamed(rejection: RejectedInstance) -> RejectedInstance:
+    return replace(rejection, parent=rejection.family, family=FAMILY)

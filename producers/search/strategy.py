@@ -1,0 +1,146 @@
+"""The strategy: what every plug-in that proposes points is, and how it is found."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Final, Generic, Literal, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from vastflow.producers.search.evaluation import Evaluation
+from vastflow.producers.search.space import Point, Space
+from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins, plug_in_of_file
+from vastflow.sim.user_error import UserError
+
+GROUP: Final = "vastflow.strategies"
+
+
+class Parameters(BaseModel):
+    """Base of every strategy's parameter model: unknown keys are faults, values don't change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What a strategy is to search.
+
+    Attributes:
+        direction: What is looked for: the greatest or the least value of the objective.
+        per_batch: Most points of a batch.
+    """
+
+    space: Space
+    direction: Literal["maximize", "minimize"] = "maximize"
+    seed: int = 0
+    per_batch: int = 1
+
+    def gain(self, objective: float) -> float:
+        """The objective so that more is better."""
+        return objective if self.direction == "maximize" else -objective
+
+    def draws(self, batch: int) -> np.random.Generator:
+        """A batch's own randomness: the same whether the batches before it were asked for in this process or in another."""
+        return np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.seed, batch])))
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell of an archive: the best point whose measures lie in it.
+
+    Attributes:
+        index: Its place on the grid, one number for each measure; its number alone in an archive that is no grid.
+    """
+
+    index: tuple[int, ...]
+    evaluation: Evaluation
+
+
+P = TypeVar("P", bound=Parameters)
+
+
+class Strategy(ABC, Generic[P]):
+    """Proposes points, batch by batch, by what was found at those before.
+
+    The points of a batch are a function of the parameters, the problem, and what was told before, in its order. So a search that is
+    taken up again asks and tells from the beginning, and goes on as it would have.
+
+    Attributes:
+        Parameters: The pydantic model of what stands below `strategy_parameters` in the campaign file.
+        library: Module that it needs and not everybody has; empty without one.
+        reports: Names of its `metrics`.
+    """
+
+    Parameters: ClassVar[type[Parameters]]
+    library: ClassVar[str] = ""
+    reports: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, parameters: P, problem: Problem) -> None:
+        self.parameters = parameters
+        self.problem = problem
+
+    @abstractmethod
+    def ask(self, batch: int, count: int) -> Sequence[Point]:
+        """Up to `count` points of the space; none where there is nothing left to ask.
+
+        Args:
+            batch: From 0; each is asked once, in order, and told before the next.
+        """
+
+    @abstractmethod
+    def tell(self, evaluations: Sequence[Evaluation]) -> None:
+        """What was found at the points of the last batch, in the order in which they were proposed."""
+
+    @classmethod
+    def measures(cls, parameters: P) -> Sequence[str]:
+        """Names of the numbers that it wants to know of each point beside the objective: of dimensions, or that `extract` gives."""
+        return ()
+
+    @property
+    def metrics(self) -> Mapping[str, float]:
+        """Numbers of its own, for `stopping: [{metric: ...}]`: those of `reports`, from the beginning."""
+        return {}
+
+    @property
+    def archive(self) -> Sequence[Cell]:
+        """Its cells that are filled, by index; none where it keeps no archive."""
+        return ()
+
+
+class UnknownStrategy(LookupError):
+    """No strategy of this name; `known` lists those there are."""
+
+    def __init__(self, message: str, known: tuple[str, ...]) -> None:
+        super().__init__(message)
+        self.known = known
+
+
+class MissingLibrary(UserError):
+    """A strategy whose library is not installed; says what installs it."""
+
+
+def known_strategies() -> tuple[str, ...]:
+    """Names in the entry-point group `vastflow.strategies`, sorted."""
+    return known_plug_ins(GROUP)
+
+
+def find_strategy(name: str, base: Path) -> type[Strategy[Any]]:
+    """The class called `name` in the entry-point group, or `file.py:Class` relative to `base`.
+
+    Raises:
+        UnknownStrategy: no such entry point, file or class, or a class that is no strategy.
+        PlugInError: what the file uses can't be taken; and whatever its code raises.
+    """
+    found = plug_in_of_file(name, base) if ".py:" in name else installed_plug_in(GROUP, name)
+    if found is None:
+        raise UnknownStrategy(f"no strategy {name!r}", known_strategies())
+    if not (isinstance(found, type) and issubclass(found, Strategy)):
+        raise UnknownStrategy(f"{name!r} is not a subclass of vastflow.producers.search.strategy.Strategy", ())
+    return found
+
+
+def missing_library(name: str) -> MissingLibrary:
+    """What to say where a strategy's library can't be imported."""
+    return MissingLibrary(f"the library {name} is not installed; pip install 'vastflow[search]'")

@@ -1,0 +1,279 @@
+"""Campaigns that search: what is proposed, what is run, what is written, and that all of it is the same again."""
+
+import json
+import re
+
+import pyarrow.parquet as pq
+import pytest
+
+from vastflow.flows import campaign_run, run_campaign
+from vastflow.flows.campaign_run import open_run
+from vastflow.flows.computing import flow_call
+from vastflow.flows.reporting import assess, deliver, report
+from vastflow.flows.request.run_request import request_of
+from vastflow.flows.results.directory import new_directory
+from vastflow.producers.faults import CampaignError
+from vastflow.tasks.evaluation import packed
+from vastflow.tasks.source import installed_tree
+
+pytestmark = pytest.mark.timeout(900)
+
+CAMPAIGN = """
+version: 1
+metadata: {name: pocket}
+search:
+  strategy: STRATEGY
+  search_space:
+    x: {type: float, low: 1, high: 11}
+    n: {type: int, low: 0, high: 3}
+  extract: {plugin: metrics, params: {badness: {oracle: own.py:Pocket, metric: badness}}}
+  objectives: [{name: OBJECTIVE}]
+  per_batch: 4
+  confirm: 10
+  seed: 1
+MORE
+constraints:
+  - short: x < LIMIT
+execution: {scenario_file: pocket.osc, runs: RUNS, timeout: 30}
+evaluation:
+  oracles:
+    - own.py:Pocket: {}
+"""
+SCENARIO = """
+import osc.helpers
+
+scenario pocket:
+    timeout(30s)
+    x: time
+    n: int
+    do serial:
+        wait elapsed(x)
+"""
+ORACLE = """
+from vastflow.oracles.oracle import Oracle, Parameters
+
+
+class PocketParameters(Parameters):
+    pass
+
+
+class Pocket(Oracle[PocketParameters]):
+    \"\"\"Fails the oftener the nearer the run's time is to 7 s.\"\"\"
+
+    Parameters = PocketParameters
+    metrics = {"badness": "1"}
+
+    def judge(self, trace, situation):
+        run = trace.run.run_index
+        if BROKEN:
+            raise ZeroDivisionError("no verdict")
+        badness = 1 - abs(trace.run.simulated_s - 7) / 10
+        fails = (run * 0.618) % 1 < badness - 0.3
+        return (self.failed(trace, "in the pocket", badness=badness) if fails else self.passed(trace, badness=badness))
+"""
+BATCHES = "  budget: [{batches: 3}]"
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pocket")
+    (folder / "campaign").mkdir()
+    (folder / "campaign" / "pocket.osc").write_text(SCENARIO)
+    with pytest.MonkeyPatch.context() as patch:
+        tree = installed_tree()  # an edit of the checkout while this runs is not what is tested
+        patch.setattr(campaign_run, "installed_tree", lambda: tree)
+        yield folder
+
+
+def file_of(place, more=BATCHES, strategy="random", runs="3", limit=12, broken="False", objective="failure_rate"):
+    (place / "campaign" / "own.py").write_text(ORACLE.replace("BROKEN", broken))
+    file = place / "campaign" / "pocket.vast"
+    text = CAMPAIGN.replace("STRATEGY", strategy).replace("MORE", more).replace("RUNS", runs)
+    file.write_text(text.replace("OBJECTIVE", objective).replace("LIMIT", str(limit)))
+    return file
+
+
+def computed(file, place, store, workers=2, waves=None):
+    """A campaign as the flow computes it, without Prefect: each stage by the engine alone.
+
+    Args:
+        waves: After so many it is interrupted.
+    """
+    request = request_of(file, {"results": place / "results", "store": place / store, "workers": workers})
+    with open_run(request) as run:
+        run.begin()
+        for _ in run.attempts():
+            for _ in run.batches():
+                if run.instantiated is None:
+                    run.know(run.instantiator.instantiated(lambda requests, run=run: evaluated(run, requests)))
+                for wave in run.waves():
+                    for shard in wave.shards:
+                        recorded = run.engine.execute(shard.members).made
+                        run.engine.judge(shard.members, run.engine.observe(shard.members, recorded).made)
+                    waves = None if waves is None else waves - 1
+                    if waves == 0:
+                        raise KeyboardInterrupt
+            with new_directory(run.delivery.folder, run.name, run.created) as directory:
+                written = report(run, assess(run, directory))
+            return deliver(run, written)
+
+
+def evaluated(run, requests):
+    made = [run.engine.evaluate(packed(each.producer), each.evaluations).made for each in requests]
+    return {key: error for errors in made for key, error in errors.items()}
+
+
+@pytest.fixture(scope="module")
+def run(place):
+    def run(store="store", workers=2, waves=None, **parts):
+        return computed(file_of(place, **parts), place, store, workers, waves)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def first(run):
+    return run()
+
+
+def found(result):
+    return json.loads((result.directory / "metadata.json").read_text())["search"]
+
+
+def rows(result, table="evaluations"):
+    return pq.read_table(result.directory / f"{table}.parquet").to_pylist()
+
+
+def content(result, table="evaluations"):
+    return (result.directory / f"{table}.parquet").read_bytes()
+
+
+def test_a_search_runs_batch_by_batch_until_its_budget_is_spent(first):
+    assert found(first)["ended_by"] == "batches 3 of 3"
+    assert [(row["configuration"], row["batch"], row["runs"]) for row in rows(first)] == [
+        (f"point-{k:04}", (k - 1) // 4, 3) for k in range(1, 13)
+    ]
+    assert not first.faults
+
+
+def test_the_best_is_confirmed_by_runs_that_the_search_never_used(first):
+    said = found(first)
+    objectives = [row["objective"] for row in rows(first)]
+    assert said["best"]["objective"] == max(objectives)
+    assert said["confirmation"]["runs"] == 10
+    best = said["best"]["configuration"]
+    indices = [row["run_index"] for row in rows(first, "runs") if row["configuration"] == best]
+    assert sorted(indices) == list(range(13))
+    assert first.summary.runs == 12 * 3 + 10
+
+
+def test_a_flow_of_prefect_finds_the_same_and_again_executes_nothing(place, first, prefect_home, monkeypatch):
+    monkeypatch.setenv("PREFECT_HOME", str(prefect_home(place / "prefect")))
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+
+    def called():
+        return run_campaign(file_of(place), results=place / "results", store=place / "by_flow", workers=2)
+
+    assert content(called()) == content(first)
+
+    def refuse(*_):
+        raise AssertionError("Prefect was started")
+
+    monkeypatch.setattr(flow_call.FlowCall, "run", refuse)
+    again = called()
+    assert again.summary.executed == 0 and content(again) == content(first)
+
+
+def test_one_worker_finds_what_two_find(run, first):
+    assert content(run(store="other", workers=1)) == content(first)
+
+
+def test_a_greater_budget_goes_on_where_the_smaller_one_ended(run, first):
+    more = run(more="  budget: [{batches: 4}]")
+    assert rows(more)[:12] == rows(first)
+    new = [row["configuration"] for row in rows(more)[12:]]
+    assert new == [f"point-{k:04}" for k in range(13, 17)]
+    confirming = 0 if found(more)["best"] == found(first)["best"] else 10
+    assert more.summary.executed == 4 * 3 + confirming
+
+
+@pytest.mark.parametrize("waves", [1, 2, 3, 4])
+def test_an_interrupted_search_finds_what_one_in_one_go_finds(run, first, waves):
+    with pytest.raises(KeyboardInterrupt):
+        run(store=f"interrupted-{waves}", waves=waves)
+    assert content(run(store=f"interrupted-{waves}", workers=1)) == content(first)
+
+
+def test_points_that_can_not_be_built_cost_no_runs_and_count(run):
+    result = run(limit=6)
+    excluded = [row for row in rows(result) if row["standing"] == "rejected"]
+    assert {row["reason"] for row in excluded} == {"the constraint short excludes it"}
+    assert all(row["runs"] == 0 and row["objective"] is None for row in excluded)
+    assert all(json.loads(row["point"])["x"] >= 6 for row in excluded)
+
+
+def test_a_space_in_which_nothing_can_be_built_ends(run):
+    result = run(limit=-1, more="  budget: [{runs: 100}]\n  max_proposals: 10")
+    assert found(result)["ended_by"] == "proposals 10 of 10" and found(result)["best"] is None
+    assert result.summary.runs == 0
+
+
+def test_a_search_whose_points_break_ends_with_faults_after_a_second_try(run):
+    result = run(broken="True", store="broken")
+    assert found(result)["ended_by"] == "a point broke twice"
+    assert {fault.configuration for fault in result.faults} == {f"point-{k:04}" for k in range(1, 5)}
+    assert rows(result) == []
+    repaired = run(store="broken")
+    assert repaired.faults == () and len(rows(repaired)) == 12
+
+
+def test_the_batches_that_time_paid_for_are_repeated(run):
+    timed = run(more="  budget: [{time: 0.01}]")
+    assert found(timed)["batches"] == 1
+    again = run(more="  budget: [{time: 0.01}]")
+    assert content(again) == content(timed)
+
+
+def test_an_archive_has_the_worst_point_of_each_kind(run):
+    pytest.importorskip("ribs")
+    archive = "{archive: {measures: {x: {low: 1, high: 11, bins: 5}, n: {low: -0.5, high: 3.5, bins: 4}}}}"
+    result = run(strategy="qd", more=f"{BATCHES}\n  strategy_parameters: {archive}")
+    cells, told = rows(result, "archive"), {row["configuration"]: row for row in rows(result)}
+    places = [json.loads(row["cell"]) for row in cells]
+    assert places == sorted(places)
+    for cell in cells:
+        point = json.loads(told[cell["configuration"]]["point"])
+        assert json.loads(cell["cell"]) == [int((point["x"] - 1) / 2), point["n"]]
+
+
+def test_a_metric_of_an_oracle_is_an_objective(run):
+    result = run(objective="badness")
+    assert all(
+        row["objective"] == pytest.approx(1 - abs(json.loads(row["point"])["x"] - 7) / 10, abs=0.03)
+        for row in rows(result)
+    )
+
+
+def test_only_a_part_of_a_search_is_refused(place):
+    with pytest.raises(CampaignError, match="search: found --only, and a search proposes"):
+        run_campaign(file_of(place), results=place / "results", store=place / "store", only="point-0001")
+
+
+@pytest.mark.parametrize(
+    ("extract", "fault"),
+    [
+        (
+            "{oracle: safety, metric: x}",
+            "search.extract.params.badness.oracle: no oracle 'safety' judges this campaign",
+        ),
+        (
+            "{oracle: own.py:Pocket, metric: bad}",
+            "badness.metric: no metric 'bad' of oracle own.py:Pocket; did you mean",
+        ),
+    ],
+)
+def test_a_number_that_no_oracle_gives_is_a_fault_with_its_place(place, extract, fault):
+    file = file_of(place)
+    file.write_text(file.read_text().replace("{oracle: own.py:Pocket, metric: badness}", extract))
+    with pytest.raises(CampaignError, match=re.escape(fault)):
+        run_campaign(file, results=place / "results", store=place / "store")

@@ -1,0 +1,154 @@
+"""Strategies: each keeps the contract, comes back to the same points, and finds what it is for."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vastflow.producers.search.boundary import Boundary, BoundaryParameters
+from vastflow.producers.search.conformance import CHECKS, check_strategy
+from vastflow.producers.search.criteria import best_of, criteria
+from vastflow.producers.search.evaluation import Evaluation, Proposal
+from vastflow.producers.search.sampling import Random, SamplingParameters
+from vastflow.producers.search.space import Space
+from vastflow.producers.search.strategy import Problem, UnknownStrategy, find_strategy
+from vastflow.producers.vast.search import SearchDimension, SearchSpec
+
+MIXED = {
+    "x": SearchDimension(type="float", low=0.1, high=10, log=True),
+    "n": SearchDimension(type="int", low=0, high=9, step=3),
+    "m": SearchDimension(type="int", low=1, high=100, log=True),
+    "k": SearchDimension(type="choice", values=["a", [1]]),
+    "b": SearchDimension(type="bool"),
+}
+PLANE = {name: SearchDimension(type="float", low=-2, high=2) for name in ("x", "y")}
+ARCHIVE = {"archive": {"measures": {"x": {"low": 0, "high": 5}, "y": {"low": 0, "high": 5, "bins": 4}}}}
+CVT = {"archive": {"type": "cvt", "cells": 16, "measures": {"x": {"low": 0, "high": 5}}}, "emitters": 2}
+STRATEGIES = {
+    "random": ("random", {}, MIXED),
+    "sobol": ("sobol", {}, MIXED),
+    "tpe": ("optuna", {}, MIXED),
+    "cmaes": ("optuna", {"sampler": "cmaes"}, MIXED),
+    "grid": ("qd", ARCHIVE, MIXED),
+    "cvt": ("qd", CVT, MIXED),
+    "boundary": ("boundary", {}, PLANE),
+}
+
+
+def strategy(name, given, dimensions, **problem):
+    kind = find_strategy(name, Path())
+    if kind.library:
+        pytest.importorskip(kind.library)
+    return kind, kind.Parameters.model_validate(given), Problem(Space(dimensions), seed=3, per_batch=6, **problem)
+
+
+def searched(kind, parameters, problem, objective, batches):
+    """All evaluations of a search whose objective is a function of the point."""
+    found, told = kind(parameters, problem), []
+    for batch in range(batches):
+        first = len(told) + 1
+        proposals = [Proposal(first + k, batch, point) for k, point in enumerate(found.ask(batch, problem.per_batch))]
+        evaluations = [Evaluation(each, "judged", objective(each.point), {}, 5) for each in proposals]
+        found.tell(evaluations)
+        told += evaluations
+    return found, told
+
+
+@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_a_shipped_strategy_keeps_the_contract(name, check):
+    check(*strategy(*STRATEGIES[name]))
+
+
+def test_a_strategy_that_keeps_no_contract_is_found():
+    class Careless(Random):
+        def ask(self, batch, count):
+            return [{"x": np.random.rand()}] * count
+
+    with pytest.raises(AssertionError, match=r"Careless must propose points of the space"):
+        check_strategy(Careless, SamplingParameters(), Problem(Space(PLANE), per_batch=2))
+
+
+@pytest.mark.parametrize("unit", [0.0, 0.2, 0.5, 0.999, 1.0])
+def test_a_point_that_is_coded_and_decoded_is_the_same(unit):
+    space = Space(MIXED)
+    point = space.decoded([unit] * len(MIXED))
+    assert space.contains(point)
+    again = space.decoded(space.encoded(point))
+    assert again == {**point, "x": pytest.approx(point["x"])}
+
+
+def test_the_ends_of_the_unit_cube_are_the_ends_of_every_range():
+    space = Space(MIXED)
+    assert space.decoded([0.0] * 5) == {"x": 0.1, "n": 0, "m": 1, "k": "a", "b": False}
+    assert space.decoded([1.0] * 5) == {"x": 10, "n": 9, "m": 100, "k": [1], "b": True}
+
+
+def test_sobol_fills_halves_of_every_axis_evenly():
+    kind, parameters, problem = strategy("sobol", {}, PLANE)
+    found = kind(parameters, problem)
+    points = [point for batch in range(4) for point in found.ask(batch, 4)]
+    assert sum(point["x"] < 0 for point in points) == sum(point["y"] < 0 for point in points) == 8
+
+
+def test_a_search_by_optuna_comes_nearer_than_one_at_random():
+    def objective(point):
+        return -((point["x"] - 1) ** 2) - (point["y"] + 1) ** 2
+
+    best = {
+        name: best_of(searched(*strategy(name, {}, PLANE), objective, 12)[1], "maximize").objective
+        for name in ("optuna", "random")
+    }
+    assert best["optuna"] > best["random"]
+
+
+def test_a_least_value_is_looked_for_where_it_is_asked_for():
+    kind, parameters, problem = strategy("optuna", {}, PLANE, direction="minimize")
+    _, told = searched(kind, parameters, problem, lambda point: abs(point["x"] - 1), 12)
+    assert best_of(told, "minimize").objective < 0.1
+
+
+def test_the_boundary_is_found_where_the_objective_crosses_its_level():
+    kind, parameters, problem = Boundary, BoundaryParameters(), Problem(Space(PLANE), seed=1, per_batch=6)
+    found, _ = searched(kind, parameters, problem, lambda point: float(1 / (1 + np.exp(-8 * point["x"]))), 10)
+    units = np.stack((np.linspace(0, 1, 41), np.full(41, 0.5)), axis=-1)
+    mean, _ = found.surface(units)
+    assert abs(units[np.argmin(np.abs(mean)), 0] - 0.5) <= 0.05
+
+
+def test_an_unknown_strategy_is_said_with_those_there_are():
+    with pytest.raises(UnknownStrategy, match="no strategy 'randm'") as caught:
+        find_strategy("randm", Path())
+    assert "random" in caught.value.known
+
+
+def spec(**criteria_of_file):
+    space = {"x": {"type": "float", "low": 0, "high": 1}}
+    return SearchSpec.model_validate({"strategy": "random", "search_space": space, **criteria_of_file})
+
+
+def batches(*objectives):
+    numbered = iter(range(1, 99))
+    return [
+        [Evaluation(Proposal(next(numbered), k, {}), "judged", value, {}, 5, 3600.0) for value in batch]
+        for k, batch in enumerate(objectives)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("asked", "met"),
+    [
+        ({"budget": {"batches": 2}}, "batches 2 of 2"),
+        ({"budget": {"runs": 20}}, "runs 20 of 20"),
+        ({"budget": {"simulated_hours": 4}}, "simulated hours 4.00 of 4"),
+        ({"stopping": {"target_objective": 0.7}}, "objective 0.8, target 0.7"),
+        ({"stopping": {"no_improvement": 1}}, "batches without improvement 1 of 1"),
+        ({"stopping": {"no_improvement": {"patience": 2, "min_delta": 0.5}}}, None),
+        ({"stopping": {"metric": {"name": "coverage", "op": ">=", "value": 0.3}}}, "coverage 0.4 >= 0.3"),
+        ({"budget": {"batches": 9}, "max_proposals": 4}, "proposals 4 of 4"),
+        ({"budget": {"batches": 3}}, None),
+    ],
+)
+def test_a_search_ends_at_the_criterion_that_is_met_first(asked, met):
+    found = list(criteria(spec(**asked), batches([0.2, 0.8], [0.8, 0.1]), {"coverage": 0.4}, 0.0))
+    assert next((each.text for each in found if each.met), None) == met
