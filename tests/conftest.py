@@ -84,7 +84,7 @@ def prefect_home(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def one_server(prefect_home):
-    """Gives campaigns of this process one embedded API over the database in a folder: to start its own takes each 9 CPU-s.
+    """Gives campaigns of this process one embedded API over the database in a folder, in place of one each.
 
     The first campaign starts it, as it would without; later ones find it started, and none ends it.
     """
