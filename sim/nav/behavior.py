@@ -8,6 +8,7 @@ import math
 from typing import Any, Final
 
 from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav import rotation_shim
 from vastflow.sim.nav.controllers.binding import Bound, compute_velocity, reset, set_plan
 from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.local_plan import local_plan
@@ -120,9 +121,23 @@ def _resume(m: Any) -> None:
 
 @inner
 def _reset_checkers(m: Any) -> None:
-    m.base_x, m.base_y, m.base_tick = m.odom_x, m.odom_y, m.tick
+    _reset_progress(m)
     m.valid_tick = m.tick
     m.latched = 0
+
+
+@inner
+def _reset_progress(m: Any) -> None:
+    m.base_x, m.base_y, m.base_yaw, m.base_tick = m.odom_x, m.odom_y, m.odom_yaw, m.tick
+
+
+@inner
+def _progressed(p: Any, m: Any) -> bool:
+    """PoseProgressChecker: far enough from where there was progress last, or turned enough."""
+    q = p.progress_checker
+    if math.hypot(m.odom_x - m.base_x, m.odom_y - m.base_y) > q.required_movement_radius:
+        return True
+    return bool(abs(wrapped(m.odom_yaw - m.base_yaw)) > q.required_movement_angle)
 
 
 @inner
@@ -146,8 +161,8 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
         m.controller_code = 0
         _goal_done(p, m, route.goals)
         return
-    if math.hypot(m.odom_x - m.base_x, m.odom_y - m.base_y) > p.progress_checker.required_movement_radius:
-        m.base_x, m.base_y, m.base_tick = m.odom_x, m.odom_y, m.tick
+    if _progressed(p, m):
+        _reset_progress(m)
     elif (m.tick - m.base_tick) * TICK_S > p.progress_checker.movement_time_allowance:
         _control_failed(p, m, route.goals, controller, FAILED_TO_MAKE_PROGRESS)
         return
@@ -174,6 +189,7 @@ def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
     lap(m, PLANNER)
     if code == 0:
         set_plan(controller)
+        rotation_shim.renew(m)
         m.planner_code, m.plan_retries = 0, 0
         m.replan_in = (REPLAN_THROUGH_POSES_TICKS if through_poses else REPLAN_TICKS) - 1
         return True
@@ -193,27 +209,43 @@ def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: flo
     c, s = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
     dx, dy = m.goal_x - m.map_odom_x, m.goal_y - m.map_odom_y
     goal = (c * dx + s * dy, c * dy - s * dx, wrapped(m.goal_yaw - m.map_odom_yaw))
-    v = m.odom_v if abs(m.odom_v) > p.controller_server.min_x_velocity_threshold else 0.0
-    w = m.odom_w if abs(m.odom_w) > p.controller_server.min_theta_velocity_threshold else 0.0
+    v, w = _twist(p, m)
     pose = (m.odom_x, m.odom_y, m.odom_yaw)
     lap(m, BEHAVIOR)
     outline, dt_s = m.outline[: m.vertices], p.control_ticks * TICK_S
+    if p.rotation_shim.enabled != 0:
+        turns, rate = rotation_shim.turn(p, m, local.window, route.path, w, dt_s)
+        if turns:
+            lap(m, CONTROLLER)
+            return True, 0.0, rate
     given = ControllerInput(
         local.window, outline, p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, dt_s
     )
     ordered = compute_velocity(controller, given)
+    m.shim_w = ordered[2]
     lap(m, CONTROLLER)
     return ordered
 
 
 @inner
+def _twist(p: Any, m: Any) -> Any:
+    """(v, ω) by odometry; what is below the controller server's thresholds is none."""
+    v = m.odom_v if abs(m.odom_v) > p.controller_server.min_x_velocity_threshold else 0.0
+    w = m.odom_w if abs(m.odom_w) > p.controller_server.min_theta_velocity_threshold else 0.0
+    return v, w
+
+
+@inner
 def _goal_reached(p: Any, m: Any) -> bool:
-    """SimpleGoalChecker: the position once, then the yaw; a new path takes the latch back."""
+    """StoppedGoalChecker: the position once, then the yaw, and the robot's rest; a new path takes the latch back."""
     q = p.goal_checker
     near = math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= q.xy_goal_tolerance
     if near and q.stateful:
         m.latched = 1
-    return bool((near or m.latched == 1) and abs(wrapped(m.goal_yaw - m.yaw)) <= q.yaw_goal_tolerance)
+    if not (near or m.latched == 1) or abs(wrapped(m.goal_yaw - m.yaw)) > q.yaw_goal_tolerance:
+        return False
+    v, w = _twist(p, m)
+    return bool(abs(v) <= q.trans_stopped_velocity and abs(w) <= q.rot_stopped_velocity)
 
 
 @inner

@@ -1,6 +1,6 @@
-"""The global plan: NavFn legs through the goals that remain, every one flooded afresh at every replanning.
+"""The global plan: legs through the goals that remain, every one searched, or flooded by NavFn, afresh at every replanning.
 
-As in Nav2, a leg is flooded from its start until its goal has a value, and walked back from there. The flood keeps within
+As in Nav2, a leg of NavFn's is flooded from its start until its goal has a value, and walked back from there. The flood keeps within
 bounds: where a path through a cell would cost `MARGIN` more than is to be expected, going by the least that is left to the
 goal from there, it does not enter. No better path is lost by that, and along the best one the potential is the whole flood's
 but for the order of NavFn's updates.
@@ -9,16 +9,17 @@ but for the order of NavFn's updates.
 import math
 from typing import Any, Final, TypeAlias
 
+import numpy as np
+
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.lower_bound import Bounds, bound_below, covers
 from vastflow.sim.nav.navfn import NEUTRAL, OBSTACLE, UNREACHED, descend, propagate, propagate_astar, propagate_within
+from vastflow.sim.nav.planners.planner import compute_path, searches
+from vastflow.sim.nav.planners.search import GOAL_OUTSIDE, NO_VALID_PATH, START_OUTSIDE, PlannerInput
 from vastflow.sim.nav.state import NAVIGATE_THROUGH_POSES, Grids, Route
 
 Cell: TypeAlias = tuple[int, int]
 """Column and row, as NavFn counts them."""
-
-START_OUTSIDE, GOAL_OUTSIDE, NO_VALID_PATH = 203, 204, 208
-"""Nav2's error codes of ComputePathToPose; those of ComputePathThroughPoses are 100 greater."""
 
 PASSED_M: Final = 0.7
 """RemovePassedGoals' radius in the through-poses tree."""
@@ -52,6 +53,44 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
         goal_column, goal_row = cell(p, route.goals[k, 0], route.goals[k, 1])
         if not on_map(g.travel, goal_column, goal_row):
             return GOAL_OUTSIDE
+    if searches(route.planner):
+        planned = _searched(p, m, g, route, last)
+        if planned < 0:
+            return -planned
+    else:
+        planned = _flooded(p, m, g, route, column, row, last)
+        if planned == 0:
+            return NO_VALID_PATH
+    for i in range(planned):
+        route.path[i, 0], route.path[i, 1] = route.draft[i, 0], route.draft[i, 1]
+    m.path_n, m.path_i = planned, 0
+    m.goal_x, m.goal_y, m.goal_yaw = m.end_x, m.end_y, route.goals[last, 2]
+    m.latched = 0
+    return 0
+
+
+@inner
+def _searched(p: Any, m: Any, g: Grids, route: Route, last: int) -> int:
+    """Search the legs into `draft`: the number of points there, or minus an error code."""
+    planned, start = 0, (m.x, m.y, m.yaw)
+    place = np.array([p.origin_x, p.origin_y, p.resolution])
+    for k in range(m.goal, last + 1):
+        goal = (route.goals[k, 0], route.goals[k, 1], route.goals[k, 2])
+        m.floods += 1
+        # Where one leg ends the next begins.
+        first = max(planned - 1, 0)
+        given = PlannerInput(g.costs, place, m.outline[: m.vertices], start, goal, route.draft[first:])
+        n = compute_path(route.planner, given)
+        if n < 0:
+            return n
+        planned, start = first + n, goal
+    m.end_x, m.end_y = route.draft[planned - 1, 0], route.draft[planned - 1, 1]
+    return int(planned)
+
+
+@inner
+def _flooded(p: Any, m: Any, g: Grids, route: Route, column: int, row: int, last: int) -> int:
+    """NavFn's legs from a cell into `draft`: the number of points there, 0 where a leg has none."""
     planned = 0
     for k in range(m.goal, last + 1):
         if k > m.goal:
@@ -60,14 +99,9 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
         leg = k if p.mission == NAVIGATE_THROUGH_POSES else 0
         n = _plan_leg(p, m, g, route, leg, column, row, route.goals[k, 0], route.goals[k, 1])
         if n == 0 or planned + n + 1 > route.draft.shape[0]:
-            return NO_VALID_PATH
+            return 0
         planned = _to_map(p, route.leg, n, m.end_x, m.end_y, route.draft, planned)
-    for i in range(planned):
-        route.path[i, 0], route.path[i, 1] = route.draft[i, 0], route.draft[i, 1]
-    m.path_n, m.path_i = planned, 0
-    m.goal_x, m.goal_y, m.goal_yaw = m.end_x, m.end_y, route.goals[last, 2]
-    m.latched = 0
-    return 0
+    return int(planned)
 
 
 @inner

@@ -20,9 +20,10 @@ from vastflow.sim.nav.monitor_zones import ZONE, zone_rows, zones_reach_m
 from vastflow.sim.nav.navfn import new_potential, new_scratch
 from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav.parameters.costmap import Costmap
-from vastflow.sim.nav.parameters.servers import MOST_ZONES
+from vastflow.sim.nav.parameters.servers import MOST_ZONES, NavFn
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.particles import Cloud, new_cloud
+from vastflow.sim.nav.planners.planner import Planner, planner_of
 from vastflow.sim.nav.polygon import MOST_VERTICES
 from vastflow.sim.nav.profile import STAGES
 from vastflow.sim.nav.rates import TICK_S, ticks_of
@@ -38,7 +39,12 @@ SUBSTEPS: Final = 5
 ROW_TICKS: Final = 2
 """A recording has a row every second tick: 10 Hz."""
 
+SEARCHED_LENGTHS: Final = 32
+"""Points of a searched leg, in longer edges of the map: a way through a maze is many times as long as the map."""
+
 MAX_EVENTS: Final = 4096
+MOST_TWISTS: Final = 101
+"""Ticks of odometry that a velocity smoother with feedback can look back."""
 AHEAD_POINTS: Final = 1024
 
 NAVIGATE_TO_POSE, NAVIGATE_THROUGH_POSES, FOLLOW_WAYPOINTS = 0, 1, 2
@@ -79,7 +85,22 @@ _REAL: Final = (
     # Commands: of controller or behavior, after the smoother, after the collision monitor.
     *("command_v", "command_w", "smooth_v", "smooth_w", "sent_v", "sent_w"),
     # End of the leg just planned, goal of the path, progress baseline (odom frame), what a behavior has done so far.
-    *("end_x", "end_y", "goal_x", "goal_y", "goal_yaw", "base_x", "base_y", "done", "last_yaw", "last_x", "last_y"),
+    *(
+        "end_x",
+        "end_y",
+        "goal_x",
+        "goal_y",
+        "goal_yaw",
+        "base_x",
+        "base_y",
+        "base_yaw",
+        "done",
+        "last_yaw",
+        "last_x",
+        "last_y",
+    ),
+    # Yaw rate that the Rotation Shim or the controller in it ordered last.
+    "shim_w",
     # When the last lap of a profile ended.
     "lapped",
 )
@@ -90,6 +111,7 @@ _WHOLE: Final = (
     *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
     *("path_n", "path_i", "floods"),
     *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick", "command_tick"),
+    *("heading_due", "shim_turns", "shim_at_goal"),
     *("attempts", "round_robin", "tried", "follow_retries", "plan_retries"),
     *("planner_code", "controller_code", "error_code", "recoveries", "missed", "profiling"),
 )
@@ -99,6 +121,7 @@ MEMORY: Final = np.dtype(
     + [
         ("streams", np.uint64, (SUBSYSTEMS, 1)),
         ("velocities", np.float64, (SUBSTEPS, 2)),
+        ("twists", np.float64, (MOST_TWISTS, 2)),
         ("ranges", np.float64, (MOST_BEAMS,)),
         ("order", np.int64, (MOST_BEAMS,)),
         ("directions", np.float64, (MOST_BEAMS, 2)),
@@ -111,8 +134,8 @@ MEMORY: Final = np.dtype(
 )
 """What a run remembers, in one record: kernels get it as one pointer, which keeps them small and quick to compile.
 
-`velocities` (speed, yaw rate) is the tick's result for physics; an event row is t, kind, x, y, what, value; of `outline` the
-first `vertices` count, of `ranges` and `directions` the first `beams`.
+`velocities` (speed, yaw rate) is the tick's result for physics, `twists` what odometry reported in the last ticks, in a ring; an
+event row is t, kind, x, y, what, value; of `outline` the first `vertices` count, of `ranges` and `directions` the first `beams`.
 """
 
 _EXTRA: Final = (
@@ -186,7 +209,7 @@ class Route(NamedTuple):
     """Goals (G, 3) x, y, yaw, and points (M, 2): the path and the one being planned in meters, a leg of it in cells.
 
     Attributes:
-        bounds: Of the legs of a path.
+        bounds: Of NavFn's legs of a path.
         ahead: (A, 2) the part of the path that the controller follows, in the odom frame.
     """
 
@@ -196,6 +219,7 @@ class Route(NamedTuple):
     draft: Any
     ahead: Any
     bounds: Bounds
+    planner: Planner
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +289,7 @@ def new_stack(
         ),
         local=local,
         cloud=new_cloud(parameters.amcl.max_particles, lidar.beams),
-        route=_route(prepared.least, (), 0),
+        route=_route(prepared.least, (), 0, _planner(parameters, prepared)),
         controller=running(controller, setting),
         robot=robot,
         obstacles=obstacles,
@@ -291,16 +315,21 @@ def give(stack: Stack, mission: Mission) -> Stack:
     m["state"], m["status"], m["error_code"] = STARTING, RUNNING, 0
     m["goal"], m["loop"], m["path_n"] = 0, 0, 0
     legs = len(mission.goals) if mission.kind == "navigate_through_poses" else 1
-    return replace(stack, route=_route(stack.route.bounds.least, mission.goals, legs))
+    return replace(stack, route=_route(stack.route.bounds.least, mission.goals, legs, stack.route.planner))
 
 
-def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int) -> Route:
+def _planner(parameters: NavParameters, prepared: PreparedMap) -> Planner:
+    occupancy = prepared.occupancy
+    return planner_of(parameters.planner, parameters.global_costmap, occupancy.resolution_m, occupancy.origin_xy_m)
+
+
+def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int, planner: Planner) -> Route:
     """Room for the goals and for a path of so many legs.
 
     Args:
         least: See `vastflow.sim.loop.prepared.PreparedMap`.
     """
-    leg_points = 4 * max(least.shape)
+    leg_points = (4 if planner.kernel[0] == 0 else SEARCHED_LENGTHS) * max(least.shape)
     path_points = (leg_points + 1) * legs
     return Route(
         goals=np.array([[goal.x_m, goal.y_m, goal.yaw_rad] for goal in goals]).reshape(-1, 3),
@@ -309,6 +338,7 @@ def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int) -> Route:
         draft=np.zeros((path_points, 2)),
         ahead=np.zeros((AHEAD_POINTS, 2)),
         bounds=new_bounds(legs, least),
+        planner=planner,
     )
 
 
@@ -325,6 +355,8 @@ def _parameter_record(
 ) -> NDArray[np.void]:
     """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, `initial_covariance`, and zones."""
     groups = {name: group for name, group in parameters if name not in ("controller", "robot")} | {"plan_cut": plan_cut}
+    if not isinstance(parameters.planner, NavFn):
+        groups["planner"] = NavFn(allow_unknown=parameters.planner.allow_unknown)
     outline = outline_of(parameters.local_costmap)
     frame = prepared.occupancy.frame
     zones, smoother = parameters.collision_monitor.zones, parameters.velocity_smoother

@@ -14,7 +14,17 @@ from vastflow.sim.nav.mapping import clear_global, clear_local, publish_local, u
 from vastflow.sim.nav.particles import Cloud
 from vastflow.sim.nav.profile import lap
 from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.nav.state import ENDED, EVENT_STOPPED, RESTING, ROW_TICKS, SUBSTEPS, Grids, Local, Route
+from vastflow.sim.nav.state import (
+    ENDED,
+    EVENT_STOPPED,
+    MOST_TWISTS,
+    RESTING,
+    ROW_TICKS,
+    SUBSTEPS,
+    Grids,
+    Local,
+    Route,
+)
 from vastflow.sim.world import lidar
 from vastflow.sim.world.motion import Body, due, move_freely
 from vastflow.sim.world.robot import arc, limited, wrapped
@@ -169,13 +179,16 @@ def _scan(p: Any, m: Any, skips: Any, obstacles: Any) -> None:
 
 @inner
 def _send(p: Any, m: Any) -> None:
-    """The command path: velocity smoother, open loop, then the collision monitor."""
+    """The command path: velocity smoother, then the collision monitor."""
     q = p.velocity_smoother
     v, w = m.command_v, m.command_w
     if (m.tick - m.command_tick) * TICK_S > q.velocity_timeout:
         v, w = 0.0, 0.0
-    m.smooth_v = _smoothed(q, 0, v, m.smooth_v)
-    m.smooth_w = _smoothed(q, 2, w, m.smooth_w)
+    before_v, before_w = m.smooth_v, m.smooth_w
+    if q.closed_loop != 0:
+        before_v, before_w = _mean_twist(m, q.odom_duration)
+    m.smooth_v = _smoothed(q, 0, v, before_v)
+    m.smooth_w = _smoothed(q, 2, w, before_w)
     factor = approach(p, m, m.smooth_v, m.smooth_w)
     if p.zone_count > 0:
         factor = min(factor, zoned(p, m, m.smooth_v, m.smooth_w))
@@ -183,6 +196,17 @@ def _send(p: Any, m: Any) -> None:
     if factor == 0.0 and m.stopped == 0:
         note(m, EVENT_STOPPED, 0, 0.0)
     m.stopped = int(factor == 0.0)
+
+
+@inner
+def _mean_twist(m: Any, duration_s: float) -> Any:
+    """(v, ω): the mean of what odometry reported in the last seconds, its newest included."""
+    count = int(min(duration_s / TICK_S + 1e-9, m.tick, MOST_TWISTS - 1)) + 1
+    v, w = 0.0, 0.0
+    for k in range(count):
+        twist = m.twists[(m.tick - k) % MOST_TWISTS]
+        v, w = v + twist[0] / count, w + twist[1] / count
+    return v, w
 
 
 @inner
@@ -212,6 +236,8 @@ def _actuate(p: Any, m: Any) -> None:
         if k >= SUBSTEPS - TWIST_STEPS:
             m.odom_v += v / TWIST_STEPS
             m.odom_w += w / TWIST_STEPS
+    twist = m.twists[(m.tick + 1) % MOST_TWISTS]
+    twist[0], twist[1] = m.odom_v, m.odom_w
 
 
 @inner

@@ -21,7 +21,7 @@ controller_server:
       desired_linear_vel: 1
 velocity_smoother:
   ros__parameters:
-    feedback: OPEN_LOOP
+    scale_velocities: false
     odom_topic: odom
     mystery: .inf
 """
@@ -47,7 +47,7 @@ def test_every_parameter_of_the_file_is_a_line_with_what_becomes_of_it(nav2):
         "4 controller_server.controller_plugins ['FollowPath'] modelled",
         "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modelled",
         "7 controller_server.FollowPath.desired_linear_vel 1 modelled",
-        "10 velocity_smoother.feedback 'OPEN_LOOP' built in",
+        "10 velocity_smoother.scale_velocities false built in",
         "11 velocity_smoother.odom_topic 'odom' no effect",
         "12 velocity_smoother.mystery inf not modelled",
     ]
@@ -70,7 +70,7 @@ def test_the_counts_come_last(nav2):
 def test_the_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_assumed(nav2):
     polygon = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
     costmap = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}'}}}}}}\n"
-    nav2.write_text(costmap + NAV2.replace("feedback: OPEN_LOOP", "max_velocity: [1.5, 0.0, 2.0]"))
+    nav2.write_text(costmap + NAV2.replace("scale_velocities: false", "max_velocity: [1.5, 0.0, 2.0]"))
     *_, read, assumed = called("params", nav2).stdout.splitlines()
     assert read == (
         "the robot, from the Nav2 parameters: body polygon of 4 vertices, speed up to 1.5 m/s, yaw rate up to 2.5 rad/s"

@@ -11,10 +11,18 @@ import pytest
 from PIL import Image
 
 from vastflow.sim.digest import FileContent
+from vastflow.sim.loop.drive import drive
+from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.mission import Mission
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.pose import Pose
 from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.map_file import map_content
+from vastflow.sim.recordings.recording import Recording
 from vastflow.sim.scenario import Scenario, scenario_of
+from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.robot_model import Robot
 
 CELLS = {".": 0, "#": 100, "?": -1}
 GRAY = {0: 254, 100: 0, -1: 205}
@@ -85,6 +93,29 @@ def scenario(two_rooms: FileContent) -> Callable[..., Scenario]:
         return scenario_of(given, {"obstacles": "environment"}, abstract=f"builtin:{mission}", timeout_s=timeout_s)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def over_a_floor() -> Callable[..., Recording]:
+    """A run over an empty floor of 14 m × 4 m from (1, 2) along x, by a stack with these parameters.
+
+    The robot begins with its heading at `yaw_rad`; `cells` says which of the floor's (80, 280) are walls beside its edges.
+    """
+
+    def run(
+        parameters: NavParameters,
+        length_m: float = 10.0,
+        yaw_rad: float = 0.0,
+        goal_yaw_rad: float = 0.0,
+        cells: Any = None,
+    ) -> Recording:
+        floor = np.zeros((80, 280), dtype=np.int8) if cells is None else np.where(cells, 100, 0).astype(np.int8)
+        floor[[0, -1]], floor[:, [0, -1]] = 100, 100
+        prepared = prepare(OccupancyMap(floor, RESOLUTION_M, (0.0, 0.0)), Lidar(), parameters)
+        mission = Mission("navigate_to_pose", (Pose(1.0 + length_m, 2.0, goal_yaw_rad),))
+        return drive(prepared, parameters, Lidar(), Robot(), Pose(1.0, 2.0, yaw_rad), mission, (), (1, 2, 3), 120.0)
+
+    return run
 
 
 TRIAL = """\

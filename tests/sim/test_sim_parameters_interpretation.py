@@ -294,14 +294,14 @@ def test_a_monitor_without_a_footprint_that_approaches_or_without_a_scan_does_no
 
 PLUGIN_FAULTS = [
     (controller("plugin: 'my::Controller'"), "C.plugin: no controller 'my::Controller' is known; known: dwb_core::DWBLocalPlanner, nav2_mppi_controller::MPPIController, "),
-    (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "C.plugin: nav2_rotation_shim_controller::RotationShimController is not modelled; a controller that is: "),
+    (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "controller_plugins.0: no 'primary_controller' below 'C'; the class of a controller; known: "),
     (controller("gain: 1"), "controller_plugins.0: no 'plugin' below 'C'; the class of a controller; known: "),
-    ("planner_server: {ros__parameters: {planner_plugins: [G], G.plugin: 'nav2_smac_planner/SmacPlannerHybrid'}}", "G.plugin: nav2_smac_planner::SmacPlannerHybrid is not modelled; a planner that is: nav2_navfn_planner::NavfnPlanner"),
+    ("planner_server: {ros__parameters: {planner_plugins: [G], G.plugin: 'nav2_smac_planner/SmacPlannerLattice'}}", "G.plugin: nav2_smac_planner::SmacPlannerLattice is not modelled; a planner that is: nav2_navfn_planner::NavfnPlanner"),
     ("planner_server: {ros__parameters: {planner_plugins: []}}", "planner_plugins: found an empty list; the name of a planner"),
     ("planner_server: {ros__parameters: {planner_plugins: 3}}", "planner_plugins: found 3; a list of names"),
     (controller("plugin: dwb_core::DWBLocalPlanner"), "C: no 'critics'; a list of them, without which DWB does not start: RotateToGoal, "),
     ("planner_server: {ros__parameters: {GridBased.plugin: 3}}", "GridBased.plugin: found 3; text"),
-    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, goal_checker_plugins: [g], g.plugin: nav2_controller::StoppedGoalChecker}}", "g.plugin: nav2_controller::StoppedGoalChecker is not modelled; a goal checker that is: "),
+    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, goal_checker_plugins: [g], g.plugin: nav2_controller::PositionGoalChecker}}", "g.plugin: nav2_controller::PositionGoalChecker is not modelled; a goal checker that is: "),
     ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, progress_checker_plugins: [g], g.plugin: x::P}}", "g.plugin: no progress checker 'x::P' is known; known: "),
     ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: nav2_costmap_2d::DenoiseLayer}}}", "d.plugin: nav2_costmap_2d::DenoiseLayer is not modelled; a costmap layer that is: nav2_costmap_2d::StaticLayer, "),
     ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: x::L}}}", "d.plugin: no costmap layer 'x::L' is known; known: "),
@@ -407,7 +407,7 @@ def values_of(value, low, high):
 def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
     default = NavParameters(controller=controller)
     parts = {name: data.draw(varied(group)) for name, group in default if name != "robot"}
-    kept = {"perturbation": default.perturbation, "robot": default.robot}
+    kept = {"perturbation": default.perturbation, "robot": default.robot, "rotation_shim": default.rotation_shim}
     often = parts["controller_server"].with_values(controller_frequency=1000.0)
     wanted = default.with_values(**parts | kept | {"controller_server": often})
     assert interpretation(document_of(wanted)).parameters == wanted

@@ -156,7 +156,7 @@ class _LayoutModel(models.PrimitiveModel):  # type: ignore[misc]
 def _call_compute(typing: Any, entry: Any, table: Any, given: Any) -> Any:
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
         layout = context.make_array(call.args[1])(context, builder, values[1]).data
-        return _called(context, builder, _COMMAND, (_ANY, _GIVEN), values[0], (layout, values[2]))
+        return called(context, builder, _COMMAND, (_ANY, _GIVEN), values[0], (layout, values[2]))
 
     return _COMMAND(types.int64, table, _GIVEN), lowered
 
@@ -165,7 +165,7 @@ def _call_compute(typing: Any, entry: Any, table: Any, given: Any) -> Any:
 def _call_memory(typing: Any, entry: Any, table: Any) -> Any:
     def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
         layout = context.make_array(call.args[1])(context, builder, values[1]).data
-        return _called(context, builder, types.none, (_ANY,), values[0], (layout,))
+        return called(context, builder, types.none, (_ANY,), values[0], (layout,))
 
     return types.none(types.int64, table), lowered
 
@@ -178,7 +178,7 @@ def _forward_compute(typing: Any, layout: Any, given: Any) -> Any:
         record = builder.inttoptr(parameters, context.get_value_type(layout.parameters))
         memory = _view(context, builder, layout.memory, table, iter(range(_MEMORY, 1 << 16)))
         arguments = (layout.parameters, layout.memory, _GIVEN)
-        found = _called(context, builder, layout.command, arguments, kernel, (record, memory, values[1]))
+        found = called(context, builder, layout.command, arguments, kernel, (record, memory, values[1]))
         return context.cast(builder, found, layout.command, _COMMAND)
 
     return _COMMAND(layout, _GIVEN), lowered
@@ -190,7 +190,7 @@ def _forward_memory(place: int) -> Any:
         def lowered(context: Any, builder: Any, call: Any, values: Any) -> Any:
             kernel = _word(builder, values[0], place)
             memory = _view(context, builder, layout.memory, values[0], iter(range(_MEMORY, 1 << 16)))
-            return _called(context, builder, types.none, (layout.memory,), kernel, (memory,))
+            return called(context, builder, types.none, (layout.memory,), kernel, (memory,))
 
         return types.none(layout), lowered
 
@@ -219,7 +219,7 @@ _ENTRIES_OF_OTHERS: Final = tuple(unkept(entry) for entry in _ENTRY_FUNCTIONS)
 """The same for types that another process may not know, and could then read no compiled forms at all."""
 
 
-def _called(
+def called(
     context: Any, builder: Any, result: Any, arguments: Sequence[Any], address: Any, values: Sequence[Any]
 ) -> Any:
     """Call machine code of numba's calling convention; what it raises is raised on."""
@@ -309,6 +309,11 @@ def _is_command(found: Any) -> bool:
 def _compiled(kernel: Any, arguments: tuple[Any, ...]) -> Any:
     kernel.compile(arguments)
     return kernel.overloads[arguments]
+
+
+def machine_code_of(kernel: Any, arguments: tuple[Any, ...]) -> int:
+    """Where the machine code of one of vastflow's own kernels begins, compiled for these types."""
+    return _address(_compiled(kernel, arguments))
 
 
 def _address(compiled: Any) -> int:

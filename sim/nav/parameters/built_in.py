@@ -152,6 +152,8 @@ _OBSTACLE_LAYER: Final[Mapping[str, BuiltIn]] = {
     "min_obstacle_height": within(high=LASER_HEIGHT_M),
     "max_obstacle_height": within(low=LASER_HEIGHT_M),
 }
+# Searches end after a number of iterations, and not by the clock.
+_SMAC: Final = _any("max_planning_time", "terminal_checking_interval", "downsampling_factor", "viz_expansions")
 
 TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     "amcl": {
@@ -220,6 +222,12 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "costmap_update_timeout": only(1.0),
     },
     "NavFn": {"use_final_approach_orientation": only(False)},
+    "SmacPlanner2D": {**_SMAC, "use_final_approach_orientation": only(False)},
+    "SmacPlannerHybrid": {
+        **_SMAC,
+        **_any("cache_obstacle_heuristic", "debug_visualizations", "coarse_search_resolution"),
+        "goal_heading_mode": only("DEFAULT"),
+    },
     "MPPI": {
         **_any("visualize", "TrajectoryVisualizer.*", "publish_critics_stats", "publish_optimal_trajectory"),
         # The robot is a differential drive: it has no sideways motion.
@@ -277,10 +285,9 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     },
     "waypoint_follower": _any("loop_rate", "global_frame_id"),
     "velocity_smoother": {
-        **_any("odom_topic", "odom_duration"),
+        **_any("odom_topic"),
         "smoothing_frequency": only(20.0),
         "scale_velocities": only(False),
-        "feedback": only("OPEN_LOOP"),
         "deadband_velocity": only((0.0, 0.0, 0.0)),
     },
     "collision_monitor": {

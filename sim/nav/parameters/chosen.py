@@ -20,7 +20,7 @@ from vastflow.sim.nav.parameters.document import (
 from vastflow.sim.nav.parameters.interpretation import Interpretation, interpretation
 from vastflow.sim.nav.parameters.parameter import complaint
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, loaded
-from vastflow.sim.nav.parameters.plugins import CONTROLLERS, class_name
+from vastflow.sim.nav.parameters.plugins import CONTROLLERS, ROTATION_SHIM, class_name
 from vastflow.sim.nav.parameters.reader import shown
 from vastflow.sim.nav.parameters.rewriting import converted, rewritten, targets
 from vastflow.sim.nav.parameters.robot import robot_keys
@@ -142,7 +142,7 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
     listed = (*node, CONTROLLERS.lists[0])
     names = values.get(listed)
     listed_names = names if isinstance(names, Sequence) and not isinstance(names, str) else ()
-    own = {_plug_in(values.get((*node, str(each), "plugin"))): each for each in reversed(listed_names)}
+    own = {_plug_in(values, (*node, str(each))): each for each in reversed(listed_names)}
     meant = short_names().get(name, name) if isinstance(name, str) else ""
     if meant in own:
         return replace(document, values={**values, listed: [own[meant]]})
@@ -156,9 +156,11 @@ def with_controller(document: ParameterDocument, name: Value) -> ParameterDocume
     return replace(document, values={**kept, **block})
 
 
-def _plug_in(value: Value) -> str:
-    """A plug-in's class as the entry-point group has it; a file and class as they are written."""
-    text = str(value)
+def _plug_in(values: Mapping[ParameterLocation, Value], place: ParameterLocation) -> str:
+    """The class of a controller, or of the one in a Rotation Shim, as the group has it; a file and class as they are written."""
+    text = str(values.get((*place, "plugin")))
+    if class_name(text) == ROTATION_SHIM:
+        text = str(values.get((*place, "primary_controller")))
     return text if FILE in text else class_name(text)
 
 

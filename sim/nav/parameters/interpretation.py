@@ -33,13 +33,16 @@ from vastflow.sim.nav.parameters.plugins import (
     LAYERS,
     PLANNERS,
     PROGRESS_CHECKERS,
+    ROTATION_SHIM,
     WAIT_AT_WAYPOINT,
     class_name,
     critic_class,
 )
-from vastflow.sim.nav.parameters.reader import Group, Reader
+from vastflow.sim.nav.parameters.reader import Group, Reader, shown
 from vastflow.sim.nav.parameters.robot import ROBOT_KEY, LidarParameters, RobotParameters
 from vastflow.sim.nav.parameters.servers import (
+    NO_ANGLE_RAD,
+    NO_LIMIT,
     BehaviorServer,
     CollisionMonitor,
     ControllerServer,
@@ -47,9 +50,11 @@ from vastflow.sim.nav.parameters.servers import (
     NavFn,
     Perturbation,
     ProgressChecker,
+    RotationShim,
     VelocitySmoother,
     WaypointFollower,
 )
+from vastflow.sim.nav.parameters.smac import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.polygon import vertices_of
 from vastflow.sim.reading.names import did_you_mean
@@ -236,9 +241,12 @@ def _spatio_temporal_layer(reader: Reader, place: ParameterLocation) -> Obstacle
 def _controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer, node)}
     if progress := reader.plugin(node, PROGRESS_CHECKERS):
-        parts["progress_checker"] = reader.group(ProgressChecker, (*node, progress.name))
+        given = {"required_movement_angle": NO_ANGLE_RAD} if progress.kind == "SimpleProgressChecker" else None
+        parts["progress_checker"] = reader.group(ProgressChecker, (*node, progress.name), given=given)
     if goal := reader.plugin(node, GOAL_CHECKERS):
-        parts["goal_checker"] = reader.group(GoalChecker, (*node, goal.name))
+        simple = goal.kind == "SimpleGoalChecker"
+        given = dict.fromkeys(("trans_stopped_velocity", "rot_stopped_velocity"), NO_LIMIT) if simple else None
+        parts["goal_checker"] = reader.group(GoalChecker, (*node, goal.name), given=given)
     # Nav2's code would load DWB here and find no critics for it: such a file is one for other parameters.
     named = [(*node, *CONTROLLERS.lists), (*node, CONTROLLERS.used, "plugin")]
     if any(path in reader.document.values for path in named) and (used := reader.used(node, CONTROLLERS)):
@@ -251,12 +259,19 @@ def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocat
     document, path = reader.document, (*place, "plugin")
     text = reader.text(path, CONTROLLERS.defaults.get(place[-1], ""))
     name = text if FILE in text else class_name(text)
+    parts: Parts = {}
+    shimmed: tuple[ParameterLocation, ...] = ()
+    if name == ROTATION_SHIM:
+        parts, shimmed = _rotation_shim(reader, place)
+        path = (*place, "primary_controller")
+        text = reader.text(path, "")
+        name = text if FILE in text else class_name(text)
+    known = ", ".join(known_controllers())
     if not name:
-        known = ", ".join(known_controllers())
-        reader.fault(listed, f"no 'plugin' below {place[-1]!r}", f"the class of a controller; known: {known}; {OWN}")
+        right = f"the class of a controller; known: {known}; {OWN}"
+        reader.fault(listed, f"no {path[-1]!r} below {place[-1]!r}", right)
         return {}
-    if name in CONTROLLERS.foreign:
-        known = ", ".join(known_controllers())
+    if name in (*CONTROLLERS.foreign, ROTATION_SHIM):
         reader.fault(path, f"{name} is not modelled", f"a controller that is: {known}; {OWN}")
         return {}
     try:
@@ -265,10 +280,20 @@ def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocat
         reader.fault(path, error.what, error.right)
         return {}
     if not kind.__module__.startswith("vastflow."):
-        return {"controller": _own_parameters(reader, kind, place, {path})}
+        return {**parts, "controller": _own_parameters(reader, kind, place, {(*place, "plugin"), path, *shimmed})}
     algorithm = short_name(name).upper()
     reader.kinds[place] = algorithm
-    return {"controller": reader.group(kind, place, given=_critics(reader, place, algorithm, kind()))}
+    return {**parts, "controller": reader.group(kind, place, given=_critics(reader, place, algorithm, kind()))}
+
+
+def _rotation_shim(reader: Reader, place: ParameterLocation) -> tuple[Parts, tuple[ParameterLocation, ...]]:
+    """The Rotation Shim, and where its parameters may be: the controller in it has its own beside them."""
+    for name in ("rotate_to_heading_once", "use_path_orientations"):
+        if reader.flag((*place, name), False):
+            reader.fault((*place, name), "found true, which is not modelled", "false")
+    shim = reader.group(RotationShim, place, given={"enabled": True})
+    names = (*RotationShim.model_fields, "rotate_to_heading_once", "use_path_orientations")
+    return {"rotation_shim": shim}, tuple((*place, name) for name in names)
 
 
 def _own_parameters(
@@ -336,7 +361,19 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
 
 def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
     planner = reader.plugin(node, PLANNERS)
-    return {"planner": reader.group(NavFn, (*node, planner.name))} if planner else {}
+    if not planner:
+        return {}
+    place = (*node, planner.name)
+    if planner.kind == "NavFn":
+        return {"planner": reader.group(NavFn, place)}
+    if reader.flag((*place, "downsample_costmap"), False):
+        reader.fault((*place, "downsample_costmap"), "found true, which is not modelled", "false")
+    model = SmacPlanner2D if planner.kind == "SmacPlanner2D" else SmacPlannerHybrid
+    return {
+        "planner": reader.group(
+            model, place, given={"smoother": reader.group(SmootherParameters, (*place, "smoother"))}
+        )
+    }
 
 
 def _behavior_server(reader: Reader, node: ParameterLocation) -> Parts:
@@ -356,7 +393,12 @@ def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
 
 
 def _velocity_smoother(reader: Reader, node: ParameterLocation) -> Parts:
-    return {"velocity_smoother": reader.group(VelocitySmoother, node)}
+    path = (*node, "feedback")
+    feedback = reader.text(path, "OPEN_LOOP")
+    if feedback not in ("OPEN_LOOP", "CLOSED_LOOP"):
+        reader.fault(path, f"found {shown(feedback)}", "OPEN_LOOP or CLOSED_LOOP")
+    given = {"closed_loop": feedback == "CLOSED_LOOP"}
+    return {"velocity_smoother": reader.group(VelocitySmoother, node, given=given)}
 
 
 _NODES: Final[Mapping[tuple[str, ...], Callable[[Reader, ParameterLocation], Parts]]] = {

@@ -40,7 +40,6 @@ CONTROLLERS: Final = Plugins(
     lists=("controller_plugins",),
     modelled={},  # see `vastflow.sim.nav.controllers.registry`
     foreign=(
-        "nav2_rotation_shim_controller::RotationShimController",
         "nav2_graceful_controller::GracefulController",
         "nav2_graceful_motion_controller::GracefulMotionController",
         "teb_local_planner::TebLocalPlannerROS",
@@ -51,9 +50,13 @@ CONTROLLERS: Final = Plugins(
 PLANNERS: Final = Plugins(
     what="planner",
     lists=("planner_plugins",),
-    modelled={"nav2_navfn_planner::NavfnPlanner": "NavFn"},
+    modelled={
+        "nav2_navfn_planner::NavfnPlanner": "NavFn",
+        "nav2_smac_planner::SmacPlanner2D": "SmacPlanner2D",
+        "nav2_smac_planner::SmacPlannerHybrid": "SmacPlannerHybrid",
+    },
     foreign=(
-        *_classes("nav2_smac_planner", "SmacPlanner2D", "SmacPlannerHybrid", "SmacPlannerLattice", "SmacPlanner"),
+        *_classes("nav2_smac_planner", "SmacPlannerLattice", "SmacPlanner"),
         "nav2_theta_star_planner::ThetaStarPlanner",
     ),
     defaults={"GridBased": "nav2_navfn_planner::NavfnPlanner"},
@@ -62,16 +65,15 @@ PLANNERS: Final = Plugins(
 PROGRESS_CHECKERS: Final = Plugins(
     what="progress checker",
     lists=("progress_checker_plugins", "progress_checker_plugin"),
-    modelled={"nav2_controller::SimpleProgressChecker": "SimpleProgressChecker"},
-    foreign=("nav2_controller::PoseProgressChecker",),
+    modelled={f"nav2_controller::{name}": name for name in ("SimpleProgressChecker", "PoseProgressChecker")},
     defaults={"progress_checker": "nav2_controller::SimpleProgressChecker"},
     used="progress_checker",
 )
 GOAL_CHECKERS: Final = Plugins(
     what="goal checker",
     lists=("goal_checker_plugins", "goal_checker_plugin"),
-    modelled={"nav2_controller::SimpleGoalChecker": "SimpleGoalChecker"},
-    foreign=_classes("nav2_controller", "StoppedGoalChecker", "PositionGoalChecker", "AxisGoalChecker"),
+    modelled={f"nav2_controller::{name}": name for name in ("SimpleGoalChecker", "StoppedGoalChecker")},
+    foreign=_classes("nav2_controller", "PositionGoalChecker", "AxisGoalChecker"),
     defaults={"goal_checker": "nav2_controller::SimpleGoalChecker"},
     used="general_goal_checker",
 )
@@ -95,6 +97,9 @@ LAYERS: Final = Plugins(
         "inflation_layer": "nav2_costmap_2d::InflationLayer",
     },
 )
+
+ROTATION_SHIM: Final = "nav2_rotation_shim_controller::RotationShimController"
+"""A plug-in of the kind controller that has another, `primary_controller`, inside."""
 
 WAIT_AT_WAYPOINT: Final = "nav2_waypoint_follower::WaitAtWaypoint"
 

@@ -34,19 +34,46 @@ class ControllerServer(ParameterGroup):
     min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
 
 
+NO_ANGLE_RAD: Final = 7.0
+"""No turn counts as progress: it is more than half a circle."""
+
+NO_LIMIT: Final = 1e6
+
+
 class ProgressChecker(ParameterGroup):
-    """SimpleProgressChecker: meters and seconds."""
+    """PoseProgressChecker: meters, radians and seconds. A SimpleProgressChecker is one whose angle is `NO_ANGLE_RAD`."""
 
     required_movement_radius: float = parameter(0.5, 0.0, 100.0)
+    required_movement_angle: float = parameter(NO_ANGLE_RAD, 0.0, NO_ANGLE_RAD, code=0.5)
     movement_time_allowance: float = parameter(10.0, 0.1, 1e6)
 
 
 class GoalChecker(ParameterGroup):
-    """SimpleGoalChecker: meters and radians."""
+    """StoppedGoalChecker: meters, radians, and per second. A SimpleGoalChecker is one whose velocities have `NO_LIMIT`."""
 
     xy_goal_tolerance: float = parameter(0.25, 0.001, 100.0)
     yaw_goal_tolerance: float = parameter(0.25, 0.001, 7.0)
     stateful: bool = parameter(True)
+    trans_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT, code=0.25)
+    rot_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT, code=0.25)
+
+
+class RotationShim(ParameterGroup):
+    """RotationShimController round the controller: meters, seconds, radians, and per second.
+
+    Attributes:
+        enabled: Whether there is one.
+    """
+
+    enabled: bool = False
+    angular_dist_threshold: float = parameter(0.785, 0.0, 3.15)
+    angular_disengage_threshold: float = parameter(0.785, 0.0, 3.15)
+    forward_sampling_distance: float = parameter(0.5, 0.0, 100.0)
+    rotate_to_heading_angular_vel: float = parameter(1.8, 0.0, 10.0)
+    max_angular_accel: float = parameter(3.2, 0.01, 100.0)
+    simulate_ahead_time: float = parameter(1.0, 0.0, 100.0)
+    rotate_to_goal_heading: bool = parameter(False)
+    closed_loop: bool = parameter(True)
 
 
 class BehaviorServer(ParameterGroup):
@@ -66,7 +93,14 @@ class WaypointFollower(ParameterGroup):
 
 
 class VelocitySmoother(ParameterGroup):
-    """velocity_smoother, open loop at 20 Hz: x, y, yaw in m/s and rad/s, and per second; the timeout in seconds."""
+    """velocity_smoother at 20 Hz: x, y, yaw in m/s and rad/s, and per second; times in seconds.
+
+    Attributes:
+        closed_loop: Whether it goes on from the mean of the odometry's last `odom_duration`, and not from its last command.
+    """
+
+    closed_loop: bool = False
+    odom_duration: float = parameter(0.1, 0.0, 5.0)
 
     max_velocity: tuple[Forward, Forward, Forward] = parameter((0.5, 0.0, 2.0), code=(0.5, 0.0, 2.5))
     min_velocity: tuple[Backward, Backward, Backward] = parameter((-0.5, 0.0, -2.0), code=(-0.5, 0.0, -2.5))

@@ -15,9 +15,11 @@ from vastflow.sim.nav.parameters.servers import (
     NavFn,
     Perturbation,
     ProgressChecker,
+    RotationShim,
     VelocitySmoother,
     WaypointFollower,
 )
+from vastflow.sim.nav.parameters.smac import SmacPlanner2D, SmacPlannerHybrid
 
 
 class NavParameters(ParameterGroup):
@@ -34,7 +36,7 @@ class NavParameters(ParameterGroup):
     amcl: AmclParameters = AmclParameters()
     local_costmap: Costmap = local_costmap()
     global_costmap: Costmap = global_costmap()
-    planner: NavFn = NavFn()
+    planner: NavFn | SmacPlanner2D | SmacPlannerHybrid = NavFn()
     controller_server: ControllerServer = ControllerServer()
     progress_checker: ProgressChecker = ProgressChecker()
     goal_checker: GoalChecker = GoalChecker()
@@ -42,4 +44,5 @@ class NavParameters(ParameterGroup):
     waypoint_follower: WaypointFollower = WaypointFollower()
     velocity_smoother: VelocitySmoother = VelocitySmoother()
     collision_monitor: CollisionMonitor = CollisionMonitor()
+    rotation_shim: RotationShim = RotationShim()
     controller: SerializeAsAny[ParameterGroup] = MppiParameters()

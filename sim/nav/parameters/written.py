@@ -1,7 +1,7 @@
 """The stack's parameters as a Nav2 document: what `interpretation` reads, the other way round."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 from vastflow.sim.digest import Value
 from vastflow.sim.nav.controllers.registry import name_of
@@ -16,10 +16,15 @@ from vastflow.sim.nav.parameters.plugins import (
     LAYERS,
     PLANNERS,
     PROGRESS_CHECKERS,
+    ROTATION_SHIM,
     WAIT_AT_WAYPOINT,
     Plugins,
 )
+from vastflow.sim.nav.parameters.servers import NO_ANGLE_RAD, NO_LIMIT, NavFn
 from vastflow.sim.nav.parameters.stack import NavParameters
+
+_NOT_SIMPLE: Final = ("required_movement_angle", "trans_stopped_velocity", "rot_stopped_velocity")
+"""Parameters that a simple checker does not have."""
 
 Values = dict[ParameterLocation, Value]
 
@@ -29,16 +34,22 @@ def document_of(parameters: NavParameters) -> ParameterDocument:
     values: Values = {("amcl", PARAMETERS, name): value for name, value in _plain(parameters.amcl).items()}
     node: ParameterLocation = ("controller_server", PARAMETERS)
     values |= _below(node, parameters.controller_server)
-    values |= _instance(node, PROGRESS_CHECKERS, "SimpleProgressChecker", parameters.progress_checker)
-    values |= _instance(node, GOAL_CHECKERS, "SimpleGoalChecker", parameters.goal_checker)
-    values |= controller_block(node, parameters.controller)
+    turns_count = parameters.progress_checker.required_movement_angle < NO_ANGLE_RAD
+    progress_checker = "PoseProgressChecker" if turns_count else "SimpleProgressChecker"
+    values |= _instance(node, PROGRESS_CHECKERS, progress_checker, parameters.progress_checker)
+    goal = parameters.goal_checker
+    stops = min(goal.trans_stopped_velocity, goal.rot_stopped_velocity) < NO_LIMIT
+    values |= _instance(node, GOAL_CHECKERS, "StoppedGoalChecker" if stops else "SimpleGoalChecker", goal)
+    values |= controller_block(node, parameters.controller) | _rotation_shim(node, parameters)
     values |= _costmap("local_costmap", parameters.local_costmap)
     values |= {
         path: value
         for path, value in _costmap("global_costmap", parameters.global_costmap).items()
         if path[-1] not in OF_THE_MAP
     }
-    values |= _instance(("planner_server", PARAMETERS), PLANNERS, "NavFn", parameters.planner)
+    values |= _instance(("planner_server", PARAMETERS), PLANNERS, type(parameters.planner).__name__, parameters.planner)
+    if not isinstance(parameters.planner, NavFn):
+        values |= _below(("planner_server", PARAMETERS, PLANNERS.used, "smoother"), parameters.planner.smoother)
     values |= _below(("behavior_server", PARAMETERS), parameters.behavior_server)
     return ParameterDocument(
         values | _waypoint_follower(parameters) | _velocity_smoother(parameters) | _monitor(parameters)
@@ -67,14 +78,23 @@ def controller_block(node: ParameterLocation, controller: ParameterGroup) -> Val
     return values
 
 
+def _rotation_shim(node: ParameterLocation, parameters: NavParameters) -> Values:
+    if not parameters.rotation_shim.enabled:
+        return {}
+    place = (*node, CONTROLLERS.used)
+    values = _below(place, parameters.rotation_shim)
+    del values[(*place, "enabled")]
+    primary = name_of(type(parameters.controller))
+    return {**values, (*place, "plugin"): ROTATION_SHIM, (*place, "primary_controller"): primary}
+
+
 def _instance(node: ParameterLocation, plugins: Plugins, kind: str, parameters: Any) -> Values:
     name = plugins.used
     class_name = next(class_name for class_name, called in plugins.modelled.items() if called == kind)
-    return {
-        (*node, plugins.lists[0]): [name],
-        (*node, name, "plugin"): class_name,
-        **_below((*node, name), parameters),
-    }
+    values = _below((*node, name), parameters)
+    if kind.startswith("Simple"):
+        values = {path: value for path, value in values.items() if path[-1] not in _NOT_SIMPLE}
+    return {(*node, plugins.lists[0]): [name], (*node, name, "plugin"): class_name, **values}
 
 
 def _costmap(name: str, costmap: Costmap) -> Values:
@@ -117,7 +137,10 @@ def _waypoint_follower(parameters: NavParameters) -> Values:
 
 
 def _velocity_smoother(parameters: NavParameters) -> Values:
-    return _below(("velocity_smoother", PARAMETERS), parameters.velocity_smoother)
+    node = ("velocity_smoother", PARAMETERS)
+    values = _below(node, parameters.velocity_smoother)
+    closed_loop = values.pop((*node, "closed_loop"))
+    return {**values, (*node, "feedback"): "CLOSED_LOOP" if closed_loop else "OPEN_LOOP"}
 
 
 def _monitor(parameters: NavParameters) -> Values:

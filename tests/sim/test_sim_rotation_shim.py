@@ -1,0 +1,180 @@
+"""The Rotation Shim: read from a file, round each controller, in runs that begin with the path behind the robot."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.document import DocumentError, parse
+from vastflow.sim.nav.parameters.findings import findings
+from vastflow.sim.nav.parameters.interpretation import interpretation
+from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.nav.parameters.servers import RotationShim
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.parameters.written import document_of
+
+SHIM = "nav2_rotation_shim_controller::RotationShimController"
+CLASSES = {
+    "mppi": "nav2_mppi_controller::MPPIController",
+    "dwb": "dwb_core::DWBLocalPlanner",
+    "rpp": "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController",
+}
+PLUG_IN = '''"""Straight on."""
+
+from vastflow.sim.nav.controllers.controller import Controller, kernel
+from vastflow.sim.nav.parameters.parameter import parameter
+
+
+@kernel
+def straight_on(q, memory, given):
+    return True, q.speed, 0.0
+
+
+class StraightOn(Controller):
+    speed: float = parameter(0.3, 0.0, 1.0)
+    compute_velocity = straight_on
+'''
+
+
+def read(text):
+    return interpretation(
+        parse(
+            f"controller_server: {{ros__parameters: {{controller_plugins: [FollowPath], FollowPath: {{{text}}}}}}}",
+            "n.yaml",
+        )
+    )
+
+
+def shimmed(name, **values):
+    """Nav2's default stack with one of the controllers in a shim."""
+    return alone(name).with_values(rotation_shim=RotationShim(enabled=True, **values))
+
+
+def alone(name):
+    """The same without one; RPP does not turn in place by itself."""
+    stack = parameters_of({"controller": name})
+    if name != "rpp":
+        return stack
+    return stack.with_values(controller=stack.controller.with_values(use_rotate_to_heading=False))
+
+
+def first_moves(found):
+    """Rows before the robot first drives: command's speed, yaw rate (rad/s), and the true yaw (rad) when it drives."""
+    speeds = found.columns["command_speed_mmps"]
+    first = int(np.argmax(speeds > 0))
+    return (
+        speeds[:first],
+        found.columns["command_yaw_rate_mradps"][:first] * 1e-3,
+        found.columns["yaw_mrad"][first] * 1e-3,
+    )
+
+
+def test_a_file_s_shim_has_its_own_parameters_and_the_controller_its_own():
+    text = f"plugin: {SHIM}, primary_controller: {CLASSES['rpp'].replace('::', '/')}, angular_dist_threshold: 0.5"
+    found = read(f"{text}, rotate_to_heading_angular_vel: 1.1, desired_linear_vel: 0.3, lookahead_time: 2.0")
+    shim, controller = found.parameters.rotation_shim, found.parameters.controller
+    assert shim == RotationShim(enabled=True, angular_dist_threshold=0.5, rotate_to_heading_angular_vel=1.1)
+    assert (controller.desired_linear_vel, controller.rotate_to_heading_angular_vel) == (0.3, 1.1)
+    assert {finding.status for finding in findings(found)} == {"modelled"}
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_stack_with_a_shim_is_the_same_read_from_its_document(name):
+    stack = shimmed(name, forward_sampling_distance=0.7, rotate_to_goal_heading=True)
+    assert interpretation(document_of(stack)).parameters == stack
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        (f"plugin: {SHIM}", "no 'primary_controller' below 'FollowPath'"),
+        (f"plugin: {SHIM}, primary_controller: {SHIM}", "RotationShimController is not modelled"),
+        (f"plugin: {SHIM}, primary_controller: mine::Own", "no controller 'mine::Own' is known"),
+        (
+            f"plugin: {SHIM}, primary_controller: {CLASSES['rpp']}, rotate_to_heading_once: true",
+            "rotate_to_heading_once: found true, which is not modelled",
+        ),
+    ],
+)
+def test_a_shim_without_a_controller_or_with_what_is_not_modelled_is_refused(text, fault):
+    with pytest.raises(DocumentError, match=fault):
+        read(text)
+
+
+def test_the_key_controller_keeps_a_file_s_shim_round_the_controller_that_it_names(tmp_path):
+    file = tmp_path / "nav2.yaml"
+    file.write_text(
+        "controller_server: {ros__parameters: {controller_plugins: [FollowPath], "
+        f"FollowPath: {{plugin: '{SHIM}', primary_controller: '{CLASSES['rpp']}'}}}}}}"
+    )
+    system = {"nav2_params": nav2_file(file)}
+    assert parameters_of({**system, "controller": "rpp"}).rotation_shim.enabled
+    assert not parameters_of({**system, "controller": "mppi"}).rotation_shim.enabled
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_with_the_path_behind_it_the_robot_turns_in_place_until_it_looks_along_and_then_drives_ten_meters(
+    name, over_a_floor
+):
+    stack = shimmed(name)
+    found = over_a_floor(stack, yaw_rad=3.0)
+    speeds, rates, yaw = first_moves(found)
+    assert found.run.outcome == "succeeded"
+    assert found.run.distance_m == pytest.approx(10.0, abs=0.5)
+    assert not speeds.any()
+    assert rates.min() == pytest.approx(-1.8)
+    # The plan is NavFn's: of its heading the robot is within the threshold, and by a cycle's turn at most.
+    assert 0.5 < abs(yaw) <= 0.785 + 0.1
+    assert not np.array_equal(rates[:20], first_moves(over_a_floor(alone(name), yaw_rad=3.0))[1][:20])
+
+
+def test_a_plug_in_of_one_s_own_drives_in_a_shim(tmp_path, over_a_floor):
+    (tmp_path / "own.py").write_text(PLUG_IN)
+    file = tmp_path / "nav2.yaml"
+    file.write_text(
+        "controller_server: {ros__parameters: {controller_plugins: [FollowPath], FollowPath: {"
+        f"plugin: '{SHIM}', primary_controller: 'own.py:StraightOn', angular_dist_threshold: 0.02, "
+        "angular_disengage_threshold: 0.02, speed: 0.4}}}"
+    )
+    stack = parameters_of({"nav2_params": nav2_file(file)})
+    speeds, rates, _ = first_moves(over_a_floor(stack, yaw_rad=1.0))
+    assert not speeds.any()
+    assert rates.min() < -0.5
+    assert stack.controller.speed == 0.4
+
+
+def test_the_acceleration_limits_the_first_turn_and_the_angle_left_the_last(over_a_floor):
+    found = over_a_floor(shimmed("rpp", angular_dist_threshold=0.05, max_angular_accel=1.0), yaw_rad=2.0)
+    _, rates, _ = first_moves(found)
+    # A row is two ticks of 50 ms: at most 0.1 rad/s more or less in each, seen from what odometry reports.
+    assert np.abs(np.diff(rates[:8])).max() <= 0.1 + 1e-3
+    yaw = np.abs(found.columns["yaw_mrad"][: len(rates)] * 1e-3)
+    assert (np.abs(rates) <= np.sqrt(2.0 * 1.0 * (yaw + 0.12))).all()
+
+
+def test_at_the_goal_the_robot_turns_to_its_heading_where_the_shim_is_told_so(over_a_floor):
+    stack = shimmed("dwb", rotate_to_goal_heading=True)
+    found = over_a_floor(stack, 4.0, goal_yaw_rad=2.5)
+    assert found.run.outcome == "succeeded"
+    near = np.hypot(found.columns["estimated_x_mm"] - 5000, found.columns["estimated_y_mm"] - 2000) < 245
+    assert not found.columns["command_speed_mmps"][near].any()
+    assert found.columns["command_yaw_rate_mradps"][near].max() == pytest.approx(1800)
+
+
+def test_a_robot_that_can_not_turn_in_place_leaves_the_path_to_the_controller(over_a_floor):
+    cells = np.zeros((80, 280), dtype=bool)
+    cells[45:47, 5:40] = True
+    stack = shimmed("rpp")
+    long = "[[0.45, 0.15], [0.45, -0.15], [-0.45, -0.15], [-0.45, 0.15]]"
+    costmaps = {name: getattr(stack, name).with_values(footprint=long) for name in ("local_costmap", "global_costmap")}
+    stack = stack.with_values(**costmaps)
+    turning = over_a_floor(stack, 2.0, yaw_rad=math.pi)
+    assert np.abs(turning.columns["command_yaw_rate_mradps"][:20]).max() > 500
+    # With a wall 0.25 m beside it the outline would meet that, and RPP's own check, which looks at the same, gives no command.
+    blocked = over_a_floor(stack, 2.0, yaw_rad=math.pi, cells=cells)
+    assert np.abs(blocked.columns["command_yaw_rate_mradps"][:10]).max() == 0
+
+
+def test_without_a_shim_the_stack_has_none():
+    assert not NavParameters().rotation_shim.enabled

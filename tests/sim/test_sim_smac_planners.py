@@ -1,0 +1,423 @@
+"""The Smac planners: their paths beside exhaustive searches, within their turning radius, and driven."""
+
+import heapq
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.nav.inflation import inflate
+from vastflow.sim.nav.outline import inscribed_radius_m, outline_of
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.costmap import Costmap, global_costmap
+from vastflow.sim.nav.parameters.document import DocumentError, parse
+from vastflow.sim.nav.parameters.findings import findings
+from vastflow.sim.nav.parameters.interpretation import interpretation
+from vastflow.sim.nav.parameters.smac import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.parameters.written import document_of
+from vastflow.sim.nav.planners import smac_2d, smac_hybrid
+from vastflow.sim.nav.planners.planner import compute_path, planner_of, search_of
+from vastflow.sim.nav.planners.primitives import price, primitives_of
+from vastflow.sim.nav.planners.search import PlannerInput
+from vastflow.sim.nav.record import record_of
+
+RESOLUTION_M = 0.05
+UNSMOOTHED = SmootherParameters(max_iterations=0)
+RECTANGLE = "[[0.55, 0.2], [0.55, -0.2], [-0.55, -0.2], [-0.55, 0.2]]"
+
+
+def read(text):
+    return interpretation(
+        parse(f"planner_server: {{ros__parameters: {{planner_plugins: [GridBased], GridBased: {{{text}}}}}}}", "n.yaml")
+    )
+
+
+def costs_of(lethal, costmap=None):
+    """An inflated costmap of flags (H, W)."""
+    q = costmap or global_costmap()
+    layer = q.inflation_layer
+    radius = inscribed_radius_m(outline_of(q))
+    cells = np.where(lethal, 254, 0).astype(np.uint8)
+    return inflate(cells, RESOLUTION_M, radius, layer.inflation_radius, layer.cost_scaling_factor)
+
+
+def rooms(rows=80, columns=120, door=slice(30, 44)):
+    """Two rooms and a door between them."""
+    lethal = np.zeros((rows, columns), dtype=bool)
+    lethal[[0, -1]], lethal[:, [0, -1]] = True, True
+    lethal[:, columns // 2 : columns // 2 + 2] = True
+    lethal[door, columns // 2 : columns // 2 + 2] = False
+    return lethal
+
+
+def situation(costs, start, goal, costmap=None, room=4096):
+    """What a planner is given; poses (x, y, yaw) in meters from the map's corner."""
+    place = np.array([0.0, 0.0, RESOLUTION_M])
+    outline = outline_of(costmap or global_costmap())
+    return PlannerInput(costs, place, outline, tuple(map(float, start)), tuple(map(float, goal)), np.zeros((room, 2)))
+
+
+def prepared(parameters, costmap=None):
+    return planner_of(parameters, costmap or global_costmap(), RESOLUTION_M, (0.0, 0.0))
+
+
+@njit
+def planned(planner, given):
+    return compute_path(planner, given)
+
+
+@njit
+def searched(q, distances, given):
+    return smac_hybrid.search(q[0], distances, given)
+
+
+@njit
+def searched_2d(q, costs, start, goal):
+    return smac_2d.search(q[0], costs, start, goal)
+
+
+@njit
+def primitives(q):
+    return primitives_of(q[0])
+
+
+@njit
+def price_of(q, primitive, cost, last):
+    return price(q[0], primitive, cost, last)
+
+
+def path_of(parameters, given, costmap=None):
+    """(N, 2) path in meters, or the error code."""
+    n = planned(prepared(parameters, costmap), given)
+    return given.path[:n].copy() if n > 0 else -n
+
+
+def raw_path(parameters, given, costmap=None):
+    """(N, 3) poses of Hybrid-A* in meters and radians, and the iterations."""
+    planner = prepared(parameters, costmap)
+    poses, iterations, code = searched(planner.search, planner.distances, given)
+    assert code == 0
+    return poses * [RESOLUTION_M, RESOLUTION_M, 1.0], iterations
+
+
+# What a file says.
+
+
+@pytest.mark.parametrize(
+    "planner",
+    [
+        SmacPlanner2D(tolerance=0.3, cost_travel_multiplier=2.0, smoother=SmootherParameters(w_data=0.1)),
+        SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP", minimum_turning_radius=0.8, smooth_path=False),
+    ],
+)
+def test_a_stack_with_a_smac_planner_is_the_same_read_from_its_document(planner):
+    assert interpretation(document_of(NavParameters(planner=planner))).parameters == NavParameters(planner=planner)
+
+
+def test_a_file_s_planner_has_its_parameters_and_those_of_its_smoother():
+    found = read(
+        "plugin: nav2_smac_planner/SmacPlannerHybrid, motion_model_for_search: REEDS_SHEPP, max_planning_time: 3.5, "
+        "smoother: {w_smooth: 0.2}, downsample_costmap: false, reverse_penalty: 2.1"
+    )
+    expected = SmacPlannerHybrid(
+        motion_model_for_search="REEDS_SHEPP", reverse_penalty=2.1, smoother=SmootherParameters(w_smooth=0.2)
+    )
+    assert found.parameters.planner == expected
+    assert {finding.path[-1]: finding.status for finding in findings(found)}["max_planning_time"] == "no effect"
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("plugin: nav2_smac_planner::SmacPlanner2D, downsample_costmap: true", "found true, which is not modelled"),
+        ("plugin: nav2_smac_planner::SmacPlannerHybrid, motion_model_for_search: MOORE", "'DUBIN' or 'REEDS_SHEPP'"),
+        ("plugin: nav2_smac_planner::SmacPlannerHybrid, minimum_turning_radius: -1.0", "must lie in"),
+        ("plugin: nav2_smac_planner::SmacPlannerLattice", "SmacPlannerLattice is not modelled"),
+    ],
+)
+def test_what_a_smac_planner_is_not_here_is_refused_with_its_place(text, fault):
+    with pytest.raises(DocumentError, match=fault):
+        read(text)
+
+
+# SmacPlanner2D.
+
+
+def dijkstra(costs, start, goal, penalty):
+    """The least cost from a cell to another over eight neighbors, every cell settled in its order."""
+    rows, columns = costs.shape
+    known, settled, waiting = {start: 0.0}, set(), [(0.0, start)]
+    while waiting:
+        value, here = heapq.heappop(waiting)
+        if here in settled:
+            continue
+        settled.add(here)
+        if here == goal:
+            return value
+        for dy in (-1, 0, 1):
+            for dx in (-1, 0, 1):
+                row, column = here[0] + dy, here[1] + dx
+                if not (0 <= row < rows and 0 <= column < columns) or costs[row, column] in (253, 254):
+                    continue
+                to = value + math.hypot(dx, dy) * (1.0 + penalty * costs[row, column] / 252.0)
+                if to < known.get((row, column), math.inf):
+                    known[row, column] = to
+                    heapq.heappush(waiting, (to, (row, column)))
+    return math.inf
+
+
+def cost_2d(costs, cells, penalty):
+    steps = np.hypot(*np.diff(cells, axis=0).T)
+    return float((steps * (1.0 + penalty * costs[cells[1:, 0], cells[1:, 1]] / 252.0)).sum())
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from([0.0, 1.0, 2.0]))
+def test_a_path_over_the_cells_costs_what_the_best_of_all_paths_costs(seed, penalty):
+    draw = np.random.default_rng(seed)
+    lethal = draw.random((50, 60)) < 0.01
+    costs = costs_of(lethal)
+    free = np.argwhere(costs < 200)
+    start, goal = free[draw.integers(len(free), size=2)]
+    least = dijkstra(costs, tuple(start), tuple(goal), penalty)
+    search = record_of(search_of(SmacPlanner2D(cost_travel_multiplier=penalty), Costmap(), RESOLUTION_M, (0.0, 0.0)))
+    last, parents, code = searched_2d(search, costs, start[0] * 60 + start[1], goal[0] * 60 + goal[1])
+    if not math.isfinite(least):
+        return
+    assert code == 0
+    cells = [last]
+    while cells[-1] != start[0] * 60 + start[1]:
+        cells.append(parents[cells[-1]])
+    path = np.array([divmod(int(cell), 60) for cell in cells[::-1]])
+    assert cost_2d(costs, path, penalty) == pytest.approx(least, rel=1e-4)
+
+
+def test_a_goal_in_an_obstacle_is_replaced_by_a_cell_within_the_tolerance():
+    lethal = rooms()
+    lethal[40, 90] = True
+    given = situation(costs_of(lethal), (1.0, 2.0, 0.0), (90.5 * 0.05, 40.5 * 0.05, 0.0))
+    path = path_of(SmacPlanner2D(tolerance=0.5), given)
+    assert 0.2 < math.hypot(*(path[-1] - [4.525, 2.025])) < 0.5
+    assert path_of(SmacPlanner2D(tolerance=0.1), given) == 208
+
+
+def test_a_closed_door_leaves_no_path_and_a_blocked_robot_none_from_its_start():
+    closed = costs_of(rooms(door=slice(0, 0)))
+    assert path_of(SmacPlanner2D(), situation(closed, (1.0, 2.0, 0.0), (5.0, 2.0, 0.0))) == 208
+    walled = rooms()
+    walled[30:50, 10:30] = True
+    assert path_of(SmacPlanner2D(), situation(costs_of(walled), (1.0, 2.0, 0.0), (5.0, 2.0, 0.0))) == 205
+    few = SmacPlanner2D(max_iterations=50)
+    assert path_of(few, situation(costs_of(rooms()), (1.0, 2.0, 0.0), (5.0, 2.0, 0.0))) == 207
+
+
+def test_unknown_cells_are_passed_only_where_that_is_allowed():
+    costs = costs_of(rooms())
+    costs[30:44, 55:66] = 255
+    given = situation(costs, (1.0, 2.0, 0.0), (5.0, 2.0, 0.0))
+    assert len(path_of(SmacPlanner2D(), given)) > 20
+    assert path_of(SmacPlanner2D(allow_unknown=False), given) == 208
+
+
+def test_the_smoother_keeps_the_ends_and_takes_the_corners_away():
+    given = situation(costs_of(rooms()), (1.0, 0.8, 0.0), (5.0, 3.2, 0.0))
+    rough = path_of(SmacPlanner2D(smoother=UNSMOOTHED), given)
+    smooth = path_of(SmacPlanner2D(), given)
+    assert rough.shape == smooth.shape
+    assert np.array_equal(rough[[0, -1]], smooth[[0, -1]])
+    turns = [np.abs(np.diff(np.unwrap(np.arctan2(*np.diff(path, axis=0).T)))).max() for path in (rough, smooth)]
+    assert turns[0] > 0.7 and turns[1] < 0.2
+    assert np.hypot(*(rough - smooth).T).max() < 0.3
+
+
+# SmacPlannerHybrid.
+
+
+def curvature(poses):
+    """Of the arc between two poses (1/m), whatever its direction."""
+    turned = np.abs(np.remainder(np.diff(poses[:, 2]) + math.pi, 2.0 * math.pi) - math.pi)
+    chord = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    # The chord of an arc of this angle and radius r is 2 r sin(angle / 2).
+    return 2.0 * np.sin(0.5 * turned) / np.maximum(chord, 1e-12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 10_000),
+    st.sampled_from(["DUBIN", "REEDS_SHEPP"]),
+    st.floats(0.1, 1.0),
+    st.sampled_from([16, 64, 72]),
+    st.booleans(),
+)
+def test_nowhere_on_a_searched_path_is_a_turn_tighter_than_the_robot_can_drive(
+    seed, model, radius_m, bins, interpolates
+):
+    draw = np.random.default_rng(seed)
+    costs = costs_of(draw.random((100, 100)) < 0.002)
+    free = np.argwhere(costs < 150)
+    cells = free[draw.integers(len(free), size=2)]
+    poses = [(column * 0.05 + 0.02, row * 0.05 + 0.02, draw.uniform(-3, 3)) for row, column in cells]
+    planner = SmacPlannerHybrid(
+        motion_model_for_search=model,
+        minimum_turning_radius=radius_m,
+        angle_quantization_bins=bins,
+        allow_primitive_interpolation=interpolates,
+        # Between two poses of a Reeds-Shepp curve may lie a cusp; those curves are tested by themselves.
+        analytic_expansion_max_length=3.0 if model == "DUBIN" else 0.0,
+        max_iterations=20_000,
+    )
+    found = prepared(planner)
+    path, _, code = searched(found.search, found.distances, situation(costs, *poses))
+    if code != 0:
+        return
+    assert curvature(path * [RESOLUTION_M, RESOLUTION_M, 1.0]).max(initial=0.0) <= 1.0 / radius_m * (1.0 + 1e-6)
+
+
+def headed(poses):
+    """Whether each step leads forward."""
+    steps = np.diff(poses[:, :2], axis=0)
+    middle = poses[:-1, 2] + 0.5 * (np.remainder(np.diff(poses[:, 2]) + math.pi, 2.0 * math.pi) - math.pi)
+    return steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle) > 0.0
+
+
+def test_a_dubins_path_never_reverses_and_a_reeds_shepp_path_does_where_there_is_no_room_to_turn():
+    costs = costs_of(rooms(rows=44, columns=200, door=slice(0, 44)))
+    start, goal = (6.0, 1.1, 0.0), (3.0, 1.1, 0.0)
+    values = {"minimum_turning_radius": 0.5, "analytic_expansion_max_length": 10.0}
+    reversing, _ = raw_path(
+        SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP", **values), situation(costs, start, goal)
+    )
+    assert not headed(reversing).all()
+    open_costs = costs_of(rooms(rows=200, columns=200, door=slice(0, 200)))
+    start, goal = (6.0, 5.0, 0.0), (3.0, 5.0, 0.0)
+    forward, _ = raw_path(SmacPlannerHybrid(**values), situation(open_costs, start, goal))
+    assert headed(forward).all()
+
+
+def test_a_path_begins_at_the_start_and_ends_at_the_goal_with_their_headings():
+    costs = costs_of(rooms())
+    start, goal = (1.0, 0.8, 0.3), (5.0, 3.2, 1.5)
+    poses, _ = raw_path(SmacPlannerHybrid(), situation(costs, start, goal))
+    assert poses[[0, -1], :2] == pytest.approx(np.array([start[:2], goal[:2]]))
+    assert poses[[0, -1], 2] == pytest.approx([0.3, 1.5], abs=0.5 * 2.0 * math.pi / 72)
+
+
+def lattice_dijkstra(q, costs, start, goal_cell):
+    """The least price from a pose to a cell with any heading over the same primitives, exhaustively and without a heuristic."""
+    moves = primitives(q)
+    bins = int(q["bins"][0])
+    x, y, turn = start
+    known, settled, waiting = {}, set(), [(0.0, 0, x, y, turn, 0.0)]
+    count = 0
+    while waiting:
+        value, _, x, y, turn, last = heapq.heappop(waiting)
+        key = int(x), int(y), turn
+        if key in settled:
+            continue
+        settled.add(key)
+        if key[:2] == goal_cell:
+            return value
+        angle = 2.0 * math.pi * turn / bins
+        c, s = math.cos(angle), math.sin(angle)
+        for move in moves:
+            to_x, to_y = x + c * move[0] - s * move[1], y + s * move[0] + c * move[1]
+            to_turn = int(turn + move[2]) % bins
+            to = int(to_x), int(to_y), to_turn
+            if not (0 <= to_x < costs.shape[1] and 0 <= to_y < costs.shape[0]) or to in settled:
+                continue
+            cost = costs[to[1], to[0]]
+            if cost >= 253:
+                continue
+            sum_ = value + price_of(q, move, float(cost), last)
+            if sum_ < known.get(to, math.inf):
+                known[to] = sum_
+                count += 1
+                heapq.heappush(waiting, (sum_, count, to_x, to_y, to_turn, move[3]))
+    return math.inf
+
+
+@pytest.mark.parametrize("model", ["DUBIN", "REEDS_SHEPP"])
+def test_a_path_on_the_lattice_costs_within_two_percent_of_an_exhaustive_search(model):
+    lethal = rooms(rows=60, columns=80, door=slice(22, 40))
+    costs = costs_of(lethal)
+    parameters = SmacPlannerHybrid(
+        motion_model_for_search=model, angle_quantization_bins=16, analytic_expansion_max_length=0.0
+    )
+    q = record_of(search_of(parameters, global_costmap(), RESOLUTION_M, (0.0, 0.0)))
+    distances = prepared(parameters).distances
+    ratios = []
+    for start, goal in (((0.8, 0.8, 0.0), (3.2, 2.2)), ((0.8, 2.2, 0.0), (3.2, 0.8)), ((0.6, 1.5, 1.2), (3.4, 1.5))):
+        turn = round(start[2] * 16 / (2.0 * math.pi)) % 16
+        least = lattice_dijkstra(
+            q, costs, (start[0] / 0.05, start[1] / 0.05, turn), (int(goal[0] / 0.05), int(goal[1] / 0.05))
+        )
+        best = math.inf
+        for heading in np.arange(16) * 2.0 * math.pi / 16:
+            given = situation(costs, start, (*goal, heading))
+            poses, _, code = searched(q, distances, given)
+            exact = code == 0 and tuple((poses[-1, :2]).astype(int)) == (int(goal[0] / 0.05), int(goal[1] / 0.05))
+            if exact:
+                best = min(best, lattice_price(q, poses, costs))
+        ratios.append(best / least)
+    assert max(ratios) <= 1.02
+
+
+def lattice_price(q, poses, costs):
+    """The price of a path of primitives, pose after pose."""
+    moves, total, last = primitives(q), 0.0, 0.0
+    for here, there in itertools.pairwise(poses):
+        c, s = math.cos(here[2]), math.sin(here[2])
+        dx, dy = there[0] - here[0], there[1] - here[1]
+        apart = np.hypot(moves[:, 0] - (c * dx + s * dy), moves[:, 1] - (c * dy - s * dx))
+        move = moves[int(apart.argmin())]
+        assert apart.min() < 1e-6
+        total += price_of(q, move, float(costs[int(there[1]), int(there[0])]), last)
+        last = move[3]
+    return total
+
+
+def test_a_long_robot_passes_a_door_lengthwise_only_where_its_outline_fits():
+    costmap = global_costmap().with_values(footprint=RECTANGLE)
+    wide, narrow = (costs_of(rooms(door=slice(40 - n, 40 + n)), costmap) for n in (7, 3))
+    q = SmacPlannerHybrid(minimum_turning_radius=0.5)
+    start, goal = (1.0, 2.0, 0.0), (5.0, 2.0, 0.0)
+    path, _ = raw_path(q, situation(wide, start, goal, costmap), costmap)
+    assert np.abs(np.sin(path[np.abs(path[:, 0] - 3.05) < 0.3, 2])).max() < 0.35
+    assert path_of(q, situation(narrow, start, goal, costmap), costmap) == 208
+
+
+# Driven.
+
+
+@pytest.mark.parametrize(
+    "planner",
+    [SmacPlanner2D(), SmacPlannerHybrid(), SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP")],
+    ids=["2D", "DUBIN", "REEDS_SHEPP"],
+)
+def test_a_robot_drives_ten_meters_on_a_smac_planner_s_path_round_a_wall(planner, over_a_floor):
+    cells = np.zeros((80, 280), dtype=bool)
+    cells[20:60, 120:124] = True
+    stack = parameters_of({"controller": "rpp"})
+    found = over_a_floor(stack.with_values(planner=planner), cells=cells)
+    other = over_a_floor(stack, cells=cells)
+    assert found.run.outcome == "succeeded"
+    assert 10.0 < found.run.distance_m < 12.5
+    assert not np.array_equal(found.columns["y_mm"][:100], other.columns["y_mm"][:100])
+
+
+def test_a_hybrid_path_to_a_goal_behind_turns_with_the_least_radius_where_the_default_turns_in_place(over_a_floor):
+    stack = parameters_of({"controller": "rpp"})
+    stack = stack.with_values(
+        controller=stack.controller.with_values(
+            use_rotate_to_heading=False, use_cost_regulated_linear_velocity_scaling=False
+        ),
+        planner=SmacPlannerHybrid(minimum_turning_radius=0.6, analytic_expansion_max_length=8.0),
+    )
+    found = over_a_floor(stack, 8.0, yaw_rad=math.pi / 2)
+    assert found.run.outcome == "succeeded"
+    assert found.columns["y_mm"].max() > 2400
