@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.denoise import denoised
 from vastflow.sim.nav.inflation import FREE, LETHAL, UNKNOWN, cost_stamp, inflation_of, with_unknown
 from vastflow.sim.nav.likelihood import likelihood_cubed, usable_range_m
 from vastflow.sim.nav.navfn import travel_costs
@@ -111,6 +112,8 @@ class _Costs(NamedTuple):
 @functools.lru_cache(maxsize=KEPT_MAPS)
 def _costs(occupancy: OccupancyMap, costmap: Costmap, allow_unknown: bool) -> _Costs:
     static = _static_layer(occupancy, costmap)
+    if costmap.denoise_layer.enabled:
+        static = denoised(static, costmap.denoise_layer)
     stamp = _stamp(costmap, occupancy.resolution_m)
     static_costs = inflation_of(static, stamp)
     costs = with_unknown(static, static_costs)

@@ -5,6 +5,7 @@ from typing import Any
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.costmap import MARKED, UNSEEN, clear_polygon, merge_window, observe, roll
+from vastflow.sim.nav.denoise import remove_small_groups, remove_small_marks
 from vastflow.sim.nav.inflation import FREE, LETHAL, stamp_lethal
 from vastflow.sim.nav.navfn import fill_travel_costs
 from vastflow.sim.nav.state import Grids, Local
@@ -46,6 +47,8 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
             costs[r, k] = FREE
     if q.static_layer.enabled:
         _mark_static(p, m, g.static, local)
+    if q.denoise_layer.enabled:
+        remove_small_groups(q.denoise_layer, local.lethal, local.scratch)
     stamp_lethal(local.lethal, local.stamp, costs)
 
 
@@ -125,8 +128,22 @@ def clear_global(p: Any, m: Any, g: Grids) -> None:
 
 
 @inner
+def _quiet(p: Any, g: Grids, column: int, row: int, reach: int) -> Any:
+    """The obstacle layer as the Denoise layer leaves it, brought up to date in a window."""
+    rows, columns = g.layer.shape
+    row0, row1 = max(0, row - reach), max(min(rows, row + reach + 1), 0)
+    col0, col1 = max(0, column - reach), max(min(columns, column + reach + 1), 0)
+    q = p.global_costmap.denoise_layer
+    remove_small_marks(q, g.static, g.layer, g.lethal, row0, row1, col0, col1, g.quiet)
+    return g.quiet
+
+
+@inner
 def _merge(p: Any, g: Grids, column: int, row: int, reach: int) -> None:
-    row0, row1, col0, col1 = merge_window(g.static, g.static_costs, g.layer, g.stamp, column, row, reach, g.costs)
+    layer = g.layer
+    if p.global_costmap.denoise_layer.enabled:
+        layer = _quiet(p, g, column, row, reach)
+    row0, row1, col0, col1 = merge_window(g.static, g.static_costs, layer, g.stamp, column, row, reach, g.costs)
     rows, columns = g.travel.shape
     row0, row1, col0, col1 = max(row0, 1), min(row1, rows - 1), max(col0, 1), min(col1, columns - 1)
     fill_travel_costs(g.costs, p.planner.allow_unknown != 0, row0, row1, col0, col1, g.travel)

@@ -173,6 +173,7 @@ class Grids(NamedTuple):
 
     Attributes:
         static, static_costs: Static layer, and the inflation of its lethal cells.
+        quiet, lethal: The global obstacle layer after the Denoise layer, and its scratch; (1, 1) without one.
         layer: Global obstacle layer; `costs` the master costmap, `travel` NavFn's costs of it, `potential` what the last
             flood gave.
     """
@@ -183,6 +184,8 @@ class Grids(NamedTuple):
     static_costs: Any
     stamp: Any
     layer: Any
+    quiet: Any
+    lethal: Any
     costs: Any
     travel: Any
     potential: Any
@@ -258,6 +261,7 @@ def new_stack(
 ) -> Stack:
     """A stack of a robot at rest, with no idea of where it is and no mission: see `set_pose` and `give`."""
     shape = prepared.static.shape
+    denoised_shape = shape if parameters.global_costmap.denoise_layer.enabled else (1, 1)
     memory = np.zeros(1, dtype=MEMORY)
     m = memory[0]
     m["true_x"], m["true_y"], m["true_yaw"] = start.x_m, start.y_m, start.yaw_rad
@@ -282,6 +286,8 @@ def new_stack(
             static_costs=prepared.static_costs,
             stamp=prepared.stamp,
             layer=np.zeros(shape, dtype=np.uint8),
+            quiet=np.zeros(denoised_shape, dtype=np.uint8),
+            lethal=np.zeros(denoised_shape, dtype=np.uint8),
             costs=prepared.costs.copy(),
             travel=prepared.travel.copy(),
             potential=new_potential(shape),

@@ -115,14 +115,14 @@ def test_a_file_of_which_everything_is_modelled_is_noted_for_its_missing_nodes_a
 
 def test_what_is_not_modelled_is_noted_once_with_its_place(load: Load) -> None:
     text = NAV2.replace("controller_frequency: 20.0", "costmap_update_timeout: 0.5").replace(
-        "robot_radius: 0.3", "filters: [keepout]"
+        "robot_radius: 0.3", "map_vis_z: 0.1"
     )
     found = notes(
         load(f"{text}ekf:\n  ros__parameters:\n    a: 1\n    b: {{c: 2}}\n      \namcl: {{ros__parameters: {{x: 1}}}}")
     )
     assert found[2:] == [
         "nav2.yaml:3:29: controller_server.costmap_update_timeout: found 0.5, which is not modelled; 0.3 is built in",
-        "nav2.yaml:11:7: local_costmap.local_costmap.filters: not modelled; there are no costmap filters",
+        "nav2.yaml:11:18: local_costmap.local_costmap.map_vis_z: not modelled",
         "nav2.yaml:13:3: ekf: its 2 parameters are not modelled; nothing of this node is",
         "nav2.yaml:17:29: amcl.x: not modelled",
     ]  # fmt: skip

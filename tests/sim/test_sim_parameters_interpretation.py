@@ -293,6 +293,8 @@ def test_a_monitor_without_a_footprint_that_approaches_or_without_a_scan_does_no
 
 
 PLUGIN_FAULTS = [
+    (controller("plugin: nav2_mppi_controller::MPPIController, motion_model: Ackermann"), "C.motion_model: found 'Ackermann', which is not modelled; 'DiffDrive'"),
+    ("local_costmap: {local_costmap: {ros__parameters: {filters: [keepout_filter]}}}", "local_costmap.ros__parameters.filters: found ['keepout_filter'], which is not modelled; []"),
     (controller("plugin: 'my::Controller'"), "C.plugin: no controller 'my::Controller' is known; known: dwb_core::DWBLocalPlanner, nav2_mppi_controller::MPPIController, "),
     (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "controller_plugins.0: no 'primary_controller' below 'C'; the class of a controller; known: "),
     (controller("gain: 1"), "controller_plugins.0: no 'plugin' below 'C'; the class of a controller; known: "),
@@ -303,7 +305,7 @@ PLUGIN_FAULTS = [
     ("planner_server: {ros__parameters: {GridBased.plugin: 3}}", "GridBased.plugin: found 3; text"),
     ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, goal_checker_plugins: [g], g.plugin: nav2_controller::PositionGoalChecker}}", "g.plugin: nav2_controller::PositionGoalChecker is not modelled; a goal checker that is: "),
     ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, progress_checker_plugins: [g], g.plugin: x::P}}", "g.plugin: no progress checker 'x::P' is known; known: "),
-    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: nav2_costmap_2d::DenoiseLayer}}}", "d.plugin: nav2_costmap_2d::DenoiseLayer is not modelled; a costmap layer that is: nav2_costmap_2d::StaticLayer, "),
+    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: nav2_costmap_2d::RangeSensorLayer}}}", "d.plugin: nav2_costmap_2d::RangeSensorLayer is not modelled; a costmap layer that is: nav2_costmap_2d::StaticLayer, "),
     ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: x::L}}}", "d.plugin: no costmap layer 'x::L' is known; known: "),
     (controller("plugin: nav2_mppi_controller::MPPIController, critics: [CostCritic, Cost]"), "C.critics.1: MPPI has no critic 'Cost'; known: "),
     (controller("plugin: dwb_core::DWBLocalPlanner, critics: [ObstacleFootprint]"), "C.critics.0: the critic ObstacleFootprint of DWB is not modelled; known: RotateToGoal, "),
@@ -371,6 +373,9 @@ def test_every_item_of_a_list_that_is_out_of_range_is_told():
     ]
 
 
+_ONE_BY_ONE = ("short_clearing_cells", "place", "consider_footprint", "group_connectivity_type")
+
+
 @st.composite
 def varied(draw, default):
     """Parameters like `default` with other values; those of a group that is not enabled stay."""
@@ -378,7 +383,7 @@ def varied(draw, default):
     for name, value in default:
         if isinstance(value, ParameterGroup):
             values[name] = draw(varied(value))
-        elif name not in ("short_clearing_cells", "place", "consider_footprint") and draw(st.booleans()):
+        elif name not in _ONE_BY_ONE and draw(st.booleans()):
             values[name] = draw(values_of(value, *range_of(type(default).model_fields[name])))
     if values.get("enabled", getattr(default, "enabled", True)) is False:
         return type(default)(enabled=False)

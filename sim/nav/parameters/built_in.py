@@ -116,11 +116,6 @@ UNUSED_NODES: Final[Mapping[str, str]] = {
 }
 """Nodes that have no effect on the missions, and why."""
 
-NOT_MODELLED: Final[Mapping[str, str]] = {
-    "filters": "there are no costmap filters",
-}
-"""Parameters of which there is more to say."""
-
 _FRAMES: Final = (
     "global_frame",
     "local_frame",
@@ -140,7 +135,6 @@ _BEHAVIORS: Final = {
 _COSTMAP: Final[Mapping[str, BuiltIn]] = {
     **_any("robot_base_frame", "always_send_full_costmap", "transform_tolerance", "initial_transform_timeout"),
     **_any("origin_x", "origin_y", "map_topic"),
-    "filters": only(()),
     "lethal_cost_threshold": only(100),
     "unknown_cost_value": only(255),
     "trinary_costmap": only(True),
@@ -233,7 +227,6 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         # The robot is a differential drive: it has no sideways motion.
         **_any("transform_tolerance", "vy_max", "vy_std", "ay_max", "ay_min", "inversion_xy_tolerance"),
         **_any("inversion_yaw_tolerance"),
-        "motion_model": only("DiffDrive"),
         "iteration_count": only(1),
         "retry_attempt_limit": only(1),
         "reset_period": only(1.0),

@@ -1,5 +1,7 @@
 """Parameters of the two costmaps and their layers."""
 
+from typing import Literal
+
 from pydantic import field_validator
 
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
@@ -37,6 +39,14 @@ class ObstacleLayer(ParameterGroup):
     short_clearing_cells: int = 0
 
 
+class DenoiseLayer(ParameterGroup):
+    """Groups of fewer lethal cells than `minimal_group_size` are free; cells of a group touch by edges (4), or by corners too (8)."""
+
+    enabled: bool = parameter(True)
+    minimal_group_size: int = parameter(2, 0, 64)
+    group_connectivity_type: Literal[4, 8] = parameter(8)
+
+
 class Costmap(ParameterGroup):
     """One costmap: rates in Hz, lengths in meters.
 
@@ -58,6 +68,7 @@ class Costmap(ParameterGroup):
     track_unknown_space: bool = parameter(False)
     static_layer: StaticLayer = StaticLayer()
     obstacle_layer: ObstacleLayer = ObstacleLayer()
+    denoise_layer: DenoiseLayer = DenoiseLayer(enabled=False)
     inflation_layer: InflationLayer = InflationLayer()
 
     @field_validator("footprint")

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 from vastflow.sim.digest import Value
 from vastflow.sim.files import TextPlace
-from vastflow.sim.nav.parameters.built_in import NOT_MODELLED, TABLES, UNUSED_NODES, built_in
+from vastflow.sim.nav.parameters.built_in import TABLES, UNUSED_NODES, built_in
 from vastflow.sim.nav.parameters.document import PARAMETERS, ParameterDocument, ParameterLocation, node_of
 from vastflow.sim.nav.parameters.interpretation import Interpretation
 from vastflow.sim.nav.parameters.reader import Reader
@@ -73,8 +73,6 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
     if rule is not None and rule.agrees(value):
         status: Status = "built in" if rule.matters else "no effect"
         return Finding(path, place, value, status, value if rule.matters else None, "", path)
-    if name[-1] in NOT_MODELLED:
-        return Finding(path, place, value, "not modelled", None, NOT_MODELLED[name[-1]], path)
     if rule is not None:
         return Finding(path, place, value, "differs", rule.value, "", path)
     if len(name) > 1 and _is_unlisted(document, (*(group or node), name[0])):

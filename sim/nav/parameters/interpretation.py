@@ -16,6 +16,7 @@ from vastflow.sim.nav.controllers.registry import (
 from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.parameters.costmap import (
     Costmap,
+    DenoiseLayer,
     InflationLayer,
     ObstacleLayer,
     StaticLayer,
@@ -73,6 +74,12 @@ NO_SMOOTHER: Final = VelocitySmoother(
 
 OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
 """Parameters of the global costmap that have no effect: it is as large and as fine as the map."""
+
+_NOT_OF_THE_SHIM: Final = ("rotate_to_heading_once", "use_path_orientations")
+"""Flags of the Rotation Shim that are not modelled."""
+
+_FIELDS: Final = {"StaticLayer": "static_layer", "DenoiseLayer": "denoise_layer", "InflationLayer": "inflation_layer"}
+"""Kinds of layers to fields of `Costmap`; others are obstacle layers."""
 
 OF_THE_SCAN: Final = ("marking", "clearing", "obstacle_max_range", "obstacle_min_range", "raytrace_max_range")
 """Parameters of an obstacle layer that its source has."""
@@ -174,8 +181,14 @@ def _global_costmap(reader: Reader, node: ParameterLocation) -> Parts:
 def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
     places: dict[str, ParameterLocation] = {}
     kinds: dict[str, str] = {}
+    reader.only((*node, "filters"), [])
     for layer in reader.plugins(node, LAYERS):
-        field = {"StaticLayer": "static_layer", "InflationLayer": "inflation_layer"}.get(layer.kind, "obstacle_layer")
+        field = _FIELDS.get(layer.kind, "obstacle_layer")
+        if field == "denoise_layer" and "inflation_layer" in places:
+            path = (*node, layer.name, "plugin")
+            reader.fault(
+                path, f"{layer.name} comes after the inflation", "a Denoise layer before it in the list 'plugins'"
+            )
         if field in places:
             reader.unmodelled[(*node, layer.name)] = f"a second layer beside {places[field][-1]} is not modelled"
         else:
@@ -183,6 +196,7 @@ def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
     layers: Mapping[str, type[Any]] = {
         "static_layer": StaticLayer,
         "obstacle_layer": ObstacleLayer,
+        "denoise_layer": DenoiseLayer,
         "inflation_layer": InflationLayer,
     }
     for field, model in layers.items():
@@ -283,16 +297,17 @@ def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocat
         return {**parts, "controller": _own_parameters(reader, kind, place, {(*place, "plugin"), path, *shimmed})}
     algorithm = short_name(name).upper()
     reader.kinds[place] = algorithm
+    if algorithm == "MPPI":
+        reader.only((*place, "motion_model"), "DiffDrive")
     return {**parts, "controller": reader.group(kind, place, given=_critics(reader, place, algorithm, kind()))}
 
 
 def _rotation_shim(reader: Reader, place: ParameterLocation) -> tuple[Parts, tuple[ParameterLocation, ...]]:
     """The Rotation Shim, and where its parameters may be: the controller in it has its own beside them."""
-    for name in ("rotate_to_heading_once", "use_path_orientations"):
-        if reader.flag((*place, name), False):
-            reader.fault((*place, name), "found true, which is not modelled", "false")
+    for name in _NOT_OF_THE_SHIM:
+        reader.only((*place, name), False)
     shim = reader.group(RotationShim, place, given={"enabled": True})
-    names = (*RotationShim.model_fields, "rotate_to_heading_once", "use_path_orientations")
+    names = (*RotationShim.model_fields, *_NOT_OF_THE_SHIM)
     return {"rotation_shim": shim}, tuple((*place, name) for name in names)
 
 
@@ -366,8 +381,7 @@ def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
     place = (*node, planner.name)
     if planner.kind == "NavFn":
         return {"planner": reader.group(NavFn, place)}
-    if reader.flag((*place, "downsample_costmap"), False):
-        reader.fault((*place, "downsample_costmap"), "found true, which is not modelled", "false")
+    reader.only((*place, "downsample_costmap"), False)
     model = SmacPlanner2D if planner.kind == "SmacPlanner2D" else SmacPlannerHybrid
     return {
         "planner": reader.group(

@@ -83,12 +83,12 @@ LAYERS: Final = Plugins(
     modelled={
         **{
             f"nav2_costmap_2d::{name}": name
-            for name in ("StaticLayer", "ObstacleLayer", "VoxelLayer", "InflationLayer")
+            for name in ("StaticLayer", "ObstacleLayer", "VoxelLayer", "DenoiseLayer", "InflationLayer")
         },
         "spatio_temporal_voxel_layer::SpatioTemporalVoxelLayer": "SpatioTemporalVoxelLayer",
     },
     foreign=(
-        *_classes("nav2_costmap_2d", "DenoiseLayer", "RangeSensorLayer", "PluginContainerLayer"),
+        *_classes("nav2_costmap_2d", "RangeSensorLayer", "PluginContainerLayer"),
         "nav2_bringup::NonPersistentVoxelLayer",
     ),
     defaults={

@@ -118,6 +118,13 @@ class Reader:
         self.asked[path] = given
         return [str(name) for name in found]
 
+    def only(self, path: ParameterLocation, modelled: Value) -> None:
+        """A parameter of which one value is modelled: another is a fault, for the robot would drive otherwise."""
+        found = self.document.values.get(path, modelled)
+        self.asked[path] = found
+        if found != modelled:
+            self.fault(path, f"found {shown(found)}, which is not modelled", shown(modelled))
+
     def _plain(self, path: ParameterLocation, default: Value, kind: type, meaning: str) -> Value:
         found = self.document.values.get(path, default)
         if not isinstance(found, kind):

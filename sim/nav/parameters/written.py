@@ -104,6 +104,7 @@ def _costmap(name: str, costmap: Costmap) -> Values:
     layers: dict[str, tuple[str, Any]] = {
         "static_layer": ("StaticLayer", costmap.static_layer),
         obstacle_layer: ("VoxelLayer" if obstacle_layer == "voxel_layer" else "ObstacleLayer", costmap.obstacle_layer),
+        "denoise_layer": ("DenoiseLayer", costmap.denoise_layer),
         "inflation_layer": ("InflationLayer", costmap.inflation_layer),
     }
     listed = {layer: each for layer, each in layers.items() if each[1].enabled}

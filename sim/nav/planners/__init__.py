@@ -1,1 +1,1 @@
-"""Planners that search: Nav2's SmacPlanner2D and SmacPlannerHybrid (nav2_smac_planner, Jazzy)."""
+"""Planners that search: Nav2's SmacPlanner2D and SmacPlannerHybrid."""

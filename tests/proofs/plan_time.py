@@ -1,0 +1,139 @@
+"""What one plan costs: each planner between the same ends on the same costmaps, in CPU time, kernels warm.
+
+    python tests/proofs/plan_time.py [--map FILE.yaml] [--length M]
+
+plans five paths of a length on the benchmark's floor of 100 m × 70 m, or on a map file, over the costmap of Nav2's default file without
+marks. It prints milliseconds of the first plan to each goal and of the same plan again, which finds the distance heuristic's curves
+known, and the lengths of the paths. NavFn floods without bounds there, as Nav2 does.
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from bench_simulator import LARGE, REFERENCE_TURNS, Route, benchmark_map, benchmark_routes
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.navfn import path
+from vastflow.sim.nav.outline import outline_of
+from vastflow.sim.nav.parameters.smac import SmacPlanner2D, SmacPlannerHybrid
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.planners.planner import Planner, compute_path, planner_of
+from vastflow.sim.nav.planners.search import PlannerInput
+from vastflow.sim.pose import Pose
+from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.world.lidar import Lidar
+
+PLANNERS = {
+    "SmacPlanner2D": SmacPlanner2D(),
+    "SmacPlannerHybrid, Dubins": SmacPlannerHybrid(),
+    "SmacPlannerHybrid, Reeds-Shepp": SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP"),
+}
+
+Ends = tuple[Pose, Pose]
+Plan = Callable[[Pose, Pose], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """Of one planner: CPU milliseconds of first and of repeated plans, lengths of the paths (m)."""
+
+    planner: str
+    first_ms: NDArray[np.float64]
+    again_ms: NDArray[np.float64]
+    lengths_m: NDArray[np.float64]
+
+
+@njit
+def planned(planner: Planner, given: PlannerInput) -> int:
+    return int(compute_path(planner, given))
+
+
+def plans_of(occupancy: OccupancyMap) -> Iterator[tuple[str, Plan]]:
+    """Each planner on a map, and what plans a path (N, 2) with it in meters; an empty one where there is none."""
+    parameters = NavParameters()
+    costs = prepare(occupancy, Lidar(), parameters).costs
+    resolution_m, origin_m = occupancy.resolution_m, np.array(occupancy.origin_xy_m)
+
+    def flood(start: Pose, goal: Pose) -> NDArray[np.float64]:
+        cells = [
+            np.floor((np.array([at.x_m, at.y_m]) - origin_m) / resolution_m + 0.5).astype(int) for at in (start, goal)
+        ]
+        return path(costs, tuple(cells[0].tolist()), tuple(cells[1].tolist())) * resolution_m
+
+    yield "NavFn", flood
+    place = np.array([*origin_m, resolution_m])
+    outline = outline_of(parameters.global_costmap)
+    for name, planner_parameters in PLANNERS.items():
+        planner = planner_of(planner_parameters, parameters.global_costmap, resolution_m, occupancy.origin_xy_m)
+
+        def search(start: Pose, goal: Pose, planner: Planner = planner) -> NDArray[np.float64]:
+            ends = [(at.x_m, at.y_m, at.yaw_rad) for at in (start, goal)]
+            given = PlannerInput(costs, place, outline, ends[0], ends[1], np.zeros((16 * max(costs.shape), 2)))
+            return np.asarray(given.path[: max(planned(planner, given), 0)])
+
+        yield name, search
+
+
+def times_of(occupancy: OccupancyMap, ends: list[Ends]) -> Iterator[Times]:
+    """What plans between these ends cost each planner."""
+    for name, plan in plans_of(occupancy):
+        plan(*reversed(ends[0]))
+        first, again, lengths = [], [], []
+        for start, goal in ends:
+            found, first_ms = _timed(plan, start, goal)
+            again.append(_timed(plan, start, goal)[1])
+            first.append(first_ms)
+            lengths.append(float(np.hypot(*np.diff(found, axis=0).T).sum()) if len(found) else float("nan"))
+        yield Times(name, np.array(first), np.array(again), np.array(lengths))
+
+
+def _timed(plan: Plan, start: Pose, goal: Pose) -> tuple[NDArray[np.float64], float]:
+    began = time.process_time()
+    found = plan(start, goal)
+    return found, 1e3 * (time.process_time() - began)
+
+
+def ends_of(routes: list[Route]) -> list[Ends]:
+    """Where routes begin and end."""
+    return [(route.start, route.mission.goals[-1]) for route in routes]
+
+
+def reference_cpu_s() -> float:
+    """CPU time of the loop that figures are given beside."""
+
+    def turns() -> None:
+        for _ in range(REFERENCE_TURNS):
+            pass
+
+    began = time.process_time()
+    turns()
+    return time.process_time() - began
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--map", type=Path, metavar="FILE.yaml", help="in place of the benchmark's floor")
+    parser.add_argument("--length", type=float, default=20.0, metavar="M", help="of the paths")
+    options = parser.parse_args()
+    occupancy = benchmark_map(LARGE) if options.map is None else load_map(options.map)
+    ends = ends_of(benchmark_routes(occupancy, options.length))
+    rows, columns = occupancy.shape
+    print(
+        f"{columns} x {rows} cells, {len(ends)} paths of {options.length:g} m; the loop takes {reference_cpu_s():.3f} s"
+    )
+    print(f"{'planner':34}{'first, ms':>11}{'again, ms':>11}{'worst, ms':>11}{'length, m':>11}")
+    for each in times_of(occupancy, ends):
+        medians = np.median(each.first_ms), np.median(each.again_ms), each.first_ms.max(), np.median(each.lengths_m)
+        print(f"{each.planner:34}" + "".join(f"{value:11.1f}" for value in medians), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

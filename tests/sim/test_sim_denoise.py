@@ -1,0 +1,68 @@
+"""The Denoise layer: which cells it takes away, and what a robot drives through with it."""
+
+import numpy as np
+import pytest
+import scipy.ndimage
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.nav.denoise import denoised, remove_small_groups
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.costmap import DenoiseLayer
+from vastflow.sim.nav.parameters.document import DocumentError, parse
+from vastflow.sim.nav.parameters.interpretation import interpretation
+from vastflow.sim.nav.parameters.servers import Perturbation
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.parameters.written import document_of
+from vastflow.sim.nav.record import record_of
+
+
+@njit
+def removed(q, lethal, scratch):
+    remove_small_groups(q[0], lethal, scratch)
+
+
+def local(text):
+    text = f"local_costmap: {{local_costmap: {{ros__parameters: {{{text}}}}}}}"
+    return interpretation(parse(text, "n.yaml")).parameters.local_costmap
+
+
+def with_layer(stack, layer):
+    maps = {name: getattr(stack, name).with_values(denoise_layer=layer) for name in ("local_costmap", "global_costmap")}
+    return stack.with_values(**maps)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.integers(0, 9), st.sampled_from([4, 8]))
+def test_groups_of_fewer_cells_go_and_all_others_stay(seed, size, connectivity):
+    lethal = np.random.default_rng(seed).random((25, 30)) < 0.25
+    labels, _ = scipy.ndimage.label(lethal, np.ones((3, 3)) if connectivity == 8 else None)
+    sizes = np.bincount(labels.ravel())[labels]
+    layer = DenoiseLayer(minimal_group_size=size, group_connectivity_type=connectivity)
+    cells = lethal.astype(np.uint8)
+    removed(record_of(layer), cells, np.zeros_like(cells))
+    assert np.array_equal(cells != 0, lethal & (sizes >= size))
+    static = np.where(lethal, 254, 255).astype(np.uint8)
+    assert np.array_equal(denoised(static, layer), np.where(lethal & (sizes < size), 0, static))
+
+
+def test_a_file_s_layer_is_read_and_one_after_the_inflation_refused():
+    layers = "d: {plugin: nav2_costmap_2d::DenoiseLayer, minimal_group_size: 3}, i: {plugin: nav2_costmap_2d::InflationLayer}"
+    assert local(f"plugins: [d, i], {layers}").denoise_layer == DenoiseLayer(minimal_group_size=3)
+    with pytest.raises(DocumentError, match="d comes after the inflation; a Denoise layer before it"):
+        local(f"plugins: [i, d], {layers}")
+
+
+def test_a_stack_with_the_layer_is_the_same_read_from_its_document():
+    stack = with_layer(NavParameters(), DenoiseLayer(minimal_group_size=4, group_connectivity_type=4))
+    assert interpretation(document_of(stack)).parameters == stack
+
+
+def test_a_robot_with_the_layer_drives_ten_meters_through_a_scan_so_noisy_that_it_blocks_the_default(over_a_floor):
+    stack = parameters_of({"controller": "rpp"})
+    noisy = stack.with_values(perturbation=Perturbation(laserscan_gaussian_noise_std_deviation=0.3))
+    quiet = over_a_floor(with_layer(noisy, DenoiseLayer(minimal_group_size=5)))
+    default = over_a_floor(noisy)
+    assert quiet.run.outcome == "succeeded"
+    assert quiet.run.distance_m < default.run.distance_m or default.run.outcome != "succeeded"
