@@ -12,7 +12,6 @@ from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.nav.parameters.costmap import DenoiseLayer
 from vastflow.sim.nav.parameters.document import DocumentError, parse
 from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.servers import Perturbation
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.parameters.written import document_of
 from vastflow.sim.nav.record import record_of
@@ -59,10 +58,13 @@ def test_a_stack_with_the_layer_is_the_same_read_from_its_document():
     assert interpretation(document_of(stack)).parameters == stack
 
 
-def test_a_robot_with_the_layer_drives_ten_meters_through_a_scan_so_noisy_that_it_blocks_the_default(over_a_floor):
+def test_a_robot_with_the_layer_drives_ten_meters_straight_on_past_a_speck_that_the_default_keeps_away_from(
+    over_a_floor,
+):
+    cells = np.zeros((80, 280), dtype=bool)
+    cells[48, 120] = True
     stack = parameters_of({"controller": "rpp"})
-    noisy = stack.with_values(perturbation=Perturbation(laserscan_gaussian_noise_std_deviation=0.3))
-    quiet = over_a_floor(with_layer(noisy, DenoiseLayer(minimal_group_size=5)))
-    default = over_a_floor(noisy)
-    assert quiet.run.outcome == "succeeded"
-    assert quiet.run.distance_m < default.run.distance_m or default.run.outcome != "succeeded"
+    found = [over_a_floor(each, cells=cells) for each in (with_layer(stack, DenoiseLayer(minimal_group_size=6)), stack)]
+    assert [each.run.outcome for each in found] == ["succeeded", "succeeded"]
+    aside = [np.abs(each.columns["y_mm"] - 2000).max() for each in found]
+    assert aside[0] < 40 < aside[1]
