@@ -67,4 +67,4 @@ def test_a_robot_with_the_layer_drives_ten_meters_straight_on_past_a_speck_that_
     found = [over_a_floor(each, cells=cells) for each in (with_layer(stack, DenoiseLayer(minimal_group_size=6)), stack)]
     assert [each.run.outcome for each in found] == ["succeeded", "succeeded"]
     aside = [np.abs(each.columns["y_mm"] - 2000).max() for each in found]
-    assert aside[0] < 40 < aside[1]
+    assert aside[0] < 150 < aside[1]
