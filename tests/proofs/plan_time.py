@@ -28,7 +28,7 @@ from vastflow.sim.nav.planners.planner import Planner, compute_path, planner_of
 from vastflow.sim.nav.planners.search import PlannerInput
 from vastflow.sim.pose import Pose
 from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 
 PLANNERS = {
     "SmacPlanner2D": SmacPlanner2D(),

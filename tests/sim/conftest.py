@@ -21,7 +21,7 @@ from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.recordings.recording import Recording
 from vastflow.sim.scenario import Scenario, scenario_of
-from vastflow.sim.world.lidar import Lidar
+from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Robot
 
 CELLS = {".": 0, "#": 100, "?": -1}
