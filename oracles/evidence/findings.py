@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.evidence.varied import surroundings_rows, varied_rows
+from vastflow.oracles.evidence.varied import chosen_values, surroundings_rows, varied_rows
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_rate, weights_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, shares, total_failures
@@ -157,7 +157,7 @@ def _designs(
     found = tables.configurations
     by_keys: dict[frozenset[str], list[int]] = {}
     for place, k in enumerate(found.distinct):
-        by_keys.setdefault(frozenset(found.factors[k]), []).append(place)
+        by_keys.setdefault(frozenset(chosen_values(found, k)), []).append(place)
     common, known = (frozenset.intersection(*by_keys), frozenset().union(*by_keys)) if by_keys else (frozenset(),) * 2
     for keys, places in by_keys.items():
         at = found.distinct[places]

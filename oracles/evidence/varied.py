@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from vastflow.oracles.directory.configuration_table import ConfigurationTable
+from vastflow.sim.reading.world import WORLD_KEY
 
 MEASURED: Final[Mapping[str, str]] = {"_path_length": "path length (m)"}
 """Numbers that follow from how a configuration was drawn, and what they are called."""
@@ -26,6 +27,12 @@ _DIGITS: Final = 2
 """Of both: a centimeter, which is less than a cell of a map."""
 
 
+def chosen_values(configurations: ConfigurationTable, k: int) -> dict[str, Any]:
+    """The factors of the configuration at index `k`; a world that a producer drew is told by the numbers of `WORLD`."""
+    told = WORLD.keys() & configurations.provenances[k].keys()
+    return {key: value for key, value in configurations.factors[k].items() if not told or key != WORLD_KEY}
+
+
 def varied_rows(
     configurations: ConfigurationTable, chosen: Iterable[int], environments: Mapping[str, str]
 ) -> list[dict[str, Any]]:
@@ -36,7 +43,7 @@ def varied_rows(
     """
     return [
         {
-            **{key: named(value, environments) for key, value in configurations.factors[k].items()},
+            **{key: named(value, environments) for key, value in chosen_values(configurations, k).items()},
             **{name: value for name, value in _measured(configurations.provenances[k], MEASURED).items() if value},
             **_measured(configurations.provenances[k], WORLD),
         }

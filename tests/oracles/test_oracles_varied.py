@@ -26,3 +26,15 @@ def test_the_length_of_the_path_is_a_factor_to_the_centimeter():
 @pytest.mark.parametrize("value", [None, 0.0, "long"])
 def test_without_a_length_there_is_no_such_factor(value):
     assert rows({}, {"_path_length": value}) == [{}]
+
+
+def test_a_drawn_world_is_told_by_its_numbers_of_which_0_is_a_level():
+    noted = {"_wall_offset_m": 0.1, "_missing_furniture": 0.0}
+    drawn = {"noise": 0.1, "world": {"seed": 5, "wall_offset": 0.1}}
+    said = {"noise": 0.1, "wall offset (m)": 0.1, "missing furniture": 0.0}
+    assert rows(drawn, noted) == [said]
+    assert rows({"noise": 0.1}, noted | {"_wall_offset_m": 0.0}) == [said | {"wall offset (m)": 0.0}]
+
+
+def test_a_world_that_the_file_gives_stays_what_it_is():
+    assert rows({"world": {"seed": 5}}, {}) == [{"world": {"seed": 5}}]
