@@ -60,18 +60,18 @@ def saved(tmp_path_factory: pytest.TempPathFactory) -> Callable[[OccupancyMap], 
 
 
 @pytest.fixture(scope="session")
-def rooms() -> OccupancyMap:
+def two_rooms_map() -> OccupancyMap:
     """The map of `two_rooms`."""
     return OccupancyMap(rooms_cells(), RESOLUTION_M, (0.0, 0.0))
 
 
 @pytest.fixture(scope="session")
-def two_rooms(saved: Callable[[OccupancyMap], FileContent], rooms: OccupancyMap) -> FileContent:
+def two_rooms(saved: Callable[[OccupancyMap], FileContent], two_rooms_map: OccupancyMap) -> FileContent:
     """Two rooms of 4 m × 5 m side by side, a door of 1.2 m between them; the walls are 0.2 m thick, origin (0, 0).
 
     The door is at x 4.1..4.3 m, y 1.8..3.0 m; the rooms' free space is x 0.2..4.1 and 4.3..8.2, y 0.2..5.2.
     """
-    return saved(rooms)
+    return saved(two_rooms_map)
 
 
 def rooms_cells() -> np.ndarray:

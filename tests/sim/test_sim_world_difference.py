@@ -102,13 +102,14 @@ def test_a_world_changes_the_checked_scenario(scenario):
     assert len({checked_digest(each) for each in (scenario(), *worlds)}) == 3
 
 
-def test_where_all_walls_moved_alike_the_estimate_moves_back(scenario, rooms):
+def test_where_all_walls_moved_alike_the_estimate_moves_back(scenario, two_rooms_map):
     """The scan fits the map only where the robot takes itself to be offset as much the other way."""
     given = {"seed": 6, "wall_offset": 0.2, "correlation_length": 1000.0}
-    world = world_of(rooms, difference_of(given))
+    world = world_of(two_rooms_map, difference_of(given))
     moved_m = np.array(
         [
-            world.free.any(axis=axis).argmax() * world.resolution_m - rooms.free.any(axis=axis).argmax() * RESOLUTION_M
+            world.free.any(axis=axis).argmax() * world.resolution_m
+            - two_rooms_map.free.any(axis=axis).argmax() * RESOLUTION_M
             for axis in (0, 1)
         ]
     )
@@ -122,11 +123,11 @@ def test_where_all_walls_moved_alike_the_estimate_moves_back(scenario, rooms):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_body_keeps_out_of_the_worlds_walls(scenario, rooms, seed):
+def test_the_body_keeps_out_of_the_worlds_walls(scenario, two_rooms_map, seed):
     """With offsets of 0.25 m it would enter them by the width of a hand, did physics take the map's."""
     given = {"seed": seed, "wall_offset": 0.25, "correlation_length": 3.0}
     recording = run(scenario(world=given, timeout_s=60.0), 0, 0)
-    world = world_of(rooms, difference_of(given))
+    world = world_of(two_rooms_map, difference_of(given))
     room_m = ndimage.distance_transform_edt(~world.occupied) * world.resolution_m
     cells = world.in_cells(np.column_stack([si(recording.columns[name]) for name in ("x_mm", "y_mm")])).astype(int)
     assert room_m[cells[:, 0], cells[:, 1]].min() >= Robot().radius_m - world.resolution_m
