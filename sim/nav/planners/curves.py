@@ -64,12 +64,12 @@ def pose_on(curve: Any, along: float) -> Any:
         if kind == NOTHING or part == 0.0:
             continue
         backward = lengths[k] < 0.0
-        way = -part if backward else part
+        by = -part if backward else part
         if kind == STRAIGHT:
-            x, y = x + way * math.cos(heading), y + way * math.sin(heading)
+            x, y = x + by * math.cos(heading), y + by * math.sin(heading)
             continue
         bend = 1.0 if (kind == LEFT) != mirrored else -1.0
-        turned = heading + bend * way
+        turned = heading + bend * by
         x += bend * (math.sin(turned) - math.sin(heading))
         y -= bend * (math.cos(turned) - math.cos(heading))
         heading = turned
