@@ -16,7 +16,7 @@ from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M, Count, NotNe
 from vastflow.sim.digest import Value, digest
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
-from vastflow.sim.reading.world import LONGEST_M, WORLD_KEY, difference_of
+from vastflow.sim.reading.world import LONGEST_M, SHORTEST_M, WORLD_KEY, difference_of
 from vastflow.sim.scenario import Dimension
 from vastflow.sim.world.difference import world_of
 
@@ -34,8 +34,8 @@ class WorldParameters(producer.Parameters):
 
     wall_offset: NotNegatives = (0.0,)
     """Standard deviation of what walls are offset by along x and along y (m), smoothly from place to place; one value or several. 0: as on the map."""
-    correlation_length: Annotated[Positive, Field(ge=0.1, le=LONGEST_M)] = 2.0
-    """Distance (m) at which the offsets of two places have lost most of what they share: small for bent walls, large for moved rooms."""
+    correlation_length: Annotated[Positive, Field(ge=SHORTEST_M, le=LONGEST_M)] = 2.0
+    """Distance (m) at which the offsets of two places have lost most of what they share: small for bent walls, large for moved rooms; 0.5 m at the least."""
     missing_furniture: NotNegatives = (0.0,)
     """Probability of each piece of furniture on the map to be gone; one value or several. Furniture is what stands apart from the walls
     and is at most 2 m long."""

@@ -51,6 +51,7 @@ class SearchProgress:
         proposals: Those of the batch under way; in the end all.
         batches: What was found, batch by batch.
         ended_by: Why no more is asked; empty as long as it goes on.
+        strategy: It knows all batches that there are.
         confirmation: None before, and where nothing could be confirmed.
     """
 
@@ -62,24 +63,19 @@ class SearchProgress:
     batches: list[list[Evaluation]] = field(default_factory=list)
     ended_by: str = ""
     confirmation: Confirmation | None = None
-    _strategy: Strategy[Any] | None = None
-    _again: bool = False
-    _wanted: dict[str, int] = field(default_factory=dict)
-    _families: dict[str, Family] = field(default_factory=dict)
+    strategy: Strategy[Any] = field(init=False)
+    _quantities: Mapping[str, RunQuantity] = field(init=False)
+    _again: bool = field(default=False, init=False)
+    _wanted: dict[str, int] = field(default_factory=dict, init=False)
+    _families: dict[str, Family] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        self._strategy = self.search.strategy()
+        self.strategy = self.search.strategy()
         self._quantities = {
             name: RunQuantity(each.oracle, each.metric, each.aggregate, each.q)
             for name, each in self.search.quantities.items()
         }
         self._ask()
-
-    @property
-    def strategy(self) -> Strategy[Any]:
-        """The strategy, which knows all batches that there are."""
-        assert self._strategy is not None
-        return self._strategy
 
     @property
     def evaluations(self) -> list[Evaluation]:

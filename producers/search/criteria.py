@@ -45,7 +45,7 @@ def plan_text(spec: SearchSpec, runs: int, *, at_most: bool = False) -> str:
     stops = [name.replace("_", " ") for each in spec.stopping for name, value in each if value is not None]
     ends = " or ".join([*limits, *stops, f"{spec.max_proposals} proposals"])
     confirm = f", then {spec.confirm} fresh runs of the best" if spec.confirm else ""
-    dimensions = f"{len(spec.search_space)} dimension{'s'[: len(spec.search_space) != 1]}"
+    dimensions = "1 dimension" if len(spec.search_space) == 1 else f"{len(spec.search_space)} dimensions"
     return (
         f"search by {spec.strategy} of {dimensions} to {spec.direction} {spec.objective.name}, {spec.per_batch} points a "
         f"batch with {most}{runs} runs each, until {ends}{confirm}"

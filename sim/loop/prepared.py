@@ -26,6 +26,8 @@ from vastflow.sim.world.walls import WallIndex
 
 KEPT_MAPS: Final = 6
 """About 45 bytes a cell: 130 MB for a building of 85 m × 85 m."""
+KEPT_WORLDS: Final = 2
+"""Of those that differ from their map. They have up to four times its cells, of 10 bytes each here, and each is one configuration's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +67,7 @@ def prepare(
         difference: How the world differs from the map.
     """
     q = parameters.amcl
-    world = occupancy if difference is None else world_of(occupancy, difference)
-    walls, skips = _geometry(world)
+    world, walls, skips = _geometry(occupancy) if difference is None else _other_geometry(occupancy, difference)
     cubed = _likelihood(
         occupancy,
         usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1],
@@ -81,8 +82,14 @@ def prepare(
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)
-def _geometry(occupancy: OccupancyMap) -> tuple[WallIndex, SkipTable]:
-    return WallIndex(occupancy), skip_table_of(occupancy.occupied)
+def _geometry(world: OccupancyMap) -> tuple[OccupancyMap, WallIndex, SkipTable]:
+    return world, WallIndex(world), skip_table_of(world.occupied)
+
+
+@functools.lru_cache(maxsize=KEPT_WORLDS)
+def _other_geometry(occupancy: OccupancyMap, difference: WorldDifference) -> tuple[OccupancyMap, WallIndex, SkipTable]:
+    world = world_of(occupancy, difference)
+    return world, WallIndex(world), skip_table_of(world.occupied)
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)

@@ -9,6 +9,8 @@ from vastflow.sim.world.difference import WorldDifference
 
 WORLD_KEY: Final = "world"
 LONGEST_M: Final = 1000.0
+SHORTEST_M: Final = 0.5
+"""Of a correlation length: offsets are computed at places a fraction of it apart, all over the map."""
 _NAMES: Final = ("seed", "wall_offset", "correlation_length", "missing_furniture")
 
 
@@ -31,7 +33,7 @@ def difference_of(value: Value) -> WorldDifference | None:
     difference = WorldDifference(
         seed,
         _number(value, "wall_offset", 0.0, 0.0, LONGEST_M),
-        _number(value, "correlation_length", 2.0, 0.1, LONGEST_M),
+        _number(value, "correlation_length", 2.0, SHORTEST_M, LONGEST_M),
         _number(value, "missing_furniture", 0.0, 0.0, 1.0),
     )
     return difference if difference.wall_offset_m > 0.0 or difference.missing_share > 0.0 else None

@@ -1,6 +1,5 @@
 """How the world differs from the robot's map: walls that stand elsewhere, furniture that was taken away."""
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -37,7 +36,6 @@ class WorldDifference:
     missing_share: float = 0.0
 
 
-@functools.lru_cache(maxsize=4)
 def world_of(occupancy: OccupancyMap, difference: WorldDifference) -> OccupancyMap:
     """The world in the map's frame, with its origin: its cells are the map's, or whole fractions of them where walls are offset.
 

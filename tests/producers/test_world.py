@@ -105,7 +105,7 @@ def test_without_stops_any_world_will_do(inputs):
         ),
         ({"wall_offset": 0.2, "correlation_length": 0.5}, r"at most 0.1 at a correlation_length of 0.5 m"),
         ({"missing_furniture": [0.5, 1.2]}, r"missing_furniture: found 1.2; a probability from 0 to 1"),
-        ({"correlation_length": 0.05}, "greater than or equal to 0.1"),
+        ({"correlation_length": 0.3}, "greater than or equal to 0.5"),
         ({"offset": 1}, "Extra inputs"),
     ],
 )

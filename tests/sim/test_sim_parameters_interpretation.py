@@ -52,10 +52,6 @@ def controller(text):
     return f"controller_server: {{ros__parameters: {{controller_plugins: [C], C: {{{text}}}}}}}"
 
 
-def monitor(text):
-    return parameters(f"collision_monitor: {{ros__parameters: {{{text}}}}}").collision_monitor
-
-
 def statuses(text):
     return {".".join(found.path[2:]): found.status for found in findings(read(text))}
 
@@ -266,32 +262,6 @@ def test_a_waypoint_task_that_is_off_or_another_does_not_pause():
     assert pause("plugin: nav2_waypoint_follower::PhotoAtWaypoint") == 0
 
 
-APPROACH = "polygons: [p], p: {type: polygon, action_type: approach, min_points: 5}, observation_sources: [s]"
-
-
-def test_the_monitors_approach_polygon_is_read_with_the_nodes_timeout():
-    assert monitor(f"{APPROACH}, source_timeout: 3.0") == CollisionMonitor(
-        time_before_collision=2.0, min_points=5, source_timeout=3.0
-    )
-    assert monitor(f"{APPROACH}, source_timeout: 3.0, s: {{source_timeout: 0.5}}").source_timeout == 0.5
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "polygons: []",
-        APPROACH.replace("approach", "stop"),
-        APPROACH.replace("type: polygon", "type: circle"),
-        APPROACH.replace("min_points: 5", "enabled: false"),
-        f"{APPROACH}, s: {{enabled: false}}",
-        f"{APPROACH}, s: {{type: pointcloud}}",
-        APPROACH.replace("[s]", "[]"),
-    ],
-)
-def test_a_monitor_without_a_footprint_that_approaches_or_without_a_scan_does_nothing(text):
-    assert not monitor(text).enabled
-
-
 PLUGIN_FAULTS = [
     (controller("plugin: nav2_mppi_controller::MPPIController, motion_model: Ackermann"), "C.motion_model: found 'Ackermann', which is not modelled; 'DiffDrive'"),
     ("local_costmap: {local_costmap: {ros__parameters: {filters: [keepout_filter]}}}", "local_costmap.ros__parameters.filters: found ['keepout_filter'], which is not modelled; []"),
@@ -314,7 +284,6 @@ PLUGIN_FAULTS = [
     ("local_costmap: {local_costmap: {ros__parameters: {robot_radius: '0.2'}}}", "robot_radius: found '0.2'; robot_radius must be a number"),
     ("amcl: {ros__parameters: {pf_err: }}", "amcl.ros__parameters.pf_err: found nothing; pf_err must be a number"),
     ("amcl: {ros__parameters: {min_particles: 9, max_particles: 8}}", "amcl.ros__parameters.min_particles: found parameters that contradict each other: amcl.min_particles 9 must be <= max_particles 8; values that agree"),
-    (f"collision_monitor: {{ros__parameters: {{{APPROACH.replace('min_points: 5', 'enabled: 3')}}}}}", "p.enabled: found 3; true or false"),
 ]  # fmt: skip
 
 
@@ -468,57 +437,6 @@ def test_a_footprint_that_is_no_text_or_no_polygon_is_a_fault_with_its_place(val
         f"local_costmap: {{local_costmap: {{ros__parameters: {{robot_radius: 0.2, footprint: {value}}}}}}}"
     )
     assert "footprint must be text" in fault
-
-
-SCANNED = "observation_sources: [s], s: {type: scan}"
-
-
-def test_areas_of_the_monitor_are_read_with_their_actions():
-    found = monitor(
-        f"""polygons: [halt, slow, near], {SCANNED},
-        halt: {{type: circle, action_type: stop, radius: 0.3, max_points: 3}},
-        slow: {{type: polygon, action_type: slowdown, points: [0.8, 0.4, 0.8, -0.4, 0.0, -0.4], slowdown_ratio: 0.3}},
-        near: {{type: polygon, action_type: limit, points: "[[1.0, 0.4], [1.0, -0.4], [0.3, 0.0]]", linear_limit: 0.2}}"""
-    )
-    assert not found.enabled
-    halt, slow, near = found.zones
-    assert (halt.action, halt.radius, halt.vertices, halt.min_points) == ("stop", 0.3, (), 4)
-    assert (slow.action, slow.vertices, slow.slowdown_ratio) == (
-        "slowdown",
-        ((0.8, 0.4), (0.8, -0.4), (0.0, -0.4)),
-        0.3,
-    )
-    assert (near.action, near.vertices[2], near.linear_limit, near.angular_limit) == ("limit", (0.3, 0.0), 0.2, 0.5)
-
-
-def test_an_area_that_is_not_enabled_or_does_nothing_is_none():
-    text = "{{type: circle, radius: 0.3, {}}}"
-    off, none = text.format("action_type: stop, enabled: false"), text.format("action_type: none")
-    assert monitor(f"polygons: [quiet, idle], {SCANNED}, quiet: {off}, idle: {none}").zones == ()
-
-
-@pytest.mark.parametrize(
-    ("area", "message"),
-    [
-        ("{type: circle, radius: 0.3}", "no 'action_type' or 'type' below 'a'; both of them"),
-        (
-            "{type: circle, radius: 0.3, action_type: halt}",
-            "found 'halt'; one of stop, slowdown, limit, approach, none",
-        ),
-        ("{type: polygon, action_type: stop, points: [0.1, 0.2, 0.3]}", "with the x, y of three or more vertices"),
-        (
-            "{type: circle, radius: 0.3, action_type: slowdown, slowdown_ratio: 2.0}",
-            r"slowdown_ratio must lie in \[0, 1\]",
-        ),
-        (
-            "{type: circle, radius: 0.3, action_type: stop, max_points: -1}",
-            "max_points must be a whole number, 0 or more",
-        ),
-    ],
-)
-def test_an_area_that_nav2_would_not_start_with_is_a_fault(area, message):
-    with pytest.raises(DocumentError, match=message):
-        monitor(f"polygons: [a], {SCANNED}, a: {area}")
 
 
 def test_a_period_longer_than_mppis_step_is_a_fault_as_nav2_does_not_start():

@@ -68,15 +68,6 @@ def parameters_of(system: Mapping[str, Value]) -> NavParameters:
     return _chosen(_System(canonical(dict(system)), system)).interpretation.parameters
 
 
-def document_of_system(system: Mapping[str, Value]) -> ParameterDocument:
-    """The document of a system dimension with all rewrites done.
-
-    Raises:
-        DocumentError: as of `parameters_of`.
-    """
-    return _chosen(_System(canonical(dict(system)), system)).interpretation.document
-
-
 def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[str, ...]:
     """Keys of the system dimension that nothing in the simulator reads, sorted.
 
