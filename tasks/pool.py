@@ -2,7 +2,8 @@
 
 One thread owns all state; everything reaches it through a queue. Workers know nothing of Prefect and need no
 `__main__` guard in a user's script (loky). No more than two jobs a worker are handed on at a time, so that a
-job of higher priority overtakes all others that wait.
+job of higher priority overtakes all others that wait. One worker starts with the first job, the others once they pay: few short
+jobs are done before a second process has imported what it needs.
 """
 
 import heapq
@@ -26,6 +27,12 @@ import loky
 
 TRIES: Final = 3
 """A job that was in flight when a worker died is tried again, the last time alone in a process of its own."""
+
+MANY: Final = 4
+"""Jobs that wait for each worker: so many begin with all workers."""
+
+FIRST_ANSWER_S: Final = 20.0
+"""Where the first worker has answered nothing for so long, the others start."""
 
 _IN_FLIGHT_PER_WORKER: Final = 2
 _WATCH_S: Final = 0.5
@@ -59,7 +66,7 @@ class Pool:
     """Worker processes with priorities; it outlives the death of its workers.
 
     Args:
-        workers: Number of processes; they start with the first job.
+        workers: Most processes.
         log: File that takes what workers print.
     """
 
@@ -106,6 +113,7 @@ class _Job:
     arguments: tuple[Any, ...] = field(compare=False)
     outcome: "Future[Any]" = field(default_factory=Future, compare=False)
     tries: int = field(default=0, compare=False)
+    began_s: float = field(default=0.0, compare=False)
 
     def end(self, error: BaseException | None, result: Any = None) -> None:
         with suppress(InvalidStateError):  # closing may overtake a result
@@ -118,16 +126,21 @@ class _Job:
 class _Lane:
     """An executor, and how many jobs are on it."""
 
-    def __init__(self, workers: int, most: int, log: Path | None) -> None:
+    def __init__(self, workers: int, log: Path | None) -> None:
         self._workers = workers
-        self._most = most
         self._log = log
         self._in_flight = 0
         self._executor = self._new()
 
     @property
+    def idle(self) -> bool:
+        """Whether a worker has nothing to do."""
+        return self._in_flight < self._workers
+
+    @property
     def free(self) -> bool:
-        return self._in_flight < self._most
+        """Whether one more may wait for a worker."""
+        return self._in_flight < _IN_FLIGHT_PER_WORKER * self._workers
 
     def start(self, job: _Job, inbox: "queue.SimpleQueue[_Message]") -> None:
         self._in_flight += 1
@@ -148,11 +161,6 @@ class _Lane:
     def kill(self) -> None:
         self._executor.shutdown(wait=True, kill_workers=True)
 
-    def renew(self) -> None:
-        """End the processes; new ones start with the next job."""
-        self.kill()
-        self._executor = self._new()
-
     def _new(self) -> Any:
         return loky.ProcessPoolExecutor(
             self._workers, initializer=_begin, initargs=(os.getpid(), self._log), env=WORKER_ENVIRONMENT
@@ -171,7 +179,34 @@ class _Rest:
     """Workers may go: nothing is to be computed for a while."""
 
 
-_Message: TypeAlias = "_Job | _Done | _Rest | None"
+class _Late:
+    """Jobs have waited."""
+
+
+_Message: TypeAlias = "_Job | _Done | _Rest | _Late | None"
+
+
+class _Pace:
+    """How long the first worker took to start, its first job included, and how long its jobs take since."""
+
+    def __init__(self) -> None:
+        self._start_s: float | None = None
+        self._busy_s = 0.0
+        self._answers = 0
+
+    def answered(self, took_s: float) -> None:
+        """A job took so long."""
+        if self._start_s is None:
+            self._start_s = took_s
+            return
+        self._busy_s += took_s
+        self._answers += 1
+
+    def pays(self, waiting: int) -> bool:
+        """Whether so many jobs would take one worker longer than another one takes to start."""
+        if self._start_s is None or not self._answers:
+            return False
+        return waiting * self._busy_s / self._answers > self._start_s
 
 
 class _Owner:
@@ -179,33 +214,69 @@ class _Owner:
 
     def __init__(self, inbox: "queue.SimpleQueue[_Message]", workers: int, log: Path | None) -> None:
         self._inbox = inbox
+        self._workers = workers
         self._log = log
-        self._common = _Lane(workers, _IN_FLIGHT_PER_WORKER * workers, log)
+        self._lanes: list[_Lane] = []
         self._solo: _Lane | None = None
         self._waiting: list[_Job] = []
         self._suspects: list[_Job] = []
         self._open: dict[int, _Job] = {}
+        self._pace = _Pace()
 
     def run(self) -> None:
         if hasattr(signal, "pthread_sigmask"):
             # A process inherits the mask of the thread that starts it: Ctrl-C can't hit a worker that is only starting.
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        while (message := self._inbox.get()) is not None:
+        while (message := self._next()) is not None:
             if isinstance(message, _Job):
                 self._open[message.number] = message
                 heapq.heappush(self._waiting, message)
             elif isinstance(message, _Rest):
                 self._rest()
-            else:
+            elif isinstance(message, _Done):
+                self._pace.answered(time.monotonic() - message.job.began_s)
                 self._landed(message)
-            while self._waiting and self._common.free:
-                self._start(heapq.heappop(self._waiting), self._common)
+            self._hand_on()
             self._try_a_suspect()
         self._end()
 
+    def _next(self) -> "_Message":
+        """The next message; `_Late` where jobs have waited long enough for more workers to start."""
+        running = [job.began_s for job in self._open.values() if job.began_s]
+        late_s = min(running) + FIRST_ANSWER_S if running and self._waiting and not self._grown else None
+        try:
+            return self._inbox.get(timeout=None if late_s is None else max(late_s - time.monotonic(), 0.0))
+        except queue.Empty:
+            return _Late()
+
+    @property
+    def _grown(self) -> bool:
+        """Whether all workers were started."""
+        return len(self._lanes) == min(self._workers, 2)
+
+    def _hand_on(self) -> None:
+        while self._waiting:
+            lane = next((each for each in self._lanes if each.idle), None)
+            if lane is None and not self._grown and (not self._lanes or self._more_pay()):
+                lane = _Lane(self._workers - 1 if self._lanes else 1, self._log)
+                self._lanes.append(lane)
+            if lane is None and self._grown:
+                lane = next((each for each in self._lanes if each.free), None)
+            if lane is None:
+                return
+            self._start(heapq.heappop(self._waiting), lane)
+
+    def _more_pay(self) -> bool:
+        if len(self._waiting) >= MANY * self._workers or self._pace.pays(len(self._waiting)):
+            return True
+        return any(job.began_s and time.monotonic() - job.began_s >= FIRST_ANSWER_S for job in self._open.values())
+
     def _rest(self) -> None:
         if not self._open:
-            self._common.renew()
+            for lane in self._lanes:
+                lane.kill()
+            self._lanes.clear()
+            self._pace = _Pace()
 
     def _landed(self, done: _Done) -> None:
         error = done.future.exception()
@@ -226,11 +297,12 @@ class _Owner:
 
     def _try_a_suspect(self) -> None:
         if self._suspects:
-            self._solo = self._solo or _Lane(1, 1, self._log)
-            if self._solo.free:
+            self._solo = self._solo or _Lane(1, self._log)
+            if self._solo.idle:
                 self._start(self._suspects.pop(0), self._solo)
 
     def _start(self, job: _Job, lane: _Lane) -> None:
+        job.began_s = time.monotonic()
         try:
             lane.start(job, self._inbox)
         except Exception as error:  # noqa: BLE001 - no process can be started, say: who waits must hear of it
@@ -242,9 +314,8 @@ class _Owner:
         job.end(error, result)
 
     def _end(self) -> None:
-        for lane in (self._common, self._solo):
-            if lane is not None:
-                lane.kill()
+        for lane in filter(None, (*self._lanes, self._solo)):
+            lane.kill()
         for job in self._open.values():
             job.end(PoolClosed())
         with suppress(queue.Empty):

@@ -9,7 +9,8 @@ import cloudpickle
 import psutil
 import pytest
 
-from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
+from vastflow.tasks import pool as pool_module
+from vastflow.tasks.pool import MANY, Pool, PoolClosed, Priority, WorkerDied
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -47,6 +48,20 @@ def wait_for(file, log, name):
         out.write(f"{name}\n")
 
 
+def meet(folder, own, other):
+    """Whether another job runs at the same time as this one."""
+    (folder / own).touch()
+    deadline = time.monotonic() + 100
+    while not (folder / other).exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return (folder / other).exists()
+
+
+def pid_after(wait_s):
+    time.sleep(wait_s)
+    return os.getpid()
+
+
 def append(log, name):
     with open(log, "a") as out:
         out.write(f"{name}\n")
@@ -72,6 +87,33 @@ def test_a_judgement_overtakes_executions_that_wait(tmp_path):
         for future in [*first, *later, judge]:
             future.result(120)
         assert log.read_text().split() == ["execute", "execute", "judge", "execute", "execute", "execute"]
+    finally:
+        pool.close()
+
+
+def test_few_short_jobs_are_done_by_one_worker(pool):
+    assert len({pool.submit(Priority.EXECUTE, os.getpid).result(120) for _ in range(5)}) == 1
+
+
+def test_jobs_that_take_longer_than_a_process_to_start_get_more_workers(pool):
+    jobs = [pool.submit(Priority.EXECUTE, pid_after, 3.0) for _ in range(7)]
+    assert len({job.result(120) for job in jobs}) == 2
+
+
+def test_of_two_long_jobs_each_has_a_worker_in_the_end(pool, tmp_path, monkeypatch):
+    monkeypatch.setattr(pool_module, "FIRST_ANSWER_S", 1.0)
+    jobs = [pool.submit(Priority.EXECUTE, meet, tmp_path, each, other) for each, other in (("a", "b"), ("b", "a"))]
+    assert [job.result(120) for job in jobs] == [True, True]
+
+
+def test_many_jobs_begin_with_all_workers(tmp_path, monkeypatch):
+    monkeypatch.setattr(pool_module, "FIRST_ANSWER_S", 1000.0)
+    pool = Pool(2)
+    try:
+        met = [pool.submit(Priority.JUDGE, meet, tmp_path, each, other) for each, other in (("a", "b"), ("b", "a"))]
+        rest = [pool.submit(Priority.EXECUTE, square, x) for x in range(MANY * 2)]
+        assert [job.result(120) for job in met] == [True, True]
+        assert [job.result(120) for job in rest] == [x * x for x in range(MANY * 2)]
     finally:
         pool.close()
 
