@@ -27,7 +27,7 @@ from vastflow.sim.nav.state import (
 )
 from vastflow.sim.world import lidar
 from vastflow.sim.world.motion import Body, due, move_freely
-from vastflow.sim.world.robot import arc, limited, wrapped
+from vastflow.sim.world.robot import arc, limited, steered, wrapped
 
 DONE, PHYSICS, APPEARS = 0, 1, 2
 TWIST_STEPS: Final = 3
@@ -227,6 +227,8 @@ def _actuate(p: Any, m: Any) -> None:
     for k in range(SUBSTEPS):
         m.wheel_v = limited(m.sent_v, m.wheel_v, p.max_speed, p.max_acceleration, dt_s)
         m.wheel_w = limited(m.sent_w, m.wheel_w, p.max_yaw_rate, p.max_yaw_acceleration, dt_s)
+        if p.min_turning_radius > 0.0:
+            m.wheel_w = steered(m.wheel_v, m.wheel_w, p.min_turning_radius)
         v, w = m.wheel_v, m.wheel_w
         if noise > 0.0:
             a, b = normal_pair(m.streams[ODOMETRY])

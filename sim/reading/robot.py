@@ -1,18 +1,20 @@
 """The robot that drives: its body, its limits and its scanner, as a campaign gives them or as they follow from its navigation stack."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER
+from vastflow.sim.nav.parameters.mppi import MotionModel, MppiParameters
 from vastflow.sim.nav.parameters.robot import LidarParameters
 from vastflow.sim.nav.parameters.servers import VelocitySmoother
+from vastflow.sim.nav.parameters.smac import SmacPlannerHybrid
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.polygon import Vertices, vertices_of
 from vastflow.sim.nav.rates import held_hz
 from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.robot_model import Drive, Robot
 
 TURTLEBOT_4: Final = Robot()
 TURTLEBOT_4_LIDAR: Final = Lidar()
@@ -21,6 +23,9 @@ TURTLEBOT_4_RADIUS_M: Final = 0.22
 _DEFAULT_SMOOTHER: Final = VelocitySmoother()
 _GREATEST_SPEEDS: Final = ("vx_max", "max_vel_x", "desired_linear_vel")
 """Parameters of MPPI, DWB and RPP."""
+
+_DRIVES: Final[Mapping[MotionModel, Drive]] = {"DiffDrive": "differential", "Ackermann": "ackermann"}
+"""MPPI's motion models to the drives that they are of."""
 
 Source: TypeAlias = Literal["given", "from the Nav2 parameters", "a TurtleBot 4's"]
 
@@ -42,7 +47,7 @@ def robot_of(parameters: NavParameters) -> Robot:
 
     What the section `robot` gives counts. Else its body is the local costmap's polygon without padding, or a disc of `robot_radius`;
     of the radius in Nav2's default file it is the TurtleBot 4 that this file is for. Its actuators are the TurtleBot 4's, and
-    stronger where the velocity smoother allows more than it does in the default file.
+    stronger where the velocity smoother allows more than it does in the default file. Its drive is that of MPPI's motion model.
     """
     given = parameters.robot
     vertices, radius_m = _body(parameters)
@@ -55,6 +60,7 @@ def robot_of(parameters: NavParameters) -> Robot:
         yaw_rate if given.max_yaw_rate is None else given.max_yaw_rate,
         yaw_acceleration if given.max_yaw_acceleration is None else given.max_yaw_acceleration,
         vertices,
+        *_drive(parameters),
     )
 
 
@@ -109,6 +115,22 @@ def _body(parameters: NavParameters) -> tuple[Vertices, float]:
     return (), TURTLEBOT_4.radius_m if costmap.robot_radius == TURTLEBOT_4_RADIUS_M else costmap.robot_radius
 
 
+def _drive(parameters: NavParameters) -> tuple[Drive, float]:
+    """The drive, and the least turning radius (m) of one that has such: what is given, or else what MPPI or Hybrid-A* reckon with."""
+    given, controller, planner = parameters.robot, parameters.controller, parameters.planner
+    modelled = controller.motion_model if isinstance(controller, MppiParameters) else "DiffDrive"
+    assumed = "ackermann" if given.min_turning_radius is not None else _DRIVES[modelled]
+    drive = given.drive or assumed
+    if drive != "ackermann":
+        return drive, 0.0
+    if given.min_turning_radius is not None:
+        return drive, given.min_turning_radius
+    if isinstance(controller, MppiParameters) and modelled == "Ackermann":
+        return drive, controller.AckermannConstraints.min_turning_r
+    assert isinstance(planner, SmacPlannerHybrid)  # the document would have been refused, see `interpretation`
+    return drive, planner.minimum_turning_radius
+
+
 def _limits(parameters: NavParameters) -> tuple[float, float, float, float]:
     """Speed, acceleration, yaw rate and yaw acceleration that follow from the stack."""
     own, smoother = TURTLEBOT_4, parameters.velocity_smoother
@@ -140,6 +162,10 @@ def _driving_facts(parameters: NavParameters) -> Iterator[RobotFact]:
     is_turtlebots = not robot.vertices and robot.radius_m == own.radius_m
     has_body = given.radius is not None or given.polygon is not None
     yield RobotFact("body", body, _source(has_body, is_turtlebots))
+    yield RobotFact("drive", robot.drive, _source(given.drive is not None, robot.drive == own.drive))
+    if robot.min_turning_radius_m > 0.0:
+        radius = f"{robot.min_turning_radius_m:g} m"
+        yield RobotFact("turning radius at least", radius, _source(given.min_turning_radius is not None, False))
     for quantity, unit, described, value, usual in (
         ("mass", "kg", given.mass, robot.mass_kg, own.mass_kg),
         ("speed up to", "m/s", given.max_speed, robot.max_speed_mps, own.max_speed_mps),

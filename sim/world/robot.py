@@ -1,4 +1,4 @@
-"""A differential drive's motion: what its actuators make of a command, and the arc that follows."""
+"""A drive's motion: what its actuators make of a command, and the arc that follows."""
 
 import math
 from typing import Any
@@ -11,6 +11,13 @@ def limited(command: float, previous: float, limit: float, acceleration: float, 
     """A command after the actuator's acceleration limit (relative to the last limited one) and speed limit."""
     step = acceleration * dt_s
     return min(max(min(max(command, previous - step), previous + step), -limit), limit)
+
+
+@njit
+def steered(v_mps: float, w_radps: float, min_turning_radius_m: float) -> float:
+    """The yaw rate of an Ackermann drive, whose arcs are no tighter than its least radius: none while it stands."""
+    most = abs(v_mps) / min_turning_radius_m
+    return min(max(w_radps, -most), most)
 
 
 @njit

@@ -1,15 +1,19 @@
 """The robot's body and actuators: the minimal TurtleBot 4 model of Nav2's simulation."""
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+Drive: TypeAlias = Literal["differential", "ackermann"]
 
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """A differential drive with plain limiters (Gazebo's DiffDrive and SpeedLimiter).
+    """A drive with plain limiters (Gazebo's DiffDrive and SpeedLimiter).
 
     Attributes:
         radius_m: Body with bumper, as physics sees it; of a polygon the distance of its farthest vertex.
         vertices: (x, y) of a polygon in the robot's frame (m); none for a disc.
+        min_turning_radius_m: Of an Ackermann drive, whose yaw rate is at most its speed divided by this; others turn on the spot.
     """
 
     radius_m: float = 0.17
@@ -19,3 +23,5 @@ class Robot:
     max_yaw_rate_radps: float = 2.0
     max_yaw_acceleration_radps2: float = 3.0
     vertices: tuple[tuple[float, float], ...] = ()
+    drive: Drive = "differential"
+    min_turning_radius_m: float = 0.0

@@ -75,7 +75,9 @@ def test_the_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_
     assert read == (
         "the robot, from the Nav2 parameters: body polygon of 4 vertices, speed up to 1.5 m/s, yaw rate up to 2.5 rad/s"
     )
-    assert assumed.startswith("assumed, as a TurtleBot 4 has it: mass 3.3 kg, acceleration up to 2 m/s², ")
+    assert assumed.startswith(
+        "assumed, as a TurtleBot 4 has it: drive differential, mass 3.3 kg, acceleration up to 2 m/s², "
+    )
     assert assumed.endswith(
         ", with 360 beams, from 0 to 6.28 rad, ranges above 0.164 m, ranges below 20 m, scans at 10 Hz"
     )

@@ -1,6 +1,7 @@
 """What Nav2 parameter files set the stack to."""
 
 from pathlib import Path
+from typing import Literal, get_args, get_origin
 
 import pytest
 from hypothesis import given, settings
@@ -263,7 +264,7 @@ def test_a_waypoint_task_that_is_off_or_another_does_not_pause():
 
 
 PLUGIN_FAULTS = [
-    (controller("plugin: nav2_mppi_controller::MPPIController, motion_model: Ackermann"), "C.motion_model: found 'Ackermann', which is not modelled; 'DiffDrive'"),
+    (controller("plugin: nav2_mppi_controller::MPPIController, motion_model: Tracked"), "C.motion_model: found 'Tracked'; motion_model: Input should be 'DiffDrive' or 'Ackermann'"),
     ("local_costmap: {local_costmap: {ros__parameters: {filters: [keepout_filter]}}}", "local_costmap.ros__parameters.filters: found ['keepout_filter'], which is not modelled; []"),
     (controller("plugin: 'my::Controller'"), "C.plugin: no controller 'my::Controller' is known; known: dwb_core::DWBLocalPlanner, nav2_mppi_controller::MPPIController, "),
     (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "controller_plugins.0: no 'primary_controller' below 'C'; the class of a controller; known: "),
@@ -353,7 +354,9 @@ def varied(draw, default):
         if isinstance(value, ParameterGroup):
             values[name] = draw(varied(value))
         elif name not in _ONE_BY_ONE and draw(st.booleans()):
-            values[name] = draw(values_of(value, *range_of(type(default).model_fields[name])))
+            field = type(default).model_fields[name]
+            chosen = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+            values[name] = draw(st.sampled_from(chosen) if chosen else values_of(value, *range_of(field)))
     if values.get("enabled", getattr(default, "enabled", True)) is False:
         return type(default)(enabled=False)
     if "max_particles" in values or "min_particles" in values:

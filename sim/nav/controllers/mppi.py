@@ -1,4 +1,4 @@
-"""Model Predictive Path Integral control (nav2_mppi_controller, Jazzy, DiffDrive)."""
+"""Model Predictive Path Integral control (nav2_mppi_controller, Jazzy)."""
 
 import math
 from typing import Any, Final, NamedTuple
@@ -22,6 +22,7 @@ from vastflow.sim.nav.controllers.mppi_critics import (
     judge_following,
     judge_goal,
     judge_goal_angle,
+    judge_turns,
     lay_frame,
     lay_plan,
     lay_table,
@@ -42,7 +43,7 @@ from vastflow.sim.nav.controllers.mppi_samples import (
 )
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.window import Window
-from vastflow.sim.world.robot import wrapped
+from vastflow.sim.world.robot import steered, wrapped
 
 PLAN_POINTS: Final = 1024
 UNSMOOTHED: Final = 20
@@ -64,6 +65,7 @@ class MppiMemory(NamedTuple):
         lengths, free: (n,) float64 and bool: of the plan's points the length so far, and whether they are free.
         line: (T + 8,) float64, what is smoothed.
         circumscribed_cost: (1,) float64, see `Setting`.
+        min_turning_radius_m: (1,) float64 of an Ackermann model; 0 of one that turns on the spot.
 
     The others are `mppi_samples.Space`.
     """
@@ -78,6 +80,7 @@ class MppiMemory(NamedTuple):
     free: Any
     line: Any
     circumscribed_cost: Any
+    min_turning_radius_m: Any
     center: Any
     turns: Any
     track: Any
@@ -101,6 +104,8 @@ def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64], circumscr
         circumscribed_cost: See `Setting`; every outline is looked at where it is 0.
     """
     steps, groups = parameters.time_steps, math.ceil(parameters.batch_size / ROW)
+    is_ackermann = parameters.motion_model == "Ackermann"
+    min_turning_radius_m = parameters.AckermannConstraints.min_turning_r if is_ackermann else 0.0
     marks = (steps - 1) // parameters.PathAlignCritic.trajectory_point_step
     cells = (steps - 1) // parameters.CostCritic.trajectory_point_step + 1
 
@@ -118,6 +123,7 @@ def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64], circumscr
         free=np.zeros(PLAN_POINTS, dtype=np.bool_),
         line=np.zeros(steps + 8),
         circumscribed_cost=np.array([circumscribed_cost]),
+        min_turning_radius_m=np.array([min_turning_radius_m]),
         center=aligned(4 * steps, np.float32),
         turns=rows(steps),
         track=rows(2 * steps),
@@ -177,14 +183,17 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     frame = lay_frame(q.CostCritic, space.frame, data_of(memory.values), window, pose, near_goal)
     used = sequence.shape[1] * memory.costs.shape[0]
     rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max
+    radius_m = memory.min_turning_radius_m[0]
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
         noise_at = next_noise(memory.stream, memory.next_noise, memory.noise.shape[0], used)
         draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn)
-        if _sample(q, space, sequence, frame, draw, given, memory.circumscribed_cost[0], goal_m):
+        if _sample(q, space, sequence, frame, draw, given, memory.circumscribed_cost[0], radius_m, goal_m):
             _judge_plan(q, space, sequence.shape[1], frame, window, pose, plan, n, goal_m, free, lengths)
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
             _limit(q, sequence)
+            if radius_m > 0.0:
+                _steer(sequence, radius_m)
             shift = 1 if abs(q.model_dt - given.dt_s) < 1e-6 else 0
             _smooth(sequence, history, memory.line, shift)
             v_mps, w_radps = sequence[0, shift], sequence[1, shift]
@@ -205,6 +214,7 @@ def _sample(
     draw: Draw,
     given: ControllerInput,
     circumscribed_cost: float,
+    min_turning_radius_m: float,
     goal_m: float,
 ) -> bool:
     """Draw and follow all samples, and judge them by everything but the plan: False when every one collides."""
@@ -243,6 +253,8 @@ def _sample(
     marks = (steps - 1) // mark_stride
     for first in range(0, q.batch_size, ROW):
         follow(space, first, steps, draw, start, scale, dt_s, prices)
+        if min_turning_radius_m > 0.0:
+            judge_turns(space, first, steps, scale, min_turning_radius_m, beyond)
         if priced:
             judge_cells(space, first, cells, cell_stride, frame, cell_weight, crash)
             if outlined:
@@ -387,6 +399,13 @@ def _limit(q: Any, sequence: Any) -> None:
             w = min(max(w, last_w - turn), last_w + turn)
         sequence[0, t], sequence[1, t] = v, w
         last_v, last_w = v, w
+
+
+@inner
+def _steer(sequence: Any, min_turning_radius_m: float) -> None:
+    """AckermannMotionModel: no step of the sequence turns tighter than the least radius."""
+    for t in range(sequence.shape[1]):
+        sequence[1, t] = steered(sequence[0, t], sequence[1, t], min_turning_radius_m)
 
 
 @inner

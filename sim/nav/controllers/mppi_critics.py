@@ -36,6 +36,8 @@ BINS: Final = 8
 """Entries of the table of the plan for each of its points."""
 FAR: Final = 1e6
 """Where points of the plan are put that are not free (cells)."""
+STRAIGHT_RADPS: Final = 1e-6
+"""Slower turns count as this one."""
 
 
 class Frame(NamedTuple):
@@ -99,6 +101,27 @@ def judge_cells(space: Space, first: int, points: int, stride: int, frame: Frame
     store(space.touched, first, total)
     cost = either(total, splat(COLLISION), total * splat(weight), splat(crash))
     store(costs, first, load(costs, first) + cost)
+
+
+@inner
+def judge_turns(space: Space, first: int, steps: int, scale: float, min_radius_m: float, weight: float) -> None:
+    """ConstraintCritic of an Ackermann model: by how much the samples turn tighter than the least radius.
+
+    Args:
+        scale: Cells that 1 m/s goes in a step.
+        weight: Price of 1 m in a step.
+    """
+    track, turns, costs = space.track, space.turns, space.costs
+    per_cell, least, most, none = splat(1.0 / scale), splat(STRAIGHT_RADPS), splat(min_radius_m), splat(0.0)
+    x, y = load(track, 0), load(track, ROW)
+    tighter = none
+    for t in range(steps - 1):
+        next_x, next_y = load(track, (t + 1) * STEP), load(track, (t + 1) * STEP + ROW)
+        dx, dy = next_x - x, next_y - y
+        x, y = next_x, next_y
+        speed = root(dx * dx + dy * dy) * per_cell
+        tighter = tighter + higher(most - speed / higher(size(load(turns, t * ROW)), least), none)
+    store(costs, first, load(costs, first) + tighter * splat(weight))
 
 
 @inner

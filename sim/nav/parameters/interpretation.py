@@ -25,7 +25,7 @@ from vastflow.sim.nav.parameters.costmap import (
 )
 from vastflow.sim.nav.parameters.document import DocumentError, ParameterDocument, ParameterLocation
 from vastflow.sim.nav.parameters.monitor import collision_monitor
-from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.parameters.mppi import AckermannParameters, MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
@@ -126,6 +126,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
             parts |= _DISPENSABLE.get(name[-1], {})
     _check_outline(reader, parts)
     _check_period(reader, parts)
+    _check_turning_radius(reader, parts)
     if reader.faults:
         raise DocumentError(sorted(reader.faults, key=lambda fault: fault.place), document.file)
     if "controller" not in parts and "controller_server" not in absent:
@@ -158,6 +159,17 @@ def _check_period(reader: Reader, parts: Parts) -> None:
             f"{1.0 / controller.model_dt:g} or more for a model_dt of {controller.model_dt:g} s, as Nav2 does not start"
         )
         reader.fault(path, f"found {server.controller_frequency:g}", right)
+
+
+def _check_turning_radius(reader: Reader, parts: Parts) -> None:
+    """Without a radius of its own an Ackermann drive has that of MPPI's motion model, or of the planner."""
+    robot, controller = parts["robot"], parts.get("controller")
+    if reader.faults or robot.drive != "ackermann" or robot.min_turning_radius is not None:
+        return
+    modelled = isinstance(controller, MppiParameters) and controller.motion_model == "Ackermann"
+    if not modelled and not isinstance(parts.get("planner"), SmacPlannerHybrid):
+        what = "found ackermann, and neither a motion model Ackermann nor a SmacPlannerHybrid says how tight it turns"
+        reader.fault((ROBOT_KEY, "drive"), what, "min_turning_radius beside it")
 
 
 def _robot(reader: Reader) -> RobotParameters:
@@ -297,9 +309,20 @@ def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocat
         return {**parts, "controller": _own_parameters(reader, kind, place, {(*place, "plugin"), path, *shimmed})}
     algorithm = short_name(name).upper()
     reader.kinds[place] = algorithm
+    given = _critics(reader, place, algorithm, kind())
     if algorithm == "MPPI":
-        reader.only((*place, "motion_model"), "DiffDrive")
-    return {**parts, "controller": reader.group(kind, place, given=_critics(reader, place, algorithm, kind()))}
+        given = {**given, "AckermannConstraints": _ackermann(reader, place)}
+    return {**parts, "controller": reader.group(kind, place, given=given)}
+
+
+def _ackermann(reader: Reader, place: ParameterLocation) -> AckermannParameters:
+    """Nav2 reads these for the motion model Ackermann alone."""
+    constraints = (*place, "AckermannConstraints")
+    found = reader.group(AckermannParameters, constraints)
+    if reader.document.values.get((*place, "motion_model")) != "Ackermann":
+        reader.asked.pop((*constraints, "min_turning_r"), None)
+        reader.unused[constraints] = "the motion model is not Ackermann"
+    return found
 
 
 def _rotation_shim(reader: Reader, place: ParameterLocation) -> tuple[Parts, tuple[ParameterLocation, ...]]:
@@ -332,7 +355,8 @@ def _is_group(annotation: object) -> TypeGuard[type[ParameterGroup]]:
 
 def critics_of(controller: ParameterGroup) -> Mapping[str, Any]:
     """The groups of a controller's critics by name, those that are not enabled too; none of RPP's."""
-    return {name: value for name, value in controller if isinstance(value, ParameterGroup)}
+    groups = ((name, value) for name, value in controller if isinstance(value, ParameterGroup))
+    return {name: group for name, group in groups if "enabled" in type(group).model_fields}
 
 
 def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: ParameterGroup) -> Parts:

@@ -1,6 +1,16 @@
-"""Parameters of the MPPI controller (nav2_mppi_controller, Jazzy, DiffDrive)."""
+"""Parameters of the MPPI controller (nav2_mppi_controller, Jazzy)."""
+
+from typing import Literal, TypeAlias
 
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
+
+MotionModel: TypeAlias = Literal["DiffDrive", "Ackermann"]
+
+
+class AckermannParameters(ParameterGroup):
+    """What only the motion model Ackermann has; meters."""
+
+    min_turning_r: float = parameter(0.2, 0.001, 100.0)
 
 
 class ConstraintParameters(ParameterGroup):
@@ -91,6 +101,7 @@ class MppiParameters(ParameterGroup):
     Nav2 is released they don't, and a retry never gives a command.
     """
 
+    motion_model: MotionModel = parameter("DiffDrive")
     time_steps: int = parameter(56, 2, 1000)
     model_dt: float = parameter(0.05, 0.05, 1.0)
     batch_size: int = parameter(2000, 1, 100_000, code=1000)
@@ -108,6 +119,7 @@ class MppiParameters(ParameterGroup):
     prune_distance: float = parameter(1.7, 0.0, 100.0, code=1.5)
     retry_attempt_limit: int = parameter(1, 0, 10)
     retry_scores: bool = parameter(False)
+    AckermannConstraints: AckermannParameters = AckermannParameters()
     ConstraintCritic: ConstraintParameters = ConstraintParameters()
     CostCritic: CostParameters = CostParameters()
     GoalCritic: GoalParameters = GoalParameters()

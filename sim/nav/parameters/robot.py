@@ -14,6 +14,7 @@ from vastflow.sim.nav.parameters.document import ParameterLocation
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 from vastflow.sim.nav.polygon import vertices_of
 from vastflow.sim.world.lidar_model import MOST_BEAMS
+from vastflow.sim.world.robot_model import Drive
 
 ROBOT_KEY: Final = "robot"
 """First name of the keys of the system dimension that give these."""
@@ -62,6 +63,8 @@ class RobotParameters(ParameterGroup):
 
     radius: float | None = parameter(None, 0.01, 10.0)
     polygon: str | None = parameter(None)
+    drive: Drive | None = parameter(None)
+    min_turning_radius: float | None = parameter(None, 0.01, 100.0)
     mass: float | None = parameter(None, 0.1, 10_000.0)
     max_speed: float | None = parameter(None, 0.01, 100.0)
     max_acceleration: float | None = parameter(None, 0.01, 1000.0)
@@ -90,6 +93,12 @@ class RobotParameters(ParameterGroup):
     def _one_body(self) -> Self:
         if self.radius is not None and self.polygon is not None:
             raise ValueError("radius and polygon are both given")
+        return self
+
+    @model_validator(mode="after")
+    def _steered(self) -> Self:
+        if self.min_turning_radius is not None and self.drive not in (None, "ackermann"):
+            raise ValueError(f"min_turning_radius is an ackermann drive's, and drive is {self.drive}")
         return self
 
 

@@ -9,6 +9,7 @@ from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.document import PARAMETERS, ParameterDocument, ParameterLocation
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.interpretation import OF_THE_MAP, critics_of
+from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
@@ -64,8 +65,10 @@ def controller_block(node: ParameterLocation, controller: ParameterGroup) -> Val
         (*node, name, "plugin"): name_of(type(controller)),
         **_below((*node, name), controller),
     }
+    place = (*node, name)
+    if isinstance(controller, MppiParameters):
+        values |= _below((*place, "AckermannConstraints"), controller.AckermannConstraints)
     if critics := critics_of(controller):
-        place = (*node, name)
         listed = [group for group, critic in critics.items() if critic.enabled]
         if isinstance(controller, DwbParameters):
             listed.sort(key=lambda group: critics[group].place)
