@@ -17,6 +17,7 @@ _ACTIVITIES: Final[Mapping[Activity, str]] = {
     "wait": "recovery: wait",
     "back up": "recovery: back up",
     "pausing": "pause at a waypoint",
+    "resting": "without a mission",
 }
 
 

@@ -24,6 +24,7 @@ _BANDS: Final[Mapping[str, tuple[str, float]]] = {
     "wait": ("#8A8A8A", 0.55),
     "back up": ("#E69F00", 0.8),
     "pausing": ("#8A8A8A", 0.2),
+    "resting": ("#8A8A8A", 0.2),
     "starting": ("#8A8A8A", 0.2),
     "ended": ("#8A8A8A", 0.2),
 }

@@ -13,13 +13,13 @@ from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.controllers.mppi import Mppi
 from vastflow.sim.nav.inflation import UNKNOWN
 from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.nav.state import BACKING_UP, ENDED, FOLLOWING, PAUSING, SPINNING, STARTING, WAITING, Stack
+from vastflow.sim.nav.state import BACKING_UP, ENDED, FOLLOWING, PAUSING, RESTING, SPINNING, STARTING, WAITING, Stack
 from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.robot import wrapped
 from vastflow.sim.world.robot_model import Robot
 
-Activity: TypeAlias = Literal["starting", "following", "spin", "wait", "back up", "pausing", "ended"]
+Activity: TypeAlias = Literal["starting", "following", "spin", "wait", "back up", "pausing", "resting", "ended"]
 _ACTIVITIES: Final[Mapping[int, Activity]] = {
     STARTING: "starting",
     FOLLOWING: "following",
@@ -142,7 +142,7 @@ def moment_of(stack: Stack, tick: int) -> Moment:
     following = m["state"] == FOLLOWING and m["path_n"] > 0
     return Moment(
         tick=tick,
-        activity=_ACTIVITIES[int(m["state"])],
+        activity="resting" if m["status"] == RESTING else _ACTIVITIES[int(m["state"])],
         true=frame.pose_to_map(Pose(float(m["true_x"]), float(m["true_y"]), float(m["true_yaw"]))),
         estimate=frame.pose_to_map(Pose(float(m["x"]), float(m["y"]), float(m["yaw"]))),
         speed_mps=float(m["true_v"]),

@@ -46,6 +46,7 @@ def a_moment(**changes):
         ({"no_progress_s": 7.2}, "following, no progress for 7 s"),
         ({"activity": "spin"}, "recovery: spin"),
         ({"activity": "back up", "stopped": True}, "recovery: back up, held by the collision monitor"),
+        ({"activity": "resting"}, "without a mission"),
         ({"activity": "ended"}, "mission succeeded"),
     ],
 )

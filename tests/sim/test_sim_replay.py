@@ -52,6 +52,11 @@ def test_there_is_a_moment_for_every_tick_and_it_is_what_was_recorded(replayed):
     assert [round(m.estimate.y_m * 1e3) for m in replayed.moments[::2]] == columns["estimated_y_mm"].tolist()[:-1]
 
 
+def test_before_the_mission_is_given_the_robot_rests(replayed):
+    activities = [moment.activity for moment in replayed.moments]
+    assert list(dict.fromkeys(activities)) == ["resting", "following"]
+
+
 def test_snapshots_are_of_the_ticks_asked_for_as_far_as_the_run_has_them(replayed):
     assert [snapshot.moment.tick for snapshot in replayed.snapshots] == [2, 5, 50, 99]
 
