@@ -17,6 +17,8 @@ from vastflow.flows.terminal.pace import Meter, Pace
 from vastflow.tasks.progress import Progress
 
 PLAIN_INTERVAL_S: Final = 5.0
+UNCHANGED_INTERVAL_S: Final = 30.0
+"""Between two lines that say the same."""
 PLAIN_SHARE: Final = 0.02
 """Of the time that has passed: a campaign of hours says less often that it goes on."""
 PASSING_S: Final = 1.0
@@ -53,7 +55,11 @@ def view(progress: Progress, pace: Pace) -> Group:
 
 
 def plain_line(progress: Progress, pace: Pace) -> str:
-    """The same on one line."""
+    """The same on one line, behind the time that has passed."""
+    return f"[{duration_text(pace.elapsed_s):>6}] {_line_words(progress, pace)}"
+
+
+def _line_words(progress: Progress, pace: Pace) -> str:
     words = [phase_text(progress, pace)]
     if progress.runs_total:
         words += [
@@ -63,7 +69,7 @@ def plain_line(progress: Progress, pace: Pace) -> str:
         ]
     if progress.runs_done:
         words += [f"{n} {said}" for n, said, _ in _verdicts(progress)]
-    return f"[{duration_text(pace.elapsed_s):>6}] {', '.join(words)}"
+    return ", ".join(words)
 
 
 def phase_text(progress: Progress, pace: Pace) -> str:
@@ -113,6 +119,7 @@ class Display:
         self._closed = False
         self._ended = threading.Event()
         self._last_line_s = float("-inf")
+        self._last_words = ""
         self._last_phase = ""
         self._console = Console(file=self._stream)
         self._is_live = self._console.is_terminal and not self._console.is_dumb_terminal
@@ -177,9 +184,11 @@ class Display:
         now_s = self._clock()
         pace = self._meter.pace(self._progress, now_s)
         waits = self._progress.phase == "starting Prefect" != self._last_phase
-        pause_s = max(PLAIN_INTERVAL_S, PLAIN_SHARE * pace.elapsed_s)
+        words = _line_words(self._progress, pace)
+        interval_s = UNCHANGED_INTERVAL_S if words == self._last_words else PLAIN_INTERVAL_S
+        pause_s = max(interval_s, PLAIN_SHARE * pace.elapsed_s)
         if waits or (pace.phase_s >= PASSING_S and now_s - self._last_line_s >= pause_s):
-            self._last_line_s = now_s
+            self._last_line_s, self._last_words = now_s, words
             print(plain_line(self._progress, pace), file=self._stream, flush=True)
         self._last_phase = self._progress.phase
 

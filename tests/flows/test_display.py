@@ -141,6 +141,16 @@ def test_without_a_terminal_there_is_at_most_one_line_in_five_seconds():
     assert len(stream.getvalue().splitlines()) == 4
 
 
+def test_without_a_terminal_the_same_words_come_twice_a_minute():
+    stream, clock = io.StringIO(), Clock()
+    with Display(stream, clock) as display:
+        for second in range(120):
+            clock.now_s = float(second)
+            display.update(progress(executed=0, reused=0, runs_done=0))
+    said = [line.partition("] ")[2] for line in stream.getvalue().splitlines()]
+    assert sum("compiles its kernels" in words for words in said) == 4
+
+
 def test_without_a_terminal_a_phase_that_is_over_at_once_gets_no_line():
     stream, clock = io.StringIO(), Clock()
     with Display(stream, clock) as display:
