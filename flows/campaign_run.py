@@ -40,11 +40,12 @@ from vastflow.tasks.garbage import few_collections
 from vastflow.tasks.index import FoundMember, Index, Member
 from vastflow.tasks.instantiation import Instantiated, Instantiator
 from vastflow.tasks.keys import Keys
+from vastflow.tasks.member_pack import member_pack
 from vastflow.tasks.pool import Pool
 from vastflow.tasks.progress import Observer, Reporter, Tally
 from vastflow.tasks.shards import Shard, missing_shards
 from vastflow.tasks.source import SourceTree, installed_tree
-from vastflow.tasks.store import Lost, Store, open_store
+from vastflow.tasks.store import Lost, Store, open_store, store_address
 from vastflow.tasks.surroundings import check_surroundings
 
 if TYPE_CHECKING:
@@ -302,8 +303,10 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
             check_surroundings()
             search = search_progress(campaign, request, stopping, asked.runs, store, inputs.campaign, tally)
             rule_of_runs = stopping if search is None else search.runs
+            is_folder = store_address(request.store) is None
+            pack = member_pack(store, keys, campaign_name(campaign)) if is_folder else None
             engine = Engine(
-                Index(store, keys),
+                Index(store, keys, pack),
                 Pool(request.workers or cores(), log),
                 tally,
                 pickle.dumps(tuple(oracles)),

@@ -2,11 +2,15 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.store import Artifact, Store
+
+if TYPE_CHECKING:
+    from vastflow.tasks.member_pack import MemberPack
 
 
 @dataclass(frozen=True)
@@ -83,13 +87,33 @@ class FoundMember:
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """Where a campaign's artifacts are. Nothing is remembered: each question looks into the store."""
+    """Where a campaign's artifacts are. Each question looks into the store.
+
+    Attributes:
+        pack: What an earlier look found, where every file is as it was then; None where each look is a new one.
+    """
 
     store: Store
     keys: Keys
+    pack: "MemberPack | None" = None
 
     def stored(self, member: Member) -> list[Stored]:
         """Everything there is of a member's wanted runs."""
+        if self.pack is None:
+            return self._looked_at(member)
+        if (known := self.pack.find(member.checked, member.runs)) is not None:
+            return known
+        found = self._looked_at(member)
+        if FoundMember(member, tuple(found)).complete:
+            self.pack.add(member.checked, member.runs, self.keys.recordings(member.checked), found)
+        return found
+
+    def keep(self) -> None:
+        """Keep for the next call what was found."""
+        if self.pack is not None:
+            self.pack.keep()
+
+    def _looked_at(self, member: Member) -> list[Stored]:
         found = []
         for artifact, block in self._recorded(member):
             trace = self.store.find(self.trace_key(member, block))

@@ -60,6 +60,14 @@ class Keys:
     oracles: Sequence[Value]
     sources: SourceFiles | None = field(default=None, compare=False, repr=False)
 
+    @property
+    def identity(self) -> str:
+        """Digest of all that keys of recordings, traces and verdicts follow from beside scenarios and contents."""
+        return digest(
+            *(LAYOUT, self.numeric, self.execute_source, self.observe_source, self.judge_source, self.seed),
+            list(self.oracles),
+        )
+
     def recordings(self, scenario: str) -> str:
         """Where the blocks of a scenario's runs lie. The number of runs is no part of it: 5 + 3 more are 8.
 
