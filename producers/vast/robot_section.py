@@ -8,11 +8,13 @@ from pydantic import Field, WithJsonSchema
 from vastflow.producers.faults import Fault, Location
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.section import EmptyIsMap, Section
+from vastflow.sim.nav.parameters.latency import PRESETS
 from vastflow.sim.nav.parameters.robot import robot_keys
 
 _NUMBER: Final = WithJsonSchema({"type": ["number", "null"]})
 Quantity: TypeAlias = Annotated[Any, _NUMBER]
 """A quantity of a robot; `vastflow.sim.nav.parameters.robot` reads and checks it."""
+Flag: TypeAlias = Annotated[Any, WithJsonSchema({"type": ["boolean", "null"]})]
 
 
 class LidarSpec(Section):
@@ -36,6 +38,34 @@ class LidarSpec(Section):
     """What is as far away or farther gives no return (m); 20 on a TurtleBot 4."""
     rate: Quantity = None
     """Scans a second (Hz), 1 to 20; it is held as a whole number of ticks of 50 ms."""
+    sweeps: Flag = None
+    """Whether each beam has a time of its own in the scanner's turn, counter-clockwise, so that scans of a moving robot are distorted."""
+
+
+class LatencySpec(Section):
+    """How late sensors and computers are; what is not given is the preset's. A jitter is the mean of what comes on top of the least, drawn from
+    an exponential distribution; what is older than 0.5 s is taken to come then."""
+
+    preset: Annotated[Any, WithJsonSchema({"enum": [*PRESETS, None]})] = None
+    """`ideal` (no latency, if not given), `gazebo`, or `loaded`."""
+    scan_age: Quantity = None
+    """From the end of a scan until AMCL, costmaps, and collision monitor have it: the least (s)."""
+    scan_jitter: Quantity = None
+    """Of the scan's age (s)."""
+    odometry_rate: Quantity = None
+    """Samples of odometry and its transform a second (Hz), 5 to 100."""
+    tf_age: Quantity = None
+    """From a sample of odometry until the stack has it: the least (s)."""
+    tf_jitter: Quantity = None
+    """Of odometry's age (s)."""
+    controller_time: Quantity = None
+    """From the begin of a controller cycle until its command: the least (s). No other begins meanwhile."""
+    controller_jitter: Quantity = None
+    """Of the controller's time (s)."""
+    missed_cycles: Quantity = None
+    """Share of the controller's cycles that are left out, 0 to 0.9."""
+    smoother_in_step: Flag = None
+    """Whether the velocity smoother runs right when a controller's cycle begins, or at a phase drawn for each run."""
 
 
 class RobotSpec(Section):
@@ -57,6 +87,8 @@ class RobotSpec(Section):
     """Greatest yaw acceleration of the drive (rad/s²)."""
     lidar: Annotated[LidarSpec, EmptyIsMap] = Field(default_factory=LidarSpec)
     """The laser scanner."""
+    latency: Annotated[LatencySpec, EmptyIsMap] = Field(default_factory=LatencySpec)
+    """How late sensors and computers are."""
 
 
 def robot_places(

@@ -18,7 +18,8 @@ AMCL: Final = 1
 PHASES: Final = 2
 CONTROLLER: Final = 3
 ODOMETRY: Final = 4
-SUBSYSTEMS: Final = 5
+LATENCY: Final = 5
+SUBSYSTEMS: Final = 6
 
 
 def run_entropy(seed: int, situation_digest: str, run_index: int) -> list[int]:

@@ -34,6 +34,7 @@ _PARAMETERS: Final = np.dtype(
 _MEMORY: Final = np.dtype(
     [(name, np.int64) for name in ("first_scan", "particles", "bins", "localized", "filter_updates")]
     + [(name, np.float64) for name in ("x", "y", "yaw", "odom_x", "odom_y", "odom_yaw")]
+    + [(name, np.float64) for name in ("scan_odom_x", "scan_odom_y", "scan_odom_yaw")]
     + [(name, np.float64) for name in ("filter_odom_x", "filter_odom_y", "filter_odom_yaw")]
     + [(name, np.float64) for name in ("map_odom_x", "map_odom_y", "map_odom_yaw")]
     + [(name, np.float64) for name in ("pose_xx", "pose_xy", "pose_yy", "pose_aa")]
@@ -189,6 +190,7 @@ class Filter:
             self._cubed = _table(self._occupied, float(p["resolution"]), self.parameters, range_max_m, double=False)
         p["range_min"], p["range_max"] = range_min_m, range_max_m
         m["odom_x"], m["odom_y"], m["odom_yaw"] = _pose_of(odom_xyt, "odom_xyt")
+        m["scan_odom_x"], m["scan_odom_y"], m["scan_odom_yaw"] = m["odom_x"], m["odom_y"], m["odom_yaw"]
         m["localized"] = 0
         directions = _directions(len(ranges), angle_min_rad, angle_increment_rad, self._laser_yaw_rad)
         _update(self._p, self._m, ranges, directions, self._cubed, self._cloud)

@@ -13,6 +13,7 @@ from vastflow.sim.nav.controllers.binding import Bound, compute_velocity, reset,
 from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.footprint import outline_hits
+from vastflow.sim.nav.latency import cycle_begins, order, order_when_computed
 from vastflow.sim.nav.planning import plan
 from vastflow.sim.nav.profile import BEHAVIOR, CONTROLLER, PLANNER, lap
 from vastflow.sim.nav.rates import TICK_S
@@ -86,11 +87,6 @@ def behave(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bou
 
 
 @inner
-def _order(m: Any, v_mps: float, w_radps: float) -> None:
-    m.command_v, m.command_w, m.command_tick = v_mps, w_radps, m.tick
-
-
-@inner
 def note(m: Any, kind: int, what: int, value: float) -> None:
     """An event at the true pose; beyond the buffer's end they are dropped."""
     if m.events < MAX_EVENTS:
@@ -116,7 +112,7 @@ def _resume(m: Any) -> None:
     m.plan_retries = 0
     m.follow_retries = 0
     _reset_checkers(m)
-    _order(m, 0.0, 0.0)
+    order(m, 0.0, 0.0)
 
 
 @inner
@@ -153,11 +149,11 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
     if m.path_n == 0 or m.local_current == 0:
         m.base_tick, m.valid_tick = m.tick, m.tick
         return
-    if m.tick % p.control_ticks != 0:
+    if not cycle_begins(p, m):
         return
     if _goal_reached(p, m):
         reset(controller)
-        _order(m, 0.0, 0.0)
+        order(m, 0.0, 0.0)
         m.controller_code = 0
         _goal_done(p, m, route.goals)
         return
@@ -173,11 +169,11 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
     valid, v, w = _controlled(p, m, local, route, n, end_yaw, controller)
     if valid:
         m.valid_tick = m.tick
-        _order(m, v, w)
+        order_when_computed(m, v, w)
     elif (m.tick - m.valid_tick) * TICK_S > p.controller_server.failure_tolerance:
         _control_failed(p, m, route.goals, controller, PATIENCE_EXCEEDED)
     else:
-        _order(m, 0.0, 0.0)
+        order(m, 0.0, 0.0)
 
 
 @inner
@@ -275,7 +271,7 @@ def _next_waypoint(p: Any, m: Any, goals: Any) -> None:
 def _control_failed(p: Any, m: Any, goals: Any, controller: Bound, code: int) -> None:
     """FollowPath has failed; once in a pipeline the local costmap is cleared for it, then it counts."""
     reset(controller)
-    _order(m, 0.0, 0.0)
+    order(m, 0.0, 0.0)
     m.controller_code = code
     note(m, EVENT_CONTROL_FAILED, code, 0.0)
     if m.follow_retries == 1 or not _recoverable(code):
@@ -303,7 +299,7 @@ def _clear(m: Any, what: int) -> None:
 @inner
 def _recover(p: Any, m: Any, goals: Any) -> None:
     """The next recovery of the round; the goal is given up when six have been used or none could help."""
-    _order(m, 0.0, 0.0)
+    order(m, 0.0, 0.0)
     if m.attempts == RETRIES or not (_recoverable(m.controller_code) or _recoverable(m.planner_code)):
         _give_up(p, m, goals)
         return
@@ -315,7 +311,7 @@ def _recover(p: Any, m: Any, goals: Any) -> None:
 @inner
 def _next_recovery(p: Any, m: Any, goals: Any) -> None:
     """The round goes on where it stopped; an action that fails passes the turn to the next."""
-    _order(m, 0.0, 0.0)
+    order(m, 0.0, 0.0)
     if m.tried == 4:
         _give_up(p, m, goals)
         return
@@ -364,7 +360,7 @@ def _spin(p: Any, m: Any, local: Local, goals: Any) -> None:
     if m.tick >= m.until or _spin_collides(m, local, rate, q.simulate_ahead_time):
         _next_recovery(p, m, goals)
         return
-    _order(m, 0.0, rate)
+    order(m, 0.0, rate)
 
 
 @inner
@@ -388,7 +384,7 @@ def _back_up(p: Any, m: Any, local: Local, goals: Any) -> None:
     if m.tick >= m.until or _back_up_collides(m, local, p.behavior_server.simulate_ahead_time):
         _next_recovery(p, m, goals)
         return
-    _order(m, -BACK_UP_MPS, 0.0)
+    order(m, -BACK_UP_MPS, 0.0)
 
 
 @inner

@@ -11,7 +11,6 @@ from vastflow.sim.nav.rates import TICK_S
 @inner
 def gather_near_points(p: Any, m: Any) -> None:
     """Keep the scan's points, in the robot's frame at the time of the scan, that a command could bring under the footprint."""
-    m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw = m.odom_x, m.odom_y, m.odom_yaw
     fastest_mps = max(p.velocity_smoother.max_velocity[0], -p.velocity_smoother.min_velocity[0])
     # The robot drives on for one scan period before the next scan comes; 0.1 s more is ample.
     ahead_s = p.collision_monitor.time_before_collision + (0.1 + p.scan_ticks * TICK_S)

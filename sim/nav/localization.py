@@ -19,7 +19,7 @@ def localize(p: Any, m: Any, cubed: Any, cloud: Cloud) -> None:
 
 @inner
 def update(p: Any, m: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cloud) -> None:
-    """One scan through the filter: gated motion, weighting, resampling, and a new transform map → odom.
+    """One scan, taken at the odometry `m.scan_odom_…`, through the filter: gated motion, weighting, resampling, and a new transform map → odom.
 
     At the first scan the particles are drawn round the initial pose (`m.x`, `m.y`, `m.yaw`), with
     `p.initial_covariance` (4,) of xx, xy, yy and yaw, and weighted where they are. `m.localized` is 1 after an update
@@ -34,12 +34,12 @@ def update(p: Any, m: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cl
         m.first_scan, m.filter_updates, m.particles = 0, 0, q.max_particles
         spread(cloud, m.particles, stream, m.x, m.y, m.yaw, p.initial_covariance)
     else:
-        dx, dy = m.odom_x - m.filter_odom_x, m.odom_y - m.filter_odom_y
-        dyaw = wrapped(m.odom_yaw - m.filter_odom_yaw)
+        dx, dy = m.scan_odom_x - m.filter_odom_x, m.scan_odom_y - m.filter_odom_y
+        dyaw = wrapped(m.scan_odom_yaw - m.filter_odom_yaw)
         if not gate(dx, dy, dyaw, q):
             return
         move(cloud, m.particles, stream, dx, dy, m.filter_odom_yaw, dyaw, q)
-    m.filter_odom_x, m.filter_odom_y, m.filter_odom_yaw = m.odom_x, m.odom_y, m.odom_yaw
+    m.filter_odom_x, m.filter_odom_y, m.filter_odom_yaw = m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw
     weigh(p, m.particles, ranges_m, directions, cubed, cloud)
     m.filter_updates += 1
     x, y, yaw = m.x, m.y, m.yaw
@@ -54,10 +54,10 @@ def update(p: Any, m: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cl
         initial = p.initial_covariance
         # The first pose is published in any case: that of the particles as they were drawn.
         m.pose_xx, m.pose_xy, m.pose_yy, m.pose_aa = initial[0], initial[1], initial[2], initial[3]
-    m.map_odom_yaw = yaw - m.odom_yaw
+    m.map_odom_yaw = yaw - m.scan_odom_yaw
     c, s = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
-    m.map_odom_x = x - (c * m.odom_x - s * m.odom_y)
-    m.map_odom_y = y - (s * m.odom_x + c * m.odom_y)
+    m.map_odom_x = x - (c * m.scan_odom_x - s * m.scan_odom_y)
+    m.map_odom_y = y - (s * m.scan_odom_x + c * m.scan_odom_y)
     m.localized = 1
 
 

@@ -20,6 +20,7 @@ from vastflow.sim.nav.monitor_zones import ZONE, zone_rows, zones_reach_m
 from vastflow.sim.nav.navfn import new_potential, new_scratch
 from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
 from vastflow.sim.nav.parameters.costmap import Costmap
+from vastflow.sim.nav.parameters.latency import IDEAL
 from vastflow.sim.nav.parameters.servers import MOST_ZONES, NavFn
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.particles import Cloud, new_cloud
@@ -43,6 +44,12 @@ SEARCHED_LENGTHS: Final = 32
 """Points of a searched leg, in longer edges of the map: a way through a maze is many times as long as the map."""
 
 MAX_EVENTS: Final = 4096
+LATE_SCANS: Final = 16
+"""Scans on their way to the stack: the oldest by `OLDEST_S` at 20 Hz, waiting for its odometry, and one that is being taken."""
+
+ODOMETRY_STEPS: Final = 80
+"""Physics steps of odometry that are kept: the oldest sample at 5 Hz on its way, and its twist."""
+
 MOST_TWISTS: Final = 101
 """Ticks of odometry that a velocity smoother with feedback can look back."""
 AHEAD_POINTS: Final = 1024
@@ -75,8 +82,12 @@ COLUMNS: Final = (
 _REAL: Final = (
     # True pose, true motion of the last tick, true path driven.
     *("true_x", "true_y", "true_yaw", "true_v", "true_w", "distance"),
-    # Odometry: pose in the odom frame, reported twist, limited wheel command of the last step.
+    # Odometry: pose in the odom frame and twist as the stack has them, limited wheel command of the last step.
     *("odom_x", "odom_y", "odom_yaw", "odom_v", "odom_w", "wheel_v", "wheel_w"),
+    # Odometry as the wheels count it, and when within its period it is sampled (steps).
+    *("counted_x", "counted_y", "counted_yaw", "odometry_phase"),
+    # Command that the controller computes; when the newest scan arrives; pose to which the scanner has swept.
+    *("pending_v", "pending_w", "scan_arrives", "swept_x", "swept_y", "swept_yaw"),
     # Odometry at the last scan and at the last filter update; transform map -> odom; estimate in the map.
     *("scan_odom_x", "scan_odom_y", "scan_odom_yaw", "filter_odom_x", "filter_odom_y", "filter_odom_yaw"),
     *("map_odom_x", "map_odom_y", "map_odom_yaw", "x", "y", "yaw"),
@@ -108,6 +119,7 @@ _WHOLE: Final = (
     *("tick", "status", "events", "rows", "vertices", "beams"),
     *("initialized", "localized", "first_scan", "particles", "bins", "filter_updates"),
     *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
+    *("odometry_step", "scans_taken", "scans_used", "swept", "smoother_step", "pending_step", "busy_step", "cycle_due"),
     *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
     *("path_n", "path_i", "floods"),
     *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick", "command_tick"),
@@ -122,6 +134,9 @@ MEMORY: Final = np.dtype(
         ("streams", np.uint64, (SUBSYSTEMS, 1)),
         ("velocities", np.float64, (SUBSTEPS, 2)),
         ("twists", np.float64, (MOST_TWISTS, 2)),
+        ("odometry", np.float64, (ODOMETRY_STEPS, 5)),
+        ("late_scans", np.float64, (LATE_SCANS, 5)),
+        ("late_ranges", np.float64, (LATE_SCANS, MOST_BEAMS)),
         ("ranges", np.float64, (MOST_BEAMS,)),
         ("order", np.int64, (MOST_BEAMS,)),
         ("directions", np.float64, (MOST_BEAMS, 2)),
@@ -135,7 +150,8 @@ MEMORY: Final = np.dtype(
 """What a run remembers, in one record: kernels get it as one pointer, which keeps them small and quick to compile.
 
 `velocities` (speed, yaw rate) is the tick's result for physics, `twists` what odometry reported in the last ticks, in a ring; an
-event row is t, kind, x, y, what, value; of `outline` the first `vertices` count, of `ranges` and `directions` the first `beams`.
+event row is t, kind, x, y, what, value; rows of `odometry`, in a ring of physics steps, are x, y, yaw, v and ω as the wheels count;
+rows of `late_scans` are when a scan arrives (s), the step of its stamp, and odometry's x, y and yaw there; of `outline` the first `vertices` count, of `ranges` and `directions` the first `beams`.
 """
 
 _EXTRA: Final = (
@@ -154,7 +170,7 @@ _EXTRA: Final = (
         "global_ticks",
     ),
     *("inscribed_radius", "circumscribed_radius"),
-    *("range_min", "range_max", "mount_x", "mount_y"),
+    *("range_min", "range_max", "mount_x", "mount_y", "angle_increment", "sweeps", "late"),
     *(
         "max_speed",
         "max_acceleration",
@@ -268,7 +284,7 @@ def new_stack(
     m["true_x"], m["true_y"], m["true_yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["x"], m["y"], m["yaw"] = start.x_m, start.y_m, start.yaw_rad
     m["first_scan"], m["local_current"], m["global_current"] = 1, 1, 1
-    m["state"], m["status"] = ENDED, RESTING
+    m["state"], m["status"], m["pending_step"] = ENDED, RESTING, -1
     m["streams"], m["ranges"], m["beams"] = streams, np.inf, lidar.beams
     m["directions"][: lidar.beams] = lidar.directions()
     outline = outline_of(parameters.local_costmap)
@@ -387,6 +403,9 @@ def _parameter_record(
         "range_max": lidar.range_max_m,
         "mount_x": lidar.mount_xyt[0],
         "mount_y": lidar.mount_xyt[1],
+        "angle_increment": lidar.angle_increment_rad,
+        "sweeps": lidar.sweeps,
+        "late": lidar.sweeps or parameters.latency != IDEAL,
         "max_speed": robot.max_speed_mps,
         "max_acceleration": robot.max_acceleration_mps2,
         "max_yaw_rate": robot.max_yaw_rate_radps,

@@ -1,19 +1,21 @@
 """The ticks of a run: 50 ms of sensing, localization, mapping, planning, control, actuation and free motion each."""
 
 import math
-from typing import Any, Final
+from typing import Any
 
 from vastflow.sim.kernels.numeric import inner, njit
-from vastflow.sim.kernels.streams import LIDAR, ODOMETRY, PHASES, normal_pair, uniform
+from vastflow.sim.kernels.streams import ODOMETRY, PHASES, normal_pair, uniform
 from vastflow.sim.nav import profile
 from vastflow.sim.nav.behavior import behave, note
 from vastflow.sim.nav.collision_monitor import approach, gather_near_points, zoned
 from vastflow.sim.nav.controllers.binding import Bound, reset
+from vastflow.sim.nav.latency import TWIST_STEPS, count_step, draw_phases, order, receive_command, receive_odometry
 from vastflow.sim.nav.localization import estimate, localize
 from vastflow.sim.nav.mapping import clear_global, clear_local, publish_local, update_global, update_local
 from vastflow.sim.nav.particles import Cloud
 from vastflow.sim.nav.profile import lap
 from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.nav.scanning import next_scan, sense
 from vastflow.sim.nav.state import (
     ENDED,
     EVENT_STOPPED,
@@ -25,22 +27,20 @@ from vastflow.sim.nav.state import (
     Local,
     Route,
 )
-from vastflow.sim.world import lidar
 from vastflow.sim.world.motion import Body, due, move_freely
 from vastflow.sim.world.robot import arc, limited, steered, wrapped
 
 DONE, PHYSICS, APPEARS = 0, 1, 2
-TWIST_STEPS: Final = 3
-"""Odometry reports the mean of its last steps, about 30 ms."""
 
 
 @njit
 def start(parameters: Any, memory: Any) -> None:
-    """Draw the phases of the costmap loops: in Nav2 they are arbitrary, and differ from run to run."""
+    """Draw the phases of loops: in Nav2 they are arbitrary, and differ from run to run."""
     p, m = parameters[0], memory[0]
     m.phase_local = int(uniform(m.streams[PHASES]) * p.local_ticks)
     m.phase_global = int(uniform(m.streams[PHASES]) * p.global_ticks)
     m.phase_publish = int(uniform(m.streams[PHASES]) * p.publish_ticks)
+    draw_phases(p, m)
 
 
 @njit
@@ -78,18 +78,17 @@ def advance(
         _see_truth(m, body.pose[0], body.pose[1], body.pose[2])
         lap(m, profile.RECORDING)
         lap(m, profile.CLOCK)
-        if m.tick % p.scan_ticks == 0:
-            _scan(p, m, g.skips, body.obstacles)
-            lap(m, profile.LIDAR)
+        is_new = sense(p, m, g.skips, body.obstacles)
+        lap(m, profile.LIDAR)
+        while is_new:
             gather_near_points(p, m)
             lap(m, profile.COMMAND_PATH)
             if m.initialized == 1:
                 localize(p, m, g.cubed, cloud)
             lap(m, profile.AMCL)
+            is_new = p.late != 0 and next_scan(m)
         if m.initialized == 1:
             _navigate(p, m, g, local, route, controller)
-        _send(p, m)
-        lap(m, profile.COMMAND_PATH)
         _actuate(p, m)
         lap(m, profile.ACTUATORS)
         if m.tick % ROW_TICKS == 0:
@@ -118,7 +117,7 @@ def halt(memory: Any, controller: Bound) -> None:
     m = memory[0]
     reset(controller)
     m.state, m.status, m.path_n = ENDED, RESTING, 0
-    m.command_v, m.command_w, m.command_tick = 0.0, 0.0, m.tick
+    order(m, 0.0, 0.0)
 
 
 @inner
@@ -152,34 +151,9 @@ def _see_truth(m: Any, x_m: float, y_m: float, yaw_rad: float) -> None:
 
 
 @inner
-def _scan(p: Any, m: Any, skips: Any, obstacles: Any) -> None:
-    c, sn = math.cos(m.true_yaw), math.sin(m.true_yaw)
-    sensor = (m.true_x + c * p.mount_x - sn * p.mount_y, m.true_y + sn * p.mount_x + c * p.mount_y, m.true_yaw)
-    lidar.scan(
-        skips,
-        p.world_resolution,
-        p.origin_x,
-        p.origin_y,
-        obstacles,
-        sensor,
-        m.directions[: m.beams],
-        p.range_min,
-        p.range_max,
-        m.ranges[: m.beams],
-    )
-    q = p.perturbation
-    lidar.perturb(
-        m.ranges[: m.beams],
-        m.streams[LIDAR],
-        q.laserscan_random_drop_percentage,
-        q.laserscan_gaussian_noise_std_deviation,
-        m.order,
-    )
-
-
-@inner
 def _send(p: Any, m: Any) -> None:
     """The command path: velocity smoother, then the collision monitor."""
+    receive_command(m, m.tick * SUBSTEPS + m.smoother_step)
     q = p.velocity_smoother
     v, w = m.command_v, m.command_w
     if (m.tick - m.command_tick) * TICK_S > q.velocity_timeout:
@@ -220,11 +194,15 @@ def _smoothed(q: Any, axis: int, command: float, previous: float) -> float:
 
 @inner
 def _actuate(p: Any, m: Any) -> None:
-    """The actuators' limits at each physics step; odometry integrates what the wheels do, blocked or not."""
+    """The command path in its step of the tick, and the actuators' limits at each; odometry counts what the wheels do, blocked or not."""
     noise = p.perturbation.odometry_noise_std_deviation
     dt_s = TICK_S / SUBSTEPS
     m.odom_v, m.odom_w = 0.0, 0.0
     for k in range(SUBSTEPS):
+        if k == m.smoother_step:
+            lap(m, profile.ACTUATORS)
+            _send(p, m)
+            lap(m, profile.COMMAND_PATH)
         m.wheel_v = limited(m.sent_v, m.wheel_v, p.max_speed, p.max_acceleration, dt_s)
         m.wheel_w = limited(m.sent_w, m.wheel_w, p.max_yaw_rate, p.max_yaw_acceleration, dt_s)
         if p.min_turning_radius > 0.0:
@@ -233,11 +211,17 @@ def _actuate(p: Any, m: Any) -> None:
         if noise > 0.0:
             a, b = normal_pair(m.streams[ODOMETRY])
             v, w = v * (1.0 + noise * a), w * (1.0 + noise * b)
-        m.odom_x, m.odom_y, m.odom_yaw = arc(m.odom_x, m.odom_y, m.odom_yaw, v, w, dt_s)
+        m.counted_x, m.counted_y, m.counted_yaw = arc(m.counted_x, m.counted_y, m.counted_yaw, v, w, dt_s)
         m.velocities[k, 0], m.velocities[k, 1] = m.wheel_v, m.wheel_w
         if k >= SUBSTEPS - TWIST_STEPS:
             m.odom_v += v / TWIST_STEPS
             m.odom_w += w / TWIST_STEPS
+        if p.late != 0:
+            count_step(m, m.tick * SUBSTEPS + k + 1, v, w)
+    if p.late != 0:
+        receive_odometry(p, m, (m.tick + 1) * SUBSTEPS)
+    else:
+        m.odom_x, m.odom_y, m.odom_yaw = m.counted_x, m.counted_y, m.counted_yaw
     twist = m.twists[(m.tick + 1) % MOST_TWISTS]
     twist[0], twist[1] = m.odom_v, m.odom_w
 

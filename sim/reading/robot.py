@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER
+from vastflow.sim.nav.parameters.latency import IDEAL, Latency
 from vastflow.sim.nav.parameters.mppi import MotionModel, MppiParameters
 from vastflow.sim.nav.parameters.robot import LidarParameters
 from vastflow.sim.nav.parameters.servers import VelocitySmoother
@@ -83,12 +84,13 @@ def lidar_of(parameters: NavParameters) -> Lidar:
         own.range_max_m if given.range_max is None else given.range_max,
         own.rate_hz if given.rate is None else held_hz(given.rate),
         (x_m, y_m, yaw_rad),
+        bool(given.sweeps),
     )
 
 
 def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:
     """All that the simulator takes the robot to be, in words."""
-    return (*_driving_facts(parameters), *_lidar_facts(parameters))
+    return (*_driving_facts(parameters), *_lidar_facts(parameters), *_latency_facts(parameters.latency))
 
 
 def robot_words(facts: Iterable[RobotFact]) -> Iterator[str]:
@@ -192,6 +194,25 @@ def _lidar_facts(parameters: NavParameters) -> Iterator[RobotFact]:
         ("scans at", f"{lidar.rate_hz:.4g} Hz{held}", given.rate),
     ):
         yield RobotFact(quantity, value, _source(any(each is not None for each in described), True))
+    if lidar.sweeps:
+        yield RobotFact("beams one after the other over", f"{1.0 / lidar.rate_hz:.4g} s a turn", "given")
+
+
+def _latency_facts(latency: Latency) -> Iterator[RobotFact]:
+    """None of a robot without latency."""
+    for quantity, unit, least, jitter in (
+        ("scans late by", " s", latency.scan_age, latency.scan_jitter),
+        ("odometry late by", " s", latency.tf_age, latency.tf_jitter),
+        ("commands late by", " s", latency.controller_time, latency.controller_jitter),
+    ):
+        if least or jitter:
+            yield RobotFact(quantity, f"{least:g}{unit} + {jitter:g}{unit} in the mean", "given")
+    if latency.odometry_rate != IDEAL.odometry_rate:
+        yield RobotFact("odometry at", f"{latency.odometry_rate:g} Hz", "given")
+    if latency.missed_cycles:
+        yield RobotFact("controller cycles missed", f"{latency.missed_cycles:.3g}", "given")
+    if not latency.smoother_in_step:
+        yield RobotFact("velocity smoother", "not in step with the controller", "given")
 
 
 def _source(is_given: bool, is_turtlebots: bool) -> Source:

@@ -16,6 +16,7 @@ class Lidar:
 
     Attributes:
         mount_xyt: Pose on the robot (m, m, rad).
+        sweeps: Whether each beam has a time of its own in a turn of one period, counter-clockwise; else a scan is taken at once.
         range_min_m, range_max_m: Readings lie in [min, max); beyond there is no return (inf).
     """
 
@@ -26,6 +27,7 @@ class Lidar:
     range_max_m: float = 20.0
     rate_hz: float = 10.0
     mount_xyt: tuple[float, float, float] = (-0.04, 0.0, math.pi / 2)
+    sweeps: bool = False
 
     @property
     def angle_max_rad(self) -> float:

@@ -33,6 +33,7 @@ def test_the_streams_of_a_run_are_pinned():
         "0xe30f00bcc8520b3e",
         "0xd3e2e01f84ff0fd4",
         "0x49c9ce63094355bf",
+        "0x9a610b1b9dbc1151",
     ]
 
 

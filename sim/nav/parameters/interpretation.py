@@ -24,6 +24,7 @@ from vastflow.sim.nav.parameters.costmap import (
     local_costmap,
 )
 from vastflow.sim.nav.parameters.document import DocumentError, ParameterDocument, ParameterLocation
+from vastflow.sim.nav.parameters.latency import IDEAL, LATENCY_KEY, PRESET_KEY, PRESETS, Latency
 from vastflow.sim.nav.parameters.monitor import collision_monitor
 from vastflow.sim.nav.parameters.mppi import AckermannParameters, MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
@@ -114,7 +115,8 @@ def interpretation(document: ParameterDocument) -> Interpretation:
         DocumentError: every fault of the document.
     """
     reader = Reader(document)
-    parts: dict[str, Any] = {"perturbation": reader.group(Perturbation, ()), "robot": _robot(reader)}
+    parts: dict[str, Any] = {"perturbation": reader.group(Perturbation, ())}
+    parts |= {"robot": _robot(reader), "latency": _latency(reader)}
     absent = []
     for name, read in _NODES.items():
         node = document.node(*name)
@@ -175,6 +177,14 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
 def _robot(reader: Reader) -> RobotParameters:
     lidar = reader.group(LidarParameters, (ROBOT_KEY, "lidar"))
     return reader.group(RobotParameters, (ROBOT_KEY,), given={"lidar": LidarParameters() if reader.faults else lidar})
+
+
+def _latency(reader: Reader) -> Latency:
+    place = ROBOT_KEY, LATENCY_KEY
+    preset = reader.text((*place, PRESET_KEY), next(iter(PRESETS)))
+    if preset not in PRESETS:
+        reader.fault((*place, PRESET_KEY), f"found {shown(preset)}", f"one of {', '.join(PRESETS)}")
+    return reader.group(Latency, place, left_out=PRESETS.get(preset, IDEAL))
 
 
 def _amcl(reader: Reader, node: ParameterLocation) -> Parts:

@@ -60,8 +60,9 @@ class Reader:
         prefix: ParameterLocation,
         elsewhere: Mapping[str, ParameterLocation] | None = None,
         given: Mapping[str, Any] | None = None,
+        left_out: Group | None = None,
     ) -> Group:
-        """The parameters below `prefix`; those the document leaves out are as in Nav2's code.
+        """The parameters below `prefix`; those the document leaves out are as in `left_out`, or as in Nav2's code.
 
         What is wrong becomes faults, and then the values mean nothing.
 
@@ -74,7 +75,9 @@ class Reader:
         for name, field in model.model_fields.items():
             if name not in values:
                 path = paths[name] = (elsewhere or {}).get(name, (*prefix, name))
-                values[name] = self.document.values.get(path, code_default(field))
+                values[name] = self.document.values.get(
+                    path, code_default(field) if left_out is None else getattr(left_out, name)
+                )
                 self.fields[path] = model, name
         try:
             group = model.model_validate(values)

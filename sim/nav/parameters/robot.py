@@ -11,6 +11,7 @@ from typing import Any, Final, Self
 from pydantic import field_validator, model_validator
 
 from vastflow.sim.nav.parameters.document import ParameterLocation
+from vastflow.sim.nav.parameters.latency import LATENCY_KEY, PRESET_KEY, Latency
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 from vastflow.sim.nav.polygon import vertices_of
 from vastflow.sim.world.lidar_model import MOST_BEAMS
@@ -38,6 +39,7 @@ class LidarParameters(ParameterGroup):
     range_min: float | None = parameter(None, 0.0, 10.0)
     range_max: float | None = parameter(None, 0.2, 1000.0)
     rate: float | None = parameter(None, 1.0, 20.0)
+    sweeps: bool | None = parameter(None)
 
     @model_validator(mode="after")
     def _limits_agree(self) -> Self:
@@ -106,5 +108,7 @@ class RobotParameters(ParameterGroup):
 def robot_keys() -> Mapping[str, ParameterLocation]:
     """Every key of the system dimension that gives a quantity of the robot, to where it is read."""
     own = [(ROBOT_KEY, name) for name in RobotParameters.model_fields if name != "lidar"]
-    every = [*own, *((ROBOT_KEY, "lidar", name) for name in LidarParameters.model_fields)]
+    lidar = ((ROBOT_KEY, "lidar", name) for name in LidarParameters.model_fields)
+    latency = ((ROBOT_KEY, LATENCY_KEY, name) for name in (PRESET_KEY, *Latency.model_fields))
+    every = [*own, *lidar, *latency]
     return {".".join(path): path for path in every}

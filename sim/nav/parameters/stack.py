@@ -4,6 +4,7 @@ from pydantic import SerializeAsAny
 
 from vastflow.sim.nav.parameters.amcl import AmclParameters
 from vastflow.sim.nav.parameters.costmap import Costmap, global_costmap, local_costmap
+from vastflow.sim.nav.parameters.latency import Latency
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.robot import RobotParameters
@@ -28,11 +29,12 @@ class NavParameters(ParameterGroup):
     Attributes:
         controller: Parameters of the controller; a plug-in is its own, see
             `vastflow.sim.nav.controllers.registry.find_parameters`.
-        robot: Of the robot that the stack drives, which it is not told of.
+        robot: Of the robot that the stack drives, which it is not told of; `latency` of its sensors and computers.
     """
 
     robot: RobotParameters = RobotParameters()
     perturbation: Perturbation = Perturbation()
+    latency: Latency = Latency()
     amcl: AmclParameters = AmclParameters()
     local_costmap: Costmap = local_costmap()
     global_costmap: Costmap = global_costmap()

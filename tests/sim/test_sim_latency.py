@@ -1,0 +1,261 @@
+"""Latency: scans, odometry and commands that come late, by how much, and that a run without latency knows none."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vastflow.sim.kernels.streams import LATENCY, streams_of
+from vastflow.sim.loop.closed_loop import ClosedLoop
+from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.costmap import MARKED
+from vastflow.sim.nav.mission import Mission
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.document import DocumentError
+from vastflow.sim.pose import Pose
+from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.robot_model import Robot
+
+WALL_X_M = 13.5
+GOAL = Pose(11.0, 2.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def loop():
+    """A loop of a robot at (1, 2) with RPP and these values of its latency, sent 10 m along x over an empty floor; a wall ends the floor."""
+    floor = np.zeros((80, 280), dtype=np.int8)
+    floor[[0, -1]], floor[:, [0, -1]] = 100, 100
+    floor[:, int(WALL_X_M / 0.05) :] = 100
+
+    def make(goal=GOAL, lidar=None, seed=3, **latency):
+        lidar = lidar or Lidar()
+        system = {f"robot.latency.{name}": value for name, value in latency.items()}
+        parameters = parameters_of({"controller": "rpp", **system})
+        prepared = prepare(OccupancyMap(floor, 0.05, (0.0, 0.0)), lidar, parameters)
+        made = ClosedLoop(prepared, parameters, lidar, Robot(), Pose(1.0, 2.0, 0.0), (), (1, 2, seed), 60.0)
+        made.localize(Pose(1.0, 2.0, 0.0))
+        if goal:
+            made.navigate(Mission("navigate_to_pose", (goal,)))
+        return made
+
+    return make
+
+
+def recorded(loop):
+    loop.advance()
+    loop.conclude()
+    m = loop.stack.m[0]
+    return loop.stack.rows[: int(m["rows"])].tobytes(), loop.status
+
+
+def cruising(loop, ticks=80):
+    """The memory of a loop whose robot drives on at full speed after so many ticks."""
+    loop.advance(ticks)
+    m = loop.stack.m[0]
+    assert m["true_v"] == pytest.approx(0.5, abs=0.01)
+    return m
+
+
+def test_without_latency_nothing_is_drawn(loop):
+    ideal = loop()
+    ideal.advance(40)
+    assert ideal.stack.m[0]["streams"][LATENCY] == streams_of((1, 2, 3))[LATENCY]
+    assert ideal.stack.p[0]["late"] == 0
+
+
+def test_a_latency_of_nothing_is_the_run_without_latency(loop):
+    late = loop()
+    late.stack.p["late"] = 1
+    assert recorded(late) == recorded(loop())
+
+
+def test_the_preset_ideal_is_the_run_without_latency(loop):
+    assert recorded(loop(preset="ideal")) == recorded(loop())
+
+
+@pytest.mark.parametrize("preset", ["gazebo", "loaded"])
+def test_a_latency_is_drawn_from_the_runs_seed(loop, preset):
+    once, again, other = (
+        recorded(loop(preset=preset)),
+        recorded(loop(preset=preset)),
+        recorded(loop(preset=preset, seed=4)),
+    )
+    assert once == again
+    assert once[0] != other[0]
+    assert once[0] != recorded(loop())[0]
+
+
+def test_the_stack_uses_a_scan_from_where_the_robot_was_at_its_age(loop):
+    m = cruising(loop(scan_age=0.3), 81)
+    assert m["odom_x"] - m["scan_odom_x"] == pytest.approx(0.5 * 0.3 + 0.5 * 0.05, abs=0.005)  # a tick has passed since
+
+
+def test_a_scan_that_is_late_has_the_ranges_of_its_time(loop):
+    m = cruising(loop(scan_age=0.3), 81)
+    ahead = np.argmax(m["directions"][:360, 0])
+    taken_at_m = 1.0 + m["scan_odom_x"]
+    assert m["ranges"][ahead] == pytest.approx(WALL_X_M - (taken_at_m - 0.04), abs=0.03)
+
+
+def test_the_costmap_marks_what_appears_later_by_the_scans_age(loop):
+    def marked_after_ticks(scan_age):
+        made = loop(goal=None, scan_age=scan_age)
+        made.advance(40)
+        made.spawn(Obstacle("box", "box", Pose(2.0, 2.0, 0.0), 0.4, 0.4), False)
+        before = (made.stack.local.layer == MARKED).sum()
+        while (made.stack.local.layer == MARKED).sum() <= before:
+            made.advance(made.tick + 1)
+        return made.tick - 40
+
+    assert [marked_after_ticks(scan_age) - marked_after_ticks(0.0) for scan_age in (0.2, 0.4)] == [4, 8]
+
+
+def test_amcl_waits_for_the_first_scan(loop):
+    made = loop(scan_age=0.3)
+    made.advance(6)
+    assert not made.localized
+    made.advance(7)
+    assert made.localized
+
+
+def test_a_late_scan_corrects_odometry_where_the_scan_was_taken(loop):
+    """The estimate stays right: AMCL moves its particles to the scan's odometry, and not to the newest."""
+    errors_m = []
+    made = loop(scan_age=0.4)
+    for tick in range(60, 300, 10):
+        made.advance(tick)
+        errors_m.append(made.estimate.x_m - made.true_pose.x_m)
+    assert abs(np.mean(errors_m)) < 0.1  # 0.2 m behind, if it did
+
+
+def test_the_stacks_odometry_is_as_old_as_it_is_late(loop):
+    m = cruising(loop(tf_age=0.2))
+    assert m["counted_x"] - m["odom_x"] == pytest.approx(0.5 * 0.2, abs=0.002)
+
+
+def test_a_scan_waits_for_the_odometry_of_its_stamp(loop):
+    m = cruising(loop(tf_age=0.2), 81)
+    assert m["scan_odom_x"] <= m["odom_x"] + 1e-9
+    assert m["counted_x"] - m["scan_odom_x"] >= 0.5 * 0.2 - 0.002
+
+
+def test_odometry_at_30_hz_is_up_to_a_period_old(loop):
+    made, ages_s = loop(odometry_rate=30.0), set()
+    for tick in range(80, 120):
+        m = cruising(made, tick)
+        ages_s.add(round((m["counted_x"] - m["odom_x"]) / 0.5, 2))
+    assert min(ages_s) >= 0.0 and max(ages_s) <= 0.034 + 0.005
+    assert len(ages_s) > 1
+
+
+def test_odometry_never_goes_back_however_late_it_is(loop):
+    made, seen_m = loop(tf_age=0.02, tf_jitter=0.1), []
+    for tick in range(60, 160):
+        made.advance(tick)
+        seen_m.append(float(made.stack.m[0]["odom_x"]))
+    assert min(np.diff(seen_m)) >= 0.0
+    assert max(np.diff(seen_m)) > 2 * 0.5 * 0.05  # and catches up
+
+
+@pytest.mark.parametrize(("controller_time", "ticks"), [(0.0, 0), (0.05, 1), (0.12, 3), (0.4, 8)])
+def test_a_command_takes_effect_when_the_controller_has_computed_it(loop, controller_time, ticks):
+    def first_sent(**latency):
+        made = loop(**latency)
+        for tick in range(1, 60):
+            made.advance(tick)
+            if made.stack.m[0]["sent_v"] > 0.0:
+                return tick
+        return None
+
+    assert first_sent(controller_time=controller_time) - first_sent() == ticks
+
+
+def test_a_controller_that_computes_longer_than_its_period_commands_as_often_as_it_can(loop):
+    made, ordered = loop(controller_time=0.12), set()
+    for tick in range(20, 80):
+        made.advance(tick)
+        ordered.add(int(made.stack.m[0]["command_tick"]))
+    assert set(np.diff(sorted(ordered))) == {3}
+
+
+def test_in_missed_cycles_the_last_command_stands(loop):
+    made, ordered, sent = loop(missed_cycles=0.5), [], []
+    for tick in range(60, 160):
+        m = cruising(made, tick)
+        ordered.append(int(m["command_tick"]))
+        sent.append(float(m["sent_v"]))
+    assert 30 < len(set(ordered)) < 70
+    assert min(sent) == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_smoother_out_of_step_sends_a_command_within_the_tick(loop):
+    """Commands of 20 ms reach the wheels in the same tick from a smoother that runs later in it, else in the next."""
+
+    def first_moved(seed, **latency):
+        made = loop(controller_time=0.02, seed=seed, **latency)
+        for tick in range(1, 60):
+            made.advance(tick)
+            if made.stack.m[0]["sent_v"] > 0.0:
+                return tick, int(made.stack.m[0]["smoother_step"])
+        return None
+
+    in_step, _ = first_moved(3)
+    free = [first_moved(seed, smoother_in_step=False) for seed in range(8)]
+    assert {step for _, step in free} > {0}
+    assert all(in_step - tick == (1 if step >= 2 else 0) for tick, step in free)
+
+
+def test_a_spinning_robots_sweep_is_turned_by_what_the_robot_turned_since_the_beam(loop):
+    """At 1 rad/s a sweep of 0.1 s is distorted by 0.1 rad from its first beam to its last; each beam is where its own time has it."""
+    made = loop(goal=None, lidar=Lidar(sweeps=True))
+    for tick in range(1, 62):
+        made.command(0.0, 1.0)
+        made.advance(tick)
+    m = made.stack.m[0]
+    assert m["true_w"] == pytest.approx(1.0, abs=0.01)
+    bearings_rad = math.pi / 2 + Lidar().angle_increment_rad * np.arange(360)
+    yaw_rad = float(m["scan_odom_yaw"]) + 0.1 * np.arange(360) * Lidar().angle_increment_rad / (2 * math.pi)
+    truth_m = _to_walls(yaw_rad, bearings_rad)
+    assert np.median(np.abs(m["ranges"][:360] - truth_m)) < 0.01
+    at_once_m = _to_walls(np.full(360, float(m["scan_odom_yaw"])), bearings_rad)
+    assert np.median(np.abs(m["ranges"][300:360] - at_once_m[300:360])) > 0.03
+
+
+def _to_walls(yaw_rad, bearings_rad):
+    """Ranges from the scanner of a robot that turned on the spot at (1, 2) to the inner sides of the floor's walls."""
+    x_m, y_m = 1.0 - 0.04 * np.cos(yaw_rad), 2.0 - 0.04 * np.sin(yaw_rad)
+    c, s = np.cos(yaw_rad + bearings_rad), np.sin(yaw_rad + bearings_rad)
+    return np.minimum(np.where(c > 0, WALL_X_M - x_m, 0.05 - x_m) / c, np.where(s > 0, 3.95 - y_m, 0.05 - y_m) / s)
+
+
+def test_a_standing_robots_sweep_is_a_scan_taken_at_once(loop):
+    sweeping, still = (loop(goal=None, lidar=Lidar(sweeps=sweeps)) for sweeps in (True, False))
+    for made in (sweeping, still):
+        made.advance(20)
+    np.testing.assert_allclose(sweeping.stack.m[0]["ranges"][:360], still.stack.m[0]["ranges"][:360], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("scan_age", -0.1, r"robot.latency.scan_age: found -0.1; scan_age must lie in \[0, 0.5\]"),
+        ("scan_age", 0.6, r"scan_age must lie in \[0, 0.5\]"),
+        ("tf_age", 2, r"tf_age must lie in \[0, 0.5\]"),
+        ("odometry_rate", 0, r"odometry_rate must lie in \[5, 100\]"),
+        ("controller_time", "long", "controller_time must be a number"),
+        ("missed_cycles", 1.0, r"missed_cycles must lie in \[0, 0.9\]"),
+        ("smoother_in_step", 3, "smoother_in_step must be true or false"),
+        ("preset", "slow", r"robot.latency.preset: found 'slow'; one of ideal, gazebo, loaded"),
+    ],
+)
+def test_a_meaningless_latency_is_refused_by_its_key(name, value, message):
+    with pytest.raises(DocumentError, match=message):
+        parameters_of({f"robot.latency.{name}": value})
+
+
+def test_each_number_takes_the_presets_place_alone():
+    one = parameters_of({"robot.latency.preset": "loaded", "robot.latency.scan_age": 0.01}).latency
+    whole = parameters_of({"robot.latency.preset": "loaded"}).latency
+    assert one == whole.with_values(scan_age=0.01)
