@@ -28,6 +28,7 @@ from vastflow.flows.commands.replay import replay
 from vastflow.flows.commands.resume import resume
 from vastflow.flows.commands.run import run
 from vastflow.flows.commands.scenario import scenario
+from vastflow.flows.commands.server import server
 from vastflow.flows.commands.show import show
 from vastflow.flows.commands.store import store
 from vastflow.flows.terminal.exit_code import BAD_INPUT
@@ -95,6 +96,7 @@ app.add_typer(bench, name="bench")
 app.add_typer(execution, name="execution")
 app.add_typer(floorplan, name="floorplan")
 app.add_typer(scenario, name="scenario")
+app.add_typer(server, name="server")
 app.add_typer(store, name="store")
 
 

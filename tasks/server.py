@@ -48,6 +48,7 @@ class ApiServer:
 
     Args:
         log: File that takes what it prints.
+        port: Where it listens; 0 for any free port.
 
     Attributes:
         answers: Whether it has ever answered.
@@ -55,12 +56,12 @@ class ApiServer:
         notices: What it said that a user should hear.
     """
 
-    def __init__(self, log: Path) -> None:
+    def __init__(self, log: Path, port: int = 0) -> None:
         self._log = log
         self.answers = False
         self.lost = False
         self.notices: list[str] = []
-        self._port = 0
+        self._port = port
         self._stopping = False
         self._lock = threading.Lock()
         self._process = self._started()
@@ -76,10 +77,9 @@ class ApiServer:
         while not (self.lost or self._stopping):
             if self._port:
                 address = f"http://127.0.0.1:{self._port}/api"
-                with contextlib.suppress(OSError), urllib.request.urlopen(f"{address}/health", timeout=5) as response:
-                    if response.status == 200:
-                        self.answers = True
-                        return address
+                if answers(address):
+                    self.answers = True
+                    return address
             if time.monotonic() > deadline:
                 raise PrefectUnavailable(f"Prefect's API did not start within {timeout_s:.0f} s; see {self._log}")
             time.sleep(_POLL_S)
@@ -124,6 +124,13 @@ class ApiServer:
             if self._process.wait() >= 0:  # by itself: a second one would fare no better
                 break
         self.lost = True
+
+
+def answers(address: str) -> bool:
+    """Whether an API of Prefect answers at an address."""
+    with contextlib.suppress(OSError), urllib.request.urlopen(f"{address}/health", timeout=5) as response:
+        return bool(response.status == 200)
+    return False
 
 
 def configured_url() -> str | None:
