@@ -1,7 +1,7 @@
 """The section `robot` of a family: the robot that drives, as parameters `robot.…` with their places."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Any, Final, TypeAlias, get_args
 
 from pydantic import Field, WithJsonSchema
 
@@ -10,6 +10,7 @@ from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.section import EmptyIsMap, Section
 from vastflow.sim.nav.parameters.latency import PRESETS
 from vastflow.sim.nav.parameters.robot import robot_keys
+from vastflow.sim.world.robot_model import Drive
 
 _NUMBER: Final = WithJsonSchema({"type": ["number", "null"]})
 Quantity: TypeAlias = Annotated[Any, _NUMBER]
@@ -75,6 +76,10 @@ class RobotSpec(Section):
     """Of a body that is a disc (m); without a body the local costmap's footprint is what meets walls."""
     polygon: Annotated[Any, WithJsonSchema({"type": ["array", "string", "null"]})] = None
     """Of a body that is none: `[[x, y], ...]` in the robot's frame (m), or Nav2's text of it."""
+    drive: Annotated[Any, WithJsonSchema({"enum": [*get_args(Drive), None]})] = None
+    """How it moves; what MPPI's motion model says where it isn't given."""
+    min_turning_radius: Quantity = None
+    """Of the tightest arc of an ackermann drive (m)."""
     mass: Quantity = None
     """Of the robot (kg), which counts where it pushes things."""
     max_speed: Quantity = None

@@ -7,7 +7,9 @@ import pytest
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.robots import robots_json
+from vastflow.producers.vast.robot_section import LidarSpec, RobotSpec
 from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.robot import robot_keys
 from vastflow.sim.reading.robot import lidar_of, robot_of
 
 
@@ -44,6 +46,13 @@ def test_what_a_robot_is_given_takes_the_place_of_the_turtlebot_4s(family):
     assert (lidar.mount_xyt, lidar.beams, lidar.rate_hz) == ((0.1, 0.0, 0.0), 181, 5.0)
     assert (lidar.range_min_m, lidar.range_max_m) == (0.05, 12)
     assert lidar.directions()[[0, 90, 180]].ravel() == pytest.approx([0.0, -1.0, 1.0, 0.0, 0.0, 1.0], abs=1e-5)
+
+
+def test_the_section_has_every_quantity_that_a_robot_has(family):
+    keys = {f"robot.{name}" for name in RobotSpec.model_fields if name != "lidar"}
+    assert keys | {f"robot.lidar.{name}" for name in LidarSpec.model_fields} == set(robot_keys())
+    robot = robot_of(parameters_of(of_robot(family("{drive: ackermann, min_turning_radius: 0.8}"))))
+    assert (robot.drive, robot.min_turning_radius_m) == ("ackermann", 0.8)
 
 
 def test_a_radius_is_the_bodys_and_leaves_the_costmaps_their_footprint(family):
