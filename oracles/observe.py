@@ -81,6 +81,8 @@ class ScenarioObserver:
         estimated_x_m, estimated_y_m = si(recording.columns["estimated_x_mm"]), si(recording.columns["estimated_y_mm"])
         derived = {"localization_error_mm": _mm(np.hypot(estimated_x_m - x_m, estimated_y_m - y_m))}
         slow = np.abs(si(recording.columns["speed_mmps"])) < STANDING_MPS
+        if "lateral_speed_mmps" in recording.columns:
+            slow &= np.abs(si(recording.columns["lateral_speed_mmps"])) < STANDING_MPS
         slow &= np.abs(si(recording.columns["yaw_rate_mradps"])) < STANDING_RADPS
         derived["stopped"] = slow.astype(np.int32)
         if self.world is not None and self.wall_cells is not None:

@@ -67,14 +67,15 @@ def pose_in(found: Any) -> Pose:
     return Pose(float(position.get("x", 0.0)), float(position.get("y", 0.0)), yaw_rad)
 
 
-def velocity_in(found: Any) -> tuple[float, float]:
-    """Speed (m/s) and yaw rate (rad/s) in a message of a twist.
+def velocity_in(found: Any) -> tuple[float, float, float]:
+    """Speed (m/s), yaw rate (rad/s) and speed to the left (m/s) in a message of a twist.
 
     Raises:
         ScenarioError: it is none.
     """
     try:
-        return float(found.get("linear", {}).get("x", 0.0)), float(found.get("angular", {}).get("z", 0.0))
+        linear, angular = found.get("linear", {}), found.get("angular", {})
+        return float(linear.get("x", 0.0)), float(angular.get("z", 0.0)), float(linear.get("y", 0.0))
     except (AttributeError, TypeError, ValueError):
         raise ScenarioError("found no twist in the message; {'linear': {'x': 0.2}, 'angular': {'z': 0.0}}") from None
 

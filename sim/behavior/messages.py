@@ -50,13 +50,13 @@ def message(simulation: Simulation, topic: str) -> Any:
         case "/clock":
             return {"clock": _time(now_s)}
         case "/cmd_vel" | "/cmd_vel_nav" | "/cmd_vel_smoothed":
-            return _twist(float(m[f"{_COMMANDS[topic]}_v"]), float(m[f"{_COMMANDS[topic]}_w"]))
+            return _twist(m, _COMMANDS[topic])
         case "/odom":
             return {
                 **_header(now_s, "odom"),
                 "child_frame_id": "base_link",
                 "pose": {"pose": _pose(simulation.odometry), "covariance": [0.0] * 36},
-                "twist": {"twist": _twist(float(m["odom_v"]), float(m["odom_w"])), "covariance": [0.0] * 36},
+                "twist": {"twist": _twist(m, "odom"), "covariance": [0.0] * 36},
             }
         case "/plan":
             points = simulation.frame.points_to_map(simulation.stack.route.path[: int(m["path_n"])]).tolist()
@@ -84,8 +84,9 @@ def _pose(pose: Pose) -> dict[str, Any]:
     return {"position": {"x": pose.x_m, "y": pose.y_m, "z": 0.0}, "orientation": turn}
 
 
-def _twist(speed_mps: float, yaw_rate_radps: float) -> dict[str, Any]:
+def _twist(m: Any, which: str) -> dict[str, Any]:
+    speed_mps, yaw_rate_radps, lateral_mps = (float(m[f"{which}_{axis}"]) for axis in ("v", "w", "vy"))
     return {
-        "linear": {"x": speed_mps, "y": 0.0, "z": 0.0},
+        "linear": {"x": speed_mps, "y": lateral_mps, "z": 0.0},
         "angular": {"x": 0.0, "y": 0.0, "z": yaw_rate_radps},
     }

@@ -134,10 +134,11 @@ class ClosedLoop:
         goals = tuple(self.frame.pose_to_grid(goal) for goal in mission.goals)
         self.stack = give(self.stack, replace(mission, goals=goals))
 
-    def command(self, speed_mps: float, yaw_rate_radps: float) -> None:
+    def command(self, speed_mps: float, yaw_rate_radps: float, lateral_mps: float = 0.0) -> None:
         """Give the velocity smoother a command, as the controller does while there is a mission."""
         m = self.stack.m[0]
-        m["command_v"], m["command_w"], m["command_tick"] = speed_mps, yaw_rate_radps, m["tick"]
+        m["command_v"], m["command_w"], m["command_vy"] = speed_mps, yaw_rate_radps, lateral_mps
+        m["command_tick"] = m["tick"]
 
     def cancel(self) -> None:
         """Take the robot's mission away."""

@@ -14,7 +14,7 @@ from vastflow.sim.loop.standstill import told as standstill_told
 from vastflow.sim.maps.grid_frame import GridFrame
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.state import COLUMNS, EVENT_KINDS, EVENT_RECOVERY, RECOVERIES, RUNNING, SUCCEEDED, Stack
+from vastflow.sim.nav.state import EVENT_KINDS, EVENT_RECOVERY, RECOVERIES, RUNNING, SUCCEEDED, Stack, columns_of
 from vastflow.sim.pose import Pose
 from vastflow.sim.process.tables import Columns
 from vastflow.sim.recordings.recording import Entity, Event, Outcome, Recording, Run
@@ -84,7 +84,7 @@ def recording_of(
     loop.conclude()
     stack = loop.stack
     m = stack.m[0]
-    columns = {name: stack.rows[: int(m["rows"]), k].copy() for k, name in enumerate(COLUMNS)}
+    columns = {name: stack.rows[: int(m["rows"]), k].copy() for k, name in enumerate(columns_of(stack.robot))}
     events = [*(_event(row, loop.frame) for row in m["event_rows"][: int(m["events"])]), *loop.events]
     reasons = [ending.reason] if ending.reason else []
     if sent_s is not None and float(m["distance"]) < STANDSTILL_M and ending.outcome != "succeeded":

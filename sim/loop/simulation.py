@@ -18,9 +18,15 @@ REASONS: Final[Mapping[int, str]] = {
     105: "no progress (FAILED_TO_MAKE_PROGRESS)",
     203: "the robot is outside the map (START_OUTSIDE_MAP)",
     204: "the goal is outside the map (GOAL_OUTSIDE_MAP)",
+    205: "the robot stands where no path can begin (START_OCCUPIED)",
+    206: "the goal lies in an obstacle (GOAL_OCCUPIED)",
+    207: "the planner searched too long (TIMEOUT)",
     208: "no path to the goal (NO_VALID_PATH)",
     303: "the robot is outside the map (START_OUTSIDE_MAP)",
     304: "a goal is outside the map (GOAL_OUTSIDE_MAP)",
+    305: "the robot stands where no path can begin (START_OCCUPIED)",
+    306: "a goal lies in an obstacle (GOAL_OCCUPIED)",
+    307: "the planner searched too long (TIMEOUT)",
     308: "no path through the goals (NO_VALID_PATH)",
 }
 """Nav2's error codes, in words."""
@@ -105,9 +111,9 @@ class Simulation:
         self.told.append(("amcl", f"Setting pose: {pose.x_m:.3f} {pose.y_m:.3f} {pose.yaw_rad:.3f}"))
         self._loop.localize(pose)
 
-    def command(self, speed_mps: float, yaw_rate_radps: float) -> None:
+    def command(self, speed_mps: float, yaw_rate_radps: float, lateral_mps: float = 0.0) -> None:
         """Drive as told, unless the controller commands; ends with the velocity smoother's timeout."""
-        self._loop.command(speed_mps, yaw_rate_radps)
+        self._loop.command(speed_mps, yaw_rate_radps, lateral_mps)
 
     def order(self, mission: Mission) -> "Order":
         """Send the robot on a mission; it drops the one it has."""

@@ -41,7 +41,7 @@ def standstill(columns: Mapping[str, NDArray[np.int32]], events: Iterable[Event]
         events: Of the run.
     """
     commanded, sent = (
-        (columns[f"{which}_speed_mmps"] != 0) | (columns[f"{which}_yaw_rate_mradps"] != 0)
+        np.any([columns[name] != 0 for name in columns if name.startswith(f"{which}_")], axis=0)
         for which in ("command", "sent")
     )
     stopped = commanded & ~sent

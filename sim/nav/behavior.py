@@ -166,10 +166,10 @@ def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bo
     if n == 0:
         _control_failed(p, m, route.goals, controller, INVALID_PATH)
         return
-    valid, v, w = _controlled(p, m, local, route, n, end_yaw, controller)
+    valid, v, w, vy = _controlled(p, m, local, route, n, end_yaw, controller)
     if valid:
         m.valid_tick = m.tick
-        order_when_computed(m, v, w)
+        order_when_computed(m, v, w, vy)
     elif (m.tick - m.valid_tick) * TICK_S > p.controller_server.failure_tolerance:
         _control_failed(p, m, route.goals, controller, PATIENCE_EXCEEDED)
     else:
@@ -201,11 +201,11 @@ def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
 
 @inner
 def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: float, controller: Bound) -> Any:
-    """The controller's (valid, v, ω) for the local plan."""
+    """The controller's (valid, v, ω, vy) for the local plan."""
     c, s = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
     dx, dy = m.goal_x - m.map_odom_x, m.goal_y - m.map_odom_y
     goal = (c * dx + s * dy, c * dy - s * dx, wrapped(m.goal_yaw - m.map_odom_yaw))
-    v, w = _twist(p, m)
+    v, w, vy = _twist(p, m)
     pose = (m.odom_x, m.odom_y, m.odom_yaw)
     lap(m, BEHAVIOR)
     outline, dt_s = m.outline[: m.vertices], p.control_ticks * TICK_S
@@ -213,9 +213,9 @@ def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: flo
         turns, rate = rotation_shim.turn(p, m, local.window, route.path, w, dt_s)
         if turns:
             lap(m, CONTROLLER)
-            return True, 0.0, rate
+            return True, 0.0, rate, 0.0
     given = ControllerInput(
-        local.window, outline, p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, dt_s
+        local.window, outline, p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, dt_s, vy
     )
     ordered = compute_velocity(controller, given)
     m.shim_w = ordered[2]
@@ -225,10 +225,11 @@ def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: flo
 
 @inner
 def _twist(p: Any, m: Any) -> Any:
-    """(v, ω) by odometry; what is below the controller server's thresholds is none."""
+    """(v, ω, vy) by odometry; what is below the controller server's thresholds is none."""
     v = m.odom_v if abs(m.odom_v) > p.controller_server.min_x_velocity_threshold else 0.0
     w = m.odom_w if abs(m.odom_w) > p.controller_server.min_theta_velocity_threshold else 0.0
-    return v, w
+    vy = m.odom_vy if abs(m.odom_vy) > p.controller_server.min_y_velocity_threshold else 0.0
+    return v, w, vy
 
 
 @inner
@@ -240,8 +241,8 @@ def _goal_reached(p: Any, m: Any) -> bool:
         m.latched = 1
     if not (near or m.latched == 1) or abs(wrapped(m.goal_yaw - m.yaw)) > q.yaw_goal_tolerance:
         return False
-    v, w = _twist(p, m)
-    return bool(abs(v) <= q.trans_stopped_velocity and abs(w) <= q.rot_stopped_velocity)
+    v, w, vy = _twist(p, m)
+    return bool(math.hypot(v, vy) <= q.trans_stopped_velocity and abs(w) <= q.rot_stopped_velocity)
 
 
 @inner

@@ -11,7 +11,8 @@ from vastflow.sim.nav.rates import TICK_S
 @inner
 def gather_near_points(p: Any, m: Any) -> None:
     """Keep the scan's points, in the robot's frame at the time of the scan, that a command could bring under the footprint."""
-    fastest_mps = max(p.velocity_smoother.max_velocity[0], -p.velocity_smoother.min_velocity[0])
+    q = p.velocity_smoother
+    fastest_mps = math.hypot(max(q.max_velocity[0], -q.min_velocity[0]), max(q.max_velocity[1], -q.min_velocity[1]))
     # The robot drives on for one scan period before the next scan comes; 0.1 s more is ample.
     ahead_s = p.collision_monitor.time_before_collision + (0.1 + p.scan_ticks * TICK_S)
     reach_m = p.circumscribed_radius + fastest_mps * ahead_s + 0.1
@@ -28,7 +29,7 @@ def gather_near_points(p: Any, m: Any) -> None:
 
 
 @inner
-def approach(p: Any, m: Any, v_mps: float, w_radps: float) -> float:
+def approach(p: Any, m: Any, v_mps: float, w_radps: float, vy_mps: float) -> float:
     """The factor 0..1 of a command: its time to collision, as a share of `time_before_collision`.
 
     A point counts when it lies in the padded footprint; `min_points` of them are a collision. With so many inside already
@@ -41,12 +42,13 @@ def approach(p: Any, m: Any, v_mps: float, w_radps: float) -> float:
     x, y, yaw = _since_scan(m)
     if _points_inside(p, m, x, y, yaw) >= q.min_points:
         return 0.0
-    if v_mps == 0.0 and w_radps == 0.0:
+    if v_mps == 0.0 and w_radps == 0.0 and vy_mps == 0.0:
         return 1.0
     t_s = 0.0
     while t_s < q.time_before_collision:
-        x += v_mps * q.simulation_time_step * math.cos(yaw)
-        y += v_mps * q.simulation_time_step * math.sin(yaw)
+        c, s = math.cos(yaw), math.sin(yaw)
+        x += v_mps * q.simulation_time_step * c - vy_mps * q.simulation_time_step * s
+        y += v_mps * q.simulation_time_step * s + vy_mps * q.simulation_time_step * c
         yaw += w_radps * q.simulation_time_step
         if _points_inside(p, m, x, y, yaw) >= q.min_points:
             return float(t_s / q.time_before_collision)
@@ -55,7 +57,7 @@ def approach(p: Any, m: Any, v_mps: float, w_radps: float) -> float:
 
 
 @inner
-def zoned(p: Any, m: Any, v_mps: float, w_radps: float) -> float:
+def zoned(p: Any, m: Any, v_mps: float, w_radps: float, vy_mps: float) -> float:
     """The factor 0..1 that the zones of the file leave of a command: the least of theirs, as each is asked for the whole command."""
     factor = 1.0
     for k in range(p.zone_count):
@@ -64,14 +66,14 @@ def zoned(p: Any, m: Any, v_mps: float, w_radps: float) -> float:
             continue
         x, y, yaw = _since_scan(m)
         if zone[8] > 0.0:
-            factor = min(factor, _zone_approach(p, m, k, (x, y, yaw), v_mps, w_radps))
+            factor = min(factor, _zone_approach(p, m, k, (x, y, yaw), v_mps, w_radps, vy_mps))
         elif _points_in_zone(p, m, k, x, y, yaw) >= zone[4]:
             if zone[0] == STOP:
                 return 0.0
             if zone[0] == SLOWDOWN:
                 factor = min(factor, zone[5])
             elif zone[0] == LIMIT:
-                factor = min(factor, _share(zone[6], v_mps), _share(zone[7], w_radps))
+                factor = min(factor, _share(zone[6], math.hypot(v_mps, vy_mps)), _share(zone[7], w_radps))
     return float(factor)
 
 
@@ -90,7 +92,7 @@ def _since_scan(m: Any) -> Any:
 
 
 @inner
-def _zone_approach(p: Any, m: Any, k: int, pose: Any, v_mps: float, w_radps: float) -> float:
+def _zone_approach(p: Any, m: Any, k: int, pose: Any, v_mps: float, w_radps: float, vy_mps: float) -> float:
     """Time until the zone has its points, as a share of its `time_before_collision`."""
     zone = p.zones[k]
     x, y, yaw = pose
@@ -98,8 +100,9 @@ def _zone_approach(p: Any, m: Any, k: int, pose: Any, v_mps: float, w_radps: flo
         return 0.0
     t_s = 0.0
     while t_s < zone[8]:
-        x += v_mps * zone[9] * math.cos(yaw)
-        y += v_mps * zone[9] * math.sin(yaw)
+        c, s = math.cos(yaw), math.sin(yaw)
+        x += v_mps * zone[9] * c - vy_mps * zone[9] * s
+        y += v_mps * zone[9] * s + vy_mps * zone[9] * c
         yaw += w_radps * zone[9]
         if _points_in_zone(p, m, k, x, y, yaw) >= zone[4]:
             return float(t_s / zone[8])

@@ -43,10 +43,11 @@ def _steps(duration_s: float) -> int:
 
 
 @inner
-def count_step(m: Any, step: int, v_mps: float, w_radps: float) -> None:
+def count_step(m: Any, step: int, v_mps: float, w_radps: float, vy_mps: float) -> None:
     """Keep what odometry has counted after so many steps of the run."""
     row = m.odometry[step % ODOMETRY_STEPS]
-    row[0], row[1], row[2], row[3], row[4] = m.counted_x, m.counted_y, m.counted_yaw, v_mps, w_radps
+    row[0], row[1], row[2] = m.counted_x, m.counted_y, m.counted_yaw
+    row[3], row[4], row[5] = v_mps, w_radps, vy_mps
 
 
 @inner
@@ -60,27 +61,29 @@ def receive_odometry(p: Any, m: Any, step: int) -> None:
     m.odometry_step = max(m.odometry_step, sampled)
     row = m.odometry[m.odometry_step % ODOMETRY_STEPS]
     m.odom_x, m.odom_y, m.odom_yaw = row[0], row[1], row[2]
-    m.odom_v, m.odom_w = 0.0, 0.0
+    m.odom_v, m.odom_w, m.odom_vy = 0.0, 0.0, 0.0
     for k in range(TWIST_STEPS):
         row = m.odometry[(m.odometry_step + 1 - TWIST_STEPS + k) % ODOMETRY_STEPS]
         m.odom_v += row[3] / TWIST_STEPS
         m.odom_w += row[4] / TWIST_STEPS
+        m.odom_vy += row[5] / TWIST_STEPS
 
 
 @inner
 def order(m: Any, v_mps: float, w_radps: float) -> None:
-    """Command now; what the controller still computes is dropped."""
-    m.command_v, m.command_w, m.command_tick = v_mps, w_radps, m.tick
+    """Command now, without a speed to the side; what the controller still computes is dropped."""
+    m.command_v, m.command_w, m.command_vy, m.command_tick = v_mps, w_radps, 0.0, m.tick
     m.pending_step = -1
 
 
 @inner
-def order_when_computed(m: Any, v_mps: float, w_radps: float) -> None:
+def order_when_computed(m: Any, v_mps: float, w_radps: float, vy_mps: float) -> None:
     """Command as soon as the controller has computed: now, if that takes no time."""
     if m.busy_step <= m.tick * SUBSTEPS:
         order(m, v_mps, w_radps)
+        m.command_vy = vy_mps
         return
-    m.pending_v, m.pending_w, m.pending_step = v_mps, w_radps, m.busy_step
+    m.pending_v, m.pending_w, m.pending_vy, m.pending_step = v_mps, w_radps, vy_mps, m.busy_step
 
 
 @inner
@@ -88,6 +91,7 @@ def receive_command(m: Any, step: int) -> None:
     """The velocity smoother gets the command that the controller has computed after so many steps of the run."""
     if m.pending_step >= 0 and m.pending_step <= step:
         order(m, m.pending_v, m.pending_w)
+        m.command_vy = m.pending_vy
 
 
 @inner

@@ -5,7 +5,7 @@ from typing import Any
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.kernels.streams import AMCL
-from vastflow.sim.nav.particles import Cloud, gate, move, spread
+from vastflow.sim.nav.particles import Cloud, gate, move, move_omni, spread
 from vastflow.sim.nav.resampling import covariance, heaviest_cluster, resample
 from vastflow.sim.nav.sensor import normalize, weigh
 from vastflow.sim.world.robot import wrapped
@@ -38,7 +38,10 @@ def update(p: Any, m: Any, ranges_m: Any, directions: Any, cubed: Any, cloud: Cl
         dyaw = wrapped(m.scan_odom_yaw - m.filter_odom_yaw)
         if not gate(dx, dy, dyaw, q):
             return
-        move(cloud, m.particles, stream, dx, dy, m.filter_odom_yaw, dyaw, q)
+        if q.omni != 0:
+            move_omni(cloud, m.particles, stream, dx, dy, m.filter_odom_yaw, dyaw, q)
+        else:
+            move(cloud, m.particles, stream, dx, dy, m.filter_odom_yaw, dyaw, q)
     m.filter_odom_x, m.filter_odom_y, m.filter_odom_yaw = m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw
     weigh(p, m.particles, ranges_m, directions, cubed, cloud)
     m.filter_updates += 1

@@ -140,6 +140,33 @@ def move(
 
 
 @inner
+def move_omni(
+    cloud: Cloud, n: int, stream: Any, dx_m: float, dy_m: float, old_yaw_rad: float, dyaw_rad: float, q: Any
+) -> None:
+    """OmniMotionModel: the step goes along its own bearing, with noise along it, across it and in the turn."""
+    square = dx_m * dx_m + dy_m * dy_m
+    bearing = wrapped(math.atan2(dy_m, dx_m) - old_yaw_rad)
+    turned = dyaw_rad * dyaw_rad
+    along = math.sqrt(q.alpha3 * square + q.alpha4 * turned)
+    turn = math.sqrt(q.alpha1 * turned + q.alpha2 * square)
+    across = math.sqrt(q.alpha4 * turned + q.alpha5 * square)
+    for axis in range(3):
+        normals(stream, cloud.resampled[axis, :n])
+    _glide(cloud.particles, cloud.resampled, n, (bearing, math.sqrt(square), dyaw_rad), (along, turn, across))
+
+
+@inner
+def _glide(particles: Any, draws: Any, n: int, step: Any, sigma: Any) -> None:
+    """Go along a bearing by `step` and `sigma` times the standard normal numbers (3, N) drawn for it, and turn."""
+    for k in range(n):
+        driven, aside = step[1] + sigma[0] * draws[0, k], sigma[2] * draws[2, k]
+        sine, cosine = sincos(particles[2, k] + step[0])
+        particles[0, k] += driven * cosine + aside * sine
+        particles[1, k] += driven * sine - aside * cosine
+        particles[2, k] += step[2] + sigma[1] * draws[1, k]
+
+
+@inner
 def _drive(particles: Any, draws: Any, n: int, step: Any, sigma: Any) -> None:
     """Turn, go and turn by `step` less `sigma` times the standard normal numbers (3, N) drawn for it."""
     for k in range(n):

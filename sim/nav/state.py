@@ -79,22 +79,25 @@ COLUMNS: Final = (
     *("localized", "covariance_xx_mm2", "covariance_xy_mm2", "covariance_yy_mm2", "covariance_yaw_mrad2"),
 )
 
+OMNI_COLUMNS: Final = ("lateral_speed_mmps", "command_lateral_speed_mmps", "sent_lateral_speed_mmps")
+"""What an omni robot's recording has besides: its speeds to the left."""
+
 _REAL: Final = (
     # True pose, true motion of the last tick, true path driven.
-    *("true_x", "true_y", "true_yaw", "true_v", "true_w", "distance"),
+    *("true_x", "true_y", "true_yaw", "true_v", "true_w", "true_vy", "distance"),
     # Odometry: pose in the odom frame and twist as the stack has them, limited wheel command of the last step.
-    *("odom_x", "odom_y", "odom_yaw", "odom_v", "odom_w", "wheel_v", "wheel_w"),
+    *("odom_x", "odom_y", "odom_yaw", "odom_v", "odom_w", "odom_vy", "wheel_v", "wheel_w", "wheel_vy"),
     # Odometry as the wheels count it, and when within its period it is sampled (steps).
     *("counted_x", "counted_y", "counted_yaw", "odometry_phase"),
     # Command that the controller computes; when the newest scan arrives; pose to which the scanner has swept.
-    *("pending_v", "pending_w", "scan_arrives", "swept_x", "swept_y", "swept_yaw"),
+    *("pending_v", "pending_w", "pending_vy", "scan_arrives", "swept_x", "swept_y", "swept_yaw"),
     # Odometry at the last scan and at the last filter update; transform map -> odom; estimate in the map.
     *("scan_odom_x", "scan_odom_y", "scan_odom_yaw", "filter_odom_x", "filter_odom_y", "filter_odom_yaw"),
     *("map_odom_x", "map_odom_y", "map_odom_yaw", "x", "y", "yaw"),
     # Covariance that AMCL published last.
     *("pose_xx", "pose_xy", "pose_yy", "pose_aa"),
     # Commands: of controller or behavior, after the smoother, after the collision monitor.
-    *("command_v", "command_w", "smooth_v", "smooth_w", "sent_v", "sent_w"),
+    *("command_v", "command_w", "command_vy", "smooth_v", "smooth_w", "smooth_vy", "sent_v", "sent_w", "sent_vy"),
     # End of the leg just planned, goal of the path, progress baseline (odom frame), what a behavior has done so far.
     *(
         "end_x",
@@ -132,9 +135,9 @@ MEMORY: Final = np.dtype(
     + [(name, np.int64) for name in _WHOLE]
     + [
         ("streams", np.uint64, (SUBSYSTEMS, 1)),
-        ("velocities", np.float64, (SUBSTEPS, 2)),
-        ("twists", np.float64, (MOST_TWISTS, 2)),
-        ("odometry", np.float64, (ODOMETRY_STEPS, 5)),
+        ("velocities", np.float64, (SUBSTEPS, 3)),
+        ("twists", np.float64, (MOST_TWISTS, 3)),
+        ("odometry", np.float64, (ODOMETRY_STEPS, 6)),
         ("late_scans", np.float64, (LATE_SCANS, 5)),
         ("late_ranges", np.float64, (LATE_SCANS, MOST_BEAMS)),
         ("ranges", np.float64, (MOST_BEAMS,)),
@@ -149,8 +152,8 @@ MEMORY: Final = np.dtype(
 )
 """What a run remembers, in one record: kernels get it as one pointer, which keeps them small and quick to compile.
 
-`velocities` (speed, yaw rate) is the tick's result for physics, `twists` what odometry reported in the last ticks, in a ring; an
-event row is t, kind, x, y, what, value; rows of `odometry`, in a ring of physics steps, are x, y, yaw, v and ω as the wheels count;
+`velocities` (speed, yaw rate, speed to the left) is the tick's result for physics, `twists` what odometry reported in the last ticks, in a
+ring; an event row is t, kind, x, y, what, value; rows of `odometry`, in a ring of physics steps, are x, y, yaw, v, ω and vy as the wheels count;
 rows of `late_scans` are when a scan arrives (s), the step of its stamp, and odometry's x, y and yaw there; of `outline` the first `vertices` count, of `ranges` and `directions` the first `beams`.
 """
 
@@ -177,6 +180,7 @@ _EXTRA: Final = (
         "max_yaw_rate",
         "max_yaw_acceleration",
         "min_turning_radius",
+        "is_omni",
         "mission",
         "loops",
         "zone_count",
@@ -251,7 +255,7 @@ class Stack:
         controller: The controller in use.
         robot: The body and actuators that it drives.
         obstacles: (K, 6) as in `vastflow.sim.world.lidar.scan`.
-        rows: (R, C) int32 of `COLUMNS`.
+        rows: (R, C) int32 of `columns_of` the robot.
     """
 
     p: NDArray[np.void]
@@ -316,8 +320,13 @@ def new_stack(
         controller=running(controller, setting),
         robot=robot,
         obstacles=obstacles,
-        rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(COLUMNS)), dtype=np.int32),
+        rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(columns_of(robot))), dtype=np.int32),
     )
+
+
+def columns_of(robot: Robot) -> tuple[str, ...]:
+    """The columns of a recording of a robot."""
+    return (*COLUMNS, *OMNI_COLUMNS) if robot.drive == "omni" else COLUMNS
 
 
 def set_pose(stack: Stack, pose: Pose) -> None:
@@ -383,7 +392,7 @@ def _parameter_record(
     outline = outline_of(parameters.local_costmap)
     frame = prepared.occupancy.frame
     zones, smoother = parameters.collision_monitor.zones, parameters.velocity_smoother
-    fastest_mps = max(smoother.max_velocity[0], -smoother.min_velocity[0])
+    fastest_mps = math.hypot(*(max(smoother.max_velocity[axis], -smoother.min_velocity[axis]) for axis in (0, 1)))
     extra: dict[str, float] = {
         "inscribed_radius": inscribed_radius_m(outline),
         "circumscribed_radius": circumscribed_radius_m(outline),
@@ -411,6 +420,7 @@ def _parameter_record(
         "max_yaw_rate": robot.max_yaw_rate_radps,
         "max_yaw_acceleration": robot.max_yaw_acceleration_radps2,
         "min_turning_radius": robot.min_turning_radius_m,
+        "is_omni": float(robot.drive == "omni"),
         "mission": NAVIGATE_TO_POSE,
         "loops": 0,
         "zone_count": len(zones),

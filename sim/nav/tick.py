@@ -28,7 +28,7 @@ from vastflow.sim.nav.state import (
     Route,
 )
 from vastflow.sim.world.motion import Body, due, move_freely
-from vastflow.sim.world.robot import arc, limited, steered, wrapped
+from vastflow.sim.world.robot import limited, moved, steered, wrapped
 
 DONE, PHYSICS, APPEARS = 0, 1, 2
 
@@ -145,6 +145,7 @@ def _see_truth(m: Any, x_m: float, y_m: float, yaw_rad: float) -> None:
     if m.tick > 0:
         dx, dy = x_m - m.true_x, y_m - m.true_y
         m.true_v = (dx * math.cos(yaw_rad) + dy * math.sin(yaw_rad)) / TICK_S
+        m.true_vy = (dy * math.cos(yaw_rad) - dx * math.sin(yaw_rad)) / TICK_S
         m.true_w = wrapped(yaw_rad - m.true_yaw) / TICK_S
         m.distance += math.hypot(dx, dy)
     m.true_x, m.true_y, m.true_yaw = x_m, y_m, yaw_rad
@@ -155,18 +156,19 @@ def _send(p: Any, m: Any) -> None:
     """The command path: velocity smoother, then the collision monitor."""
     receive_command(m, m.tick * SUBSTEPS + m.smoother_step)
     q = p.velocity_smoother
-    v, w = m.command_v, m.command_w
+    v, w, vy = m.command_v, m.command_w, m.command_vy
     if (m.tick - m.command_tick) * TICK_S > q.velocity_timeout:
-        v, w = 0.0, 0.0
-    before_v, before_w = m.smooth_v, m.smooth_w
+        v, w, vy = 0.0, 0.0, 0.0
+    before_v, before_w, before_vy = m.smooth_v, m.smooth_w, m.smooth_vy
     if q.closed_loop != 0:
-        before_v, before_w = _mean_twist(m, q.odom_duration)
+        before_v, before_w, before_vy = _mean_twist(m, q.odom_duration)
     m.smooth_v = _smoothed(q, 0, v, before_v)
     m.smooth_w = _smoothed(q, 2, w, before_w)
-    factor = approach(p, m, m.smooth_v, m.smooth_w)
+    m.smooth_vy = _smoothed(q, 1, vy, before_vy)
+    factor = approach(p, m, m.smooth_v, m.smooth_w, m.smooth_vy)
     if p.zone_count > 0:
-        factor = min(factor, zoned(p, m, m.smooth_v, m.smooth_w))
-    m.sent_v, m.sent_w = m.smooth_v * factor, m.smooth_w * factor
+        factor = min(factor, zoned(p, m, m.smooth_v, m.smooth_w, m.smooth_vy))
+    m.sent_v, m.sent_w, m.sent_vy = m.smooth_v * factor, m.smooth_w * factor, m.smooth_vy * factor
     if factor == 0.0 and m.stopped == 0:
         note(m, EVENT_STOPPED, 0, 0.0)
     m.stopped = int(factor == 0.0)
@@ -174,13 +176,13 @@ def _send(p: Any, m: Any) -> None:
 
 @inner
 def _mean_twist(m: Any, duration_s: float) -> Any:
-    """(v, ω): the mean of what odometry reported in the last seconds, its newest included."""
+    """(v, ω, vy): the mean of what odometry reported in the last seconds, its newest included."""
     count = int(min(duration_s / TICK_S + 1e-9, m.tick, MOST_TWISTS - 1)) + 1
-    v, w = 0.0, 0.0
+    v, w, vy = 0.0, 0.0, 0.0
     for k in range(count):
         twist = m.twists[(m.tick - k) % MOST_TWISTS]
-        v, w = v + twist[0] / count, w + twist[1] / count
-    return v, w
+        v, w, vy = v + twist[0] / count, w + twist[1] / count, vy + twist[2] / count
+    return v, w, vy
 
 
 @inner
@@ -197,7 +199,7 @@ def _actuate(p: Any, m: Any) -> None:
     """The command path in its step of the tick, and the actuators' limits at each; odometry counts what the wheels do, blocked or not."""
     noise = p.perturbation.odometry_noise_std_deviation
     dt_s = TICK_S / SUBSTEPS
-    m.odom_v, m.odom_w = 0.0, 0.0
+    m.odom_v, m.odom_w, m.odom_vy = 0.0, 0.0, 0.0
     for k in range(SUBSTEPS):
         if k == m.smoother_step:
             lap(m, profile.ACTUATORS)
@@ -207,23 +209,29 @@ def _actuate(p: Any, m: Any) -> None:
         m.wheel_w = limited(m.sent_w, m.wheel_w, p.max_yaw_rate, p.max_yaw_acceleration, dt_s)
         if p.min_turning_radius > 0.0:
             m.wheel_w = steered(m.wheel_v, m.wheel_w, p.min_turning_radius)
-        v, w = m.wheel_v, m.wheel_w
+        if p.is_omni != 0.0:
+            m.wheel_vy = limited(m.sent_vy, m.wheel_vy, p.max_speed, p.max_acceleration, dt_s)
+        v, w, vy = m.wheel_v, m.wheel_w, m.wheel_vy
         if noise > 0.0:
             a, b = normal_pair(m.streams[ODOMETRY])
             v, w = v * (1.0 + noise * a), w * (1.0 + noise * b)
-        m.counted_x, m.counted_y, m.counted_yaw = arc(m.counted_x, m.counted_y, m.counted_yaw, v, w, dt_s)
-        m.velocities[k, 0], m.velocities[k, 1] = m.wheel_v, m.wheel_w
+            if p.is_omni != 0.0:
+                a, _ = normal_pair(m.streams[ODOMETRY])
+                vy = vy * (1.0 + noise * a)
+        m.counted_x, m.counted_y, m.counted_yaw = moved(m.counted_x, m.counted_y, m.counted_yaw, v, w, vy, dt_s)
+        m.velocities[k, 0], m.velocities[k, 1], m.velocities[k, 2] = m.wheel_v, m.wheel_w, m.wheel_vy
         if k >= SUBSTEPS - TWIST_STEPS:
             m.odom_v += v / TWIST_STEPS
             m.odom_w += w / TWIST_STEPS
+            m.odom_vy += vy / TWIST_STEPS
         if p.late != 0:
-            count_step(m, m.tick * SUBSTEPS + k + 1, v, w)
+            count_step(m, m.tick * SUBSTEPS + k + 1, v, w, vy)
     if p.late != 0:
         receive_odometry(p, m, (m.tick + 1) * SUBSTEPS)
     else:
         m.odom_x, m.odom_y, m.odom_yaw = m.counted_x, m.counted_y, m.counted_yaw
     twist = m.twists[(m.tick + 1) % MOST_TWISTS]
-    twist[0], twist[1] = m.odom_v, m.odom_w
+    twist[0], twist[1], twist[2] = m.odom_v, m.odom_w, m.odom_vy
 
 
 @inner
@@ -249,6 +257,8 @@ def _record(p: Any, m: Any, rows: Any) -> None:
         )
     row[14], row[15], row[16] = round(xx * 1e6), round(xy * 1e6), round(yy * 1e6)
     row[17] = round(m.pose_aa * 1e6)
+    if p.is_omni != 0.0:
+        row[18], row[19], row[20] = round(m.true_vy * 1e3), round(m.command_vy * 1e3), round(m.sent_vy * 1e3)
     m.localized = 0
     m.rows += 1
 

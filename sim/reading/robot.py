@@ -25,7 +25,7 @@ _DEFAULT_SMOOTHER: Final = VelocitySmoother()
 _GREATEST_SPEEDS: Final = ("vx_max", "max_vel_x", "desired_linear_vel")
 """Parameters of MPPI, DWB and RPP."""
 
-_DRIVES: Final[Mapping[MotionModel, Drive]] = {"DiffDrive": "differential", "Ackermann": "ackermann"}
+_DRIVES: Final[Mapping[MotionModel, Drive]] = {"DiffDrive": "differential", "Ackermann": "ackermann", "Omni": "omni"}
 """MPPI's motion models to the drives that they are of."""
 
 Source: TypeAlias = Literal["given", "from the Nav2 parameters", "a TurtleBot 4's"]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import inner, njit
 from vastflow.sim.pose import Pose
-from vastflow.sim.world.robot import arc
+from vastflow.sim.world.robot import moved
 from vastflow.sim.world.skip_table import WALL, SkipTable, free_square
 
 MARGIN_M: Final = 0.001
@@ -71,7 +71,7 @@ def move_freely(
     dt_s: float,
     hold: int,
 ) -> bool:
-    """Move the body by one (speed, yaw rate) per step of `dt_s`, unless something could be in the way of any step.
+    """Move the body by one (speed, yaw rate, speed to the left) per step of `dt_s`, unless something could be in the way of any step.
 
     Args:
         hold: FREE, TOUCHING or MOVING. A robot that touches something moves freely only where it stands still.
@@ -86,10 +86,10 @@ def move_freely(
     reach_m = body.radius_m + MARGIN_M
     driven_m = 0.0
     for k in range(velocities.shape[0]):
-        driven_m += abs(velocities[k, 0]) * dt_s
+        driven_m += (abs(velocities[k, 0]) + abs(velocities[k, 2])) * dt_s
     near_walls = free_square(skips, column, row) * resolution_m < reach_m + driven_m
     for k in range(velocities.shape[0]):
-        x, y, yaw = arc(x, y, yaw, velocities[k, 0], velocities[k, 1], dt_s)
+        x, y, yaw = moved(x, y, yaw, velocities[k, 0], velocities[k, 1], velocities[k, 2], dt_s)
         if near_walls:
             column, row = (x - origin_x_m) / resolution_m, (y - origin_y_m) / resolution_m
             if _meets_wall(skips, column, row, reach_m / resolution_m):

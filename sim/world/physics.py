@@ -87,7 +87,7 @@ class World:
         return TOUCHING if self._touching else FREE
 
     def drive(self, pose: NDArray[Any], velocities: Sequence[Sequence[float]], dt_s: float, t_s: float) -> None:
-        """Move the robot from `pose` (3,), in place, by one (speed, yaw rate) per physics step from the time `t_s` on.
+        """Move the robot from `pose` (3,), in place, by one (speed, yaw rate, speed to the left) per physics step from the time `t_s` on.
 
         The velocity of a step points along the chord of the arc, so that free motion is the exact arc. Walls and
         obstacles block what they block and the robot pushes what its tyres can.
@@ -97,11 +97,10 @@ class World:
         robot.position = float(pose[0]), float(pose[1])
         robot.angle = float(pose[2])
         self._approach(robot.position)
-        for v_mps, w_radps in velocities:
+        for v_mps, w_radps, vy_mps in velocities:
             half_turn = 0.5 * w_radps * dt_s
-            chord_mps = v_mps * (math.sin(half_turn) / half_turn if abs(half_turn) > 1e-6 else 1.0)
-            middle = robot.angle + half_turn
-            wanted = pymunk.Vec2d(chord_mps * math.cos(middle), chord_mps * math.sin(middle))
+            per_arc = math.sin(half_turn) / half_turn if abs(half_turn) > 1e-6 else 1.0
+            wanted = pymunk.Vec2d(v_mps * per_arc, vy_mps * per_arc).rotated(robot.angle + half_turn)
             robot.velocity = self._with_traction(wanted, dt_s) if self._touching else wanted
             robot.angular_velocity = self._turning(w_radps, dt_s) if self._touching else w_radps
             glides = [(body, *_glide(body, dt_s)) for body in self._appeared.values()]

@@ -30,6 +30,15 @@ def arc(x_m: float, y_m: float, yaw_rad: float, v_mps: float, w_radps: float, dt
 
 
 @njit
+def moved(x_m: float, y_m: float, yaw_rad: float, v_mps: float, w_radps: float, vy_mps: float, dt_s: float) -> Any:
+    """As `arc`, of a body that moves to its left as well (m/s)."""
+    end_x_m, end_y_m, end_yaw_rad = arc(x_m, y_m, yaw_rad, v_mps, w_radps, dt_s)
+    if vy_mps != 0.0:
+        end_x_m, end_y_m, _ = arc(end_x_m, end_y_m, yaw_rad + 0.5 * math.pi, vy_mps, w_radps, dt_s)
+    return end_x_m, end_y_m, end_yaw_rad
+
+
+@njit
 def wrapped(angle_rad: float) -> float:
     """The angle in [-π, π)."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi

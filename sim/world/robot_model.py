@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-Drive: TypeAlias = Literal["differential", "ackermann"]
+Drive: TypeAlias = Literal["differential", "ackermann", "omni"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,6 +13,7 @@ class Robot:
     Attributes:
         radius_m: Body with bumper, as physics sees it; of a polygon the distance of its farthest vertex.
         vertices: (x, y) of a polygon in the robot's frame (m); none for a disc.
+        drive: An omni drive moves to its sides as well, within the same limits as ahead.
         min_turning_radius_m: Of an Ackermann drive, whose yaw rate is at most its speed divided by this; others turn on the spot.
     """
 

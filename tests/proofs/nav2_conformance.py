@@ -100,8 +100,8 @@ def _noise_place(stream: Any, at: Any, length: int, used: int) -> int:
 
 @njit
 def _mppi(record: Any, memory: Any, window: Any, outline: Any, pose: Any, twist: Any, plan: Any, goal: Any) -> Any:
-    given = ControllerInput(window, outline, 0.2255, pose, twist, plan[:, :2].copy(), plan[-1, 2], goal, DT_S)
-    return mppi.compute_velocity(record[0], memory, given)
+    given = ControllerInput(window, outline, 0.2255, pose, twist, plan[:, :2].copy(), plan[-1, 2], goal, DT_S, 0.0)
+    return mppi.compute_velocity(record[0], memory, given)[:3]
 
 
 def of_mppi(place: Path) -> Iterator[Distance]:
@@ -158,7 +158,7 @@ def _with_noise(memory: Any, parameters: Any, seed: int) -> Any:
 
 @njit
 def _dwb(records: Any, memory: Any, window: Any, pose: Any, twist: Any, plan: Any, goal: Any) -> Any:
-    given = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan, 0.0, goal, DT_S)
+    given = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan, 0.0, goal, DT_S, 0.0)
     return dwb.compute_velocity(records[0], memory, given)
 
 
@@ -166,7 +166,7 @@ def _dwb(records: Any, memory: Any, window: Any, pose: Any, twist: Any, plan: An
 def _dwb_scores(records: Any, memory: Any, window: Any, pose: Any, twist: Any, plan: Any, goal: Any) -> Any:
     """Sums (V, W) of the critics, infinite where one of them forbids the trajectory."""
     q = records[0]
-    given = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan, 0.0, goal, DT_S)
+    given = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan, 0.0, goal, DT_S, 0.0)
     setting, n_speeds, n_turns = dwb.score(q, memory, given)
     scores = memory.scores[:n_speeds, :n_turns].copy()
     for i in range(n_speeds):
@@ -256,7 +256,7 @@ def _rpp(
     records: Any, memory: Any, window: Any, outline: Any, inscribed_m: float, pose: Any, twist: Any, plan: Any,
     end_yaw_rad: float, goal: Any,
 ) -> Any:  # fmt: skip
-    given = ControllerInput(window, outline, inscribed_m, pose, twist, plan, end_yaw_rad, goal, DT_S)
+    given = ControllerInput(window, outline, inscribed_m, pose, twist, plan, end_yaw_rad, goal, DT_S, 0.0)
     return rpp.compute_velocity(records[0], memory, given)
 
 

@@ -23,7 +23,7 @@ def gathered(parameters, memory):
 
 @njit
 def factor_of(parameters, memory, v_mps, w_radps):
-    return approach(parameters[0], memory[0], v_mps, w_radps)
+    return approach(parameters[0], memory[0], v_mps, w_radps, 0.0)
 
 
 def records(ranges, **monitor):

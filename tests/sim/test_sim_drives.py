@@ -10,17 +10,33 @@ from hypothesis import strategies as st
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.amcl import Filter
 from vastflow.sim.nav.mission import Mission
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.interpretation import interpretation
 from vastflow.sim.nav.parameters.written import document_of
-from vastflow.sim.nav.state import SUBSTEPS
+from vastflow.sim.nav.state import OMNI_COLUMNS, SUBSTEPS
 from vastflow.sim.pose import Pose
 from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
+from vastflow.sim.run import run
 from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.world.physics import World
+from vastflow.sim.world.robot import arc, moved
+from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.walls import WallIndex
 
 ACKERMANN = {"FollowPath.motion_model": "Ackermann", "FollowPath.AckermannConstraints.min_turning_r": 0.5}
+OMNI = {
+    "FollowPath.motion_model": "Omni",
+    "robot_model_type": "nav2_amcl::OmniMotionModel",
+    "min_y_velocity_threshold": 0.001,
+    "max_velocity": [0.5, 0.5, 2.0],
+    "min_velocity": [-0.5, -0.5, -2.0],
+    "max_accel": [2.5, 2.5, 3.2],
+    "max_decel": [-2.5, -2.5, -3.2],
+}
+LEFT_RAD = 0.5 * math.pi
 DT_S = 0.05
 
 
@@ -46,9 +62,14 @@ def driven(system, start=START, goal=GOAL, timeout_s=90.0):
     return recording, np.array(rows)
 
 
+def velocities_of(rows):
+    """(N, 3) speed, yaw rate and speed to the left of the wheels in each physics step."""
+    return rows[:, 2:].reshape(SUBSTEPS * len(rows), 3)
+
+
 def tightest(rows):
     """The greatest curvature (1/m) of the commands that the wheels followed, by physics step."""
-    velocities = rows[:, 2:].reshape(SUBSTEPS * len(rows), -1)
+    velocities = velocities_of(rows)
     moving = velocities[np.any(velocities != 0.0, axis=1)]
     with np.errstate(divide="ignore"):
         return np.abs(moving[:, 1] / moving[:, 0]).max()
@@ -108,6 +129,13 @@ def test_the_robot_of_a_motion_model_ackermann_is_an_ackermann_robot_with_its_ra
     assert interpretation(document_of(parameters)).parameters == parameters
 
 
+def test_the_robot_of_a_motion_model_omni_is_an_omni_robot():
+    parameters = parameters_of(OMNI)
+    assert robot_of(parameters).drive == "omni"
+    assert (parameters.amcl.omni, parameters.velocity_smoother.max_velocity) == (True, (0.5, 0.5, 2.0))
+    assert interpretation(document_of(parameters)).parameters == parameters
+
+
 def test_a_robot_s_own_radius_counts_before_the_one_that_mppi_reckons_with():
     robot = robot_of(parameters_of({**ACKERMANN, "robot.min_turning_radius": 0.7}))
     assert (robot.drive, robot.min_turning_radius_m) == ("ackermann", 0.7)
@@ -122,6 +150,14 @@ def test_a_robot_may_be_another_than_mppi_reckons_with():
     [
         ({"FollowPath.motion_model": "Tracked"}, r"motion_model.*'Tracked'.*'DiffDrive'"),
         ({"robot.drive": "tracked"}, r"robot.drive: found 'tracked'.*'differential'"),
+        (
+            {"robot.drive": "omni", "controller": "dwb", "controller_server.ros__parameters.FollowPath.max_vel_y": 0.2},
+            "max_vel_y: found 0.2, which is not modelled",
+        ),
+        (
+            {"robot_model_type": "nav2_amcl::Tracked"},
+            "robot_model_type: found .*Tracked'; one of nav2_amcl::Differential",
+        ),
         ({"robot.drive": "ackermann"}, "robot.drive: found ackermann, and neither .* min_turning_radius beside it"),
         (
             {"robot.drive": "differential", "robot.min_turning_radius": 1.0},
@@ -136,3 +172,138 @@ def test_a_robot_may_be_another_than_mppi_reckons_with():
 def test_a_drive_that_means_nothing_is_refused_with_its_place(system, fault):
     with pytest.raises(DocumentError, match=fault):
         parameters_of(system)
+
+
+# Omni.
+
+
+def test_an_omni_robot_drives_ten_meters_and_to_its_side(tmp_path):
+    """With the goal's heading across the path it ends as it begins, facing left, and goes sideways between."""
+    recording, rows = driven(OMNI, Pose(1.0, 2.0, LEFT_RAD), Pose(11.0, 2.0, LEFT_RAD))
+    assert (recording.run.outcome, recording.run.recoveries) == ("succeeded", 0)
+    assert tuple(recording.columns)[-3:] == OMNI_COLUMNS
+    assert np.abs(recording.columns["lateral_speed_mmps"]).max() > 300
+    assert np.abs(velocities_of(rows)[:, 2]).max() <= 0.5
+
+
+def test_the_same_path_by_a_differential_drive_has_no_speed_to_the_side():
+    recording, rows = driven({}, Pose(1.0, 2.0, LEFT_RAD), Pose(11.0, 2.0, LEFT_RAD))
+    assert not set(OMNI_COLUMNS) & set(recording.columns)
+    assert not velocities_of(rows)[:, 2].any()
+
+
+def test_an_omni_robot_is_where_its_speeds_lead():
+    """Its recorded speeds ahead and to the left, in its frame, add up to its path."""
+    recording, _ = driven(OMNI, Pose(1.0, 2.0, LEFT_RAD), Pose(11.0, 2.0, 0.0), timeout_s=15.0)
+    columns = {name: column * 1e-3 for name, column in recording.columns.items()}
+    yaw_rad = columns["yaw_mrad"]
+    ahead, left = columns["speed_mmps"], columns["lateral_speed_mmps"]
+    x_m = 1.0 + 0.1 * np.cumsum(np.cos(yaw_rad) * ahead - np.sin(yaw_rad) * left)
+    y_m = 2.0 + 0.1 * np.cumsum(np.sin(yaw_rad) * ahead + np.cos(yaw_rad) * left)
+    assert np.hypot(x_m - columns["x_mm"], y_m - columns["y_mm"]).max() < 0.06
+
+
+def test_a_robot_that_is_no_omni_one_drops_the_speed_to_its_side():
+    _, rows = driven({**OMNI, "robot.drive": "differential"}, Pose(1.0, 2.0, LEFT_RAD), timeout_s=5.0)
+    assert not velocities_of(rows)[:, 2].any()
+
+
+def test_a_smoother_without_a_speed_to_the_side_allows_none():
+    """As of Nav2's default file: the robot could, and isn't told."""
+    _, rows = driven({**OMNI, "max_velocity.1": 0.0, "min_velocity.1": 0.0}, Pose(1.0, 2.0, LEFT_RAD), timeout_s=5.0)
+    assert not velocities_of(rows)[:, 2].any()
+
+
+def test_without_noise_to_the_side_omni_samples_are_those_of_a_differential_drive():
+    """For the first second, the commands are the same but for what little noise is left."""
+    still = {**OMNI, "FollowPath.vy_std": 0.001, "FollowPath.gamma": 0.0}
+    omni, _ = driven(still, timeout_s=3.0)
+    differential, _ = driven({"FollowPath.gamma": 0.0}, timeout_s=3.0)
+    for name in ("command_speed_mmps", "command_yaw_rate_mradps"):
+        found, expected = (each.columns[name][:10].astype(int) for each in (omni, differential))
+        assert np.abs(found - expected).max() <= 10
+    assert np.abs(omni.columns["command_lateral_speed_mmps"]).max() <= 2
+
+
+def test_a_scenario_s_velocity_moves_an_omni_robot_to_its_side(staged):
+    recording = run(
+        staged(
+            """\
+        serial:
+            topic_publish('/cmd_vel', 'geometry_msgs.msg.Twist', "{'linear': {'y': 0.3}}")
+            wait elapsed(1s)
+    """,
+            **{"robot.drive": "omni", "max_velocity.1": 0.5, "max_accel.1": 2.5, "max_decel.1": -2.5},
+        ),
+        0,
+    )
+    assert recording.columns["lateral_speed_mmps"].max() == pytest.approx(300, abs=2)
+    assert not recording.columns["speed_mmps"].any()
+
+
+def test_motion_to_the_side_is_an_arc_as_motion_ahead_is():
+    ahead = moved(1.0, 2.0, 0.3, 0.0, 0.8, 0.5, 2.0)
+    assert ahead[:2] == pytest.approx(arc(1.0, 2.0, 0.3 + LEFT_RAD, 0.5, 0.8, 2.0)[:2], abs=1e-12)
+    assert ahead[2] == pytest.approx(0.3 + 1.6)
+    assert moved(1.0, 2.0, 0.3, 0.4, 0.8, 0.0, 0.05) == arc(1.0, 2.0, 0.3, 0.4, 0.8, 0.05)
+
+
+def test_the_engine_moves_an_omni_robot_as_it_moves_freely():
+    """Something that stands nearby makes the engine do the steps; they are the same ones."""
+    steps = [(0.3, 0.5, -0.4)] * SUBSTEPS
+    pose, expected = np.array([1.0, 1.0, 0.2]), (1.0, 1.0, 0.2)
+    World(Robot(drive="omni"), WallIndex(OccupancyMap(np.zeros((40, 40), dtype=np.int8), 0.05, (0.0, 0.0))), ()).drive(
+        pose, steps, 0.01, 0.0
+    )
+    for v_mps, w_radps, vy_mps in steps:
+        expected = moved(*expected, v_mps, w_radps, vy_mps, 0.01)
+    assert pose == pytest.approx(expected, abs=1e-9)
+
+
+def test_particles_of_the_omni_motion_model_go_along_the_step_s_bearing_whatever_their_heading():
+    """A step to the left of 0.4 m: no turn of the heading by noise of a rotation that is none, as the differential model has it."""
+    walls = np.zeros((80, 80), dtype=bool)
+    spread = {}
+    for omni in (False, True):
+        still = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.0)
+        found = Filter(
+            occupied=walls,
+            resolution_m=0.05,
+            origin_xy_m=(0.0, 0.0),
+            laser_xyt=(0.0, 0.0, 0.0),
+            seed=1,
+            omni=omni,
+            **still,
+        )
+        found.set_pose((2.0, 2.0, 0.1), (0.0, 0.0, 0.0))
+        scan = (np.full(60, np.inf), 0.0, 0.1, 0.1, 10.0)
+        found.update((0.0, 0.0, 0.1), *scan)
+        found.update((-0.4 * math.sin(0.1), 0.4 * math.cos(0.1), 0.1), *scan)
+        spread[omni] = found.particles
+    expected = (2.0 - 0.4 * math.sin(0.1), 2.0 + 0.4 * math.cos(0.1))
+    assert spread[True][:, :2] == pytest.approx(np.broadcast_to(expected, spread[True][:, :2].shape), abs=1e-5)
+    assert spread[True][:, 2] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("noisy", "along_m", "across_m", "turn_rad"),
+    [("alpha3", 0.2, 0.0, 0.0), ("alpha5", 0.0, 0.2, 0.0), ("alpha2", 0.0, 0.0, 0.2)],
+)
+def test_the_noise_of_the_omni_motion_model_is_nav2_s(noisy, along_m, across_m, turn_rad):
+    """A step of 1 m along x; variances are alpha times its square."""
+    alphas = dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "alpha5"), 0.0) | {noisy: 0.04}
+    found = Filter(
+        occupied=np.zeros((80, 80), dtype=bool),
+        resolution_m=0.05,
+        origin_xy_m=(0.0, 0.0),
+        laser_xyt=(0.0, 0.0, 0.0),
+        seed=1,
+        omni=True,
+        min_particles=2000,
+        **alphas,
+    )
+    found.set_pose((1.0, 2.0, 0.0), (0.0, 0.0, 0.0))
+    scan = (np.full(60, np.inf), 0.0, 0.1, 0.1, 10.0)
+    found.update((0.0, 0.0, 0.0), *scan)
+    found.update((1.0, 0.0, 0.0), *scan)
+    assert found.particles.std(axis=0) == pytest.approx([along_m, across_m, turn_rad], rel=0.1, abs=1e-6)

@@ -27,14 +27,14 @@ FAST = HUMBLE.with_values(max_vel_x=0.5, max_speed_xy=0.5, min_vel_x=-0.1)
 
 @njit
 def commanded(records, memory, window, outline, pose, twist, plan, n, goal):
-    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05)
+    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05, 0.0)
     return dwb.compute_velocity(records[0], memory, situation)
 
 
 @njit
 def scored(records, memory, window, pose, twist, plan, n, goal):
     """Scores (V, W) of the ends of all samples, infinite for those that are not legal."""
-    situation = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05)
+    situation = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05, 0.0)
     _, n_speeds, n_turns = dwb.score(records[0], memory, situation)
     return memory.scores[:n_speeds, :n_turns].copy()
 

@@ -17,7 +17,7 @@ AHEAD = ((1.0, 0.3), (1.0, -0.3), (0.2, -0.3), (0.2, 0.3))
 
 @njit
 def left_of(parameters, memory, v_mps, w_radps):
-    return zoned(parameters[0], memory[0], v_mps, w_radps)
+    return zoned(parameters[0], memory[0], v_mps, w_radps, 0.0)
 
 
 def left(zones, points, v_mps=0.5, w_radps=0.0, moved=(0.0, 0.0, 0.0)):

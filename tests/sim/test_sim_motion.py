@@ -15,7 +15,7 @@ from vastflow.sim.pose import Pose
 from vastflow.sim.world.motion import FREE, MARGIN_M, MOVING, TOUCHING, move_freely, new_body
 from vastflow.sim.world.obstacle import Obstacle, Trigger
 from vastflow.sim.world.physics import World
-from vastflow.sim.world.robot import arc
+from vastflow.sim.world.robot import moved
 from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.skip_table import skip_table_of
 from vastflow.sim.world.walls import WallIndex
@@ -25,7 +25,9 @@ ROBOT = Robot()
 RESOLUTION_M = 0.05
 ORIGIN = (-1.0, 2.0)
 GRIDS = arrays(np.int8, (40, 44), elements=st.sampled_from([0] * 60 + [100]), fill=st.sampled_from([0, 0, 0, 100]))
-STEPS = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-2, 2)), min_size=5, max_size=5).map(np.array)
+STEPS = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-2, 2), st.floats(-0.5, 0.5)), min_size=5, max_size=5).map(
+    np.array
+)
 POSES = st.tuples(st.floats(-1.2, 1.4), st.floats(1.8, 4.2), st.floats(-4, 4))
 
 
@@ -40,8 +42,8 @@ def free_motion(occupancy, pose, velocities, obstacles=(), hold=FREE):
 
 def ends(pose, velocities):
     """The body's center after each step."""
-    for v, w in velocities:
-        pose = arc(*pose, v, w, DT_S)
+    for v, w, vy in velocities:
+        pose = moved(*pose, v, w, vy, DT_S)
         yield pose[:2]
 
 
@@ -95,13 +97,13 @@ def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_an_ob
 @pytest.mark.parametrize("at", [(0.0, 3.0), (0.0, 2.0), (-1.0, 2.0)])
 def test_a_body_deep_in_a_wall_is_not_free(at):
     solid = OccupancyMap(np.full((40, 44), 100, dtype=np.int8), RESOLUTION_M, ORIGIN)
-    assert not free_motion(solid, (*at, 0.0), np.zeros((5, 2)))[0]
+    assert not free_motion(solid, (*at, 0.0), np.zeros((5, 3)))[0]
 
 
 def test_what_has_not_appeared_is_in_nobody_s_way():
     empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
     waiting = Obstacle("it", "box", Pose(0.0, 3.0), 0.5, 0.5, Trigger(0.0, 3.0, 1.0))
-    assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 2), 0.1), (waiting,))[0]
+    assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 3), 0.1), (waiting,))[0]
 
 
 @pytest.mark.parametrize(
@@ -110,4 +112,4 @@ def test_what_has_not_appeared_is_in_nobody_s_way():
 )
 def test_what_the_engine_holds_moves_freely_only_where_it_touches_and_stands(hold, v_mps, free):
     empty = OccupancyMap(np.zeros((40, 44), dtype=np.int8), RESOLUTION_M, ORIGIN)
-    assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 2), v_mps), hold=hold)[0] == free
+    assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 3), v_mps), hold=hold)[0] == free

@@ -22,8 +22,8 @@ OUTLINE = padded_outline(0.22, 0.01)
 
 @njit
 def command_of(record, memory, window, outline, pose, twist, plan, n, end_yaw_rad, goal):
-    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], end_yaw_rad, goal, 0.05)
-    return mppi.compute_velocity(record[0], memory, situation)
+    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], end_yaw_rad, goal, 0.05, 0.0)
+    return mppi.compute_velocity(record[0], memory, situation)[:3]
 
 
 @njit

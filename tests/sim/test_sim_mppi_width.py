@@ -24,8 +24,8 @@ FAR, NEAR, THERE = (5.0, 0.0, 0.0), (1.2, 0.1, 1.0), (0.4, 0.0, 1.0)
 
 @njit
 def command_of(record, memory, window, outline, pose, twist, plan, n, end_yaw_rad, goal):
-    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], end_yaw_rad, goal, 0.05)
-    return mppi.compute_velocity(record[0], memory, situation)
+    situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], end_yaw_rad, goal, 0.05, 0.0)
+    return mppi.compute_velocity(record[0], memory, situation)[:3]
 
 
 def commands() -> list[str]:

@@ -264,7 +264,7 @@ def test_a_waypoint_task_that_is_off_or_another_does_not_pause():
 
 
 PLUGIN_FAULTS = [
-    (controller("plugin: nav2_mppi_controller::MPPIController, motion_model: Tracked"), "C.motion_model: found 'Tracked'; motion_model: Input should be 'DiffDrive' or 'Ackermann'"),
+    (controller("plugin: nav2_mppi_controller::MPPIController, motion_model: Tracked"), "C.motion_model: found 'Tracked'; motion_model: Input should be 'DiffDrive', 'Ackermann' or 'Omni'"),
     ("local_costmap: {local_costmap: {ros__parameters: {filters: [keepout_filter]}}}", "local_costmap.ros__parameters.filters: found ['keepout_filter'], which is not modelled; []"),
     (controller("plugin: 'my::Controller'"), "C.plugin: no controller 'my::Controller' is known; known: dwb_core::DWBLocalPlanner, nav2_mppi_controller::MPPIController, "),
     (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "controller_plugins.0: no 'primary_controller' below 'C'; the class of a controller; known: "),

@@ -131,7 +131,7 @@ class Driven:
 
     def drive(self, v_mps, w_radps, seconds):
         for _ in range(round(seconds / 0.05)):
-            self.world.drive(self.pose, [(v_mps, w_radps)] * 5, 0.01, self.t_s)
+            self.world.drive(self.pose, [(v_mps, w_radps, 0.0)] * 5, 0.01, self.t_s)
             self.t_s += 0.05
 
     @property

@@ -33,7 +33,7 @@ FREE = np.zeros((CELLS, CELLS), dtype=np.uint8)
 
 @njit
 def commanded(records, memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal):
-    situation = ControllerInput(window, outline, inscribed, pose, twist, plan[:n], end_yaw, goal, 0.05)
+    situation = ControllerInput(window, outline, inscribed, pose, twist, plan[:n], end_yaw, goal, 0.05, 0.0)
     return rpp.compute_velocity(records[0], memory, situation)
 
 

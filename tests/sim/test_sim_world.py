@@ -42,7 +42,7 @@ class Driven:
 
     def drive(self, v_mps, w_radps, seconds):
         for _ in range(round(seconds / TICK_S)):
-            self.world.drive(self.pose, [(v_mps, w_radps)] * 5, DT_S, self.t_s)
+            self.world.drive(self.pose, [(v_mps, w_radps, 0.0)] * 5, DT_S, self.t_s)
             self.t_s += TICK_S
 
     def appear(self, index=0):

@@ -102,7 +102,7 @@ def _structure(memory: Any) -> Any:
 
 @inner
 def compute_velocity(bound: Bound, given: ControllerInput) -> Any:
-    """The controller's (valid, v, ω); the loop calls it."""
+    """The controller's (valid, v, ω, vy); the loop calls it."""
     return _call_compute(bound.entries[_COMPUTE], bound.table, given)
 
 
@@ -121,11 +121,11 @@ def set_plan(bound: Bound) -> None:
 def _example() -> ControllerInput:
     window = Window(np.zeros((1, 1), dtype=np.uint8), np.zeros(3))
     pose = (0.0, 0.0, 0.0)
-    return ControllerInput(window, np.zeros((1, 2)), 0.0, pose, (0.0, 0.0), np.zeros((1, 2)), 0.0, pose, 0.0)
+    return ControllerInput(window, np.zeros((1, 2)), 0.0, pose, (0.0, 0.0), np.zeros((1, 2)), 0.0, pose, 0.0, 0.0)
 
 
 _GIVEN: Final = numba.typeof(_example())
-_COMMAND: Final = types.Tuple((types.boolean, types.float64, types.float64))
+_COMMAND: Final = types.Tuple((types.boolean, types.float64, types.float64, types.float64))
 _WORD: Final = ir.IntType(64)
 
 
@@ -179,9 +179,17 @@ def _forward_compute(typing: Any, layout: Any, given: Any) -> Any:
         memory = _view(context, builder, layout.memory, table, iter(range(_MEMORY, 1 << 16)))
         arguments = (layout.parameters, layout.memory, _GIVEN)
         found = called(context, builder, layout.command, arguments, kernel, (record, memory, values[1]))
-        return context.cast(builder, found, layout.command, _COMMAND)
+        return _whole_command(context, builder, layout.command, found)
 
     return _COMMAND(layout, _GIVEN), lowered
+
+
+def _whole_command(context: Any, builder: Any, kind: Any, found: Any) -> Any:
+    """A command of three or four numbers as one of four: without a speed to the left there is none."""
+    given = cgutils.unpack_tuple(builder, found, len(kind))
+    parts = [context.cast(builder, *each) for each in zip(given, kind, _COMMAND, strict=False)]
+    missing = [context.get_constant(types.float64, 0.0)] * (len(_COMMAND) - len(kind))
+    return context.make_tuple(builder, _COMMAND, [*parts, *missing])
 
 
 def _forward_memory(place: int) -> Any:
@@ -300,7 +308,7 @@ def _change_nothing(memory: Any) -> None:
 
 def _is_command(found: Any) -> bool:
     """Whether numbers of these types can become a command."""
-    if not isinstance(found, types.BaseTuple) or len(found) != 3:
+    if not isinstance(found, types.BaseTuple) or len(found) not in (3, 4):
         return False
     valid, *speeds = (types.unliteral(each) for each in found)
     return valid == types.boolean and all(isinstance(each, types.Integer | types.Float) for each in speeds)

@@ -70,7 +70,7 @@ class PathMoment:
         plan = np.ascontiguousarray(self.plan[first:])
         goal = (*self.plan[-1].tolist(), self.goal_yaw_rad)
         radius_m = inscribed_radius_m(OUTLINE)
-        return ControllerInput(window, OUTLINE, radius_m, pose, twist, plan, self.goal_yaw_rad, goal, PERIOD_S)
+        return ControllerInput(window, OUTLINE, radius_m, pose, twist, plan, self.goal_yaw_rad, goal, PERIOD_S, 0.0)
 
 
 def line(length_m: float) -> NDArray[np.float64]:
@@ -219,10 +219,10 @@ CHECKS: Final[tuple[Callable[[Controller, Sequence[PathMoment]], None], ...]] = 
 @njit
 def _repeated(bound: Bound, given: ControllerInput, times: int) -> Any:
     set_plan(bound)
-    valid, v, w = compute_velocity(bound, given)
+    valid, v, w, _ = compute_velocity(bound, given)
     for _ in range(1, times):
         set_plan(bound)
-        valid, v, w = compute_velocity(bound, given)
+        valid, v, w, _ = compute_velocity(bound, given)
     return valid, v, w
 
 

@@ -39,6 +39,7 @@ class ControllerInput(NamedTuple):
         plan_end_yaw_rad: Yaw of its last point.
         goal: (x, y, yaw) of the whole path's end.
         dt_s: Time to the next cycle.
+        lateral_mps: Speed to the left by odometry, of an omni robot.
     """
 
     window: "Window"
@@ -50,6 +51,7 @@ class ControllerInput(NamedTuple):
     plan_end_yaw_rad: float
     goal: Any
     dt_s: float
+    lateral_mps: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,7 @@ class Controller(ParameterGroup):
 
     Attributes:
         compute_velocity: Kernel (parameters, memory, `ControllerInput`) to (valid, v, ω): whether there is a command, and what it
-            is in m/s and rad/s. `parameters.name` is a field's value: a flag is 0 or 1, a tuple an array.
+            is in m/s and rad/s; or to (valid, v, ω, vy), with the speed to an omni robot's left (m/s). `parameters.name` is a field's value: a flag is 0 or 1, a tuple an array.
         reset: Kernel (memory): a FollowPath action has ended. None where nothing is to be forgotten.
         set_plan: Kernel (memory): the path is a new one, as once a second. None where that changes nothing.
     """

@@ -1,18 +1,13 @@
 """Model Predictive Path Integral control (nav2_mppi_controller, Jazzy)."""
 
 import math
-from typing import Any, Final, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, Final
 
 from vastflow.sim.kernels.numeric import addressed, inner
 from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting
 from vastflow.sim.nav.controllers.lanes import data_of, either, load, lower, splat, store
 from vastflow.sim.nav.controllers.mppi_critics import (
-    BINS,
     COLLISION,
-    SIDE,
     Frame,
     followed_point,
     furthest_point,
@@ -28,6 +23,7 @@ from vastflow.sim.nav.controllers.mppi_critics import (
     lay_table,
     mark,
 )
+from vastflow.sim.nav.controllers.mppi_memory import MppiMemory, new_memory
 from vastflow.sim.nav.controllers.mppi_outlines import judge_outlines
 from vastflow.sim.nav.controllers.mppi_samples import (
     ROW,
@@ -36,115 +32,24 @@ from vastflow.sim.nav.controllers.mppi_samples import (
     Prices,
     Space,
     add_weighted,
-    aligned,
+    add_weighted_lateral,
     follow,
+    follow_omni,
     next_noise,
-    noise,
 )
+from vastflow.sim.nav.controllers.mppi_sequence import limit, limit_lateral, shifted, smooth, steer
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.window import Window
-from vastflow.sim.world.robot import steered, wrapped
+from vastflow.sim.world.robot import wrapped
 
-PLAN_POINTS: Final = 1024
-UNSMOOTHED: Final = 20
-"""A sequence of no more steps than this is left as it is."""
 NEGLIGIBLE: Final = 1e-9
 """A group of samples of smaller weights than this times the best one's is left out of the mean: 2e-6 of it in all."""
-
-
-class MppiMemory(NamedTuple):
-    """State and working space of the controller, of steps T.
-
-    Attributes:
-        sequence: (2, T) float64, the control sequence: v and ω.
-        history: (2, 4) float64, the last commands.
-        stream: (1,) uint64.
-        next_noise: (1,) int64, where the next cycle's noise may begin.
-        noise: (N,) uint32, read-only and shared.
-        values: (256,) float32, cost by the costmap's cost.
-        lengths, free: (n,) float64 and bool: of the plan's points the length so far, and whether they are free.
-        line: (T + 8,) float64, what is smoothed.
-        circumscribed_cost: (1,) float64, see `Setting`.
-        min_turning_radius_m: (1,) float64 of an Ackermann model; 0 of one that turns on the spot.
-
-    The others are `mppi_samples.Space`.
-    """
-
-    sequence: Any
-    history: Any
-    stream: Any
-    next_noise: Any
-    noise: Any
-    values: Any
-    lengths: Any
-    free: Any
-    line: Any
-    circumscribed_cost: Any
-    min_turning_radius_m: Any
-    center: Any
-    turns: Any
-    track: Any
-    ends: Any
-    marks: Any
-    cells: Any
-    frame: Any
-    touched: Any
-    costs: Any
-    weights: Any
-    plan: Any
-    table_x: Any
-    table_y: Any
-    sums: Any
-
-
-def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64], circumscribed_cost: float = 0.0) -> MppiMemory:
-    """Memory of a controller that draws from `stream` (1,).
-
-    Args:
-        circumscribed_cost: See `Setting`; every outline is looked at where it is 0.
-    """
-    steps, groups = parameters.time_steps, math.ceil(parameters.batch_size / ROW)
-    is_ackermann = parameters.motion_model == "Ackermann"
-    min_turning_radius_m = parameters.AckermannConstraints.min_turning_r if is_ackermann else 0.0
-    marks = (steps - 1) // parameters.PathAlignCritic.trajectory_point_step
-    cells = (steps - 1) // parameters.CostCritic.trajectory_point_step + 1
-
-    def rows(count: int) -> NDArray[np.float32]:
-        return aligned(ROW * count, np.float32)
-
-    return MppiMemory(
-        sequence=np.zeros((2, steps)),
-        history=np.zeros((2, 4)),
-        stream=stream,
-        next_noise=np.zeros(1, dtype=np.int64),
-        noise=noise(ROW * steps * groups, parameters.vx_std, parameters.wz_std),
-        values=np.zeros(256, dtype=np.float32),
-        lengths=np.zeros(PLAN_POINTS),
-        free=np.zeros(PLAN_POINTS, dtype=np.bool_),
-        line=np.zeros(steps + 8),
-        circumscribed_cost=np.array([circumscribed_cost]),
-        min_turning_radius_m=np.array([min_turning_radius_m]),
-        center=aligned(4 * steps, np.float32),
-        turns=rows(steps),
-        track=rows(2 * steps),
-        ends=rows(4 * groups),
-        marks=rows(3 * marks * groups),
-        cells=aligned(ROW * max(cells, marks), np.uint16),
-        frame=np.zeros(SIDE * SIDE, dtype=np.float32),
-        touched=rows(groups),
-        costs=rows(groups),
-        weights=rows(groups),
-        plan=aligned(2 * PLAN_POINTS, np.float32),
-        table_x=aligned(BINS * PLAN_POINTS, np.float32),
-        table_y=aligned(BINS * PLAN_POINTS, np.float32),
-        sums=rows(2 * steps),
-    )
 
 
 @addressed
 def reset(memory: MppiMemory) -> None:
     """Forget the sequence and the commands, as at the end of a FollowPath action."""
-    for axis in range(2):
+    for axis in range(memory.sequence.shape[0]):
         for t in range(memory.sequence.shape[1]):
             memory.sequence[axis, t] = 0.0
         for i in range(4):
@@ -153,7 +58,7 @@ def reset(memory: MppiMemory) -> None:
 
 @addressed
 def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
-    """Command (valid, v, ω) from the mean of the samples; not valid when all of them collide.
+    """Command (valid, v, ω, vy) from the mean of the samples; not valid when all of them collide.
 
     As Nav2 releases it, MPPI tries again then and never takes back the flag that stops the critics, so no further try can
     be valid. With `retry_scores` one is.
@@ -177,32 +82,38 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
         data_of(memory.table_x),
         data_of(memory.table_y),
         data_of(memory.sums),
+        data_of(memory.lateral_noise),
+        data_of(memory.lateral_center),
+        data_of(memory.lateral_sums),
     )
     goal_m = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
     near_goal = goal_m < q.CostCritic.near_goal_distance
     frame = lay_frame(q.CostCritic, space.frame, data_of(memory.values), window, pose, near_goal)
     used = sequence.shape[1] * memory.costs.shape[0]
     rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max
-    radius_m = memory.min_turning_radius_m[0]
+    lateral_rise, lateral_fall = q.model_dt * q.ay_max, -q.model_dt * q.ay_min
+    radius_m, is_omni = memory.min_turning_radius_m[0], sequence.shape[0] == 3
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
         noise_at = next_noise(memory.stream, memory.next_noise, memory.noise.shape[0], used)
-        draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn)
+        draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn, given.lateral_mps, lateral_rise, lateral_fall)
         if _sample(q, space, sequence, frame, draw, given, memory.circumscribed_cost[0], radius_m, goal_m):
             _judge_plan(q, space, sequence.shape[1], frame, window, pose, plan, n, goal_m, free, lengths)
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
-            _limit(q, sequence)
+            limit(q, sequence)
+            if is_omni:
+                limit_lateral(q, sequence)
             if radius_m > 0.0:
-                _steer(sequence, radius_m)
+                steer(sequence, radius_m)
             shift = 1 if abs(q.model_dt - given.dt_s) < 1e-6 else 0
-            _smooth(sequence, history, memory.line, shift)
+            smooth(sequence, history, memory.line, shift)
+            vy_mps = sequence[2, shift] if is_omni else 0.0
             v_mps, w_radps = sequence[0, shift], sequence[1, shift]
             if shift == 1:
-                for t in range(1, sequence.shape[1]):
-                    sequence[0, t - 1], sequence[1, t - 1] = sequence[0, t], sequence[1, t]
-            return True, v_mps, w_radps
+                shifted(sequence)
+            return True, v_mps, w_radps, vy_mps
         reset(memory)
-    return False, 0.0, 0.0
+    return False, 0.0, 0.0, 0.0
 
 
 @inner
@@ -219,12 +130,15 @@ def _sample(
 ) -> bool:
     """Draw and follow all samples, and judge them by everything but the plan: False when every one collides."""
     pose, twist, goal = given.pose, given.twist, given.goal
-    steps, dt_s = sequence.shape[1], q.model_dt
+    steps, dt_s, is_omni = sequence.shape[1], q.model_dt, sequence.shape[0] == 3
     _center(q, space, sequence)
     x_m, y_m = (
         pose[0] + twist[0] * math.cos(pose[2]) * dt_s,
         pose[1] + twist[0] * math.sin(pose[2]) * dt_s,
     )
+    if is_omni:
+        x_m -= given.lateral_mps * math.sin(pose[2]) * dt_s
+        y_m += given.lateral_mps * math.cos(pose[2]) * dt_s
     yaw_rad = pose[2] + twist[1] * dt_s
     start = (
         (x_m - frame.left_m) / frame.resolution_m,
@@ -252,7 +166,10 @@ def _sample(
     mark_stride = q.PathAlignCritic.trajectory_point_step
     marks = (steps - 1) // mark_stride
     for first in range(0, q.batch_size, ROW):
-        follow(space, first, steps, draw, start, scale, dt_s, prices)
+        if is_omni:
+            follow_omni(space, first, steps, draw, start, scale, dt_s, prices)
+        else:
+            follow(space, first, steps, draw, start, scale, dt_s, prices)
         if min_turning_radius_m > 0.0:
             judge_turns(space, first, steps, scale, min_turning_radius_m, beyond)
         if priced:
@@ -326,6 +243,10 @@ def _center(q: Any, space: Space, sequence: Any) -> None:
         v, w = sequence[0, t], sequence[1, t]
         center[4 * t], center[4 * t + 1] = v, w
         center[4 * t + 2], center[4 * t + 3] = gain_v * v, gain_w * w
+    if sequence.shape[0] == 3:
+        gain_y = q.gamma / (q.vy_std * q.vy_std)
+        for t in range(sequence.shape[1]):
+            space.lateral_center[2 * t], space.lateral_center[2 * t + 1] = sequence[2, t], gain_y * sequence[2, t]
 
 
 @inner
@@ -358,9 +279,12 @@ def _weigh(space: Space, samples: int, temperature: float) -> None:
 def _average(space: Space, sequence: Any, samples: int, draw: Draw) -> None:
     """The sequence becomes the weighted mean of the samples, which are drawn again: they would not fit in the cache."""
     weights, sums = space.weights, space.sums
-    steps = sequence.shape[1]
+    steps, is_omni = sequence.shape[1], sequence.shape[0] == 3
     for k in range(steps * STEP):
         sums[k] = 0.0
+    if is_omni:
+        for k in range(steps * ROW):
+            space.lateral_sums[k] = 0.0
     total = 0.0
     waiting = -1
     for first in range(0, samples, ROW):
@@ -370,6 +294,8 @@ def _average(space: Space, sequence: Any, samples: int, draw: Draw) -> None:
         if share < NEGLIGIBLE:
             continue
         total += share
+        if is_omni:
+            add_weighted_lateral(space, first, load(weights, first), steps, draw)
         if waiting < 0:
             waiting = first
         else:
@@ -379,56 +305,17 @@ def _average(space: Space, sequence: Any, samples: int, draw: Draw) -> None:
         add_weighted(space, waiting, load(weights, waiting), waiting, splat(0.0), steps, draw)
     for t in range(steps):
         for axis in range(2):
-            mean = 0.0
-            for k in range(t * STEP + axis * ROW, t * STEP + (axis + 1) * ROW):
-                mean += sums[k]
-            sequence[axis, t] = mean / total
+            sequence[axis, t] = _sum_of(sums, t * STEP + axis * ROW) / total
+        if is_omni:
+            sequence[2, t] = _sum_of(space.lateral_sums, t * ROW) / total
 
 
 @inner
-def _limit(q: Any, sequence: Any) -> None:
-    """Limit the speeds of the sequence, and their changes from step to step."""
-    rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max
-    last_v, last_w = 0.0, 0.0
-    for t in range(sequence.shape[1]):
-        v = min(max(sequence[0, t], q.vx_min), q.vx_max)
-        w = min(max(sequence[1, t], -q.wz_max), q.wz_max)
-        if t > 0:
-            slower, faster = (fall, rise) if last_v > 0.0 else (rise, fall)
-            v = min(max(v, last_v - slower), last_v + faster)
-            w = min(max(w, last_w - turn), last_w + turn)
-        sequence[0, t], sequence[1, t] = v, w
-        last_v, last_w = v, w
-
-
-@inner
-def _steer(sequence: Any, min_turning_radius_m: float) -> None:
-    """AckermannMotionModel: no step of the sequence turns tighter than the least radius."""
-    for t in range(sequence.shape[1]):
-        sequence[1, t] = steered(sequence[0, t], sequence[1, t], min_turning_radius_m)
-
-
-@inner
-def _smooth(sequence: Any, history: Any, line: Any, shift: int) -> None:
-    """Savitzky-Golay (9 points, quadratic) over all steps but the last, and the command that comes of it into `history`.
-
-    On their left stand the last four commands, on their right the last step as often as needed.
-    """
-    count = sequence.shape[1] - 1
-    if count < UNSMOOTHED:
-        return
-    for axis in range(2):
-        for i in range(4):
-            line[i] = history[axis, i]
-        for t in range(count + 4):
-            line[t + 4] = sequence[axis, min(t, count)]
-        for t in range(count):
-            total = 59.0 * line[t + 4] + 54.0 * (line[t + 3] + line[t + 5]) + 39.0 * (line[t + 2] + line[t + 6])
-            total += 14.0 * (line[t + 1] + line[t + 7]) - 21.0 * (line[t] + line[t + 8])
-            sequence[axis, t] = total / 231.0
-        for i in range(3):
-            history[axis, i] = history[axis, i + 1]
-        history[axis, 3] = sequence[axis, shift]
+def _sum_of(sums: Any, first: int) -> float:
+    total = 0.0
+    for k in range(first, first + ROW):
+        total += sums[k]
+    return total
 
 
 @addressed

@@ -21,6 +21,7 @@ from vastflow.sim.nav.controllers.lanes import (
     load_lower,
     load_upper,
     lower,
+    root,
     size,
     splat,
     store,
@@ -51,6 +52,9 @@ class Space(NamedTuple):
         plan: n times x and y.
         table_x, table_y: Points of the plan by the length along it.
         sums: T times a row for v, one for ω.
+        lateral_noise: Normal numbers for vy of an omni model, see `lateral_noise`.
+        lateral_center: T times vy of the sequence, and what 1 m/s costs by γ.
+        lateral_sums: T times a row for vy.
     """
 
     noise: Any
@@ -68,6 +72,9 @@ class Space(NamedTuple):
     table_x: Any
     table_y: Any
     sums: Any
+    lateral_noise: Any
+    lateral_center: Any
+    lateral_sums: Any
 
 
 class Draw(NamedTuple):
@@ -77,6 +84,7 @@ class Draw(NamedTuple):
         noise_at: Where this cycle's noise begins.
         v_mps, w_radps: Measured speeds.
         rise, fall, turn: How much a step may add to v, take from v, and change ω.
+        vy_mps, lateral_rise, lateral_fall: The same of the speed to an omni model's left.
     """
 
     noise_at: int
@@ -85,6 +93,9 @@ class Draw(NamedTuple):
     rise: float
     fall: float
     turn: float
+    vy_mps: float
+    lateral_rise: float
+    lateral_fall: float
 
 
 class Prices(NamedTuple):
@@ -120,6 +131,16 @@ def noise(cycle: int, spread_v: float, spread_w: float) -> NDArray[np.uint32]:
     words[:] = words_of(*drawn)
     words.flags.writeable = False
     return words
+
+
+@functools.lru_cache(maxsize=4)
+def lateral_noise(cycle: int, spread: float) -> NDArray[np.float32]:
+    """Read-only normal numbers for vy, one for each word of `noise` and read in the same places."""
+    length = 1 << math.ceil(math.log2(CYCLES_OF_NOISE * cycle)) if cycle > 0 else 0
+    numbers = aligned(length, np.float32)
+    numbers[:] = np.random.default_rng([NOISE_SEED, 1]).standard_normal(length, dtype=np.float32) * np.float32(spread)
+    numbers.flags.writeable = False
+    return numbers
 
 
 def words_of(v: NDArray[np.float32], w: NDArray[np.float32]) -> NDArray[np.uint32]:
@@ -206,6 +227,74 @@ def follow(
     store(ends, end + ROW, y)
     store(ends, end + 2 * ROW, c)
     store(ends, end + 3 * ROW, s)
+
+
+@inner
+def follow_omni(
+    space: Space, first: int, steps: int, draw: Draw, start: Any, scale: float, dt_s: float, prices: Prices
+) -> None:
+    """As `follow`, of a robot that moves to its left as well; ConstraintCritic judges its whole speed."""
+    center, lateral, turns, track, ends = space.center, space.lateral_center, space.turns, space.track, space.ends
+    middle, half = splat(0.5 * (prices.highest + prices.lowest)), splat(0.5 * (prices.highest - prices.lowest))
+    linear, cubic, squared = splat(dt_s), splat(dt_s * dt_s * dt_s / 6.0), splat(dt_s * dt_s / 2.0)
+    none, one = splat(0.0), splat(1.0)
+    v, w, u = splat(draw.v_mps), splat(draw.w_radps), splat(draw.vy_mps)
+    x, y = splat(start[0]), splat(start[1])
+    c, s = splat(scale * start[2]), splat(scale * start[3])
+    cost, reached, back = none, none, none
+    store(track, 0, x)
+    store(track, ROW, y)
+    at = draw.noise_at + first * steps
+    last = steps - 1
+    for t in range(last):
+        v, w = _drawn(space, at, splat(center[4 * t]), splat(center[4 * t + 1]), v, w, draw)
+        u = _drawn_lateral(space, at, splat(lateral[2 * t]), u, draw)
+        at += ROW
+        x, y = x + (v * c - u * s), y + (v * s + u * c)
+        store(turns, t * ROW, w)
+        store(track, (t + 1) * STEP, x)
+        store(track, (t + 1) * STEP + ROW, y)
+        square = w * w
+        sine, cosine = w * (linear - square * cubic), one - square * squared
+        c, s = c * cosine - s * sine, s * cosine + c * sine
+        cost = cost + (v * splat(center[4 * t + 2]) + w * splat(center[4 * t + 3]) + u * splat(lateral[2 * t + 1]))
+        speed = root(v * v + u * u)
+        reached = reached + higher(size(either(v, none, none - speed, speed) - middle), half)
+        back = back + lower(v, none)
+    v = splat(center[4 * last]) + load_upper(space.noise, at)
+    w = splat(center[4 * last + 1]) + load_lower(space.noise, at)
+    u = splat(lateral[2 * last]) + load(space.lateral_noise, at)
+    cost = cost + (v * splat(center[4 * last + 2]) + w * splat(center[4 * last + 3]) + u * splat(lateral[2 * last + 1]))
+    cost = cost + (reached - splat(float(last)) * half) * splat(prices.beyond)
+    store(space.costs, first, cost - back * splat(prices.backwards))
+    end = first * 4
+    store(ends, end, x)
+    store(ends, end + ROW, y)
+    store(ends, end + 2 * ROW, c)
+    store(ends, end + 3 * ROW, s)
+
+
+@inner
+def add_weighted_lateral(space: Space, first: int, weight: Any, steps: int, draw: Draw) -> None:
+    """Draw the vy of a group of samples again, and add it to its sums by the samples' weights."""
+    lateral, sums = space.lateral_center, space.lateral_sums
+    u = splat(draw.vy_mps)
+    at = draw.noise_at + first * steps
+    for t in range(steps - 1):
+        u = _drawn_lateral(space, at, splat(lateral[2 * t]), u, draw)
+        at += ROW
+        store(sums, t * ROW, load(sums, t * ROW) + weight * u)
+    last = steps - 1
+    u = splat(lateral[2 * last]) + load(space.lateral_noise, at)
+    store(sums, last * ROW, load(sums, last * ROW) + weight * u)
+
+
+@inner
+def _drawn_lateral(space: Space, at: int, mean: Any, u: Any, draw: Draw) -> Any:
+    """The next vy: noise round its mean, within reach of the one before."""
+    rise, fall, none = splat(draw.lateral_rise), splat(draw.lateral_fall), splat(0.0)
+    wish = mean + load(space.lateral_noise, at)
+    return lower(higher(wish, u - either(none, u, fall, rise)), u + either(none, u, rise, fall))
 
 
 @inner

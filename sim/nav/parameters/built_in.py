@@ -152,12 +152,11 @@ _SMAC: Final = _any("max_planning_time", "terminal_checking_interval", "downsamp
 TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     "amcl": {
         **_any(*_FRAMES, "scan_topic", "map_topic", "save_pose_rate", "transform_tolerance", "random_seed"),
-        **_any("alpha5", "z_max", "z_short", "lambda_short", "first_map_only", "service_introspection_mode"),
+        **_any("z_max", "z_short", "lambda_short", "first_map_only", "service_introspection_mode"),
         **_any("do_beamskip", "beam_skip_distance", "beam_skip_threshold", "beam_skip_error_threshold"),
         # The mission publishes where the robot starts.
         **_any("set_initial_pose", "always_reset_initial_pose", "initial_pose.*"),
         "laser_model_type": only("likelihood_field"),
-        "robot_model_type": only("nav2_amcl::DifferentialMotionModel", "differential"),
         "recovery_alpha_fast": only(0.0),
         "recovery_alpha_slow": only(0.0),
         "tf_broadcast": only(True),
@@ -176,7 +175,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "default_nav_through_poses_bt_xml": only("navigate_through_poses_w_replanning_and_recovery.xml", ""),
     },
     "controller_server": {
-        **_any("min_y_velocity_threshold", "odom_topic", "odom_duration", "speed_limit_topic"),
+        **_any("odom_topic", "odom_duration", "speed_limit_topic"),
         "costmap_update_timeout": only(0.30),
         "publish_zero_velocity": only(True),
     },
@@ -224,8 +223,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     },
     "MPPI": {
         **_any("visualize", "TrajectoryVisualizer.*", "publish_critics_stats", "publish_optimal_trajectory"),
-        # The robot is a differential drive: it has no sideways motion.
-        **_any("transform_tolerance", "vy_max", "vy_std", "ay_max", "ay_min", "inversion_xy_tolerance"),
+        **_any("transform_tolerance", "inversion_xy_tolerance"),
         **_any("inversion_yaw_tolerance"),
         "iteration_count": only(1),
         "retry_attempt_limit": only(1),

@@ -13,7 +13,7 @@ from vastflow.sim.nav.controllers.registry import (
     known_controllers,
     short_name,
 )
-from vastflow.sim.nav.parameters.amcl import AmclParameters
+from vastflow.sim.nav.parameters.amcl import MOTION_MODELS, AmclParameters
 from vastflow.sim.nav.parameters.costmap import (
     Costmap,
     DenoiseLayer,
@@ -65,10 +65,10 @@ Parts: TypeAlias = Mapping[str, Any]
 """Fields of `NavParameters`."""
 
 NO_SMOOTHER: Final = VelocitySmoother(
-    max_velocity=(100.0, 0.0, 100.0),
-    min_velocity=(-100.0, 0.0, -100.0),
-    max_accel=(1000.0, 0.0, 1000.0),
-    max_decel=(-1000.0, 0.0, -1000.0),
+    max_velocity=(100.0, 100.0, 100.0),
+    min_velocity=(-100.0, -100.0, -100.0),
+    max_accel=(1000.0, 1000.0, 1000.0),
+    max_decel=(-1000.0, -1000.0, -1000.0),
     velocity_timeout=1e6,
 )
 """A smoother that lets every command through: only the actuators' limits are left."""
@@ -129,6 +129,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
     _check_outline(reader, parts)
     _check_period(reader, parts)
     _check_turning_radius(reader, parts)
+    _check_lateral_samples(reader, parts)
     if reader.faults:
         raise DocumentError(sorted(reader.faults, key=lambda fault: fault.place), document.file)
     if "controller" not in parts and "controller_server" not in absent:
@@ -174,6 +175,14 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
         reader.fault((ROBOT_KEY, "drive"), what, "min_turning_radius beside it")
 
 
+def _check_lateral_samples(reader: Reader, parts: Parts) -> None:
+    """DWB's samples have no speed to the side: an omni robot that is to have some would drive otherwise."""
+    place = next((path for path, kind in reader.kinds.items() if kind == "DWB"), None)
+    if parts["robot"].drive == "omni" and place is not None:
+        for name in ("min_vel_y", "max_vel_y"):
+            reader.only((*place, name), 0.0)
+
+
 def _robot(reader: Reader) -> RobotParameters:
     lidar = reader.group(LidarParameters, (ROBOT_KEY, "lidar"))
     return reader.group(RobotParameters, (ROBOT_KEY,), given={"lidar": LidarParameters() if reader.faults else lidar})
@@ -188,7 +197,14 @@ def _latency(reader: Reader) -> Latency:
 
 
 def _amcl(reader: Reader, node: ParameterLocation) -> Parts:
-    return {"amcl": reader.group(AmclParameters, node)}
+    path = (*node, "robot_model_type")
+    model = class_name(reader.text(path, "nav2_amcl::DifferentialMotionModel"))
+    if model not in MOTION_MODELS:
+        reader.fault(path, f"found {shown(model)}", f"one of {', '.join(MOTION_MODELS)}")
+    found = reader.group(AmclParameters, node, given={"omni": MOTION_MODELS.get(model) == "omni"})
+    if not found.omni:
+        reader.leave((*node, "alpha5"), "the motion model is not Omni")
+    return {"amcl": found}
 
 
 def _local_costmap(reader: Reader, node: ParameterLocation) -> Parts:
@@ -233,8 +249,7 @@ def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
     found = reader.group(Costmap, node, given=given)
     radius = (*node, "robot_radius")
     if radius in reader.document.values and not reader.faults and vertices_of(found.footprint):
-        reader.asked.pop(radius, None)
-        reader.unused[radius] = "the polygon footprint counts"
+        reader.leave(radius, "the polygon footprint counts")
     return found
 
 
@@ -322,7 +337,11 @@ def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocat
     given = _critics(reader, place, algorithm, kind())
     if algorithm == "MPPI":
         given = {**given, "AckermannConstraints": _ackermann(reader, place)}
-    return {**parts, "controller": reader.group(kind, place, given=given)}
+    found = reader.group(kind, place, given=given)
+    if isinstance(found, MppiParameters) and found.motion_model != "Omni":
+        for name in ("ay_max", "ay_min", "vy_std"):
+            reader.leave((*place, name), "the motion model is not Omni")
+    return {**parts, "controller": found}
 
 
 def _ackermann(reader: Reader, place: ParameterLocation) -> AckermannParameters:
@@ -330,8 +349,7 @@ def _ackermann(reader: Reader, place: ParameterLocation) -> AckermannParameters:
     constraints = (*place, "AckermannConstraints")
     found = reader.group(AckermannParameters, constraints)
     if reader.document.values.get((*place, "motion_model")) != "Ackermann":
-        reader.asked.pop((*constraints, "min_turning_r"), None)
-        reader.unused[constraints] = "the motion model is not Ackermann"
+        reader.leave((*constraints, "min_turning_r"), "the motion model is not Ackermann")
     return found
 
 

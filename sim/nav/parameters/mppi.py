@@ -4,7 +4,7 @@ from typing import Literal, TypeAlias
 
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, parameter
 
-MotionModel: TypeAlias = Literal["DiffDrive", "Ackermann"]
+MotionModel: TypeAlias = Literal["DiffDrive", "Ackermann", "Omni"]
 
 
 class AckermannParameters(ParameterGroup):
@@ -95,7 +95,8 @@ class PreferForwardParameters(ParameterGroup):
 
 
 class MppiParameters(ParameterGroup):
-    """The optimiser's parameters: meters, seconds, radians. `vy_max` serves ConstraintCritic alone, as in Jazzy.
+    """The optimiser's parameters: meters, seconds, radians. Of any motion model but Omni `vy_max` serves ConstraintCritic
+    alone, as in Jazzy, and `ay_max`, `ay_min` and `vy_std` serve nothing.
 
     `retry_scores` is not Nav2's: whether the critics judge the samples of a retry after a batch in which all collide. As
     Nav2 is released they don't, and a retry never gives a command.
@@ -113,8 +114,11 @@ class MppiParameters(ParameterGroup):
     wz_max: float = parameter(1.9, 0.0, 10.0)
     ax_max: float = parameter(3.0, 0.0, 100.0)
     ax_min: float = parameter(-3.0, -100.0, 0.0)
+    ay_max: float = parameter(3.0, 0.0, 100.0)
+    ay_min: float = parameter(-3.0, -100.0, 0.0)
     az_max: float = parameter(3.5, 0.0, 100.0)
     vx_std: float = parameter(0.2, 1e-3, 10.0)
+    vy_std: float = parameter(0.2, 1e-3, 10.0)
     wz_std: float = parameter(0.4, 1e-3, 10.0)
     prune_distance: float = parameter(1.7, 0.0, 100.0, code=1.5)
     retry_attempt_limit: int = parameter(1, 0, 10)

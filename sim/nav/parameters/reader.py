@@ -103,6 +103,12 @@ class Reader:
             place = self.document.place(path)
             self.faults.append(ParameterFault(dotted(path), what, "values that agree", place, together=True))
 
+    def leave(self, path: ParameterLocation, why: str) -> None:
+        """Take back that a parameter was asked for: it has no effect beside others."""
+        self.asked.pop(path, None)
+        self.fields.pop(path, None)
+        self.unused[path] = why
+
     def flag(self, path: ParameterLocation, default: bool) -> bool:
         """A flag that is no field of a group."""
         return bool(self._plain(path, default, bool, "true or false"))

@@ -31,6 +31,7 @@ class ControllerServer(ParameterGroup):
     controller_frequency: float = parameter(20.0, 0.5, 1000.0)
     failure_tolerance: float = parameter(0.3, 0.0, 1e6, code=0.0)
     min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
+    min_y_velocity_threshold: float = parameter(0.5, 0.0, 10.0, code=0.0001)
     min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
 
 

@@ -32,7 +32,10 @@ Values = dict[ParameterLocation, Value]
 
 def document_of(parameters: NavParameters) -> ParameterDocument:
     """A document that `interpretation` reads as `parameters`, under the names of Nav2 Jazzy's default file."""
-    values: Values = {("amcl", PARAMETERS, name): value for name, value in _plain(parameters.amcl).items()}
+    values: Values = _below(("amcl", PARAMETERS), parameters.amcl)
+    del values[("amcl", PARAMETERS, "omni")]
+    model = "Omni" if parameters.amcl.omni else "Differential"
+    values[("amcl", PARAMETERS, "robot_model_type")] = f"nav2_amcl::{model}MotionModel"
     node: ParameterLocation = ("controller_server", PARAMETERS)
     values |= _below(node, parameters.controller_server)
     turns_count = parameters.progress_checker.required_movement_angle < NO_ANGLE_RAD
