@@ -21,6 +21,7 @@ from vastflow.flows.commands.export import export
 from vastflow.flows.commands.file import schema, validate
 from vastflow.flows.commands.floorplan import floorplan
 from vastflow.flows.commands.init import init
+from vastflow.flows.commands.minimize import minimize
 from vastflow.flows.commands.paper import paper
 from vastflow.flows.commands.params import params
 from vastflow.flows.commands.preview import preview
@@ -87,6 +88,7 @@ for command in (
     compare,
     explain,
     replay,
+    minimize,
     export,
     paper,
     deploy,

@@ -10,6 +10,7 @@ from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.vast.repetition import Sequential
 from vastflow.tasks.engine import judgements
 from vastflow.tasks.index import Index, Member, Stored
+from vastflow.tasks.store import Artifact
 
 MOST_WAVES: Final = 16
 """Between two looks there are as many runs as let these many suffice, and one where they do: up to 21 runs from a minimum of 5.
@@ -81,9 +82,15 @@ class Stopping:
     def stored(self, index: Index, member: Member) -> tuple[Member, list[Stored]]:
         """A member with the runs that are wanted of it by what the store has, and what the store has of these."""
         there = index.stored(replace(member, runs=self.most))
-        known = {run: said for each in there if each.verdicts for run, said in judgements(each.verdicts).items()}
+        known = {
+            run: said for each in there if each.verdicts for run, said in self.judged(index, each.verdicts).items()
+        }
         wanted = replace(member, runs=self.wanted(known))
         return wanted, [each for each in there if each.block.start < wanted.runs]
+
+    def judged(self, index: Index, verdicts: Artifact) -> Mapping[int, str]:
+        """Run index to the judgement that counts: what all oracles together say."""
+        return judgements(verdicts)
 
     def _next(self, runs: int, passed: int, judged: int) -> int:
         """The next look, after `runs`, at which something may be decided."""

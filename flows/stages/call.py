@@ -16,7 +16,7 @@ from vastflow.flows.results.directory import directory_name
 from vastflow.flows.results.found import RunFault
 from vastflow.oracles.oracle import Oracle
 from vastflow.tasks import campaign_log, ending
-from vastflow.tasks.engine import Engine
+from vastflow.tasks.engine import Engine, RunsWanted
 from vastflow.tasks.index import Index, Member
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.pool import Pool
@@ -35,7 +35,7 @@ class StageRun:
 
     Attributes:
         name: The campaign's.
-        stage: `instantiate`, `execute`, `observe` or `judge`.
+        stage: `instantiate`, `execute`, `observe` or `judge`; or what has these three together.
         title: Name of the flow run, if there is one.
         log: File for what would be said on the terminal otherwise.
     """
@@ -114,12 +114,14 @@ def stage_run(
     oracles: Sequence[Oracle[Any]] = (),
     workers: int | None = None,
     observer: Observer | None = None,
+    stopping: RunsWanted | None = None,
 ) -> Iterator[StageRun]:
     """Begin a call: Ctrl-C and SIGTERM end it within seconds, what it says goes to a log below the store's local folder.
 
     Args:
         keys: Of what is computed.
         oracles: Those that judge, if any do.
+        stopping: None where the number of runs of a configuration is fixed.
 
     Raises:
         SurroundingsError: this machine lacks something that a computation needs.
@@ -131,7 +133,7 @@ def stage_run(
             title = f"{stage} {opened.name} {created:%Y-%m-%d %H:%M:%S}"
             count = workers or cores()
             check_surroundings()
-            engine = Engine(Index(opened.store, keys), Pool(count, log), tally, pickle.dumps(tuple(oracles)))
+            engine = Engine(Index(opened.store, keys), Pool(count, log), tally, pickle.dumps(tuple(oracles)), stopping)
             try:
                 yield StageRun(opened.name, stage, title, engine, count, tally, log)
             finally:

@@ -1,0 +1,157 @@
+"""Candidates as campaign files, each with one family of fixed values: what is tried is what is written in the end."""
+
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import yaml
+
+from vastflow.flows.minimization.failing import Failing
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.flows.results.inputs import Inputs, inputs_of
+from vastflow.oracles.oracle import Oracle
+from vastflow.producers.campaign import Campaign
+from vastflow.producers.configuration import Configuration
+from vastflow.producers.instantiate import instantiate
+from vastflow.producers.minimization.minimize import Candidate
+from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.scenario_values import dimension_of
+from vastflow.sim.digest import FileContent
+from vastflow.sim.files import read_text, yaml_value
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+
+FAMILY: Final = "minimal"
+FILE: Final = "minimal.vast"
+_MAP: Final = "map"
+_OTHERS: Final = ("local", FILE_KEY)
+"""What of `execution` is among the values already."""
+
+
+class NotBuilt(ValueError):
+    """A candidate that is no scenario."""
+
+
+@dataclass(frozen=True)
+class BuiltCandidate:
+    """A candidate that can be run.
+
+    Attributes:
+        text: Of its campaign file.
+    """
+
+    campaign: Campaign = field(repr=False)
+    oracles: tuple[Oracle[Any], ...] = field(repr=False)
+    configuration: Configuration
+    text: str = field(repr=False)
+
+    @property
+    def inputs(self) -> Inputs:
+        """The files that it needs."""
+        return inputs_of(self.campaign, self.oracles)
+
+
+@dataclass(frozen=True)
+class CandidateFiles:
+    """The folder in which candidates are written and read, with the files of the campaign directory at their places."""
+
+    failing: Failing
+    folder: Path
+
+    def built(self, candidate: Candidate, runs: int = 1, comment: str = "") -> BuiltCandidate:
+        """A candidate, read as `vastflow run` would read it.
+
+        Args:
+            runs: That its file asks for.
+
+        Raises:
+            NotBuilt: the file has a fault, or the robot can't begin or end where it says.
+        """
+        try:
+            values = self.failing.subject.reduced(candidate.kept, dict(candidate.levels))
+        except ValueError as error:
+            raise NotBuilt(str(error)) from None
+        text = comment + self._text(values, runs)
+        file = self.folder / FILE
+        file.write_text(text, encoding="utf-8")
+        try:
+            campaign, oracles = read_campaign(file)
+            if wrong := [*campaign.unexecutable, *campaign.missing]:
+                raise NotBuilt(f"{wrong[0].what}; {wrong[0].right}")
+            made = instantiate(campaign)
+        except NotBuilt:
+            raise
+        except ValueError as error:  # CampaignError: its faults
+            faults = getattr(error, "faults", ())
+            raise NotBuilt(f"{faults[0].what}; {faults[0].right}" if faults else str(error)) from None
+        if not made.configurations:
+            raise NotBuilt(made.rejections[0].reason if made.rejections else "nothing comes of it")
+        return BuiltCandidate(campaign, oracles, made.configurations[0], text)
+
+    def _text(self, values: dict[str, Any], runs: int) -> str:
+        failing, subject = self.failing, self.failing.subject
+        execution = dict(_placed(failing.campaign.get("execution") or {}, failing.places))
+        execution = {key: value for key, value in execution.items() if key not in _OTHERS} | {"runs": runs}
+        if FILE_KEY in values:
+            execution[FILE_KEY] = _placed(failing.campaign["execution"][FILE_KEY], failing.places)
+            del values[FILE_KEY]
+        values[MAP_KEY] = f"{_MAP}/{Path(_path(values[MAP_KEY])).name}"
+        tags = {key: subject.dimensions[key] for key in values}
+        family: dict[str, Any] = {
+            "name": FAMILY,
+            "parameters": [{key: _plain(value)} for key, value in values.items()],
+            "dimensions": {key: tag for key, tag in tags.items() if dimension_of(key, values[key], None) != tag},
+            "start_check": failing.start_check,
+        }
+        name = (failing.campaign.get("metadata") or {}).get("name") or failing.directory.name
+        data: dict[str, Any] = {
+            "version": 1,
+            "metadata": {"name": f"{name}-{failing.name}-minimal"},
+            "configuration": [{key: value for key, value in family.items() if value}],
+            "execution": execution,
+        }
+        if oracles := (failing.campaign.get("evaluation") or {}).get("oracles"):
+            data["evaluation"] = {"oracles": _placed(oracles, failing.places)}
+        return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120)
+
+
+@contextmanager
+def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
+    """A folder for candidates, for as long as the body takes."""
+    with TemporaryDirectory(prefix="vastflow-") as place:
+        folder = Path(place).resolve()
+        if (failing.directory / "inputs").is_dir():
+            shutil.copytree(failing.directory / "inputs", folder, dirs_exist_ok=True)
+        map_file = Path(_path(failing.subject.values[MAP_KEY]))
+        picture = str(yaml_value(read_text(map_file))["image"])
+        (folder / _MAP).mkdir(exist_ok=True)
+        for file in (map_file, map_file.parent / picture):
+            shutil.copyfile(file, folder / _MAP / file.name)
+        yield CandidateFiles(failing, folder)
+
+
+def _placed(value: Any, places: Mapping[str, str]) -> Any:
+    """A part of the campaign file with the files from outside of its folder where they are kept."""
+    if isinstance(value, dict):
+        return {_placed(key, places): _placed(item, places) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_placed(item, places) for item in value]
+    if not isinstance(value, str):
+        return value
+    file, separator, kind = value.partition(".py:")
+    path = os.path.normpath(f"{file}.py" if separator else file)
+    return value if path not in places else f"{places[path]}:{kind}" if separator else places[path]
+
+
+def _path(value: Any) -> str:
+    return value.path if isinstance(value, FileContent) else str(value)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

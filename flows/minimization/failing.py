@@ -1,0 +1,136 @@
+"""The failing configuration of a campaign directory that a minimization begins with."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pyarrow.compute as pc
+
+from vastflow.flows.results.found import FAULT
+from vastflow.oracles.directory.column import read_columns, table_rows
+from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
+from vastflow.oracles.directory.unusable import UnusableDirectory, reading
+from vastflow.producers.minimization.circumstance import Subject
+from vastflow.producers.places.ground import MAP_KEY
+from vastflow.sim.digest import FileContent
+from vastflow.sim.files import read_json, read_text, yaml_value
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.user_error import UserError
+
+MESH_KEY = "mesh_file"
+"""Of no meaning for a run, see `vastflow.producers.family`."""
+
+
+class NotMinimized(UserError, ValueError):
+    """A configuration that there is nothing to minimize of; says why, and what would be right."""
+
+
+@dataclass(frozen=True)
+class Failing:
+    """A configuration whose runs fail.
+
+    Attributes:
+        name: Of the one that was run, where it duplicates another.
+        oracle: Whose failures count.
+        subject: What was run, its files in the campaign directory.
+        campaign: The campaign file's data.
+        places: As `vastflow.flows.request.asked.Asked` has them.
+        start_check: Of its family.
+    """
+
+    directory: Path
+    name: str
+    oracle: str
+    subject: Subject = field(repr=False)
+    campaign: Mapping[str, Any] = field(repr=False)
+    places: Mapping[str, str] = field(repr=False)
+    start_check: str
+
+
+def failing_configuration(directory: Path, name: str, oracle: str | None, rate: float) -> Failing:
+    """Read a configuration that fails.
+
+    Args:
+        oracle: Whose failures count; else the one that fails it most often.
+        rate: Least failure rate that is called failing.
+
+    Raises:
+        NotMinimized: it is not there, was rejected or excluded, broke, or passes.
+        UnusableDirectory: the directory is damaged.
+    """
+    with reading(directory):
+        rows = {row["name"]: row for row in table_rows(directory / "configurations.parquet")}
+        if name not in rows:
+            raise _missing(directory, name, list(rows))
+        row = rows[rows[name]["duplicate_of"] or name]
+        chosen = _failing_oracle(directory, row["name"], oracle, rate)
+        campaign = yaml_value(read_text(directory / "campaign.vast"))
+        families = {str(each.get("name")): each for each in campaign.get("configuration") or ()}
+        metadata = read_json(directory / "metadata.json")
+        return Failing(
+            directory,
+            row["name"],
+            chosen,
+            _subject(directory, row),
+            campaign,
+            metadata.get("asked", {}).get("places", {}),
+            str(families.get(row["family"], {}).get("start_check", "footprint")),
+        )
+
+
+def _missing(directory: Path, name: str, known: list[str]) -> NotMinimized:
+    for row in table_rows(directory / "rejections.parquet"):
+        if row["parent"] == name:
+            return NotMinimized(
+                f"{directory}: {name} was rejected, so nothing of it was run: {row['reason']}; a configuration that fails"
+            )
+    for row in table_rows(directory / "exclusions.parquet"):
+        if row["name"] == name:
+            what = f"{name} is excluded by the constraint {row['constraint']}, so nothing of it was run"
+            return NotMinimized(f"{directory}: {what}; a configuration that fails")
+    hint = did_you_mean(name, known, "it has none", listed="it has")
+    return NotMinimized(f"{directory}: no configuration {name!r}; {hint}")
+
+
+def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float) -> str:
+    """The oracle whose failures count.
+
+    Raises:
+        NotMinimized: there is none, for it passes or was not judged.
+    """
+    table = read_columns(directory / "verdicts.parquet")
+    rows = table.filter(pc.equal(table.column("configuration"), name)).to_pylist()
+    said: dict[str, list[str]] = {}
+    for row in rows:
+        said.setdefault(row["oracle"], []).append(row["judgement"])
+    if oracle is not None and oracle not in said:
+        raise NotMinimized(f"--oracle {oracle}: no such oracle judged {name}; {did_you_mean(oracle, list(said))}")
+    judged = {each: [what for what in of if what != "not judged"] for each, of in said.items()}
+    rates = {each: of.count("fail") / len(of) for each, of in judged.items() if of and oracle in (None, each)}
+    worst = max(rates, key=lambda each: rates[each], default="")
+    if rates.get(worst, -1.0) >= rate:
+        return worst
+    lacking = [row["reason"] for row in rows if row["judgement"] == "not judged" and oracle in (None, row["oracle"])]
+    if not rates or any(why.startswith(FAULT) for why in lacking):
+        why = next((why for why in lacking if why.startswith(FAULT)), "")
+        broke = f"runs of {name} broke: {why}" if why else f"no run of {name} is judged: {(*lacking, 'it has none')[0]}"
+        raise NotMinimized(f"{directory}: {broke}; a configuration that fails")
+    by = f" by {worst}" if oracle or len(rates) > 1 else ""
+    failed, runs = judged[worst].count("fail"), len(judged[worst])
+    what = f"{name} passes: {failed} of {runs} runs fail{by}, and failing is a rate of {rate:g} or more"
+    raise NotMinimized(f"{directory}: {what}; --rate, or another configuration")
+
+
+def _subject(directory: Path, row: Mapping[str, Any]) -> Subject:
+    abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
+    scenario = executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
+    parts = {"environment": scenario.environment, "task": scenario.task, "system": scenario.system}
+    values = {key: value for part in parts.values() for key, value in part.items() if key != MESH_KEY}
+    files = [key for key, value in values.items() if isinstance(value, FileContent) and key not in (MAP_KEY, FILE_KEY)]
+    if files or MAP_KEY not in values:
+        what = f"its value of {files[0]} is a file" if files else "it has no map, so no robot drives in it"
+        raise UnusableDirectory(f"{directory}: {row['name']} can't be minimized: {what}")
+    return Subject(values, {key: part for part, of in parts.items() for key in of})  # type: ignore[misc]

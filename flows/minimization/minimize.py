@@ -1,0 +1,154 @@
+"""`minimize_configuration`: a failing configuration of a campaign directory becomes a smallest one that still fails."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from vastflow.flows.computing import mapped
+from vastflow.flows.computing.flow_call import FlowCall
+from vastflow.flows.minimization.candidate_file import FILE, BuiltCandidate, CandidateFiles, NotBuilt, candidate_files
+from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
+from vastflow.flows.minimization.failure_test import FailureTest, failure_test
+from vastflow.flows.minimization.picture import before_and_after
+from vastflow.flows.minimization.trials import Compute, Trials, Uncomputed
+from vastflow.flows.minimization.words import comment_of
+from vastflow.flows.request.campaign_keys import campaign_keys
+from vastflow.flows.request.opened import OpenCampaign
+from vastflow.flows.search.repetition import PointRuns
+from vastflow.flows.stages.call import StageRun, stage_run
+from vastflow.producers.minimization.minimize import Candidate, Minimum, Unconfirmed, minimize
+from vastflow.tasks.progress import Observer
+from vastflow.tasks.shards import Shard
+from vastflow.tasks.source import installed_tree
+from vastflow.tasks.store import Lost, open_store
+
+if TYPE_CHECKING:
+    from vastflow.flows.computing.task_runs import TaskRuns
+
+CONFIRMING_RUNS: Final = 20
+PICTURE: Final = "before-after.png"
+
+
+@dataclass(frozen=True)
+class Minimized:
+    """What a minimization came to.
+
+    Attributes:
+        text: The campaign file with what is left.
+        files: The other files that it needs: place beside it to content.
+        picture: PNG of the scenario as it was and as it is in the end.
+        runs: That trials and confirmations took.
+        executed: Of these, by this call; the others were in the store.
+    """
+
+    failing: Failing
+    test: FailureTest
+    minimum: Minimum
+    text: str = field(repr=False)
+    files: Mapping[str, bytes] = field(repr=False)
+    picture: bytes = field(repr=False)
+    runs: int
+    executed: int
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the campaign file with all that it needs, and the picture; gives the campaign file and the picture."""
+        written = {**self.files, FILE: self.text.encode(), PICTURE: self.picture}
+        for place, content in written.items():
+            file = folder / place
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
+        return [folder / FILE, folder / PICTURE]
+
+
+def minimize_configuration(
+    results: str | os.PathLike[str],
+    configuration: str,
+    *,
+    oracle: str | None = None,
+    rate: float = 0.5,
+    store: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    observer: Observer | None = None,
+) -> Minimized:
+    """Shrink a failing configuration of a campaign directory to a smallest one that still fails.
+
+    Args:
+        results: A campaign directory.
+        oracle: Whose failures count; else the one that fails the configuration most often.
+        rate: Least failure rate that is called failing.
+        store, workers, observer: As `vastflow.flows.api.run_campaign` has them. What is in the store is not executed again.
+
+    Raises:
+        NotMinimized: the configuration is none that fails.
+        UnusableDirectory: the campaign directory can't be used.
+        StoreError: the store can't be used.
+        PrefectUnavailable: Prefect's API can't be started.
+    """
+    failing = failing_configuration(Path(results), configuration, oracle, rate)
+    with candidate_files(failing) as files:
+        whole = Candidate(frozenset(each for each in failing.subject.circumstances if each.can_be_left_out))
+        try:
+            before = files.built(whole)
+        except NotBuilt as error:
+            raise NotMinimized(f"{failing.directory}: {failing.name} can't be built from its inputs: {error}") from None
+        opened = OpenCampaign(before.campaign, before.oracles, open_store(store))
+        keys = campaign_keys(installed_tree(), before.campaign.seed, before.oracles)
+        test = failure_test(failing.oracle, rate)
+        runs = PointRuns(test, test.most, CONFIRMING_RUNS)
+        with stage_run(opened, "minimize", keys, before.oracles, workers, observer, runs) as run:
+            return _minimized(failing, files, before, test, run, runs)
+
+
+def _minimized(
+    failing: Failing,
+    files: CandidateFiles,
+    before: BuiltCandidate,
+    test: FailureTest,
+    run: StageRun,
+    runs: PointRuns,
+) -> Minimized:
+    """Ask until nothing is missing: of the store alone first, so that nothing starts where it has everything."""
+
+    def asked(compute: Compute | None) -> tuple[Minimum | Unconfirmed, Trials]:
+        runs.confirmed = ""
+        trials = Trials(run, files, test, runs, compute)
+        return minimize(failing.subject.circumstances, trials.judge, trials.confirm), trials
+
+    found, trials = _answered(run, asked, before)
+    if isinstance(found, Unconfirmed):
+        raise NotMinimized(
+            f"{failing.directory}: {failing.name} {found.text}; another configuration, or a lower --rate"
+        )
+    after = files.built(found.candidate, trials.used[found.candidate], comment_of(failing, found))
+    picture = before_and_after(before.configuration, after.configuration)
+    runs_used, executed = sum(trials.used.values()), run.tally.progress().executed
+    return Minimized(failing, test, found, after.text, after.inputs.files, picture, runs_used, executed)
+
+
+def _answered(
+    run: StageRun, asked: "Callable[[Compute | None], tuple[Minimum | Unconfirmed, Trials]]", before: BuiltCandidate
+) -> tuple[Minimum | Unconfirmed, Trials]:
+    answers: list[tuple[Minimum | Unconfirmed, Trials]] = []
+
+    def body(task_runs: "TaskRuns") -> None:
+        def compute(shards: Sequence[Shard]) -> None:
+            recordings = mapped.execute(task_runs, shards)
+            traces = mapped.observe(task_runs, shards, recordings)
+            verdicts = mapped.judge(task_runs, shards, traces)
+            task_runs.wait(shards, recordings, traces, verdicts)
+
+        with suppress(Lost):  # what the store lost meanwhile is computed again by the next attempt
+            answers.append(asked(compute))
+
+    for _ in run.engine.attempts():
+        with suppress(Lost, Uncomputed):
+            answers.append(asked(None))
+        if not answers:
+            run.engine.warm_up([before.configuration.scenario.system])
+            run.flow(FlowCall(run.engine, run.tally, run.log), body)
+        if answers:
+            break
+    return answers[-1]

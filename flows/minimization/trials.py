@@ -1,0 +1,126 @@
+"""Trials: candidates are run until their failure is shown or not, by the stages of every campaign."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from vastflow.flows.minimization.candidate_file import CandidateFiles, NotBuilt
+from vastflow.flows.minimization.failure_test import FailureTest
+from vastflow.flows.search.repetition import PointRuns
+from vastflow.flows.stages.call import StageRun
+from vastflow.producers.minimization.circumstance import Subject
+from vastflow.producers.minimization.minimize import Candidate, Outcome
+from vastflow.tasks.engine import block_size
+from vastflow.tasks.index import FoundMember, Member
+from vastflow.tasks.shards import Shard, missing_shards
+from vastflow.tasks.store import Lost
+
+Compute: TypeAlias = Callable[[Sequence[Shard]], None]
+"""Takes shards through execute, observe and judge."""
+
+
+class Uncomputed(Exception):
+    """Runs that are not in the store."""
+
+
+@dataclass
+class Trials:
+    """Judges the candidates of a minimization.
+
+    Attributes:
+        runs: How many a candidate wants; the confirmed one gets more, with indices that no trial used.
+        compute: None as long as only what the store has is looked at.
+        members: Each candidate that was built, in the order of the trials.
+        used: Runs that trials and confirmations took, of each candidate.
+    """
+
+    run: StageRun
+    files: CandidateFiles
+    test: FailureTest
+    runs: PointRuns
+    compute: Compute | None = None
+    members: dict[Candidate, Member] = field(default_factory=dict)
+    used: dict[Candidate, int] = field(default_factory=dict)
+    _number: int = 0
+
+    def judge(self, candidate: Candidate) -> Outcome:
+        """Whether a candidate fails.
+
+        Raises:
+            Uncomputed: its runs are not in the store, and nothing computes them.
+            Lost: what was computed is gone.
+        """
+        self._number += 1
+        try:
+            built = self.files.built(candidate)
+        except NotBuilt as error:
+            return self._told(candidate, Outcome("not tried", reason=f"it can't be built: {error}"))
+        name = f"candidate-{self._number:03}"
+        member = Member(name, "minimization", self._number, built.configuration.scenario, self.runs.wanted({}))
+        self.members[candidate] = member
+        self.run.tally.expect({each.name: each.runs for each in self.members.values()})
+        found = self._found(member)
+        self.used[candidate] = found.member.runs
+        if fault := next((each for each in self.run.engine.faults if each.member == name), None):
+            return self._told(candidate, Outcome("not tried", reason=f"its runs broke: {fault.error}"))
+        said = self._said(found, range(found.member.runs))
+        failed, judged = said.count("fail"), len(said) - said.count("not judged")
+        if not judged:
+            return self._told(candidate, Outcome("not tried", reason="no run of it is judged"))
+        return self._told(candidate, Outcome(self.test.standing(failed, judged), failed, judged))
+
+    def confirm(self, candidate: Candidate) -> Outcome:
+        """Whether a candidate that failed fails on fresh runs, too: at the rate, without a test.
+
+        Raises:
+            Uncomputed, Lost: as of `judge`.
+        """
+        member, before = self.members[candidate], self.used[candidate]
+        self.runs.confirmed = member.name
+        found = self._found(member)
+        self.used[candidate] = found.member.runs
+        said = self._said(found, range(before, found.member.runs))
+        failed, judged = said.count("fail"), len(said) - said.count("not judged")
+        fails = judged > 0 and failed / judged >= 1.0 - self.test.rule.bounds.systematic - 1e-9
+        outcome = Outcome("fails" if fails else "undecided", failed, judged)
+        self.run.tally.notice(f"confirmation on fresh runs: {outcome.text}")
+        return outcome
+
+    def _found(self, member: Member) -> FoundMember:
+        engine = self.run.engine
+        found = engine.scan([member])[member.name]
+        while not found.complete and member.name not in engine.broken:
+            if self.compute is None:
+                raise Uncomputed
+            self.run.tally.begin("running")
+            engine.block_runs = block_size(found.missing_runs, self.run.workers)
+            self.compute(missing_shards([found.member], {member.name}))
+            engine.check()
+            before, found = found, engine.scan([member])[member.name]
+            if found.member.runs == before.member.runs and not found.complete and member.name not in engine.broken:
+                raise Lost(f"results of {member.name}")
+        return found
+
+    def _said(self, found: FoundMember, runs: range) -> list[str]:
+        known: dict[int, str] = {}
+        for each in found.stored:
+            if each.verdicts:
+                known |= self.test.judged(self.run.engine.index, each.verdicts)
+        return [known.get(run, "not judged") for run in runs]
+
+    def _told(self, candidate: Candidate, outcome: Outcome) -> Outcome:
+        if self.compute is not None:
+            self.run.tally.notice(f"{self._number}: {_text(self.files.failing.subject, candidate)}: {outcome.text}")
+        return outcome
+
+
+def _text(subject: Subject, candidate: Candidate) -> str:
+    """What a candidate is, such as `2 of 9 circumstances, the end of the path at 4/8`."""
+    whole = [each for each in subject.circumstances if each.can_be_left_out]
+    if len(candidate.kept) == len(whole) and not candidate.levels:
+        return "all of it"
+    kept = [each.text for each in whole if each in candidate.kept]
+    named = ", ".join(kept) if 0 < len(kept) <= 2 else f"{len(kept)} of {len(whole)} circumstances"
+    order = {each: k for k, each in enumerate(subject.circumstances)}
+    nearer = sorted(candidate.levels, key=lambda pair: order[pair[0]])
+    return ", ".join([f"with {named}", *(f"{each.text} at {level}/8" for each, level in nearer)])

@@ -1,0 +1,175 @@
+"""Circumstances: what of a scenario can be taken away, or brought nearer to its default."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Final, Literal, TypeAlias
+
+from vastflow.producers.minimization.delta_debugging import LEVELS
+from vastflow.producers.minimization.shortened import shortened
+from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
+from vastflow.producers.scenario_values import LOOPS_KEY
+from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.nav.parameters.chosen import COVARIANCE_KEY, OWN_KEYS, default_document
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+from vastflow.sim.nav.parameters.rewriting import targets
+from vastflow.sim.nav.parameters.robot import ROBOT_KEY
+from vastflow.sim.pose import pose_of
+from vastflow.sim.reading.world import WORLD_KEY
+from vastflow.sim.scenario import Dimension
+from vastflow.sim.world.obstacle_values import TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY
+
+WORLD_PARTS: Final[Mapping[str, str]] = {"wall_offset": "moved walls", "missing_furniture": "missing furniture"}
+"""What of the world differs from the map; without both it is the map."""
+
+Kind: TypeAlias = Literal["obstacle", "world", "waypoint", "parameter", "path"]
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstance:
+    """One thing about a scenario that its failure may need.
+
+    Attributes:
+        key: Of the scenario's values.
+        item: Place in the list, or name in the mapping that stands there; None for the value as a whole.
+        default: The number toward which its levels go; None where it has none. For a path it is a length of 0.
+    """
+
+    kind: Kind
+    key: str
+    item: int | str | None
+    text: str
+    default: float | None = None
+
+    @property
+    def can_be_left_out(self) -> bool:
+        """Whether it can be taken away; a path can only be shorter."""
+        return self.kind != "path"
+
+
+Levels: TypeAlias = Mapping[Circumstance, int]
+"""Of circumstances that are nearer to their default: eighths of the distance that are left."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A scenario that fails.
+
+    Attributes:
+        values: Key to value, maps as `FileContent`.
+        dimensions: Dimension of each key.
+    """
+
+    values: Mapping[str, Value]
+    dimensions: Mapping[str, Dimension] = field(repr=False)
+
+    @cached_property
+    def circumstances(self) -> tuple[Circumstance, ...]:
+        """All there are, obstacles first."""
+        return tuple(each for kind in (self._objects, self._world, self._task, self._system) for each in kind())
+
+    def reduced(self, kept: Collection[Circumstance], levels: Levels) -> dict[str, Value]:
+        """The values with these circumstances alone, some of them nearer to their default.
+
+        Raises:
+            ValueError: an obstacle stands where the shorter path would begin or end.
+        """
+        values = dict(self.values)
+        nearer = [each for each in self.circumstances if each in levels]  # in an order that is always the same
+        for each in nearer:
+            if each.kind != "path":
+                _bring_nearer(values, each, levels[each] / LEVELS)
+        gone = [each for each in self.circumstances if each.can_be_left_out and each not in kept]
+        for key in {each.key for each in gone}:
+            items = {each.item for each in gone if each.key == key}
+            _leave_out(values, key, items)
+        _drop_idle_trigger(values)
+        for each in nearer:
+            if each.kind == "path":
+                shortened(values, each.key, levels[each] / LEVELS)
+        return values
+
+    def _objects(self) -> Iterator[Circumstance]:
+        for key, value in self.values.items():
+            for k, entry in enumerate(_listed(value)) if self.dimensions[key] == "environment" else ():
+                if isinstance(entry, Mapping) and "spawn_pose" in entry:
+                    at = pose_of(entry["spawn_pose"])
+                    name = entry.get("entity_name") or f"{key}[{k}]"
+                    yield Circumstance("obstacle", key, k, f"obstacle {name} at ({at.x_m:.2f}, {at.y_m:.2f})")
+
+    def _world(self) -> Iterator[Circumstance]:
+        world = self.values.get(WORLD_KEY)
+        known = world if isinstance(world, Mapping) else {}
+        for name, text in WORLD_PARTS.items():
+            if isinstance(found := known.get(name), int | float) and found > 0:
+                yield Circumstance("world", WORLD_KEY, name, f"{text} ({name} {found:g})", 0.0)
+
+    def _task(self) -> Iterator[Circumstance]:
+        goals = self.values.get(GOALS_KEY)
+        for k, goal in enumerate(_listed(goals)[:-1]):
+            at = pose_of(goal)
+            yield Circumstance("waypoint", GOALS_KEY, k, f"waypoint {k + 1} at ({at.x_m:.2f}, {at.y_m:.2f})")
+        if self.values.get(LOOPS_KEY):
+            yield Circumstance("waypoint", LOOPS_KEY, None, f"{LOOPS_KEY} {self.values[LOOPS_KEY]}")
+        goal_key = GOALS_KEY if _listed(goals) else GOAL_KEY
+        if START_KEY in self.values and goal_key in self.values:
+            yield Circumstance("path", goal_key, None, "the end of the path", 0.0)
+            yield Circumstance("path", START_KEY, None, "the beginning of the path", 0.0)
+
+    def _system(self) -> Iterator[Circumstance]:
+        for key, value in self.values.items():
+            if self.dimensions[key] == "system":
+                shown = value.path.rpartition("/")[2] if isinstance(value, FileContent) else value
+                yield Circumstance("parameter", key, None, f"{key} {shown}", _default(key, value))
+
+
+def _default(key: str, value: Value) -> float | None:
+    """The number that a parameter has where nothing is given; None where it or the value is no number."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or key == FILE_KEY:
+        return None
+    if key in OWN_KEYS:
+        return None if key.startswith(ROBOT_KEY) or key == COVARIANCE_KEY else 0.0
+    known = default_document().values
+    found = {known[path] for path in targets(known, key) if isinstance(known.get(path), int | float)}
+    number = found.pop() if len(found) == 1 else None
+    return float(number) if isinstance(number, int | float) and not isinstance(number, bool) else None
+
+
+def _bring_nearer(values: dict[str, Any], circumstance: Circumstance, share: float) -> None:
+    found = values[circumstance.key]
+    number = found if circumstance.item is None else found[circumstance.item]
+    default = circumstance.default or 0.0
+    level = default + share * (number - default)
+    nearer = round(level) if isinstance(number, int) and float(default).is_integer() else float(f"{level:.4g}")
+    values[circumstance.key] = nearer if circumstance.item is None else {**found, circumstance.item: nearer}
+
+
+def _leave_out(values: dict[str, Any], key: str, items: Collection[int | str | None]) -> None:
+    found = values[key]
+    if isinstance(found, Mapping) and None not in items:
+        left = {name: item for name, item in found.items() if name not in items}
+        values[key] = left
+        if key == WORLD_KEY and not any(left.get(part) for part in WORLD_PARTS):
+            del values[key]
+    elif None not in items:
+        values[key] = [item for k, item in enumerate(found) if k not in items]
+    else:
+        del values[key]
+
+
+def _drop_idle_trigger(values: dict[str, Any]) -> None:
+    """Without the obstacle that stands at the trigger's point there is nothing to set off."""
+    if TRIGGER_POINT_KEY not in values:
+        return
+    entries = [entry for value in values.values() for entry in _listed(value)]
+    obstacles = [entry for entry in entries if isinstance(entry, Mapping) and "spawn_pose" in entry]
+    point = pose_of(values[TRIGGER_POINT_KEY])
+    at = {(pose.x_m, pose.y_m) for pose in (pose_of(each["spawn_pose"]) for each in obstacles)}
+    if (point.x_m, point.y_m) not in at:
+        del values[TRIGGER_POINT_KEY]
+        values.pop(TRIGGER_THRESHOLD_KEY, None)
+
+
+def _listed(value: Any) -> Sequence[Any]:
+    """A list's entries; none where something else stands."""
+    return value if isinstance(value, list | tuple) else ()

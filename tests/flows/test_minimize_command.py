@@ -1,0 +1,166 @@
+"""`vastflow minimize`: a failing configuration becomes a campaign file of its own that still fails, and the rest is refused."""
+
+import json
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from vastflow.flows import run_campaign
+from vastflow.flows.__main__ import app
+from vastflow.flows.minimization import minimize as module
+from vastflow.flows.minimization.minimize import minimize_configuration
+from vastflow.flows.stages.call import StageRun
+
+PROOFS = Path(__file__).parents[1] / "proofs"
+
+pytestmark = pytest.mark.timeout(900)
+
+ORACLE = """
+from vastflow.oracles.oracle import Oracle, Parameters
+
+
+class Own(Oracle[Parameters]):
+    \"\"\"Has no opinion where a box is called so.\"\"\"
+
+    Parameters = Parameters
+    metrics = {}
+
+    def judge(self, trace, situation):
+        if any(each.name == "odd" for each in situation.obstacles):
+            raise ZeroDivisionError("odd")
+        return self.passed(trace)
+"""
+
+
+@pytest.fixture(scope="module")
+def planted():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(PROOFS)
+        patch.delitem(sys.modules, "minimize", raising=False)
+        import minimize
+
+        yield minimize
+
+
+@pytest.fixture(scope="module")
+def place(planted, tmp_path_factory):
+    """A folder with a store and a campaign directory: a plant that fails, one that passes, one that can't be built, one that breaks."""
+    folder = tmp_path_factory.mktemp("minimize")
+    near = {"start_pose": planted.START, "goal_pose": {"x": 1.8, "y": 2.5, "yaw": 0.0}}
+    boxes = [planted.box("door", 3.0, 2.5, 1.0), planted.box("a", 1.5, 0.6), planted.box("b", 4.4, 4.4)]
+    blocked = {"start_pose": planted.START, "goal_pose": planted.GOAL, "static_objects": boxes, planted.NOISE: 0.02}
+    plants = [
+        planted.Plant("blocked", blocked, frozenset(["obstacle door"])),
+        planted.Plant("easy", near, frozenset()),
+        planted.Plant("in-the-wall", {**near, "start_pose": {"x": 0.05, "y": 0.05}}, frozenset()),
+        planted.Plant("odd", {**near, "static_objects": [planted.box("odd", 4.4, 4.4)]}, frozenset()),
+    ]
+    file = planted.written(folder, plants)
+    (folder / "own.py").write_text(ORACLE)
+    text = file.read_text().replace(f"timeout: {planted.TIMEOUT_S}", "timeout: 20")
+    file.write_text(text + "evaluation: {oracles: [own.py:Own]}\n")
+    directory = run_campaign(file, results=folder / "results", store=folder / "store").directory
+    return folder, directory
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """Computes without Prefect; of the list, the first number is how many waves come before an interrupt."""
+    waves = []
+
+    def flow(run, call, body):
+        def wait(shards, *stages):
+            if waves:
+                waves[0] -= 1
+                if waves[0] == 0:
+                    raise KeyboardInterrupt
+
+        body(SimpleNamespace(wait=wait, engine=run.engine))
+
+    stages = SimpleNamespace(
+        execute=lambda runs, shards: [runs.engine.execute(each.members).made for each in shards],
+        observe=lambda runs, shards, made: [
+            runs.engine.observe(each.members, rows).made for each, rows in zip(shards, made, strict=True)
+        ],
+        judge=lambda runs, shards, made: [
+            runs.engine.judge(each.members, rows).made for each, rows in zip(shards, made, strict=True)
+        ],
+    )
+    monkeypatch.setattr(StageRun, "flow", flow)
+    monkeypatch.setattr(module, "FlowCall", lambda *_: None)
+    monkeypatch.setattr(module, "mapped", stages)
+    return waves
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, ["minimize", *map(str, arguments)])
+
+
+def test_what_is_left_is_the_planted_cause_and_a_campaign_that_fails(place):
+    folder, directory = place
+    asked = called(directory, "blocked", "--store", folder / "store", "--json")
+    assert asked.exit_code == 0, asked.output
+    said = json.loads(asked.stdout)
+    assert [each["what"] for each in said["cause"]] == ["obstacle door at (3.00, 2.50)"]
+    assert (said["oracle"], said["confirmed"]["failed"]) == ("success", said["confirmed"]["runs"])
+    file, picture = map(Path, said["files"])
+    assert file.parent == directory / "minimized" / "blocked"
+    with Image.open(picture) as drawn:
+        assert drawn.width > drawn.height
+    again = run_campaign(file, results=folder / "again", store=folder / "store")
+    assert (again.summary.executed, again.summary.failed, again.summary.passed) == (0, again.summary.runs, 0)
+
+
+def test_a_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
+    folder, directory = place
+    first = minimize_configuration(directory, "blocked", store=folder / "store")
+    monkeypatch.setattr(module, "FlowCall", None)
+    second = minimize_configuration(directory, "blocked", store=folder / "store")
+    assert (second.executed, second.text, second.runs) == (0, first.text, first.runs)
+
+
+def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alone, tmp_path):
+    folder, directory = place
+    whole = minimize_configuration(directory, "blocked", store=folder / "store")
+    for waves in (1, 4):
+        alone[:] = [waves]
+        with pytest.raises(KeyboardInterrupt):
+            minimize_configuration(directory, "blocked", store=tmp_path, workers=1)
+    alone.clear()
+    found = minimize_configuration(directory, "blocked", store=tmp_path, workers=2)
+    assert (found.text, found.runs, found.minimum.tried) == (whole.text, whole.runs, whole.minimum.tried)
+    assert found.executed < found.runs
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nowhere", "no configuration 'nowhere'; it has blocked, easy, odd"),
+        ("easy", "easy passes: 0 of 3 runs fail by success, and failing is a rate of 0.5 or more"),
+        ("in-the-wall", "in-the-wall was rejected, so nothing of it was run: "),
+        ("odd", "runs of odd broke: fault in judge: ZeroDivisionError: odd"),
+    ],
+)
+def test_what_does_not_fail_is_refused_with_a_sentence(place, name, said):
+    folder, directory = place
+    asked = called(directory, name, "--store", folder / "store")
+    assert (asked.exit_code, asked.output.count("\n")) == (2, 1)
+    assert said in asked.output
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--oracle", "nobody"), "--oracle nobody: no such oracle judged blocked"),
+        (("--rate", "1.5"), "--rate 1.5: a failure rate above 0 and below 1"),
+    ],
+)
+def test_wrong_options_are_refused(place, options, said):
+    _, directory = place
+    asked = called(directory, "blocked", *options)
+    assert asked.exit_code == 2
+    assert said in asked.output

@@ -1,0 +1,178 @@
+"""Minimization: what is left of a failing scenario, and what is asked to find it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from vastflow.producers.minimization.circumstance import Circumstance, Subject
+from vastflow.producers.minimization.delta_debugging import LEVELS, ddmin, least_level
+from vastflow.producers.minimization.minimize import Candidate, Minimum, Outcome, Unconfirmed, minimize
+from vastflow.sim.reading.map_file import map_content
+
+FAILS, PASSES = Outcome("fails", 7, 7), Outcome("does not fail", 0, 10)
+
+
+def thing(name, default=None):
+    return Circumstance("parameter", name, None, name, default)
+
+
+@given(st.integers(0, 20).flatmap(lambda n: st.tuples(st.just(n), st.sets(st.integers(0, max(n - 1, 0))))))
+def test_things_that_fail_only_together_are_what_is_left(drawn):
+    n, planted = drawn
+    planted = {each for each in planted if each < n}
+    assert set(ddmin(range(n), lambda kept: planted <= set(kept))) == planted
+
+
+@given(st.lists(st.sets(st.integers(0, 9), min_size=1), min_size=1, max_size=4))
+def test_of_what_is_left_nothing_can_be_left_out(reasons):
+    def fails(kept):
+        return any(reason <= set(kept) for reason in reasons)
+
+    left = ddmin(range(10), fails)
+    assert fails(left)
+    assert not any(fails([other for other in left if other != each]) for each in left)
+
+
+def test_where_nothing_is_needed_one_question_is_asked():
+    asked = []
+    assert ddmin(range(30), lambda kept: asked.append(kept) or True) == ()
+    assert asked == [()]
+
+
+@pytest.mark.parametrize("least", range(1, LEVELS + 1))
+def test_the_least_level_that_fails_is_found(least):
+    assert least_level(lambda level: level >= least) == least
+
+
+def test_a_value_that_stays_comes_as_near_to_its_default_as_fails():
+    noise, other = thing("noise", 0.0), thing("other", 0.0)
+
+    def judge(candidate):
+        return FAILS if noise in candidate.kept and dict(candidate.levels).get(noise, LEVELS) >= 3 else PASSES
+
+    found = minimize((noise, other), judge, judge)
+    assert found.candidate == Candidate(frozenset([noise]), frozenset([(noise, 3)]))
+    assert (list(found.cause), found.not_tried) == ([noise], {})
+
+
+def test_what_could_not_be_tried_is_still_there_and_no_cause():
+    a, b = thing("a"), thing("b")
+    untried = Outcome("not tried", reason="it can't be built")
+
+    def judge(candidate):
+        return FAILS if {a, b} <= candidate.kept else PASSES if b in candidate.kept else untried
+
+    found = minimize((a, b), judge, judge)
+    assert (found.cause, found.not_tried) == ({a: PASSES}, {b: untried})
+
+
+def test_a_minimum_that_fresh_runs_do_not_confirm_is_passed_over():
+    things = tuple(map(thing, "abc"))
+
+    def judge(candidate):  # as if a trial had been wrong once
+        return FAILS if things[0] in candidate.kept else PASSES
+
+    found = minimize(things, judge, lambda candidate: FAILS if things[1] in candidate.kept else PASSES)
+    assert isinstance(found, Minimum)
+    assert found.candidate.kept == {things[0], things[1]}
+
+
+def test_what_is_never_confirmed_is_no_failure():
+    found = minimize((thing("a"),), lambda candidate: FAILS, lambda candidate: Outcome("undecided", 3, 20))
+    assert isinstance(found, Unconfirmed)
+    assert found.text == "failed 7 of 7 runs, and only 3 of 20 fresh ones"
+
+
+def test_each_candidate_is_judged_once():
+    asked = []
+
+    def judge(candidate):
+        asked.append(candidate)
+        return FAILS if len(candidate.kept) > 2 else PASSES
+
+    minimize(tuple(map(thing, "abcdef")), judge, lambda candidate: FAILS)
+    assert len(set(asked)) == len(asked)
+
+
+def subject(tmp_path, **more):
+    cells = np.full((40, 100), 254, dtype=np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 0
+    Image.fromarray(cells).save(tmp_path / "hall.pgm")
+    (tmp_path / "hall.yaml").write_text("{image: hall.pgm, resolution: 0.1, origin: [0, 0, 0]}\n")
+    environment = {"map_file": map_content(tmp_path / "hall.yaml")}
+    task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 9.0, "y": 2.0}}
+    values, dimensions = {**environment, **task}, {"map_file": "environment", "start_pose": "task", "goal_pose": "task"}
+    for key, value in more.items():
+        values[key] = value
+        dimensions[key] = {"world": "environment", "boxes": "environment", "goal_poses": "task"}.get(key, "system")
+        if key.startswith("spawn_"):
+            dimensions[key] = "environment"
+    return Subject(values, dimensions)
+
+
+def named(subject, *beginnings):
+    return {each for each in subject.circumstances if each.text.startswith(beginnings)}
+
+
+def box(name, x, y):
+    return {"entity_name": name, "model": "box", "spawn_pose": {"x": x, "y": y}}
+
+
+def test_obstacles_are_left_out_one_by_one(tmp_path):
+    it = subject(tmp_path, boxes=[box("a", 3, 3), box("b", 5, 3), box("c", 7, 3)])
+    left = it.reduced(named(it, "obstacle a", "obstacle c"), {})
+    assert [each["entity_name"] for each in left["boxes"]] == ["a", "c"]
+    assert it.reduced((), {})["boxes"] == []
+
+
+def test_a_trigger_goes_with_the_obstacle_that_it_sets_off(tmp_path):
+    it = subject(
+        tmp_path,
+        boxes=[box("a", 3, 3), box("b", 5, 3)],
+        spawn_trigger_point={"x": 5, "y": 3},
+        spawn_trigger_threshold=1.0,
+    )
+    assert "spawn_trigger_point" in it.reduced(named(it, "obstacle b"), {})
+    assert not {"spawn_trigger_point", "spawn_trigger_threshold"} & it.reduced(named(it, "obstacle a"), {}).keys()
+
+
+def test_a_world_without_differences_is_the_map(tmp_path):
+    it = subject(tmp_path, world={"seed": 4, "wall_offset": 0.2, "missing_furniture": 0.5})
+    assert it.reduced(named(it, "moved walls"), {})["world"] == {"seed": 4, "wall_offset": 0.2}
+    assert "world" not in it.reduced((), {})
+
+
+def test_parameters_go_and_numbers_come_nearer_to_their_defaults(tmp_path):
+    it = subject(tmp_path, laserscan_gaussian_noise_std_deviation=0.4, robot_radius=0.3, note="text")
+    (noise,) = named(it, "laserscan")
+    assert it.reduced([noise], {noise: 2}) == {**subject(tmp_path).values, noise.key: 0.1}
+    assert {each.text: each.default for each in it.circumstances if each.kind == "parameter"} == {
+        "laserscan_gaussian_noise_std_deviation 0.4": 0.0,
+        "robot_radius 0.3": 0.22,
+        "note text": None,
+    }
+
+
+def test_waypoints_go_and_the_last_goal_stays(tmp_path):
+    goals = [{"x": 2, "y": 1}, {"x": 4, "y": 1}, {"x": 6, "y": 1}]
+    it = subject(tmp_path, goal_poses=goals)
+    assert it.reduced(named(it, "waypoint 2"), {})["goal_poses"] == goals[1:]
+    assert it.reduced((), {})["goal_poses"] == goals[2:]
+
+
+def test_a_path_gets_shorter_from_both_ends(tmp_path):
+    it = subject(tmp_path)
+    end, beginning = (each for each in it.circumstances if each.kind == "path")
+    left = it.reduced((), {end: 4, beginning: 4})
+    assert left["goal_pose"]["position"]["x"] == pytest.approx(5.0, abs=0.2)
+    assert left["start_pose"]["position"]["x"] == pytest.approx(3.0, abs=0.2)
+    assert left["start_pose"]["orientation"]["yaw"] == pytest.approx(0.0)
+
+
+def test_a_shorter_path_does_not_end_in_an_obstacle(tmp_path):
+    it = subject(tmp_path, boxes=[box("a", 5.0, 2.0)])
+    (end, _) = (each for each in it.circumstances if each.kind == "path")
+    with pytest.raises(ValueError, match=r"begin or end at \(5\.05, 2\.05\), where a stands"):
+        it.reduced(named(it, "obstacle"), {end: 4})
