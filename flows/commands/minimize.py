@@ -18,7 +18,7 @@ from vastflow.flows.terminal.writing import check_writable, writing
 from vastflow.sim.user_error import UserError
 
 if TYPE_CHECKING:
-    from vastflow.flows.minimization.minimize import Minimized
+    from vastflow.flows.minimization.minimized import Minimized
 
 
 @asking("store", "workers")

@@ -1,17 +1,17 @@
 """`minimize_configuration`: a failing configuration of a campaign directory becomes a smallest one that still fails."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from vastflow.flows.computing import mapped
 from vastflow.flows.computing.flow_call import FlowCall
-from vastflow.flows.minimization.candidate_file import FILE, BuiltCandidate, CandidateFiles, NotBuilt, candidate_files
+from vastflow.flows.minimization.candidate_file import BuiltCandidate, CandidateFiles, NotBuilt, candidate_files
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.failure_test import FailureTest, failure_test
+from vastflow.flows.minimization.minimized import Minimized
 from vastflow.flows.minimization.picture import before_and_after
 from vastflow.flows.minimization.trials import Compute, Trials, Uncomputed
 from vastflow.flows.minimization.words import comment_of
@@ -29,38 +29,6 @@ if TYPE_CHECKING:
     from vastflow.flows.computing.task_runs import TaskRuns
 
 CONFIRMING_RUNS: Final = 20
-PICTURE: Final = "before-after.png"
-
-
-@dataclass(frozen=True)
-class Minimized:
-    """What a minimization came to.
-
-    Attributes:
-        text: The campaign file with what is left.
-        files: The other files that it needs: place beside it to content.
-        picture: PNG of the scenario as it was and as it is in the end.
-        runs: That trials and confirmations took.
-        executed: Of these, by this call; the others were in the store.
-    """
-
-    failing: Failing
-    test: FailureTest
-    minimum: Minimum
-    text: str = field(repr=False)
-    files: Mapping[str, bytes] = field(repr=False)
-    picture: bytes = field(repr=False)
-    runs: int
-    executed: int
-
-    def write(self, folder: Path) -> list[Path]:
-        """Write the campaign file with all that it needs, and the picture; gives the campaign file and the picture."""
-        written = {**self.files, FILE: self.text.encode(), PICTURE: self.picture}
-        for place, content in written.items():
-            file = folder / place
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(content)
-        return [folder / FILE, folder / PICTURE]
 
 
 def minimize_configuration(

@@ -1,16 +1,14 @@
 """What a minimization is said to have come to: in words, as JSON, and as a comment of the file."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vastflow.flows.minimization.failing import Failing
+from vastflow.flows.minimization.minimized import Minimized
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
 from vastflow.producers.minimization.circumstance import Circumstance
 from vastflow.producers.minimization.delta_debugging import LEVELS
 from vastflow.producers.minimization.minimize import Minimum
-
-if TYPE_CHECKING:
-    from vastflow.flows.minimization.minimize import Minimized
 
 NOTHING = "nothing but the map and the path"
 
@@ -25,7 +23,7 @@ def comment_of(failing: Failing, minimum: Minimum) -> str:
     )
 
 
-def minimized_text(found: "Minimized", written: list[str]) -> Iterator[str]:
+def minimized_text(found: Minimized, written: list[str]) -> Iterator[str]:
     """Lines for the terminal."""
     minimum, subject = found.minimum, found.failing.subject
     yield f"{found.failing.name} by {found.failing.oracle}, minimized: {_confirmed(minimum)}"
@@ -58,7 +56,7 @@ def minimized_text(found: "Minimized", written: list[str]) -> Iterator[str]:
     yield from written
 
 
-def minimized_json(found: "Minimized", written: list[str]) -> dict[str, Any]:
+def minimized_json(found: Minimized, written: list[str]) -> dict[str, Any]:
     """The same for programs."""
     minimum, rule = found.minimum, found.test.rule
     confirmed = minimum.confirmation
@@ -84,7 +82,7 @@ def minimized_json(found: "Minimized", written: list[str]) -> dict[str, Any]:
     }
 
 
-def taken_away(found: "Minimized") -> list[Circumstance]:
+def taken_away(found: Minimized) -> list[Circumstance]:
     """What the failure does not need."""
     kept = found.minimum.candidate.kept
     return [each for each in found.failing.subject.circumstances if each.can_be_left_out and each not in kept]
