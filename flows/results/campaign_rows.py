@@ -51,17 +51,18 @@ def write_rows(
         for members in parts_of(configurations):
             wanted = [runs_of(runs, each.name) for each in members]
             key = parts.key(members, wanted, oracles) if parts is not None and len(members) >= LEAST else None
-            part = parts.restore(key) if parts is not None and key is not None else None
-            rows = PartRows(oracles) if part is None else None
+            restored = parts.restore(key) if parts is not None and key is not None else None
+            part, known = restored or (None, frozenset())
+            rows, sound = PartRows(oracles) if part is None else None, set[str]()
             for (configuration, found), count in zip(islice(files, len(members)), wanted, strict=True):
                 if rows is not None:
                     rows.add(configuration, found, count)
-                logs.add(configuration.name, found.logs)
+                sound |= logs.add(configuration.name, found.logs, known)
                 faults += found.faults
             if part is None and rows is not None:
                 part = rows.part()
                 if parts is not None and key is not None and not faults:
-                    parts.keep(key, part)
+                    parts.keep(key, part, sound)
             if part is not None:
                 tables.add(members, part)
             if key is not None:

@@ -1,7 +1,8 @@
 """The tables of a campaign's runs, written part by part, so that few runs are in memory at a time."""
 
+import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -83,17 +84,28 @@ class RunLogs:
         self._place = place
         self._file: IO[bytes] | None = None
 
-    def add(self, configuration: str, logs: Sequence[bytes]) -> None:
-        """Write the logs of a configuration's blocks; what is none, for nothing vouches for them, is left out."""
+    def add(self, configuration: str, logs: Sequence[bytes], known: Container[str] = ()) -> set[str]:
+        """Write the logs of a configuration's blocks; what is none, for nothing vouches for them, is left out.
+
+        Args:
+            known: Digests of logs that were read whole before, which takes most of the time.
+
+        Returns:
+            Digests of the logs that were written.
+        """
+        sound = set()
         for log in logs:
-            if not _is_log(log):
+            hashed = hashlib.sha256(log).hexdigest()
+            if hashed not in known and not _is_log(log):
                 continue
+            sound.add(hashed)
             block = b"".join(line.strip() for line in log.splitlines())  # JSON has no line break within a text
             line = b'{"configuration": %b, %b\n' % (json.dumps(configuration).encode(), block[1:])
             if self._file is None:
                 (self._place / LOGS_FILE).parent.mkdir(exist_ok=True)
                 self._file = open(self._place / LOGS_FILE, "wb")  # noqa: SIM115 - closed by `close`
             self._file.write(line)
+        return sound
 
     def close(self) -> None:
         """Write what is left."""

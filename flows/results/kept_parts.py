@@ -1,7 +1,7 @@
 """Parts of tables that are kept in the store: after an edit only those are made anew that have a configuration it reaches."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -32,6 +32,7 @@ _PART: Final = "part"
 _RUNS: Final = "runs.arrow"
 _VERDICTS: Final = "verdicts.arrow"
 _BEHAVIORS: Final = "behaviors.arrow"
+_LOGS: Final = "logs"
 
 
 def parts_of(configurations: Sequence[Configuration]) -> list[Sequence[Configuration]]:
@@ -72,31 +73,37 @@ class KeptParts:
         ]
         return self.keys.report([_PART, self.source], digest(list(oracles), of_each))
 
-    def restore(self, key: str) -> TablePart | None:
-        """The part under a key; None where there is none that can be read."""
+    def restore(self, key: str) -> tuple[TablePart, frozenset[str]] | None:
+        """The part under a key, and the digests of its run logs as they were; None where there is none that can be read."""
         artifact = self.store.find(key)
         if artifact is None:
             return None
         try:
             tables = {name: _table(self.store.load(artifact, name)) for name in artifact.files}
-            return TablePart(
+            part = TablePart(
                 tables[_RUNS],
                 tables[_VERDICTS],
                 tables.get(_BEHAVIORS),
                 [(runs, verdicts, behaviors) for runs, verdicts, behaviors in artifact.info["lengths"]],
                 _tally(artifact.info),
             )
+            return part, frozenset(artifact.info.get(_LOGS, ()))
         except Lost:  # it is gone now, and made again
             return None
 
-    def keep(self, key: str, part: TablePart) -> None:
-        """Keep a part. A store that does not take it costs the next call time, no more."""
+    def keep(self, key: str, part: TablePart, logs: Collection[str]) -> None:
+        """Keep a part. A store that does not take it costs the next call time, no more.
+
+        Args:
+            logs: Digests of its run logs, which were read whole.
+        """
         tables = {_RUNS: part.runs, _VERDICTS: part.verdicts, _BEHAVIORS: part.behaviors}
         files = {name: _content(table) for name, table in tables.items() if table is not None}
+        info = {"lengths": [list(each) for each in part.lengths], _LOGS: sorted(logs), **asdict(part.tally)}
         try:
             if self.keys.sources is not None:
                 self.keys.sources.check_since_start(written_by())
-            self.store.put(key, files, {"lengths": [list(each) for each in part.lengths], **asdict(part.tally)})
+            self.store.put(key, files, info)
         except StoreError as error:
             LOGGER.warning("rows of tables are not kept for the next time: %s", error)
 

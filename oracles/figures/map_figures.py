@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from vastflow.oracles.directory.verdict_table import CODES
 from vastflow.oracles.figures.floor import (
@@ -176,6 +175,8 @@ def _outline(axes: Axes, cells: NDArray[np.bool_], extent: tuple[float, float, f
 
 def _density(grid: FailureGrid, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """(H, W) points per m², blurred; what is blurred out of the grid is lost."""
+    from scipy.ndimage import gaussian_filter  # takes half a second, which a report without maps does without
+
     cells = grid.cells(xy_m)
     counts = np.bincount(cells[cells >= 0], minlength=grid.shape[0] * grid.shape[1]).reshape(grid.shape)
     return np.asarray(

@@ -48,12 +48,12 @@ def behaviors_below(blocks: Sequence[bytes], runs: int) -> pa.Table | None:
     seen: set[int] = set()
     for table in map(read_behaviors, blocks):
         index = _index(table)
-        parts.append(table.filter(pa.array((index < runs) & ~np.isin(index, sorted(seen)))))
+        parts.append(table.take(_numbers(np.flatnonzero((index < runs) & ~np.isin(index, sorted(seen))))))
         seen.update(index.tolist())
     if not any(part.num_rows for part in parts):
         return None
     whole = pa.concat_tables(parts).combine_chunks()
-    return whole.take(pa.array(np.argsort(_index(whole), kind="stable")))
+    return whole.take(_numbers(np.argsort(_index(whole), kind="stable")))
 
 
 def _stacked(runs: Mapping[int, Columns]) -> Columns:
@@ -66,3 +66,9 @@ def _stacked(runs: Mapping[int, Columns]) -> Columns:
 def _index(table: pa.Table) -> NDArray[np.int64]:
     """The runs of rows; pyarrow's `to_numpy` would import pandas."""
     return np.array(np.from_dlpack(table.column(RUN_INDEX).combine_chunks()), dtype=np.int64)
+
+
+def _numbers(rows: NDArray[np.int64]) -> pa.Array:
+    """Numbers of rows; `pyarrow.array` would import pandas."""
+    numbers = np.ascontiguousarray(rows, dtype=np.int64)
+    return pa.Array.from_buffers(pa.int64(), len(numbers), [None, pa.py_buffer(numbers)])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vastflow.flows.results import campaign_rows
+from vastflow.flows.results import campaign_rows, campaign_tables
 from vastflow.flows.results.campaign_rows import write_rows
 from vastflow.flows.results.found import ConfigurationResult, RunFault
 from vastflow.flows.results.kept_parts import PART_SOURCE, KeptParts, part_source, parts_of
@@ -182,6 +182,26 @@ def test_a_damaged_part_is_made_again(tmp_path, store, file):
     damaged.write_bytes(damaged.read_bytes()[:-3] + b"???")
     assert written(tmp_path / "again", asked, kept_in(store, asked))[1] == files
     assert store.fault(rows.kept[1]) is None
+
+
+def test_run_logs_that_were_read_whole_once_are_not_read_again(tmp_path, store, monkeypatch):
+    asked = configurations(range(3))
+    _, files = written(tmp_path / "first", asked, kept_in(store, asked))
+    monkeypatch.setattr(campaign_tables, "_is_log", lambda log: pytest.fail("it is read again"))
+    assert written(tmp_path / "again", asked, kept_in(store, asked), unread)[1] == files
+
+
+@pytest.mark.parametrize("damaged", [log(0, RUNS)[:-1], log(0, RUNS).replace(b":", b";", 1), b"", b"[]"])
+def test_a_run_log_that_was_damaged_since_is_left_out_as_in_a_run_from_nothing(tmp_path, store, damaged):
+    asked = configurations(range(3))
+    written(tmp_path / "first", asked, kept_in(store, asked))
+
+    def found(configuration):
+        whole = found_of(configuration)
+        return replace(whole, logs=[damaged]) if configuration is asked[1] else whole
+
+    _, files = written(tmp_path / "again", asked, kept_in(store, asked), found)
+    assert files == written(tmp_path / "nothing", asked, found=found)[1]
 
 
 def test_rows_with_a_fault_are_not_kept(tmp_path, store):
