@@ -7,8 +7,9 @@ import pytest
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.robots import robots_json
-from vastflow.producers.vast.robot_section import LidarSpec, RobotSpec
+from vastflow.producers.vast.robot_section import LatencySpec, LidarSpec, RobotSpec
 from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.latency import PRESETS
 from vastflow.sim.nav.parameters.robot import robot_keys
 from vastflow.sim.reading.robot import lidar_of, robot_of
 
@@ -49,10 +50,26 @@ def test_what_a_robot_is_given_takes_the_place_of_the_turtlebot_4s(family):
 
 
 def test_the_section_has_every_quantity_that_a_robot_has(family):
-    keys = {f"robot.{name}" for name in RobotSpec.model_fields if name != "lidar"}
-    assert keys | {f"robot.lidar.{name}" for name in LidarSpec.model_fields} == set(robot_keys())
+    keys = {f"robot.{name}" for name in RobotSpec.model_fields if name not in ("lidar", "latency")}
+    keys |= {f"robot.lidar.{name}" for name in LidarSpec.model_fields}
+    assert keys | {f"robot.latency.{name}" for name in LatencySpec.model_fields} == set(robot_keys())
     robot = robot_of(parameters_of(of_robot(family("{drive: ackermann, min_turning_radius: 0.8}"))))
     assert (robot.drive, robot.min_turning_radius_m) == ("ackermann", 0.8)
+
+
+def test_a_robots_latency_is_its_presets_and_the_numbers_that_take_their_place(family):
+    given = family("{lidar: {sweeps: true}, latency: {preset: gazebo, scan_age: 0.05}}")
+    parameters = parameters_of(of_robot(given))
+    assert parameters.latency == PRESETS["gazebo"].with_values(scan_age=0.05)
+    assert lidar_of(parameters).sweeps
+    said = robots_json([given])[0]["robot"][0]
+    assert "scans late by 0.05 s + 0.01 s in the mean" in said
+    assert "odometry at 30 Hz" in said
+
+
+def test_a_campaign_varies_latency_by_its_preset(family):
+    varied = family("{}", "[ParameterVariationList: {name: robot.latency.preset, values: [ideal, loaded]}]")
+    assert robots_json([varied])[0]["robot"][-1] == "varied: robot.latency.preset"
 
 
 def test_a_radius_is_the_bodys_and_leaves_the_costmaps_their_footprint(family):
@@ -79,6 +96,13 @@ def test_producers_vary_a_robot_as_they_vary_parameters(family):
         ("{lidar: {range_min: 2, range_max: 1}}", "range_min 2 must be < range_max 1"),
         ("{lidar: {angle_min: 1}}", "angle_min and angle_max must be given together"),
         ("{lidar: {angle_min: -4, angle_max: 4}}", "angle_max 4 must lie within a turn above angle_min -4"),
+        ("{lidar: {sweeps: 2}}", "sweeps must be true or false"),
+        (
+            "{latency: {scan_age: -0.1}}",
+            r"robot.vast:3:\d+: configuration\[0\].robot.latency.scan_age: found -0.1; scan_age must lie in \[0, 0.5\]",
+        ),
+        ("{latency: {preset: slow}}", "robot.latency.preset: found 'slow'; one of ideal, gazebo, loaded"),
+        ("{latency: {age: 1}}", r"latency: unknown key 'age'"),
         ("{polygon: [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]]}", "a polygon with an area"),
         ("{polygon: []}", "a polygon of three vertices or more"),
         ("{radius: 0.2, polygon: [[0.5, 0.3], [0.5, -0.3], [-0.2, 0.0]]}", "radius and polygon are both given"),
