@@ -28,7 +28,7 @@ _GREATEST_SPEEDS: Final = ("vx_max", "max_vel_x", "desired_linear_vel")
 _DRIVES: Final[Mapping[MotionModel, Drive]] = {"DiffDrive": "differential", "Ackermann": "ackermann", "Omni": "omni"}
 """MPPI's motion models to the drives that they are of."""
 
-Source: TypeAlias = Literal["given", "from the Nav2 parameters", "a TurtleBot 4's"]
+Source: TypeAlias = Literal["given", "from the Nav2 parameters", "a TurtleBot 4's", "no real robot's"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +100,7 @@ def robot_words(facts: Iterable[RobotFact]) -> Iterator[str]:
         ("given", "the robot"),
         ("from the Nav2 parameters", "the robot, from the Nav2 parameters"),
         ("a TurtleBot 4's", "assumed, as a TurtleBot 4 has it"),
+        ("no real robot's", "assumed, as no real robot has it"),
     )
     for source, start in starts:
         if said := [str(fact) for fact in facts if fact.source == source]:
@@ -199,20 +200,22 @@ def _lidar_facts(parameters: NavParameters) -> Iterator[RobotFact]:
 
 
 def _latency_facts(latency: Latency) -> Iterator[RobotFact]:
-    """None of a robot without latency."""
-    for quantity, unit, least, jitter in (
-        ("scans late by", " s", latency.scan_age, latency.scan_jitter),
-        ("odometry late by", " s", latency.tf_age, latency.tf_jitter),
-        ("commands late by", " s", latency.controller_time, latency.controller_jitter),
+    if latency == IDEAL:
+        yield RobotFact("scans, odometry, and commands", "without latency", "no real robot's")
+        return
+    for quantity, least_s, jitter_s in (
+        ("scans late by", latency.scan_age, latency.scan_jitter),
+        ("odometry late by", latency.tf_age, latency.tf_jitter),
+        ("commands late by", latency.controller_time, latency.controller_jitter),
     ):
-        if least or jitter:
-            yield RobotFact(quantity, f"{least:g}{unit} + {jitter:g}{unit} in the mean", "given")
+        if least_s or jitter_s:
+            yield RobotFact(quantity, f"{least_s:g} s + {jitter_s:g} s in the mean", "given")
     if latency.odometry_rate != IDEAL.odometry_rate:
         yield RobotFact("odometry at", f"{latency.odometry_rate:g} Hz", "given")
     if latency.missed_cycles:
-        yield RobotFact("controller cycles missed", f"{latency.missed_cycles:.3g}", "given")
+        yield RobotFact("share of missed controller cycles", f"{latency.missed_cycles:g}", "given")
     if not latency.smoother_in_step:
-        yield RobotFact("velocity smoother", "not in step with the controller", "given")
+        yield RobotFact("velocity smoother", "out of step with the controller", "given")
 
 
 def _source(is_given: bool, is_turtlebots: bool) -> Source:

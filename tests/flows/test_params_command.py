@@ -71,7 +71,7 @@ def test_the_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_
     polygon = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
     costmap = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}'}}}}}}\n"
     nav2.write_text(costmap + NAV2.replace("scale_velocities: false", "max_velocity: [1.5, 0.0, 2.0]"))
-    *_, read, assumed = called("params", nav2).stdout.splitlines()
+    *_, read, assumed, ideal = called("params", nav2).stdout.splitlines()
     assert read == (
         "the robot, from the Nav2 parameters: body polygon of 4 vertices, speed up to 1.5 m/s, yaw rate up to 2.5 rad/s"
     )
@@ -81,6 +81,7 @@ def test_the_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_
     assert assumed.endswith(
         ", with 360 beams, from 0 to 6.28 rad, ranges above 0.164 m, ranges below 20 m, scans at 10 Hz"
     )
+    assert ideal == "assumed, as no real robot has it: scans, odometry, and commands without latency"
     assert json.loads(called("params", nav2, "--json").stdout)["robot"]["vertices"][0] == [0.35, 0.25]
 
 
