@@ -125,7 +125,10 @@ def gc(
         opened.survey()
         referred = references(opened, directories) if directories else None
         if referred is not None and not referred.evaluations:
-            print("a kept campaign can't be read any more: what producers made is all kept", file=sys.stderr)
+            print(
+                "a kept campaign is a search or can't be read any more: what producers made is all kept",
+                file=sys.stderr,
+            )
         chosen = cleaning(opened, referred, (older_than or 1) * DAY_S)
         if not dry_run:
             clean(opened, chosen)

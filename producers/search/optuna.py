@@ -31,7 +31,7 @@ class OptunaParameters(Parameters):
 
 
 class Optuna(Strategy[OptunaParameters]):
-    """Points that a sampler of Optuna expects to be better than those before.
+    """Points that a sampler of Optuna expects to be better than those before; at random as long as all have the same objective.
 
     A batch's sampler is made anew, with a seed of the batch, so that nothing is carried from one to the next but what was told.
     """
@@ -78,7 +78,10 @@ class Optuna(Strategy[OptunaParameters]):
         from optuna.samplers import CmaEsSampler, RandomSampler, TPESampler
 
         asked, startup = self.parameters, self.parameters.n_startup_trials
-        if asked.sampler == "random":
+        found = {trial.value for trial in self._study.get_trials(deepcopy=False) if trial.value is not None}
+        if (
+            asked.sampler == "random" or len(found) == 1
+        ):  # of equal points a sampler takes some for better, and stays there
             return RandomSampler(seed=seed)
         if asked.sampler == "cmaes":
             own = {} if startup is None else {"n_startup_trials": startup}

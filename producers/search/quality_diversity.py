@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 _SEEDS: Final = 2**31
 _CELLS: Final = 256
 _BINS: Final = 10
+_DRAWN: Final = 8
+"""Cells of which the best is stepped from."""
 _CVT_SAMPLES: Final = 10_000
 """Points in the space of measures of which the cells of a CVT archive are the clusters; (Vassiliades et al., 2018)."""
 
@@ -65,7 +68,8 @@ class QdParameters(Parameters):
 
 
 class QualityDiversity(Strategy[QdParameters]):
-    """Steps from points of the archive, drawn evenly; the first batch is drawn at random."""
+    """Steps from points of the archive: every other one is drawn evenly, so that all kinds go on, and those between are the best of
+    several, which leads to what is looked for. The first batch is drawn at random."""
 
     Parameters: ClassVar[type[Parameters]] = QdParameters
     library: ClassVar[str] = "ribs"
@@ -126,19 +130,16 @@ class QualityDiversity(Strategy[QdParameters]):
             (Cell(tuple(index), self._found[int(place)]) for index, place in rows), key=lambda cell: cell.index
         )
 
-    def _emitted(self, count: int, seed: int) -> Any:
-        from ribs.emitters import GaussianEmitter
-
-        d = self._dimensions
-        emitter = GaussianEmitter(
-            self._archive,
-            sigma=self.parameters.sigma,
-            x0=[0.5] * d,
-            bounds=[(0.0, 1.0)] * d,
-            batch_size=count,
-            seed=seed,
-        )
-        return emitter.ask()
+    def _emitted(self, count: int, seed: int) -> NDArray[np.float64]:
+        """Steps from the archive, in turn from a cell drawn evenly and from the best of several."""
+        draws, found = np.random.default_rng(seed), self._archive.data(["solution", "objective"])
+        parents, gains = np.asarray(found["solution"], dtype=np.float64), np.asarray(found["objective"])
+        drawn = draws.integers(len(gains), size=(count, _DRAWN))
+        chosen = drawn[np.arange(count), np.argmax(gains[drawn], axis=1)]
+        chosen[::2] = drawn[::2, 0]
+        steps = self.parameters.sigma * draws.normal(size=(count, self._dimensions))
+        units: NDArray[np.float64] = np.clip(parents[chosen] + steps, 0.0, 1.0)
+        return units
 
     def _shares(self, count: int) -> list[int]:
         emitters = min(self.parameters.emitters, count)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 
 import pyarrow.parquet as pq
 import pytest
@@ -11,10 +12,13 @@ from vastflow.flows.campaign_run import open_run
 from vastflow.flows.computing import flow_call
 from vastflow.flows.reporting import assess, deliver, report
 from vastflow.flows.request.run_request import request_of
+from vastflow.flows.results.cleaning import DAY_S, clean, cleaning
 from vastflow.flows.results.directory import new_directory
+from vastflow.flows.results.references import references
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.source import installed_tree
+from vastflow.tasks.store import open_store
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -232,6 +236,15 @@ def test_the_batches_that_time_paid_for_are_repeated(run):
     assert found(timed)["batches"] == 1
     again = run(more="  budget: [{time: 0.01}]")
     assert content(again) == content(timed)
+
+
+def test_what_a_kept_search_was_made_of_outlives_gc(place, run):
+    timed = run(store="kept", more="  budget: [{time: 0.01}]")
+    store = open_store(str(place / "kept"))
+    store.survey()
+    clean(store, cleaning(store, references(store, [timed.directory]), DAY_S, time.time() + 30 * DAY_S))
+    again = run(store="kept", more="  budget: [{time: 0.01}]")
+    assert again.summary.executed == 0 and content(again) == content(timed)
 
 
 def test_an_archive_has_the_worst_point_of_each_kind(run):

@@ -1,0 +1,48 @@
+"""Searches of spaces whose truth is known: `tests/proofs/search.py` in short."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PROOFS = Path(__file__).parents[1] / "proofs"
+
+
+@pytest.fixture(scope="module")
+def proof():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(PROOFS)
+        patch.delitem(sys.modules, "search", raising=False)
+        import search
+
+        yield search
+
+
+@pytest.mark.parametrize(("strategy", "library"), [("optuna", "optuna"), ("qd", "ribs")])
+def test_a_driven_strategy_finds_a_narrow_pocket_with_a_third_of_randoms_runs(proof, strategy, library):
+    pytest.importorskip(library)
+    runs = {
+        name: np.median([proof.runs_to_confirmed(name, seed, proof.NARROW, sloped=True) for seed in range(7)])
+        for name in ("random", strategy)
+    }
+    assert runs["random"] >= proof.FASTER * runs[strategy]
+
+
+def test_a_boundary_is_within_a_twentieth_of_the_range_with_a_fifth_of_a_grids_runs(proof):
+    assert proof.boundary(1)
+
+
+def test_pockets_are_inside_of_the_space_and_no_points_of_a_strategy_are_drawn_as_they_are(proof):
+    volumes = (0.01, 0.002)
+    places = [proof.pockets_of(seed, volumes) for seed in range(20)]
+    assert all(
+        np.all((each.centers - each.halves[:, None] >= 0) & (each.centers + each.halves[:, None] <= 1))
+        for each in places
+    )
+    hit = [
+        each.metric(np.random.default_rng([seed, batch]).random(6)) <= 1
+        for seed, each in enumerate(places)
+        for batch in range(9)
+    ]
+    assert sum(hit) < 10

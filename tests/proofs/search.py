@@ -1,0 +1,268 @@
+"""Searches of spaces whose truth is known: how many runs a strategy needs, how near a boundary comes, whether intervals cover.
+
+    python tests/proofs/search.py [pockets] [boundary] [coverage] [--seeds 20]
+
+- `pockets`: boxes of 1 % and of 0.2 % of the unit cube in six dimensions, both or one of them, in which a run fails with probability
+  0.9 and outside of which none does. On the sloped space the objective is a metric that falls toward them from afar, on the flat one the failure rate
+  alone, and there nothing can be better than random. Counted are runs until a failure is confirmed, by 3 of 5 runs that fail again; runs
+  that confirm nothing count too. Each seed has other pockets.
+- `boundary`: a failure rate that rises along one of two parameters, at a place that depends on the other. Counted is how far the curve
+  of 50 % is from the true one, against a grid of five times the runs.
+- `coverage`: the interval of the confirming runs of 200 searches, against the rate at the point that they confirm.
+
+No simulator runs: the pure core is asked and told. The exit code is 1 where a goal is missed.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
+from vastflow.producers.search.criteria import best_of
+from vastflow.producers.search.evaluation import Evaluation, Proposal
+from vastflow.producers.search.space import Space
+from vastflow.producers.search.strategy import Problem, Strategy, find_strategy
+from vastflow.producers.vast.search import SearchDimension
+
+Floats = NDArray[np.float64]
+
+PER_BATCH: Final = 8
+DIMENSIONS: Final = 6
+NARROW: Final = (0.002,)
+DRIVEN: Final = ("optuna", "qd")
+FAILS_INSIDE: Final = 0.9
+CONFIRMING_RUNS: Final = 5
+CONFIRMING_FAILURES: Final = 3
+MOST_RUNS: Final = 500
+METRIC_NOISE: Final = 0.05
+"""Of the metric of a run; the metric is 1 on a pocket's border."""
+PLACES: Final = 10**6
+RUNS: Final = PLACES + 1
+"""Streams of draws that no batch of a strategy has: its points are drawn from the seed, too."""
+FASTER: Final = 3.0
+"""As many times fewer runs than random are the goal of the driven ones where there is but the narrow pocket, on a slope."""
+
+STRATEGIES: Final[dict[str, dict[str, Any]]] = {
+    "random": {},
+    "sobol": {},
+    "optuna": {},
+    "qd": {"archive": {"type": "grid", "bins": 5, "measures": {f"x{k}": {"low": 0, "high": 1} for k in (0, 1)}}},
+}
+
+
+def strategy_of(name: str, problem: Problem) -> Strategy[Any]:
+    """A strategy at its beginning, with the parameters that the proof gives it."""
+    kind = find_strategy(name, Path())
+    return kind(kind.Parameters.model_validate(STRATEGIES.get(name, {})), problem)
+
+
+def cube(dimensions: int) -> Space:
+    """The unit cube."""
+    return Space({f"x{k}": SearchDimension(type="float", low=0.0, high=1.0) for k in range(dimensions)})
+
+
+@dataclass(frozen=True)
+class Pockets:
+    """Boxes in the unit cube in which runs fail.
+
+    Attributes:
+        centers: (n, d).
+        halves: (n,) half of the length of an edge.
+    """
+
+    centers: Floats
+    halves: Floats
+
+    def metric(self, unit: Floats) -> float:
+        """Greatest distance along an axis to the nearest pocket's center, in halves of its edge: at most 1 inside."""
+        return float((np.abs(unit - self.centers).max(axis=1) / self.halves).min())
+
+    def fails(self, unit: Floats, draws: np.random.Generator) -> bool:
+        """Whether a run fails."""
+        return self.metric(unit) <= 1.0 and bool(draws.random() < FAILS_INSIDE)
+
+
+def pockets_of(seed: int, volumes: Sequence[float]) -> Pockets:
+    """The pockets of a seed, all of them inside the cube."""
+    halves = np.array([volume ** (1 / DIMENSIONS) / 2 for volume in volumes])
+    draws = np.random.default_rng([seed, PLACES])
+    return Pockets(np.stack([half + (1 - 2 * half) * draws.random(DIMENSIONS) for half in halves]), halves)
+
+
+def evaluations(
+    strategy: Strategy[Any], measured: Callable[[Floats], float], space: Space, measures: Sequence[str]
+) -> Iterator[tuple[Floats, Evaluation]]:
+    """Points and what is found there, one after the other, without an end: one run each."""
+    number = batch = 0
+    while True:
+        told = []
+        for point in strategy.ask(batch, PER_BATCH):
+            number += 1
+            unit = space.encoded(point)
+            known = {name: float(point[name]) for name in measures}  # type: ignore[arg-type]
+            told.append(Evaluation(Proposal(number, batch, point), "judged", measured(unit), known, 1))
+            yield unit, told[-1]
+        strategy.tell(told)
+        batch += 1
+
+
+def runs_to_confirmed(name: str, seed: int, volumes: Sequence[float], *, sloped: bool) -> int:
+    """Runs until a failure is confirmed."""
+    pockets, draws, space = pockets_of(seed, volumes), np.random.default_rng([seed, RUNS]), cube(DIMENSIONS)
+    strategy = strategy_of(name, Problem(space, "minimize" if sloped else "maximize", seed, PER_BATCH))
+    failed: list[bool] = []
+
+    def measured(unit: Floats) -> float:
+        failed.append(pockets.fails(unit, draws))
+        return pockets.metric(unit) + METRIC_NOISE * draws.normal() if sloped else float(failed[-1])
+
+    runs = 0
+    for unit, _ in evaluations(strategy, measured, space, type(strategy).measures(strategy.parameters)):
+        runs += 1
+        if failed[-1]:
+            runs += CONFIRMING_RUNS
+            if sum(pockets.fails(unit, draws) for _ in range(CONFIRMING_RUNS)) >= CONFIRMING_FAILURES:
+                return runs
+        if runs >= MOST_RUNS:
+            return MOST_RUNS
+    raise AssertionError("unreachable: strategies go on asking")
+
+
+def pockets(seeds: int) -> bool:
+    """Print runs to the first confirmed failure by strategy; whether the goals are met."""
+    met = True
+    for volumes, sloped in (((0.01, 0.002), True), ((0.01,), True), ((0.002,), True), ((0.01, 0.002), False)):
+        which = " and ".join(f"{volume:.1%}" for volume in volumes)
+        print(f"\n{'sloped' if sloped else 'flat'}, {which}: runs to the first confirmed failure, {seeds} seeds")
+        print(f"{'strategy':10} {'quartile':>8} {'median':>8} {'quartile':>8}   random's median over its")
+        medians: dict[str, float] = {}
+        for name in STRATEGIES:
+            runs = [runs_to_confirmed(name, seed, volumes, sloped=sloped) for seed in range(seeds)]
+            low, medians[name], high = (float(each) for each in np.quantile(runs, (0.25, 0.5, 0.75)))
+            ratio = medians["random"] / medians[name]
+            missed = sloped and volumes == NARROW and name in DRIVEN and ratio < FASTER
+            met &= not missed
+            print(
+                f"{name:10} {low:8.0f} {medians[name]:8.0f} {high:8.0f}   {ratio:.2f}{' GOAL MISSED' * missed}",
+                flush=True,
+            )
+    return met
+
+
+GRID: Final = 21
+GRID_RUNS: Final = 10
+"""Points of the reference grid along each parameter, and runs of each."""
+NEAR: Final = 0.05
+"""Root mean square distance of the curve, as a share of the range."""
+
+
+def curve(x: Floats) -> Floats:
+    """Where the failure rate is 50 %, along the second parameter."""
+    return 0.5 + 0.25 * np.sin(2.5 * np.pi * x) * np.exp(-0.5 * x)
+
+
+def rate(unit: Floats) -> Any:
+    """Failure rate at (…, 2) coordinates: from 1 % to 99 % within a fifth of the range."""
+    return 1.0 / (1.0 + np.exp((unit[..., 1] - curve(unit[..., 0])) / 0.022))
+
+
+def curve_of(surface: Floats, along: Floats) -> Floats:
+    """Where a surface (x, y) of rates less the level crosses it along y first, for each x; NaN where it does not."""
+    found = np.full(len(surface), np.nan)
+    for k, column in enumerate(surface):
+        crossings = np.flatnonzero((column[:-1] > 0) & (column[1:] <= 0))
+        if len(crossings):
+            i = crossings[0]
+            found[k] = along[i] + (along[i + 1] - along[i]) * column[i] / (column[i] - column[i + 1])
+    return found
+
+
+def boundary(seeds: int) -> bool:
+    """Print the distance of the curve that `boundary` finds; whether the goal is met."""
+    budget, errors, of_grid = GRID * GRID * GRID_RUNS // 5, [], []
+    for seed in range(seeds):
+        draws, space = np.random.default_rng([seed, RUNS]), cube(2)
+        strategy = strategy_of("boundary", Problem(space, "maximize", seed, PER_BATCH))
+        number = batch = 0
+        while (number + PER_BATCH) * GRID_RUNS <= budget:
+            told = []
+            for point in strategy.ask(batch, PER_BATCH):
+                number += 1
+                found = draws.binomial(GRID_RUNS, rate(space.encoded(point))) / GRID_RUNS
+                told.append(Evaluation(Proposal(number, batch, point), "judged", float(found), {}, GRID_RUNS))
+            strategy.tell(told)
+            batch += 1
+        along = np.linspace(0.0, 1.0, GRID)
+        units = np.stack(np.meshgrid(along, along, indexing="ij"), axis=-1).reshape(-1, 2)
+        mean, _ = strategy.surface(units)  # type: ignore[attr-defined]
+        grid = draws.binomial(GRID_RUNS, rate(units)) / GRID_RUNS - 0.5
+        for found, kept in ((mean, errors), (grid, of_grid)):
+            off = curve_of(found.reshape(GRID, GRID), along) - curve(along)
+            kept.append(float(np.sqrt(np.mean(np.where(np.isnan(off), 1.0, off) ** 2))))
+    print(
+        f"\nboundary: root mean square distance to the curve, {seeds} seeds, {budget} runs against the grid's {5 * budget}"
+    )
+    print(f"boundary: median {np.median(errors):.4f}, worst {max(errors):.4f}; the grid's {np.median(of_grid):.4f}")
+    return max(errors) <= NEAR
+
+
+SEARCHES: Final = 200
+SEARCH_RUNS: Final = 64
+FRESH_RUNS: Final = 60
+
+
+def coverage(seeds: int) -> bool:
+    """Print how often the interval of the confirming runs has the rate of the point that they confirm; whether that is often enough."""
+    met = True
+    print(
+        f"\ncoverage: {SEARCHES} searches of {SEARCH_RUNS} points of one run, {FRESH_RUNS} fresh runs of the best, 95 % intervals"
+    )
+    for name in ("random", "optuna"):
+        covered, found_rates, true_rates = 0, [], []
+        for seed in range(SEARCHES):
+            draws, space = np.random.default_rng([seed, RUNS]), cube(2)
+            strategy = strategy_of(name, Problem(space, "maximize", seed, PER_BATCH))
+            told = []
+
+            def measured(unit: Floats, draws: np.random.Generator = draws) -> float:
+                return float(draws.binomial(3, 0.6 * rate(unit)) / 3)
+
+            for _, each in evaluations(strategy, measured, space, ()):
+                told.append(each)
+                if len(told) == SEARCH_RUNS:
+                    break
+            best = best_of(told, "maximize")
+            assert best is not None and best.objective is not None
+            truth = 0.6 * float(rate(space.encoded(best.proposal.point)))
+            failed = int(draws.binomial(FRESH_RUNS, truth))
+            bounds = interval(clopper_pearson_intervals(failed, FRESH_RUNS))
+            covered += bounds.low <= truth <= bounds.high
+            found_rates.append(best.objective)
+            true_rates.append(truth)
+        least = 0.95 - 1.96 * np.sqrt(0.95 * 0.05 / SEARCHES)
+        met &= covered / SEARCHES >= least
+        said = f"found at {np.mean(found_rates):.0%} on average, in truth {np.mean(true_rates):.0%}"
+        print(f"{name:10} {covered} of {SEARCHES} intervals cover; {said}", flush=True)
+    return met
+
+
+PROOFS: Final[dict[str, Callable[[int], bool]]] = {"pockets": pockets, "boundary": boundary, "coverage": coverage}
+
+
+def main(names: Sequence[str], seeds: int) -> int:
+    met = [PROOFS[name](seeds) for name in names or PROOFS]
+    return 0 if all(met) else 1
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("proofs", nargs="*", metavar="PROOF", help=f"of {', '.join(PROOFS)}; else all")
+    parser.add_argument("--seeds", type=int, default=20)
+    asked = parser.parse_args()
+    sys.exit(main(asked.proofs, asked.seeds))
