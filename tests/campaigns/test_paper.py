@@ -1,6 +1,5 @@
 """The paper's three campaigns, on our floor plans and on the paper's maps."""
 
-import functools
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -21,15 +20,11 @@ MAPS = ROOT.parent / "shared" / "maps"
 originals = pytest.mark.skipif(not MAPS.is_dir(), reason="the paper's maps are not beside the repository")
 
 
-@pytest.fixture(scope="module")
-def made():
-    """Instantiates a campaign, once for all that ask for it."""
-
-    @functools.cache
-    def instantiated(file, maps=None):
-        return instantiate(read_campaign(PAPER / file, maps)[0])
-
-    return instantiated
+def of_plan(file, plan, maps=None):
+    """What a campaign's families of one floor plan become; of all plans it is `tests/proofs/paper_configurations.py`."""
+    campaign, _ = read_campaign(PAPER / file, maps)
+    families = tuple(family for family in campaign.families if family.name.startswith(plan))
+    return instantiate(replace(campaign, families=families))
 
 
 @pytest.mark.parametrize("kind", PUBLISHED)
@@ -39,57 +34,55 @@ def test_it_has_nothing_to_complain_of(kind):
     assert kind in {oracle.name for oracle in oracles}
 
 
-@pytest.mark.parametrize("kind", ["performance", "robustness"])
-def test_its_configurations_are_as_many_as_the_papers_and_all_distinct(made, kind):
-    n = PUBLISHED[kind].configurations
-    assert requested_of(made(f"{kind}.vast").coverage) == Requested(n, 0, 0, 0, n)
+@pytest.mark.parametrize(("plan", "configurations"), [("corridors", 400), ("nested-rooms", 216)])
+def test_the_paths_of_a_plan_are_as_many_as_the_papers_and_all_distinct(plan, configurations):
+    found = requested_of(of_plan("performance.vast", plan).coverage)
+    assert found == Requested(configurations, 0, 0, 0, configurations)
 
 
-def test_both_radii_have_the_same_ways(made):
-    configurations = made("performance.vast").configurations
+def test_levels_of_noise_are_as_many_as_the_papers_and_all_distinct():
+    n = PUBLISHED["robustness"].configurations
+    assert requested_of(of_plan("robustness.vast", "").coverage) == Requested(n, 0, 0, 0, n)
+
+
+def test_both_radii_have_the_same_paths_and_nothing_else_differs():
     tasks = {}
-    for each in configurations:
+    for each in of_plan("performance.vast", "corridors").configurations:
+        assert set(each.scenario.system) == {"global_costmap.robot_radius"}
         tasks.setdefault(each.scenario.system["global_costmap.robot_radius"], []).append(
             (each.scenario.environment["map_file"].digest, str(each.scenario.task))
         )
     wide, slim = tasks[0.22], tasks[0.175]
     assert Counter(wide) == Counter(slim)
-    assert len(wide) == 908
-
-
-def test_the_radius_is_the_planners_alone(made):
-    for each in made("performance.vast").configurations:
-        assert set(each.scenario.system) == {"global_costmap.robot_radius"}
+    assert len(wide) == 200
 
 
 def test_of_the_settings_of_obstacles_six_are_the_same_and_some_boxes_find_no_room():
-    """Of one floor plan: all of them take half a minute."""
-    campaign, _ = read_campaign(PAPER / "safety.vast")
-    rooms = [family for family in campaign.families if family.name == "nested-rooms"]
-    found = requested_of(instantiate(replace(campaign, families=tuple(rooms))).coverage)
+    found = requested_of(of_plan("safety.vast", "nested-rooms").coverage)
     assert (found.all, found.no_way, found.duplicates) == (3 * 2 * 24, 0, 3 * 2 * 5)
     assert found.distinct + found.no_room == 3 * 2 * 19
     assert 0 < found.no_room < 3 * 2 * 12
 
 
 @originals
-def test_on_the_papers_maps_the_cells_that_its_counts_lack_are_proved_to_be_impossible(made):
-    found = made("original-maps/performance.vast", MAPS)
-    assert requested_of(found.coverage) == Requested(1866, 50, 0, 0, PUBLISHED["performance"].configurations)
+def test_on_the_papers_maps_the_cells_that_its_counts_lack_are_proved_to_be_impossible():
+    found = of_plan("original-maps/performance.vast", "rooms", MAPS)
+    assert requested_of(found.coverage) == Requested(266, 50, 0, 0, 216)
     reasons = {each.reason for each in found.rejections if each.family == "rooms-random"}
     assert len(reasons) == 1 and "this map has no path of 20 m" in reasons.pop()
 
 
 @originals
 @pytest.mark.parametrize(
-    ("kind", "requested", "no_way", "duplicates"), [("robustness", 1792, 0, 0), ("safety", 2160, 288, 390)]
+    ("kind", "plan", "counts"),
+    [
+        ("robustness", "", Requested(1792, 0, 0, 0, 1792)),
+        ("safety", "rooms", Requested(432, 288, 0, 30, 114)),
+        ("safety", "hallways", Requested(432, 0, 0, 90, 342)),
+    ],
 )
-def test_on_the_papers_maps_none_of_its_configurations_is_lost_for_want_of_room(
-    made, kind, requested, no_way, duplicates
-):
-    n = PUBLISHED[kind].configurations
-    found = requested_of(made(f"original-maps/{kind}.vast", MAPS).coverage)
-    assert found == Requested(requested, no_way, 0, duplicates, n - duplicates)
+def test_on_the_papers_maps_none_of_its_configurations_is_lost_for_want_of_room(kind, plan, counts):
+    assert requested_of(of_plan(f"original-maps/{kind}.vast", plan, MAPS).coverage) == counts
 
 
 @pytest.mark.parametrize("kind", PUBLISHED)
