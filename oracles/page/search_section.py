@@ -2,18 +2,22 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
+from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.searched import found_text
 from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.search_figure import archive_figure, boundary_figure, progress_figure
-from vastflow.oracles.page.pictures import Picture
+from vastflow.oracles.page.pictures import Picture, case_picture
+
+CELLS_DRAWN: Final = 4
+"""Cells of an archive whose runs are drawn, the best ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +44,11 @@ def search_section(tables: Tables) -> SearchSection | None:
         return None
     best = said["best"] or {"configuration": "", "point": {}}
     return SearchSection(
-        _searched(said), found_text(said), best["configuration"], best["point"], list(_pictures(tables.directory, said))
+        _searched(said),
+        found_text(said),
+        best["configuration"],
+        best["point"],
+        [*_pictures(tables.directory, said), *_cell_pictures(tables, said)],
     )
 
 
@@ -99,3 +107,22 @@ def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
             f"Line: where {name} is expected to cross {level:g}. Band: 95 %.",
             boundary_figure(decoded, list(said["space"]), level, name),
         )
+
+
+def _cell_pictures(tables: Tables, said: Mapping[str, Any]) -> Iterator[Picture]:
+    """The runs of the best points of the archive, each on its map: unlike failures beside each other."""
+    file = tables.directory / "archive.parquet"
+    cells = pq.read_table(file).to_pylist() if file.is_file() else []
+    sign, files = (1 if said["direction"] == "minimize" else -1), KeptFiles(tables.directory)
+    known = {name: k for k, name in enumerate(tables.configurations.names)}
+    name = said["objective"].replace("_", " ")
+    for cell in sorted(cells, key=lambda cell: sign * cell["objective"])[:CELLS_DRAWN]:
+        index = known[cell["configuration"]]
+        original = tables.configurations.duplicate_of[index]
+        drawn = case_picture(tables, index if original is None else known[original], files)
+        if drawn is not None:
+            measures = ", ".join(f"{measure} {value:.3g}" for measure, value in json.loads(cell["measures"]).items())
+            title = f"{cell['configuration']}: {name} {cell['objective']:.3g}"
+            yield replace(
+                drawn, name=f"cell-{cell['configuration']}", title=title, caption=f"The best point at {measures}."
+            )
