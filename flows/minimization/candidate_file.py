@@ -94,10 +94,10 @@ class CandidateFiles:
 
     def _text(self, values: dict[str, Any], runs: int) -> str:
         failing, subject = self.failing, self.failing.subject
-        execution = dict(_placed(failing.campaign.get("execution") or {}, failing.places))
+        execution = dict(placed(failing.campaign.get("execution") or {}, failing.places))
         execution = {key: value for key, value in execution.items() if key not in _OTHERS} | {"runs": runs}
         if FILE_KEY in values:
-            execution[FILE_KEY] = _placed(failing.campaign["execution"][FILE_KEY], failing.places)
+            execution[FILE_KEY] = placed(failing.campaign["execution"][FILE_KEY], failing.places)
             del values[FILE_KEY]
         values[MAP_KEY] = f"{_MAP}/{Path(_path(values[MAP_KEY])).name}"
         tags = {key: subject.dimensions[key] for key in values}
@@ -115,7 +115,7 @@ class CandidateFiles:
             "execution": execution,
         }
         if oracles := (failing.campaign.get("evaluation") or {}).get("oracles"):
-            data["evaluation"] = {"oracles": _placed(oracles, failing.places)}
+            data["evaluation"] = {"oracles": placed(oracles, failing.places)}
         return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120)
 
 
@@ -134,12 +134,12 @@ def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
         yield CandidateFiles(failing, folder)
 
 
-def _placed(value: Any, places: Mapping[str, str]) -> Any:
+def placed(value: Any, places: Mapping[str, str]) -> Any:
     """A part of the campaign file with the files from outside of its folder where they are kept."""
     if isinstance(value, dict):
-        return {_placed(key, places): _placed(item, places) for key, item in value.items()}
+        return {placed(key, places): placed(item, places) for key, item in value.items()}
     if isinstance(value, list):
-        return [_placed(item, places) for item in value]
+        return [placed(item, places) for item in value]
     if not isinstance(value, str):
         return value
     file, separator, kind = value.partition(".py:")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from vastflow.flows.computing import mapped
 from vastflow.flows.computing.flow_call import FlowCall
-from vastflow.flows.minimization.candidate_file import BuiltCandidate, CandidateFiles, NotBuilt, candidate_files
+from vastflow.flows.minimization.candidate_file import BuiltCandidate, CandidateFiles, NotBuilt, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing, NotMinimized, failing_configuration
 from vastflow.flows.minimization.failure_test import FailureTest, failure_test
 from vastflow.flows.minimization.minimized import Minimized
@@ -64,7 +64,7 @@ def minimize_configuration(
             raise NotMinimized(f"{failing.directory}: {failing.name} can't be built from its inputs: {error}") from None
         opened = OpenCampaign(before.campaign, before.oracles, open_store(store))
         keys = campaign_keys(installed_tree(), before.campaign.seed, before.oracles)
-        test = failure_test(failing.oracle, rate)
+        test = failure_test(placed(failing.oracle, failing.places), rate)
         runs = PointRuns(test, test.most, CONFIRMING_RUNS)
         with stage_run(opened, "minimize", keys, before.oracles, workers, observer, runs) as run:
             return _minimized(failing, files, before, test, run, runs)

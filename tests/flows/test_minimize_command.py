@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.minimization import minimize as module
+from vastflow.flows.minimization.candidate_file import placed
 from vastflow.flows.minimization.minimize import minimize_configuration
 from vastflow.flows.stages.call import StageRun
 
@@ -150,6 +151,15 @@ def test_what_does_not_fail_is_refused_with_a_sentence(place, name, said):
     asked = called(directory, name, "--store", folder / "store")
     assert (asked.exit_code, asked.output.count("\n")) == (2, 1)
     assert said in asked.output
+
+
+def test_files_from_outside_of_the_campaigns_folder_are_named_where_they_are_kept():
+    places = {"../nav2/rpp.yaml": "ab12/rpp.yaml", "../own.py": "cd34/own.py"}
+    given = {"nav2_params": "../nav2/rpp.yaml", "oracles": [{"../own.py:Own": {"limit": 3}}, "safety", "here.py:Own"]}
+    assert placed(given, places) == {
+        "nav2_params": "ab12/rpp.yaml",
+        "oracles": [{"cd34/own.py:Own": {"limit": 3}}, "safety", "here.py:Own"],
+    }
 
 
 @pytest.mark.parametrize(
