@@ -216,11 +216,14 @@ def _neighbors(plug_in: str) -> list[Any]:
 def _listed(directory: Path, now_s: float) -> dict[str, list[Any]]:
     """The files of a campaign directory as they are: what tells of a change, and of those not settled yet the content."""
     listed: dict[str, list[Any]] = {}
-    for file in sorted(directory.rglob("*")):
-        found = file.stat()
-        if stat.S_ISREG(found.st_mode):
-            young = _changed_s(found) > now_s - SETTLED_S
-            listed[file.relative_to(directory).as_posix()] = [*_stamp(found), _content(str(file)) if young else None]
+    for folder, _, names in os.walk(directory):  # pathlib takes three times as long, for ten thousands of files
+        below = Path(folder).relative_to(directory).as_posix()
+        for name in names:
+            found = os.stat(f"{folder}/{name}")
+            if stat.S_ISREG(found.st_mode):
+                young = _changed_s(found) > now_s - SETTLED_S
+                content = _content(f"{folder}/{name}") if young else None
+                listed[name if below == "." else f"{below}/{name}"] = [*_stamp(found), content]
     return listed
 
 
