@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from vastflow.tasks import pool as pool_module
-from vastflow.tasks.pool import MANY, Pool, PoolClosed, Priority, WorkerDied
+from vastflow.tasks.pool import MANY, Pool, PoolClosed, Priority, WorkerDied, _Pace
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -57,11 +57,6 @@ def meet(folder, own, other):
     return (folder / other).exists()
 
 
-def pid_after(wait_s):
-    time.sleep(wait_s)
-    return os.getpid()
-
-
 def append(log, name):
     with open(log, "a") as out:
         out.write(f"{name}\n")
@@ -95,9 +90,15 @@ def test_few_short_jobs_are_done_by_one_worker(pool):
     assert len({pool.submit(Priority.EXECUTE, os.getpid).result(120) for _ in range(5)}) == 1
 
 
-def test_jobs_that_take_longer_than_a_process_to_start_get_more_workers(pool):
-    jobs = [pool.submit(Priority.EXECUTE, pid_after, 3.0) for _ in range(7)]
-    assert len({job.result(120) for job in jobs}) == 2
+def test_more_workers_pay_where_jobs_would_take_longer_than_a_process_to_start():
+    pace = _Pace()
+    assert not pace.pays(1000), "nothing is known yet"
+    pace.answered(2.0)
+    assert not pace.pays(1000), "the first answer has the start in it"
+    for _ in range(4):
+        pace.answered(0.5)
+    assert not pace.pays(4)
+    assert pace.pays(5)
 
 
 def test_of_two_long_jobs_each_has_a_worker_in_the_end(pool, tmp_path, monkeypatch):
