@@ -98,7 +98,7 @@ def _rows(
     kept: dict[str, list[Judgement]] = {reading: [] for reading in READINGS}
     for scenario in scenarios:
         block = write_recordings([run(scenario, k, seed) for k in range(runs)])
-        for verdict in judge_block(scenario, block, observe_block(scenario, block), oracles):
+        for verdict in judge_block(scenario, block, observe_block(scenario, block), oracles).verdicts:
             if verdict.oracle == "success":
                 reached.append(verdict.judgement)
             elif verdict.oracle == "safety":
