@@ -14,11 +14,12 @@ from vastflow.sim.digest import Value
 from vastflow.tasks import work
 from vastflow.tasks.controllers import controllers_in
 from vastflow.tasks.evaluation import PackedProducer
-from vastflow.tasks.index import Block, FoundMember, Index, Member, Stored, missing, stretches
+from vastflow.tasks.index import FoundMember, Index, Member, missing, stretches
 from vastflow.tasks.instantiation import Evaluation
 from vastflow.tasks.pool import Pool, PoolClosed, Priority, WorkerDied
 from vastflow.tasks.progress import Tally
 from vastflow.tasks.store import Artifact, StoreError
+from vastflow.tasks.stored import Block, Stored
 from vastflow.tasks.work import Broken, Executed, WorkStage
 
 ATTEMPTS: Final = 3

@@ -2,15 +2,13 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import Keys
+from vastflow.tasks.member_pack import MemberPack
 from vastflow.tasks.store import Artifact, Store
-
-if TYPE_CHECKING:
-    from vastflow.tasks.member_pack import MemberPack
+from vastflow.tasks.stored import Block, Stored
 
 
 @dataclass(frozen=True)
@@ -43,31 +41,6 @@ class Member:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
-    """Consecutive runs of a scenario, recorded.
-
-    Attributes:
-        start, stop: First run index and the one after the last.
-        content: Content digest of the recordings.
-    """
-
-    key: str
-    start: int
-    stop: int
-    content: str
-
-
-@dataclass(frozen=True, slots=True)
-class Stored:
-    """All that is in the store of a block."""
-
-    block: Block
-    recordings: Artifact
-    trace: Artifact | None
-    verdicts: Artifact | None
-
-
-@dataclass(frozen=True, slots=True)
 class FoundMember:
     """A member with the runs that are wanted of it by now, and what the store has of these."""
 
@@ -95,7 +68,7 @@ class Index:
 
     store: Store
     keys: Keys
-    pack: "MemberPack | None" = None
+    pack: MemberPack | None = None
 
     def stored(self, member: Member) -> list[Stored]:
         """Everything there is of a member's wanted runs."""

@@ -17,9 +17,9 @@ from typing import Any, Final, TypeAlias
 
 from vastflow.sim.digest import digest
 from vastflow.tasks.artifact import MANIFEST, Artifact, FileEntry
-from vastflow.tasks.index import Block, Stored
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.store import Store
+from vastflow.tasks.stored import Block, Stored
 
 FOLDER: Final = "packs"
 """In the store, with which they are deleted."""

@@ -21,11 +21,12 @@ from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.robots import robots_json
 from vastflow.producers.search.criteria import plan_text
-from vastflow.tasks.index import Index, Member, Stored, missing
+from vastflow.tasks.index import Index, Member, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator, ProducerFault
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost, open_store
+from vastflow.tasks.stored import Stored
 
 STAGES: Final[tuple[Stage, ...]] = ("instantiate", "execute", "observe", "judge")
 

@@ -18,8 +18,9 @@ from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.producers.faults import CampaignError
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario import Scenario
-from vastflow.tasks.index import Index, Member, Stored
+from vastflow.tasks.index import Index, Member
 from vastflow.tasks.store import open_store
+from vastflow.tasks.stored import Stored
 
 FILE: Final = "campaign file"
 """Who wrote what no producer did."""

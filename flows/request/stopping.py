@@ -9,8 +9,9 @@ from vastflow.oracles.statistics.classes import ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule
 from vastflow.producers.vast.repetition import Sequential
 from vastflow.tasks.engine import judgements
-from vastflow.tasks.index import Index, Member, Stored
+from vastflow.tasks.index import Index, Member
 from vastflow.tasks.store import Artifact
+from vastflow.tasks.stored import Stored
 
 MOST_WAVES: Final = 16
 """Between two looks there are as many runs as let these many suffice, and one where they do: up to 21 runs from a minimum of 5.

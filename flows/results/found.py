@@ -8,8 +8,8 @@ from typing import Final, Protocol
 from vastflow.oracles.trace import levelled
 from vastflow.oracles.verdict import Verdict, read_verdicts
 from vastflow.sim.recordings.blocks import read_block, read_rows, write_block
-from vastflow.tasks.index import Stored
 from vastflow.tasks.store import Store
+from vastflow.tasks.stored import Stored
 from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
 
 FAULT: Final = "fault"

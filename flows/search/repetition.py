@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from vastflow.flows.request.stopping import Stopping
-from vastflow.tasks.index import FoundMember, Index, Member, Stored
+from vastflow.tasks.index import FoundMember, Index, Member
+from vastflow.tasks.stored import Stored
 
 
 @dataclass

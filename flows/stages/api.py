@@ -21,12 +21,13 @@ from vastflow.flows.stages.verdicts import Verdicts
 from vastflow.oracles.oracle import Oracle, OracleError, oracle_of, oracles_of
 from vastflow.producers.faults import CampaignError, Fault
 from vastflow.tasks.engine import judgements
-from vastflow.tasks.index import Block, FoundMember, Index, Member, missing
+from vastflow.tasks.index import FoundMember, Index, Member, missing
 from vastflow.tasks.instantiation import Instantiated, Instantiator
 from vastflow.tasks.progress import Observer, Tally
 from vastflow.tasks.shards import Shard
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import Lost
+from vastflow.tasks.stored import Block
 
 if TYPE_CHECKING:
     from vastflow.flows.computing.task_runs import TaskRuns

@@ -11,9 +11,9 @@ from vastflow.flows.results.tables import RUNS, column_table, run_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.terminal.words import count_text
 from vastflow.sim.recordings.blocks import read_rows
-from vastflow.tasks.index import Block
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.store import Lost, Store
+from vastflow.tasks.stored import Block
 from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from vastflow.flows.results.found import RunFault
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.stages.recordings import Recordings, outputs_of
 from vastflow.flows.terminal.words import count_text
-from vastflow.tasks.index import Block
 from vastflow.tasks.keys import Keys
+from vastflow.tasks.stored import Block
 from vastflow.tasks.work import RECORDINGS, TRACES
 
 if TYPE_CHECKING:

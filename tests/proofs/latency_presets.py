@@ -82,9 +82,9 @@ def situations(count: int, controller: str) -> tuple[list[dict[str, Configuratio
     """So many situations of the campaign, evenly spread over it, each with every preset; and its oracles."""
     asked = yaml.safe_load(CAMPAIGN.read_text(encoding="utf-8").replace("../", f"{CAMPAIGN.parent.parent}/"))
     for family in asked["configuration"]:
-        _, ways, obstacles, _ = family["variations"]
+        _, paths, obstacles, _ = family["variations"]
         family["parameters"] = [{"controller": controller}]
-        ways["PathVariationRandom"]["num_paths"] = PATHS
+        paths["PathVariationRandom"]["num_paths"] = PATHS
         for kind in obstacles["OneOfVariation"]["variations"]:
             next(iter(kind.values()))["count"] = PLACEMENTS
     with tempfile.TemporaryDirectory() as folder:
