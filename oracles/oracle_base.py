@@ -26,7 +26,7 @@ P = TypeVar("P", bound=Parameters)
 class Oracle(ABC, Generic[P]):
     """A judge of single runs: a pure function of trace, situation and its parameters.
 
-    A subclass names its parameter model and its metrics and writes `judge`.
+    A subclass names its parameter model and its metrics, if it has any, and writes `judge`.
 
     Attributes:
         Parameters: The pydantic model of what stands below the oracle's name in the campaign file.
@@ -36,7 +36,7 @@ class Oracle(ABC, Generic[P]):
     """
 
     Parameters: ClassVar[type[Parameters]]
-    metrics: ClassVar[Mapping[str, str]]
+    metrics: ClassVar[Mapping[str, str]] = {}
 
     def __init__(self, parameters: P, name: str, base: Path) -> None:
         self.parameters = parameters

@@ -1,7 +1,7 @@
 """The campaign file as the flows need it: read and checked, its oracles too."""
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -82,7 +82,7 @@ def _quantity_faults(campaign: Campaign, oracles: Iterable[Oracle[Any]]) -> Iter
     """Numbers that a search takes from verdicts of oracles which do not give them."""
     if campaign.search is None:
         return
-    metrics: dict[str, Mapping[str, str]] = {oracle.name: getattr(oracle, "metrics", {}) for oracle in oracles}
+    metrics = {oracle.name: oracle.metrics for oracle in oracles}
     for name, each in campaign.search.quantities.items():
         where: Location = ("search", "extract", "params", name)
         if each.oracle is not None and each.oracle not in metrics:

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from vastflow.oracles.conformance import check_oracle
 from vastflow.oracles.oracle import OracleError, known_oracles, oracle_of, oracles_of
 from vastflow.oracles.safety import Safety
 from vastflow.oracles.success import Success
@@ -23,6 +24,13 @@ class Quick(Oracle[Limit]):
         if trace.run.simulated_s <= self.parameters.seconds:
             return self.passed(trace, time=trace.run.simulated_s)
         return self.failed(trace, "too slow", time=trace.run.simulated_s)
+
+
+class Fine(Oracle[Limit]):
+    Parameters = Limit
+
+    def judge(self, trace, situation):
+        return self.passed(trace)
 
 
 class NoOracle:
@@ -81,6 +89,10 @@ def test_an_edited_file_gives_the_edited_oracle(own_oracle: Path) -> None:
 def test_an_oracle_of_a_file_can_be_sent_to_another_process(own_oracle: Path) -> None:
     oracle = oracle_of("own.py:Quick", {"seconds": 3}, own_oracle)
     assert pickle.loads(pickle.dumps(oracle)).parameters == oracle.parameters
+
+
+def test_an_oracle_that_measures_nothing_need_not_say_so(own_oracle: Path) -> None:
+    check_oracle(oracle_of("own.py:Fine", {}, own_oracle))
 
 
 @pytest.mark.parametrize(
