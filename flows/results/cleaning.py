@@ -71,7 +71,7 @@ def folder_bytes(folder: Path) -> int:
 
 
 def _is_referred(holding: Holding, referred: References) -> bool:
-    if holding.stage == "evaluate" and not referred.evaluations:
+    if holding.stage in ("evaluate", "search") and not referred.evaluations:
         return True
     return holding.whole and holding.key in referred.keys
 

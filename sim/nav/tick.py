@@ -79,7 +79,8 @@ def advance(
         lap(m, profile.RECORDING)
         lap(m, profile.CLOCK)
         is_new = sense(p, m, g.skips, body.obstacles)
-        lap(m, profile.LIDAR)
+        if is_new or p.sweeps != 0:
+            lap(m, profile.LIDAR)
         while is_new:
             gather_near_points(p, m)
             lap(m, profile.COMMAND_PATH)

@@ -245,6 +245,9 @@ def test_what_a_kept_search_was_made_of_outlives_gc(place, run):
     clean(store, cleaning(store, references(store, [timed.directory]), DAY_S, time.time() + 30 * DAY_S))
     again = run(store="kept", more="  budget: [{time: 0.01}]")
     assert again.summary.executed == 0 and content(again) == content(timed)
+    assert "search" in {each.stage for each in store.holdings()}
+    clean(store, cleaning(store, None, DAY_S, time.time() + 30 * DAY_S))
+    assert store.holdings() == []
 
 
 def test_an_archive_has_the_worst_point_of_each_kind(run):

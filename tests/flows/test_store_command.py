@@ -122,6 +122,7 @@ def test_info_counts_artifacts_and_bytes_by_stage(ran, store):
     found = reported("info")
     assert {stage: row["artifacts"] for stage, row in found["stages"].items()} == {
         "evaluate": 2,
+        "search": 0,
         "execute": 3,
         "observe": 3,
         "judge": 3,

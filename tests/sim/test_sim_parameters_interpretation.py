@@ -384,7 +384,7 @@ def values_of(value, low, high):
 def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
     default = NavParameters(controller=controller)
     parts = {name: data.draw(varied(group)) for name, group in default if name != "robot"}
-    kept = {"perturbation": default.perturbation, "robot": default.robot, "rotation_shim": default.rotation_shim}
+    kept = {name: getattr(default, name) for name in ("perturbation", "latency", "robot", "rotation_shim")}
     often = parts["controller_server"].with_values(controller_frequency=1000.0)
     wanted = default.with_values(**parts | kept | {"controller_server": often})
     assert interpretation(document_of(wanted)).parameters == wanted
