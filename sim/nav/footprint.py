@@ -27,11 +27,11 @@ def outline_hits(window: Window, outline: Any, x_m: float, y_m: float, yaw_rad: 
         next_row = _floor(y + (s * outline[k, 0] + c * outline[k, 1]))
         if k == 0:
             first_column, first_row = next_column, next_row
-        elif _line_hits(window.costs, column, row, next_column, next_row):
+        elif line_hits(window.costs, column, row, next_column, next_row):
             return True
         column, row = next_column, next_row
     # Nav2 draws the closing edge from the first vertex to the last, and a line's cells depend on its direction.
-    return bool(_line_hits(window.costs, first_column, first_row, column, row))
+    return bool(line_hits(window.costs, first_column, first_row, column, row))
 
 
 @inner
@@ -60,7 +60,8 @@ def _floor(number: float) -> int:
 
 
 @inner
-def _line_hits(costs: Any, column: int, row: int, end_column: int, end_row: int) -> bool:
+def line_hits(costs: Any, column: int, row: int, end_column: int, end_row: int) -> bool:
+    """Whether Bresenham's line between two cells meets a lethal one; cells outside the costmap are none."""
     rows, columns = costs.shape
     d_column, d_row = abs(end_column - column), abs(end_row - row)
     step_column, step_row = (1 if end_column >= column else -1), (1 if end_row >= row else -1)

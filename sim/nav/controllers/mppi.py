@@ -24,7 +24,7 @@ from vastflow.sim.nav.controllers.mppi_critics import (
     mark,
 )
 from vastflow.sim.nav.controllers.mppi_memory import MppiMemory, new_memory
-from vastflow.sim.nav.controllers.mppi_outlines import judge_outlines
+from vastflow.sim.nav.controllers.mppi_outlines import Room, judge_outlines, lay_room
 from vastflow.sim.nav.controllers.mppi_samples import (
     ROW,
     STEP,
@@ -89,6 +89,9 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     goal_m = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
     near_goal = goal_m < q.CostCritic.near_goal_distance
     frame = lay_frame(q.CostCritic, space.frame, data_of(memory.values), window, pose, near_goal)
+    room = Room(data_of(memory.near), data_of(memory.lethal), data_of(memory.yaws), 0, 0)
+    if q.CostCritic.consider_footprint != 0:
+        room = lay_room(room.near, room.lethal, room.yaws, frame, window, memory.circumscribed_cost[0])
     used = sequence.shape[1] * memory.costs.shape[0]
     rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max
     lateral_rise, lateral_fall = q.model_dt * q.ay_max, -q.model_dt * q.ay_min
@@ -96,7 +99,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
         noise_at = next_noise(memory.stream, memory.next_noise, memory.noise.shape[0], used)
         draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn, given.lateral_mps, lateral_rise, lateral_fall)
-        if _sample(q, space, sequence, frame, draw, given, memory.circumscribed_cost[0], radius_m, goal_m):
+        if _sample(q, space, room, sequence, frame, draw, given, radius_m, goal_m):
             _judge_plan(q, space, sequence.shape[1], frame, window, pose, plan, n, goal_m, free, lengths)
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
@@ -120,11 +123,11 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
 def _sample(
     q: Any,
     space: Space,
+    room: Room,
     sequence: Any,
     frame: Frame,
     draw: Draw,
     given: ControllerInput,
-    circumscribed_cost: float,
     min_turning_radius_m: float,
     goal_m: float,
 ) -> bool:
@@ -153,7 +156,7 @@ def _sample(
     backwards = q.PreferForwardCritic.cost_weight * dt_s if forward else 0.0
     prices = Prices(lowest, math.hypot(q.vx_max, q.vy_max), beyond, backwards)
     priced, cell_stride = q.CostCritic.enabled != 0, q.CostCritic.trajectory_point_step
-    outlined, motion, near = q.CostCritic.consider_footprint != 0, (yaw_rad, dt_s), circumscribed_cost
+    outlined, motion = q.CostCritic.consider_footprint != 0, (yaw_rad, dt_s)
     cells = (steps - 1) // cell_stride + 1
     cell_weight = q.CostCritic.cost_weight / 254.0 / cells
     crash = cell_weight * q.CostCritic.collision_cost
@@ -175,7 +178,7 @@ def _sample(
         if priced:
             judge_cells(space, first, cells, cell_stride, frame, cell_weight, crash)
             if outlined:
-                judge_outlines(space, first, cells, cell_stride, frame, given, motion, near, cell_weight, crash)
+                judge_outlines(space, room, first, cells, cell_stride, frame, given, motion, cell_weight, crash)
         if at_goal:
             judge_goal(space, first, steps, goal_cell, goal_weight)
         if turning:

@@ -26,6 +26,7 @@ class MppiMemory(NamedTuple):
         lengths, free: (n,) float64 and bool: of the plan's points the length so far, and whether they are free.
         line: (T + 8,) float64, what is smoothed.
         circumscribed_cost: (1,) float64, see `Setting`.
+        near, lethal, yaws: See `mppi_outlines.Room`; empty where no outline is looked at.
         min_turning_radius_m: (1,) float64 of an Ackermann model; 0 of one that turns on the spot.
 
     The others are `mppi_samples.Space`.
@@ -41,6 +42,9 @@ class MppiMemory(NamedTuple):
     free: Any
     line: Any
     circumscribed_cost: Any
+    near: Any
+    lethal: Any
+    yaws: Any
     min_turning_radius_m: Any
     lateral_noise: Any
     lateral_center: Any
@@ -71,6 +75,7 @@ def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64], circumscr
     is_ackermann = parameters.motion_model == "Ackermann"
     min_turning_radius_m = parameters.AckermannConstraints.min_turning_r if is_ackermann else 0.0
     is_omni = parameters.motion_model == "Omni"
+    frame_cells = SIDE * SIDE if parameters.CostCritic.consider_footprint else 0
     axes, lateral_steps = (3, steps) if is_omni else (2, 0)
     marks = (steps - 1) // parameters.PathAlignCritic.trajectory_point_step
     cells = (steps - 1) // parameters.CostCritic.trajectory_point_step + 1
@@ -92,6 +97,9 @@ def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64], circumscr
         free=np.zeros(PLAN_POINTS, dtype=np.bool_),
         line=np.zeros(steps + 8),
         circumscribed_cost=np.array([circumscribed_cost]),
+        near=np.zeros(frame_cells, dtype=np.uint8),
+        lethal=np.zeros(frame_cells, dtype=np.int32),
+        yaws=rows(cells),
         min_turning_radius_m=np.array([min_turning_radius_m]),
         center=aligned(4 * steps, np.float32),
         turns=rows(steps),
