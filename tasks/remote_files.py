@@ -24,8 +24,13 @@ from vastflow.tasks.store_files import Listed
 _NAMED_DIGITS: Final = 16
 _MANIFESTS_AT_A_TIME: Final = 2000
 _LISTINGS: Final = 20
-_S3: Final = ("s3:", "s3a:")
 """Of more folders than this one listing of everything is cheaper."""
+_S3: Final = ("s3:", "s3a:")
+_ANSWER_S: Final = 60
+_REQUESTS: Final = 3
+_READS: Final = 2
+"""s3fs repeats what breaks off while it is read, each time with all of botocore's requests: six in all, and six minutes
+until a server that doesn't answer is named."""
 
 _Entry: TypeAlias = Mapping[str, Any]
 """What a file system says of a file."""
@@ -188,6 +193,8 @@ class RemoteFiles:
 def file_system(address: str) -> tuple[Any, str]:
     """fsspec's file system of an address, and the address as that names it; raises whatever a file system raises."""
     files, root = fsspec.core.url_to_fs(address, **_options(address))
+    if address.startswith(_S3):
+        files.retries = _READS
     return files, str(root).rstrip("/")
 
 
@@ -217,18 +224,23 @@ def _options(address: str) -> dict[str, Any]:
     if not address.startswith(_S3):
         return {}
     import s3fs  # noqa: F401 - fsspec finds it by itself, but says less when it is not there
+    from aiobotocore.session import get_session
+    from botocore.handlers import add_expect_header
 
+    # A client that expects "100 Continue" waits for it without any limit of time (aiohttp).
+    session = get_session()
+    session.unregister("before-call.s3", add_expect_header)
     # Servers other than Amazon's know neither the checksums nor the signature that newer clients send.
     config = {
         "signature_version": "s3v4",
         "request_checksum_calculation": "when_required",
         "response_checksum_validation": "when_required",
-        "retries": {"max_attempts": 3, "mode": "standard"},
+        "retries": {"total_max_attempts": _REQUESTS, "mode": "standard"},
         "max_pool_connections": 50,
         "connect_timeout": 10,
-        "read_timeout": 60,
+        "read_timeout": _ANSWER_S,
     }
-    return {"use_listings_cache": False, "config_kwargs": config}
+    return {"use_listings_cache": False, "config_kwargs": config, "session": session}
 
 
 def _present(key: str, manifest: bytes, files: Mapping[str, _Entry]) -> Artifact:

@@ -2,8 +2,10 @@
 
 import errno
 import os
+import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -72,6 +74,21 @@ def test_a_store_on_s3_without_what_it_needs_names_the_command_that_installs_it(
     monkeypatch.setitem(sys.modules, "s3fs", None)
     with pytest.raises(StoreError, match=r"'s3://bucket/store' .*; install .*: pip install 's3fs>=\d{4}\.\d+'$"):
         open_store("s3://bucket/store")
+
+
+def test_a_server_that_does_not_answer_is_asked_six_times_and_named(monkeypatch):
+    monkeypatch.setattr("vastflow.tasks.remote_files._ANSWER_S", 0.2)
+    asked = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        threading.Thread(target=lambda: [asked.append(server.accept()) for _ in range(20)], daemon=True).start()
+        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{server.getsockname()[1]}")
+        monkeypatch.setenv("AWS_ACCESS_KEY_ID", "someone")
+        monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+        with pytest.raises(
+            StoreError, match=r"can't use 's3://bucket/store' .*imeout.*check the network and the server"
+        ):
+            open_store("s3://bucket/store")
+        assert len(asked) == 6
 
 
 def test_what_is_no_artifact_lies_on_this_machine_one_folder_for_each_address(tmp_path, monkeypatch):
