@@ -241,7 +241,7 @@ def test_the_page_has_rates_over_distinct_configurations_and_weighted_as_the_pap
 
 
 def test_the_page_says_whether_it_is_of_a_sample(safety, robustness):
-    assert "Every distinct configuration was run." in paper_page([paper_results(safety)])
+    assert "Every distinct configuration was run" in paper_page([paper_results(safety)])
     assert "A sample of so many configurations was run" in paper_page([paper_results(robustness)])
 
 
