@@ -1,9 +1,12 @@
 """Campaigns that search: what is proposed, what is run, what is written, and that all of it is the same again."""
 
+import itertools
 import json
+import math
 import re
 import time
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -76,6 +79,8 @@ class Pocket(Oracle[PocketParameters]):
         return (self.failed(trace, "in the pocket", badness=badness) if fails else self.passed(trace, badness=badness))
 """
 BATCHES = "  budget: [{batches: 3}]"
+CALLS = 3 * (12 + 1)
+"""Of a stage in such a search: three for each point, and for the one that is confirmed."""
 
 
 @pytest.fixture(scope="module")
@@ -97,12 +102,19 @@ def file_of(place, more=BATCHES, strategy="random", runs="3", limit=12, broken="
     return file
 
 
-def computed(file, place, store, workers=2, waves=None):
+def computed(file, place, store, workers=2, calls=math.inf):
     """A campaign as the flow computes it, without Prefect: each stage by the engine alone.
 
     Args:
-        waves: After so many it is interrupted.
+        calls: After so many calls of a stage it is interrupted.
     """
+    numbers = itertools.count()
+
+    def made(stage, *given):
+        if next(numbers) >= calls:
+            raise KeyboardInterrupt
+        return stage(*given).made
+
     request = request_of(file, {"results": place / "results", "store": place / store, "workers": workers})
     with open_run(request) as run:
         run.begin()
@@ -112,11 +124,9 @@ def computed(file, place, store, workers=2, waves=None):
                     run.know(run.instantiator.instantiated(lambda requests, run=run: evaluated(run, requests)))
                 for wave in run.waves():
                     for shard in wave.shards:
-                        recorded = run.engine.execute(shard.members).made
-                        run.engine.judge(shard.members, run.engine.observe(shard.members, recorded).made)
-                    waves = None if waves is None else waves - 1
-                    if waves == 0:
-                        raise KeyboardInterrupt
+                        recorded = made(run.engine.execute, shard.members)
+                        observed = made(run.engine.observe, shard.members, recorded)
+                        made(run.engine.judge, shard.members, observed)
             with new_directory(run.delivery.folder, run.name, run.created) as directory:
                 written = report(run, assess(run, directory))
             return deliver(run, written)
@@ -129,8 +139,8 @@ def evaluated(run, requests):
 
 @pytest.fixture(scope="module")
 def run(place):
-    def run(store="store", workers=2, waves=None, **parts):
-        return computed(file_of(place, **parts), place, store, workers, waves)
+    def run(store="store", workers=2, calls=math.inf, **parts):
+        return computed(file_of(place, **parts), place, store, workers, calls)
 
     return run
 
@@ -201,11 +211,27 @@ def test_a_greater_budget_goes_on_where_the_smaller_one_ended(run, first):
     assert more.summary.executed == 4 * 3 + confirming
 
 
-@pytest.mark.parametrize("waves", [2, 4])  # between batches, and while the best is confirmed
-def test_an_interrupted_search_finds_what_one_in_one_go_finds(run, first, waves):
-    with pytest.raises(KeyboardInterrupt):
-        run(store=f"interrupted-{waves}", waves=waves)
-    assert content(run(store=f"interrupted-{waves}", workers=1)) == content(first)
+@pytest.mark.parametrize(
+    ("library", "strategy", "parameters"),
+    [
+        ("numpy", "random", "{}"),
+        ("optuna", "optuna", "{n_startup_trials: 4}"),
+        ("ribs", "qd", "{archive: {measures: {x: {low: 1, high: 11, bins: 5}, n: {low: -0.5, high: 3.5, bins: 4}}}}"),
+    ],
+)
+def test_a_search_that_is_interrupted_at_five_points_finds_what_one_in_one_go_finds(run, library, strategy, parameters):
+    pytest.importorskip(library)
+    more = f"{BATCHES}\n  strategy_parameters: {parameters}"
+    file = {"more": more, "strategy": strategy, "objective": "badness"}
+    whole = run(**file)
+    places = np.sort(np.random.default_rng(3).choice(CALLS - 1, size=5, replace=False)) + 1
+    for k, calls in enumerate(np.diff(places, prepend=0)):
+        with pytest.raises(KeyboardInterrupt):
+            run(store=f"interrupted {strategy}", workers=1 + k % 2, calls=calls, **file)
+    again = run(store=f"interrupted {strategy}", workers=1, **file)
+    assert content(again) == content(whole)
+    if strategy == "qd":
+        assert content(again, "archive") == content(whole, "archive")
 
 
 def test_points_that_can_not_be_built_cost_no_runs_and_count(run):
