@@ -130,7 +130,6 @@ class Driver:
         self._open: dict[str, _Run] = {}
         self._known: dict[str, frozenset[int]] = {}
         self._wanted: dict[str, int] = {}
-        self._broken: set[str] = set()
         self._shards = 0
         self._in_vain = 0
 
@@ -235,7 +234,8 @@ class Driver:
             self._take(run, found)
 
     def _take(self, run: _Run, found: Seen) -> None:
-        incomplete = [member for member in self._incomplete(run.part.members) if member.name not in self._broken]
+        broken = self._engine.broken
+        incomplete = [member for member in self._incomplete(run.part.members) if member.name not in broken]
         if len(incomplete) < len(run.part.members):
             self._in_vain = 0
         if not incomplete:
@@ -272,7 +272,6 @@ class Driver:
     def _give_up(self, members: Sequence[Member], why: str) -> None:
         self._engine.add_faults([MemberFault(member.name, None, "execute", why) for member in members])
         for member in members:
-            self._broken.add(member.name)
             judged = {run for each in self._index.stored(member) if each.verdicts for run in judgements(each.verdicts)}
             self._tally.judge(member.name, dict.fromkeys(set(range(member.runs)) - judged, "not judged"))
 
@@ -284,7 +283,6 @@ class Driver:
             heard, run.told, run.whole = True, run.told + 1, news.last
             self._index.store.learn(news.artifacts)
             self._engine.add_faults(news.faults)
-            self._broken.update(fault.member for fault in news.faults)
         if heard:
             self._incomplete(run.part.members)
 

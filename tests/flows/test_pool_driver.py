@@ -239,6 +239,22 @@ def test_a_fault_that_the_worker_reports_is_the_members_and_nothing_is_tried_aga
     assert len(workers.tried) == 1
 
 
+def test_a_member_whose_fault_was_forgotten_and_that_breaks_again_has_a_fault_again(tmp_path, members):
+    store, tally, pool = open_store(tmp_path / "store"), Tally(), Pool(1)
+    tally.expect({"hall-1": RUNS})
+    engine = Engine(Index(store, KEYS), pool, tally, b"")
+    workers = Workers(store, dies_of({"hall-1"}))
+    driver = Driver(workers, workers.packed, engine, tally, WorkPool("lab"), lambda line: None, poll_s=0.0)
+    try:
+        driver.run(members[:1])
+        assert engine.broken == {"hall-1"}
+        engine.forget(engine.broken)
+        driver.run(members[:1])
+    finally:
+        pool.close()
+    assert engine.broken == {"hall-1"}
+
+
 def test_a_flow_run_without_a_sign_of_life_is_given_up_and_its_shard_tried_again(drive, members):
     silent = iter([True])
 
