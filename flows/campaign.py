@@ -4,10 +4,11 @@
 
 It is the only one: `vastflow run` calls it, deployments and schedules run it, with a work pool it drives the pool's workers. Each stage
 maps a Prefect task over shards of what is missing in the store, and is chained shard by shard: nothing waits for a whole stage. Of a
-search each batch of points goes through the first four before the next is proposed.
+search each batch of points goes through the first four, as a child of the flow run, before the next is proposed.
 """
 
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +17,16 @@ from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 
-from vastflow.flows.campaign_run import opened_run, running
+from vastflow.flows.campaign_run import CampaignRun, opened_run, running
 from vastflow.flows.computing.artifacts import outcome_text, publish
 from vastflow.flows.computing.mapped import execute, instantiate, judge, observe
-from vastflow.flows.computing.task_runs import task_runs_of
+from vastflow.flows.computing.task_runs import TaskRuns, task_runs_of
 from vastflow.flows.pool.bundle import compute_bundle
-from vastflow.flows.pool.campaign import pool_of
+from vastflow.flows.pool.campaign import CampaignPool, pool_of
 from vastflow.flows.reporting import assess, deliver, report
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import new_directory
+from vastflow.flows.search.batch_flow import compute_batch
 from vastflow.tasks.execution.deployment import FLOW
 from vastflow.tasks.store import Lost
 
@@ -58,16 +60,10 @@ def campaign(request: RunRequest) -> State[Any]:
         for _ in run.attempts():
             with suppress(Lost):  # a damaged artifact is found when it is read, and computed again by the next attempt
                 for _batch in run.batches():
-                    if run.instantiated is None:
-                        run.know(instantiate(task_runs, run.instantiator))
-                    for wave in run.waves():
-                        if pool is not None:
-                            pool.compute(wave.members)
-                            continue
-                        recordings = execute(task_runs, wave.shards)
-                        traces = observe(task_runs, wave.shards, recordings)
-                        verdicts = judge(task_runs, wave.shards, traces)
-                        task_runs.wait(wave.shards, recordings, traces, verdicts)
+                    if run.search is None:
+                        _compute(run, pool, task_runs)
+                    elif run.instantiated is None or run.incomplete:
+                        compute_batch(run.name, run.search, run.engine, run.tally, partial(_compute, run, pool))
                 with new_directory(run.delivery.folder, run.name, run.created) as directory:
                     written = report(run, assess(run, directory))
                 found = deliver(run, written)
@@ -77,3 +73,21 @@ def campaign(request: RunRequest) -> State[Any]:
         first = found.faults[0]
         return Failed(message=f"{len(found.faults)} faults, the first in {first.stage}: {first.error}")
     return Completed(message=outcome_text(found))
+
+
+def _compute(run: CampaignRun, pool: CampaignPool | None, task_runs: TaskRuns) -> None:
+    """Bring what is missing of the configurations under way into the store.
+
+    Raises:
+        Lost: something is missing all the same, and no fault explains it.
+    """
+    if run.instantiated is None:
+        run.know(instantiate(task_runs, run.instantiator))
+    for wave in run.waves():
+        if pool is not None:
+            pool.compute(wave.members)
+            continue
+        recordings = execute(task_runs, wave.shards)
+        traces = observe(task_runs, wave.shards, recordings)
+        verdicts = judge(task_runs, wave.shards, traces)
+        task_runs.wait(wave.shards, recordings, traces, verdicts)

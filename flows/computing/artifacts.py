@@ -91,7 +91,7 @@ class Page:
         self._phase: Phase | None = None
         self._noticed = 0
         self._sized = False
-        self._named = False
+        self._named = 0
         self._quiet_until_s = 0.0
 
     def update(self, progress: Progress) -> None:
@@ -99,12 +99,13 @@ class Page:
         for notice in progress.notices[self._noticed :]:
             self._say(notice)
         self._noticed = len(progress.notices)
-        if not self._named and progress.runs_total:
+        if progress.runs_total and progress.configurations_total != self._named:  # a search comes to more and more
             size = size_text(progress.configurations_total, progress.runs_total, progress.at_most)
             if not self._sized:
                 self._sized = True
                 self._say(f"{size}; {progress.reused} runs are in the store")
-            self._named = self._sent(lambda: _rename(self._flow_run_id, f"{self._name}, {size}"))
+            if self._sent(lambda: _rename(self._flow_run_id, f"{self._name}, {size}")):
+                self._named = progress.configurations_total
         new_phase = progress.phase != self._phase
         if new_phase and progress.phase in _SAID:
             self._say(_SAID[progress.phase])
@@ -145,17 +146,20 @@ def publish(found: Results, name: str, reports: str | None = None) -> None:
     report = found.directory.resolve() / "report.html"
     get_run_logger().info("%s; report: %s", outcome, report)
     link = report.as_uri() if reports is None else f"{reports.rstrip('/')}/{found.directory.name}/report.html"
-    with tolerated(), get_client(sync_client=True) as client:
-        of = UUID(str(flow_run.id))
-        for part, kind, data, description in (
-            ("results", "table", json.dumps(result_rows(found)), f"**{name}**, {outcome}"),
-            ("report", "markdown", f"[report.html]({link})", f"Report of **{name}**: `{report}`"),
-        ):
-            client.create_artifact(
-                ArtifactCreate(
-                    key=f"{key_of(name)}-{part}", type=kind, data=data, description=description, flow_run_id=of
-                )
-            )
+    with tolerated():
+        _create(f"{key_of(name)}-results", "table", json.dumps(result_rows(found)), f"**{name}**, {outcome}")
+        _create(f"{key_of(name)}-report", "markdown", f"[report.html]({link})", f"Report of **{name}**: `{report}`")
+
+
+def show_text(key: str, text: str, about: str) -> None:
+    """Show a text in Markdown on the page of the flow run that calls this; none where nobody sees it.
+
+    Args:
+        key: As of `ProgressBar`.
+    """
+    if not is_embedded():
+        with tolerated():
+            _create(key, "markdown", text, about)
 
 
 def result_rows(found: Results) -> list[dict[str, Any]]:
@@ -217,6 +221,12 @@ def _row(name: str, group: Group) -> dict[str, Any]:
         "success": "–" if counts.rate is None else f"{100 * counts.rate:.1f} %",
         f"{100 * LEVEL:.0f} % interval": interval,
     }
+
+
+def _create(key: str, kind: str, data: str, description: str) -> None:
+    of = UUID(str(flow_run.id))
+    with get_client(sync_client=True) as client:
+        client.create_artifact(ArtifactCreate(key=key, type=kind, data=data, description=description, flow_run_id=of))
 
 
 def _rename(flow_run_id: str, name: str) -> None:

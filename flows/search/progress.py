@@ -4,7 +4,7 @@ Nothing of it is kept but results: a search that is taken up again asks its stra
 runs of each batch came to.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -15,7 +15,7 @@ from vastflow.oracles.verdict import Verdict, read_verdicts
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.family import Family
 from vastflow.producers.instantiate import Instantiation
-from vastflow.producers.search.criteria import best_of, criteria
+from vastflow.producers.search.criteria import Criterion, best_of, criteria
 from vastflow.producers.search.evaluation import Evaluation, Proposal
 from vastflow.producers.search.search import Search
 from vastflow.producers.search.strategy import Strategy
@@ -87,6 +87,25 @@ class SearchProgress:
         """The best evaluation."""
         return best_of(self.evaluations, self.search.spec.direction)
 
+    @property
+    def title(self) -> str:
+        """What is under way, such as `batch 3, point-0009 to point-0012`."""
+        if self.ended_by:
+            return f"confirmation of {self.runs.confirmed}" if self.runs.confirmed else "all points"
+        points = f"{self.proposals[0].name} to {self.proposals[-1].name}"
+        return f"batch {len(self.batches) + 1}, {points}{', once more' * self._again}"
+
+    @property
+    def found_text(self) -> str:
+        """The best so far, such as `best failure_rate 0.667 at point-0004`."""
+        best, name = self.best, self.search.spec.objective.name
+        return "nothing judged" if best is None else f"best {name} {best.objective:.3g} at {best.proposal.name}"
+
+    @property
+    def standing(self) -> list[str]:
+        """Each budget and criterion against its limit, such as `batches 2 of 3`."""
+        return [each.text for each in self._criteria()]
+
     def campaign(self, campaign: Campaign) -> Campaign:
         """The campaign with the points under way for its families."""
         return replace(campaign, families=tuple(map(self._family, self.proposals)))
@@ -130,12 +149,16 @@ class SearchProgress:
         self._again = False
         self.batches.append(evaluations)
         self.strategy.tell(evaluations)
-        elapsed_s = self.clock.elapsed_s(len(self.batches), self.search.spec)
-        standing = list(criteria(self.search.spec, self.batches, self.strategy.metrics, elapsed_s))
-        self._say([each.text for each in standing[:-1]])
+        standing = list(self._criteria())
+        said = ", ".join(each.text for each in standing[:-1])
+        self.tally.notice(f"batch {len(self.batches)}: {self.found_text}; {said}")
         if met := [each.text for each in standing if each.met]:
             return self._end(met[0])
         return self._ask()
+
+    def _criteria(self) -> Iterator[Criterion]:
+        elapsed_s = self.clock.elapsed_s(len(self.batches), self.search.spec)
+        return criteria(self.search.spec, self.batches, self.strategy.metrics, elapsed_s)
 
     def _ask(self) -> bool:
         batch, first = len(self.batches), sum(map(len, self.batches)) + 1
@@ -208,11 +231,6 @@ class SearchProgress:
         fresh = range(best.runs, member.member.runs)
         samples = self._quantities[self.search.spec.objective.name].samples(verdicts_of(member, index), fresh)
         self.confirmation = Confirmation(best.proposal, best.objective, samples, len(fresh))
-
-    def _say(self, standing: Sequence[str]) -> None:
-        best, name = self.best, self.search.spec.objective.name
-        found = "nothing judged" if best is None else f"best {name} {best.objective:.3g} at {best.proposal.name}"
-        self.tally.notice(f"batch {len(self.batches)}: {found}; {', '.join(standing)}")
 
 
 def verdicts_of(found: FoundMember, index: Index) -> list[Verdict]:

@@ -113,6 +113,18 @@ def test_a_flow_run_is_named_once_the_campaigns_size_is_known(client, clock):
     assert client.sent[1][1] == "two-rooms-progress"
 
 
+def test_a_flow_run_is_named_anew_when_a_search_has_come_to_more_configurations(client, clock):
+    lines = told(
+        client,
+        Progress("running", configurations_total=4, runs_total=12, runs_done=3, passed=3),
+        Progress("running", configurations_total=4, runs_total=12, runs_done=12, passed=12),
+        Progress("running", configurations_total=8, runs_total=24, runs_done=12, passed=12),
+    )
+    names = [sent[1] for sent in client.sent if sent[0] == "rename"]
+    assert names == ["Two rooms, 4 configurations × 3 runs", "Two rooms, 8 configurations × 3 runs"]
+    assert sum("configurations" in line for line in lines) == 1
+
+
 def test_the_log_has_a_line_for_a_phase_and_none_for_a_run(client, clock):
     running = [
         Progress("running", configurations_total=1000, runs_total=100_000, runs_done=done, passed=done)

@@ -75,6 +75,26 @@ configuration:
           values: {commands}
 execution: {{scenario_file: step.osc, runs: 1, timeout: 60, run_files: [step.py]}}
 """
+SEARCH = """
+version: 1
+metadata: {name: sought}
+search:
+  strategy: random
+  search_space: {x: {type: float, low: 1, high: 11}}
+  per_batch: 2
+  budget: [{batches: 2}]
+  confirm: 2
+execution: {scenario_file: wait.osc, runs: 1, timeout: 6}
+"""
+WAIT_OSC = """
+import osc.helpers
+
+scenario wait_x:
+    timeout(6s)
+    x: time
+    do serial:
+        wait elapsed(x)
+"""
 STEP_OSC = """
 import osc.helpers
 
@@ -209,6 +229,38 @@ def test_a_poison_is_found_and_not_judged_and_the_others_are(api, worker, progra
     assert "its worker's process ended each time, at last with it alone" in found.faults[0].error
     assert (found.summary.passed, found.summary.not_judged) == (2, 1)
     assert executed(tmp_path).count(0) <= 4  # in three tries of the whole shard, and alone
+
+
+def test_a_search_finds_on_a_pool_what_it_finds_here_and_its_batches_are_flow_runs(api, worker, tmp_path):
+    (tmp_path / "wait.osc").write_text(WAIT_OSC)
+    (tmp_path / "sought.vast").write_text(SEARCH)
+    file, there = tmp_path / "sought.vast", {"results": tmp_path / "there", "store": tmp_path / "store-there"}
+    here = run_campaign(file, results=tmp_path / "here", store=tmp_path / "store-here", workers=1)
+    shown = {each.id for each in api.read_flow_runs()}
+    found = run_campaign(file, pool="lab", workers=1, **there)
+    assert (found.summary.executed, found.faults) == (4 + 2, ())
+    tables = [(each.directory / "evaluations.parquet").read_bytes() for each in (found, here)]
+    assert tables[0] == tables[1]
+    best = json.loads((found.directory / "metadata.json").read_text())["search"]["best"]["configuration"]
+    batches = {
+        each.id: each for each in api.read_flow_runs() if each.id not in shown and each.name.startswith("sought, ")
+    }
+    named = {each.name: each.state.name for each in batches.values() if "configurations" not in each.name}
+    assert named == dict.fromkeys(
+        [
+            "sought, batch 1, point-0001 to point-0002",
+            "sought, batch 2, point-0003 to point-0004",
+            f"sought, confirmation of {best}",
+        ],
+        "Completed",
+    )
+    artifacts = [each for each in api.read_artifacts() if each.flow_run_id in batches]
+    bars = [each.data for each in artifacts if each.key == "sought-batch"]
+    assert bars == [100.0] * 3
+    said = sorted(each.data for each in artifacts if each.key == "sought-search")
+    assert "before: 2 points, 0 of them rejected, 2 runs" in said[1] and "batches 1 of 2" in said[1]
+    assert f"at {best}" in said[2] and "ended at batches 2 of 2" in said[2]
+    assert run_campaign(file, pool="nowhere", **there).summary.executed == 0
 
 
 @more
