@@ -16,7 +16,7 @@ from vastflow.producers.campaign import Campaign
 from vastflow.producers.family import Family
 from vastflow.producers.instantiate import Instantiation
 from vastflow.producers.search.criteria import Criterion, best_of, criteria
-from vastflow.producers.search.evaluation import Evaluation, Proposal
+from vastflow.producers.search.evaluation import FAMILY, Evaluation, Proposal
 from vastflow.producers.search.search import Search
 from vastflow.producers.search.strategy import Strategy
 from vastflow.tasks.index import FoundMember, Index
@@ -50,6 +50,7 @@ class SearchProgress:
         runs: How many are wanted of a point.
         proposals: Those of the batch under way; in the end all.
         batches: What was found, batch by batch.
+        baseline: What was found at points of the baseline beside them.
         ended_by: Why no more is asked; empty as long as it goes on.
         strategy: It knows all batches that there are.
         confirmation: None before, and where nothing could be confirmed.
@@ -61,6 +62,7 @@ class SearchProgress:
     tally: Tally
     proposals: Sequence[Proposal] = ()
     batches: list[list[Evaluation]] = field(default_factory=list)
+    baseline: list[Evaluation] = field(default_factory=list)
     ended_by: str = ""
     confirmation: Confirmation | None = None
     strategy: Strategy[Any] = field(init=False)
@@ -92,7 +94,8 @@ class SearchProgress:
         """What is under way, such as `batch 3, point-0009 to point-0012`."""
         if self.ended_by:
             return f"confirmation of {self.runs.confirmed}" if self.runs.confirmed else "all points"
-        points = f"{self.proposals[0].name} to {self.proposals[-1].name}"
+        names = [each.name for each in self.proposals if each.family == FAMILY]
+        points = f"{names[0]} to {names[-1]}"
         return f"batch {len(self.batches) + 1}, {points}{', once more' * self._again}"
 
     @property
@@ -145,7 +148,9 @@ class SearchProgress:
             return False
         if instantiated.faults or not set(broken).isdisjoint(found):
             return self._end(BROKEN)
-        evaluations = self._evaluations(instantiated.instantiation, found, index)
+        told = self._evaluations(instantiated.instantiation, found, index)
+        evaluations = [each for each in told if each.proposal.family == FAMILY]
+        self.baseline += told[len(evaluations) :]
         self._again = False
         self.batches.append(evaluations)
         self.strategy.tell(evaluations)
@@ -164,19 +169,21 @@ class SearchProgress:
         batch, first = len(self.batches), sum(map(len, self.batches)) + 1
         count = min(self.search.spec.per_batch, self.search.spec.max_proposals - first + 1)
         points = self.strategy.ask(batch, count)
-        self.proposals = [Proposal(first + k, batch, point) for k, point in enumerate(points)]
+        proposals = [Proposal(first + k, batch, point) for k, point in enumerate(points)]
+        self.proposals = [*proposals, *self.search.baseline(proposals)]
         return bool(points) or self._end("the strategy proposes nothing more")
 
     def _end(self, why: str) -> bool:
         """Ask for all points together, the best with the runs that confirm it; whether there is any."""
         self.ended_by, self._again = why, False
         self.clock.keep(len(self.batches))
+        told = [each.proposal for each in (*self.evaluations, *self.baseline)]
         if why != BROKEN:
-            self.proposals = [each.proposal for each in self.evaluations]
+            self.proposals = told
             if (best := self.best) is not None:
                 self.runs.confirmed = best.proposal.name
         else:
-            self.proposals = [*(each.proposal for each in self.evaluations), *self.proposals]
+            self.proposals = [*told, *self.proposals]
         return bool(self.proposals)
 
     def _family(self, proposal: Proposal) -> Family:

@@ -1,4 +1,4 @@
-"""What a campaign directory has of a search: `evaluations.parquet`, `archive.parquet`, and its place in `metadata.json`."""
+"""What a campaign directory has of a search: `evaluations.parquet`, `baseline.parquet`, `archive.parquet`, and its place in `metadata.json`."""
 
 import json
 from collections.abc import Iterator
@@ -10,6 +10,7 @@ import pyarrow as pa
 from vastflow.flows.results.tables import plain, write_table
 from vastflow.flows.search.progress import SearchProgress
 from vastflow.producers.search.boundary import BAND, Boundary
+from vastflow.producers.search.criteria import best_of, runs_until
 from vastflow.producers.search.evaluation import Evaluation
 
 EVALUATIONS: Final = pa.schema(
@@ -49,6 +50,8 @@ BOUNDARY: Final = pa.schema(
 def write_search(place: Path, search: SearchProgress) -> None:
     """Write the tables of a search into a campaign directory: the same bytes for the same verdicts."""
     write_table(place / "evaluations.parquet", EVALUATIONS, map(_evaluation_row, search.evaluations))
+    if search.search.spec.baseline:
+        write_table(place / "baseline.parquet", EVALUATIONS, map(_evaluation_row, search.baseline))
     strategy = search.strategy
     if search.search.measures:
         write_table(place / "archive.parquet", ARCHIVE, _cells(search))
@@ -59,6 +62,7 @@ def write_search(place: Path, search: SearchProgress) -> None:
 def search_record(search: SearchProgress) -> dict[str, Any]:
     """What `metadata.json` says of a search."""
     spec, told, best, confirmed = search.search.spec, search.evaluations, search.best, search.confirmation
+    beside = {"baseline": _baseline(search)} if spec.baseline else {}
     return {
         "strategy": spec.strategy,
         "parameters": plain(dict(spec.strategy_parameters)),
@@ -77,6 +81,24 @@ def search_record(search: SearchProgress) -> dict[str, Any]:
         "confirmation": None
         if confirmed is None
         else {"runs": confirmed.runs, "samples": list(confirmed.samples), "found": confirmed.found},
+        **beside,
+    }
+
+
+def _baseline(search: SearchProgress) -> dict[str, Any]:
+    """Of each of both searches the runs until it was as good as the best that the search found."""
+    spec, told, best = search.search.spec, search.baseline, search.best
+    own, beside = (
+        None if best is None or best.objective is None else runs_until(each, best.objective, spec.direction)
+        for each in (search.evaluations, told)
+    )
+    found = best_of(told, spec.direction)
+    return {
+        "strategy": spec.baseline,
+        "runs": sum(each.runs for each in told),
+        "best": None if found is None else _best(found),
+        "runs_until_best": own,
+        "runs_until_as_good": beside,
     }
 
 

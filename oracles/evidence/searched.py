@@ -1,7 +1,7 @@
 """What a search found, and how sure it is: of its best point the runs that it never used."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
@@ -10,10 +10,16 @@ from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, int
 def found_text(said: Mapping[str, Any]) -> str:
     """The best of a search in a sentence, such as `found at 90 %, confirmed at 71 % [58, 82] on 60 fresh runs`.
 
-    The interval of a rate is Clopper and Pearson's at 95 %, of the fresh runs alone.
+    The interval of a rate is Clopper and Pearson's at 95 %, of the fresh runs alone. Where there is a baseline, it is said how many runs
+    either needed.
     """
-    if (best := said["best"]) is None:
+    if said["best"] is None:
         return "No point was judged."
+    return " ".join([_best_text(said), *_baseline_text(said)])
+
+
+def _best_text(said: Mapping[str, Any]) -> str:
+    best = said["best"]
     is_rate = said["is_rate"]
     found = (
         f"{best['configuration']}: {said['objective'].replace('_', ' ')} found at {_shown(best['objective'], is_rate)}"
@@ -30,6 +36,19 @@ def found_text(said: Mapping[str, Any]) -> str:
     bounds = interval(clopper_pearson_intervals(sum(samples), len(samples)))
     low, high = math.floor(100 * bounds.low), math.ceil(100 * bounds.high)
     return f"{found}, confirmed at {_shown(mean, is_rate)} [{low}, {high}] on {len(samples)} fresh runs."
+
+
+def _baseline_text(said: Mapping[str, Any]) -> Iterator[str]:
+    if (beside := said.get("baseline")) is None:
+        return
+    found, best = f"Found after {beside['runs_until_best']} runs", beside["best"]
+    if beside["runs_until_as_good"] is not None:
+        yield f"{found}, by {beside['strategy']} search after {beside['runs_until_as_good']}."
+    elif best is None:
+        yield f"{found}; no point of {beside['strategy']} search was judged."
+    else:
+        at = _shown(best["objective"], said["is_rate"])
+        yield f"{found}; {beside['strategy']} search comes to {at} in {beside['runs']} runs."
 
 
 def _shown(value: float, is_rate: bool) -> str:

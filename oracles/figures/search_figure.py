@@ -1,34 +1,49 @@
 """Figures of a search: how its best grew, the archive as a heat map, where the objective crosses its level."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from vastflow.oracles.figures.palette import COLORS, INK, LINE, SOFT_INK
+
+Floats: TypeAlias = NDArray[np.float64]
 
 _DPI: Final = 120
 _SIZE_IN: Final = (6.0, 3.2)
 
 
-def progress_figure(rows: Sequence[Mapping[str, Any]], objective: str, direction: str) -> Figure:
+def progress_figure(
+    rows: Sequence[Mapping[str, Any]], objective: str, direction: str, beside: Sequence[Mapping[str, Any]] = ()
+) -> Figure:
     """Objective of each judged point over the runs spent by then, and the best so far.
 
     Args:
         rows: Of `evaluations.parquet`.
+        beside: Of `baseline.parquet`, of which only the best so far is drawn.
     """
     figure, axes = _axes()
-    runs = np.cumsum([row["runs"] for row in rows])
-    judged = np.array([row["objective"] is not None for row in rows])
-    values = np.array([row["objective"] for row in rows if row["objective"] is not None])
-    best = (np.maximum if direction == "maximize" else np.minimum).accumulate(values)
-    axes.plot(runs[judged], values, "o", color=SOFT_INK, markersize=3, alpha=0.6)
-    axes.step(runs[judged], best, where="post", color=COLORS["fail"], linewidth=1.8)
+    runs, values, best = _grown(rows, direction)
+    axes.plot(runs, values, "o", color=SOFT_INK, markersize=3, alpha=0.6)
+    axes.step(runs, best, where="post", color=COLORS["fail"], linewidth=1.8)
+    if beside:
+        runs, _, best = _grown(beside, direction)
+        axes.step(runs, best, "--", where="post", color=INK, linewidth=1.2)
     axes.set_xlabel("runs", fontsize=8, color=SOFT_INK)
     axes.set_ylabel(objective, fontsize=8, color=SOFT_INK)
     return figure
+
+
+def _grown(rows: Sequence[Mapping[str, Any]], direction: str) -> tuple[Floats, Floats, Floats]:
+    """Of each judged point the runs spent by then, its objective, and the best so far."""
+    runs = np.cumsum([row["runs"] for row in rows])
+    judged = np.array([row["objective"] is not None for row in rows])
+    values = np.array([row["objective"] for row in rows if row["objective"] is not None], dtype=np.float64)
+    best = (np.maximum if direction == "maximize" else np.minimum).accumulate(values)
+    return runs[judged].astype(np.float64), values, best
 
 
 def archive_figure(

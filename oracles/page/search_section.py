@@ -72,14 +72,16 @@ def _picture(name: str, title: str, alt: str, caption: str, figure: Figure) -> P
 
 def _pictures(directory: Path, said: Mapping[str, Any]) -> Iterator[Picture]:
     rows = pq.read_table(directory / "evaluations.parquet").to_pylist()
+    beside = pq.read_table(directory / "baseline.parquet").to_pylist() if "baseline" in said else []
     name = said["objective"].replace("_", " ")
     if said["best"] is not None:
         yield _picture(
             "search-progress",
             "Best against budget",
             f"{name} of each point over the runs spent",
-            "Dot: a point. Line: the best so far, by the runs that the search used; fresh runs correct it.",
-            progress_figure(rows, name, said["direction"]),
+            "Dot: a point. Line: the best so far, by the runs that the search used; fresh runs correct it."
+            + (" Dashed: random search with as many points." if beside else ""),
+            progress_figure(rows, name, said["direction"], beside),
         )
     archive = said["parameters"].get("archive", {})
     measures = archive.get("measures", {})

@@ -46,9 +46,10 @@ def plan_text(spec: SearchSpec, runs: int, *, at_most: bool = False) -> str:
     ends = " or ".join([*limits, *stops, f"{spec.max_proposals} proposals"])
     confirm = f", then {spec.confirm} fresh runs of the best" if spec.confirm else ""
     dimensions = "1 dimension" if len(spec.search_space) == 1 else f"{len(spec.search_space)} dimensions"
+    beside = f" and as many by {spec.baseline} beside them" if spec.baseline else ""
     return (
         f"search by {spec.strategy} of {dimensions} to {spec.direction} {spec.objective.name}, {spec.per_batch} points a "
-        f"batch with {most}{runs} runs each, until {ends}{confirm}"
+        f"batch{beside} with {most}{runs} runs each, until {ends}{confirm}"
     )
 
 
@@ -59,6 +60,16 @@ def best_of(evaluations: Sequence[Evaluation], direction: str) -> Evaluation | N
         return None
     sign = 1 if direction == "maximize" else -1
     return max(judged, key=lambda each: (sign * (each.objective or 0.0), -each.proposal.number))
+
+
+def runs_until(evaluations: Sequence[Evaluation], objective: float, direction: str) -> int | None:
+    """Runs up to the first evaluation that is as good, its own included; None where none is."""
+    sign, runs = (1 if direction == "maximize" else -1), 0
+    for each in evaluations:
+        runs += each.runs
+        if each.objective is not None and sign * each.objective >= sign * objective:
+            return runs
+    return None
 
 
 def criteria(

@@ -2,22 +2,23 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
-from vastflow.producers.configuration import Configuration, RejectedInstance
+from vastflow.producers.configuration import Configuration
 from vastflow.producers.coverage import FamilyCount, coverage_of
 from vastflow.producers.family import Family, FamilyReader
 from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.instantiate import Instantiation, mark_duplicates
-from vastflow.producers.search.evaluation import Proposal
+from vastflow.producers.search.evaluation import BASELINE, Proposal
+from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Point, Space
 from vastflow.producers.search.strategy import Problem, Strategy
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.search import Quantity, SearchSpec
 from vastflow.producers.vast.search_template import SEARCH, with_point
 
-FAMILY = "search"
-"""Of all points of a search, in tables and in the report."""
+_BASELINE_BATCHES: Final = 10**6
+"""Batches from this one on draw what no strategy draws."""
 
 
 class ReadsFamilies(Protocol):
@@ -53,8 +54,21 @@ class Search:
         Raises:
             MissingLibrary: it needs a library that is not installed.
         """
-        problem = Problem(self.space, self.spec.direction, self.spec.seed or 0, self.spec.per_batch)
-        return self.kind(self.parameters, problem)
+        return self.kind(self.parameters, self._problem)
+
+    def baseline(self, proposals: Sequence[Proposal]) -> list[Proposal]:
+        """As many random points as the strategy's of a batch; none where the file asks for none."""
+        if self.spec.baseline is None or not proposals:
+            return []
+        random, stream = Random(SamplingParameters(), self._problem), _BASELINE_BATCHES + proposals[0].batch
+        points = random.ask(stream, len(proposals))
+        return [
+            Proposal(each.number, each.batch, point, BASELINE) for each, point in zip(proposals, points, strict=True)
+        ]
+
+    @property
+    def _problem(self) -> Problem:
+        return Problem(self.space, self.spec.direction, self.spec.seed or 0, self.spec.per_batch)
 
     def family(self, proposal: Proposal) -> Family:
         """The family of one configuration that a proposal is.
@@ -76,19 +90,25 @@ class Search:
         """
         named: list[Configuration] = []
         seen: set[str] = set()
+        asked = {proposal.name: proposal for proposal in proposals}
         for each in made.configurations:
             if each.family in seen:
                 raise CampaignError([self._several(each)])
             seen.add(each.family)
-            points = {proposal.name: proposal.point for proposal in proposals}
-            factors = {**points[each.family], **each.factors}
-            named.append(replace(each, name=each.family, family=FAMILY, factors=factors, duplicate_of=None))
+            proposal = asked[each.family]
+            factors = {**proposal.point, **each.factors}
+            named.append(replace(each, name=proposal.name, family=proposal.family, factors=factors, duplicate_of=None))
         configurations = tuple(mark_duplicates(named))
-        rejections = tuple(_renamed(each) for each in made.rejections)
-        excluded = tuple(replace(each, name=each.family, family=FAMILY) for each in made.excluded)
+        rejections = tuple(
+            replace(each, parent=each.family, family=asked[each.family].family) for each in made.rejections
+        )
+        excluded = tuple(replace(each, name=each.family, family=asked[each.family].family) for each in made.excluded)
         first = self.family(proposals[0])
-        count = FamilyCount(FAMILY, first.producers, first.design, (1,) * len(first.producers))
-        coverage = coverage_of([count], configurations, rejections, excluded)
+        counts = [
+            FamilyCount(name, first.producers, first.design, (1,) * len(first.producers))
+            for name in dict.fromkeys(proposal.family for proposal in proposals)
+        ]
+        coverage = coverage_of(counts, configurations, rejections, excluded)
         return Instantiation(configurations, rejections, excluded, coverage)
 
     def _several(self, second: Configuration) -> Fault:
@@ -124,7 +144,3 @@ def corners(space: Space) -> Iterator[Point]:
     yield space.decoded([1.0] * n)
     for name, dimension in space.dimensions.items():
         yield from ({**first, name: value} for value in dimension.values or ())
-
-
-def _renamed(rejection: RejectedInstance) -> RejectedInstance:
-    return replace(rejection, parent=rejection.family, family=FAMILY)

@@ -211,6 +211,8 @@ class SearchSpec(Section):
     confirm: Amount = 60
     """Runs of the best point, after the search and with run indices that it never used, of which its rate is reported. Not part of
     version 1 elsewhere."""
+    baseline: Literal["random"] | None = None
+    """A search beside this one, with as many points in each batch, to be compared with it. Not part of version 1 elsewhere."""
     budget: Budgets = Field(default_factory=list)
     """How much the search may spend; this or `stopping` must be given, and what is reached first ends it."""
     stopping: Stoppings = Field(default_factory=list)

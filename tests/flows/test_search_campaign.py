@@ -242,6 +242,21 @@ def test_points_that_can_not_be_built_cost_no_runs_and_count(run):
     assert all(json.loads(row["point"])["x"] >= 6 for row in excluded)
 
 
+def test_random_search_beside_has_as_many_points_and_changes_nothing_of_the_search(run, first):
+    both = run(more=f"{BATCHES}\n  baseline: random")
+    assert content(both) == content(first) and "baseline" not in found(first)
+    beside = rows(both, "baseline")
+    assert [row["configuration"] for row in beside] == [f"random-{k:04}" for k in range(1, 13)]
+    assert {row["point"] for row in beside}.isdisjoint(row["point"] for row in rows(both))
+    assert both.summary.executed == 12 * 3
+    told = found(both)["baseline"]
+    best = max(row["objective"] for row in beside)
+    assert (told["runs"], told["best"]["objective"]) == (36, best)
+    as_good = [3 * k for k, row in enumerate(beside, 1) if row["objective"] >= found(both)["best"]["objective"]]
+    assert told["runs_until_as_good"] == (as_good[0] if as_good else None)
+    assert {row["family"] for row in rows(both, "configurations")} == {"search", "random"}
+
+
 def test_a_space_in_which_nothing_can_be_built_ends(run):
     result = run(limit=-1, more="  budget: [{runs: 100}]\n  max_proposals: 10")
     assert found(result)["ended_by"] == "proposals 10 of 10" and found(result)["best"] is None

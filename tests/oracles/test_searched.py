@@ -14,6 +14,17 @@ def said(**parts):
     return {"objective": "failure_rate", "is_rate": True, "best": best, "confirmation": confirmation, **parts}
 
 
+def beside(as_good):
+    best = {"configuration": "random-0003", "point": {}, "objective": 0.4, "runs": 10}
+    return {
+        "strategy": "random",
+        "runs": 500,
+        "best": best,
+        "runs_until_best": 43,
+        "runs_until_as_good": as_good,
+    }
+
+
 @pytest.mark.parametrize(
     ("parts", "text"),
     [
@@ -25,6 +36,17 @@ def said(**parts):
 )
 def test_the_best_is_said_with_what_confirms_it(parts, text):
     assert found_text(said(**parts)) == text
+
+
+@pytest.mark.parametrize(
+    ("as_good", "text"),
+    [
+        (428, "Found after 43 runs, by random search after 428."),
+        (None, "Found after 43 runs; random search comes to 40 % in 500 runs."),
+    ],
+)
+def test_beside_it_stands_what_random_search_needed(as_good, text):
+    assert found_text(said(baseline=beside(as_good))).endswith(f"on 60 fresh runs. {text}")
 
 
 def test_the_interval_of_fresh_runs_covers_the_truth_whatever_was_selected():

@@ -7,7 +7,7 @@ import pytest
 
 from vastflow.producers.search.boundary import Boundary, BoundaryParameters
 from vastflow.producers.search.conformance import CHECKS, check_strategy
-from vastflow.producers.search.criteria import best_of, criteria
+from vastflow.producers.search.criteria import best_of, criteria, runs_until
 from vastflow.producers.search.evaluation import Evaluation, Proposal
 from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Space
@@ -133,6 +133,15 @@ def batches(*objectives):
         [Evaluation(Proposal(next(numbered), k, {}), "judged", value, {}, 5, 3600.0) for value in batch]
         for k, batch in enumerate(objectives)
     ]
+
+
+@pytest.mark.parametrize(
+    ("objective", "direction", "runs"),
+    [(0.8, "maximize", 10), (0.9, "maximize", None), (0.1, "minimize", 20), (0.5, "minimize", 5)],
+)
+def test_runs_are_counted_until_a_point_is_as_good(objective, direction, runs):
+    told = [each for batch in batches([0.2, 0.8], [0.8, 0.1]) for each in batch]
+    assert runs_until(told, objective, direction) == runs
 
 
 @pytest.mark.parametrize(
