@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -68,6 +69,27 @@ def place(planted, tmp_path_factory):
     return folder, directory
 
 
+@pytest.fixture(scope="module")
+def searched(planted, place):
+    """The directory of a search among two starts, one of them in the wall, behind the door that a box blocks."""
+    folder, _ = place
+    text = (folder / "planted.vast").read_text()
+    blocked = yaml.safe_load(text)["configuration"][0]["parameters"]
+    starts = [planted.START, {"x": 0.05, "y": 0.05}]
+    search = {
+        "strategy": "random",
+        "seed": 0,
+        "search_space": {"start": {"type": "choice", "values": starts}},
+        "parameters": [*(each for each in blocked if "start_pose" not in each), {"start_pose": "$start"}],
+        "per_batch": 2,
+        "budget": [{"batches": 1}],
+        "confirm": 0,
+    }
+    data = {key: value for key, value in yaml.safe_load(text).items() if key != "configuration"}
+    (folder / "searched.vast").write_text(yaml.safe_dump({**data, "search": search}, sort_keys=False))
+    return run_campaign(folder / "searched.vast", results=folder / "results", store=folder / "store").directory
+
+
 @pytest.fixture
 def alone(monkeypatch):
     """Computes without Prefect; of the list, the first number is how many waves come before an interrupt."""
@@ -114,6 +136,17 @@ def test_what_is_left_is_the_planted_cause_and_a_campaign_that_fails(place):
         assert drawn.width > drawn.height
     again = run_campaign(file, results=folder / "again", store=folder / "store")
     assert (again.summary.executed, again.summary.failed, again.summary.passed) == (0, again.summary.runs, 0)
+
+
+def test_a_point_of_a_search_is_minimized_as_a_configuration_is(place, searched):
+    folder, directory = place
+    listed = minimize_configuration(directory, "blocked", store=folder / "store")
+    found = minimize_configuration(searched, "point-0002", store=folder / "store")
+    assert [each.text for each in found.minimum.cause] == ["obstacle door at (3.00, 2.50)"]
+    assert (found.executed, found.runs) == (0, listed.runs)
+    asked = called(searched, "point-0001", "--store", folder / "store")
+    assert asked.exit_code == 2
+    assert "point-0001 was rejected, so nothing of it was run: " in asked.output
 
 
 def test_a_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):

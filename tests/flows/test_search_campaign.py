@@ -13,11 +13,13 @@ import pytest
 from vastflow.flows import campaign_run, run_campaign
 from vastflow.flows.campaign_run import open_run
 from vastflow.flows.computing import flow_call
+from vastflow.flows.minimization.failing import failing_configuration
 from vastflow.flows.reporting import assess, deliver, report
 from vastflow.flows.request.run_request import request_of
 from vastflow.flows.results.cleaning import DAY_S, clean, cleaning
 from vastflow.flows.results.directory import new_directory
 from vastflow.flows.results.references import references
+from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.source import installed_tree
@@ -232,6 +234,12 @@ def test_a_search_that_is_interrupted_at_five_points_finds_what_one_in_one_go_fi
     assert content(again) == content(whole)
     if strategy == "qd":
         assert content(again, "archive") == content(whole, "archive")
+
+
+def test_a_point_in_which_no_robot_drives_can_not_be_minimized(first):
+    best = found(first)["best"]
+    with pytest.raises(UnusableDirectory, match=f"{best['configuration']} can't be minimized: it has no map"):
+        failing_configuration(first.directory, best["configuration"], None, 0.1)
 
 
 def test_points_that_can_not_be_built_cost_no_runs_and_count(run):
