@@ -13,6 +13,7 @@ from vastflow.oracles.directory.column import read_columns, table_rows
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.producers.minimization.circumstance import Subject
+from vastflow.producers.minimization.spelled_out import spelled_out
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.digest import FileContent
 from vastflow.sim.files import read_json, read_text, yaml_value
@@ -127,7 +128,7 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
 def _subject(directory: Path, row: Mapping[str, Any]) -> Subject:
     abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
     scenario = executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
-    parts = {"environment": scenario.environment, "task": scenario.task, "system": scenario.system}
+    parts = {"environment": scenario.environment, "task": scenario.task, "system": spelled_out(scenario.system)}
     values = {key: value for part in parts.values() for key, value in part.items() if key != MESH_KEY}
     files = [key for key, value in values.items() if isinstance(value, FileContent) and key not in (MAP_KEY, FILE_KEY)]
     if files or MAP_KEY not in values:

@@ -13,11 +13,19 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.minimization import minimize as module
-from vastflow.flows.minimization.candidate_file import placed
+from vastflow.flows.minimization.candidate_file import candidate_files, placed
+from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.minimization.minimize import minimize_configuration
 from vastflow.flows.stages.call import StageRun
+from vastflow.producers.minimization.circumstance import Subject
+from vastflow.producers.minimization.minimize import Candidate
+from vastflow.producers.minimization.spelled_out import spelled_out
+from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, nav2_file
+from vastflow.sim.reading.map_file import map_content
 
 PROOFS = Path(__file__).parents[1] / "proofs"
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -168,6 +176,36 @@ def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alo
     found = minimize_configuration(directory, "blocked", store=tmp_path, workers=2)
     assert (found.text, found.runs, found.minimum.tried) == (whole.text, whole.runs, whole.minimum.tried)
     assert found.executed < found.runs
+
+
+@pytest.mark.parametrize("name", ["nav2/dwb.yaml", "robots/turtlebot3_burger.yaml", "robots/turtlebot4.yaml"])
+def test_a_parameter_file_is_tried_parameter_by_parameter(planted, tmp_path, name):
+    planted.written(tmp_path, [])
+    file = {FILE_KEY: nav2_file(CAMPAIGNS / name)}
+    task = {"start_pose": planted.START, "goal_pose": planted.GOAL}
+    values = {"map_file": map_content(tmp_path / "rooms.yaml"), **task, **spelled_out(file)}
+    dimensions = {key: "task" if key in task else "system" for key in values} | {"map_file": "environment"}
+    campaign = {"execution": {FILE_KEY: "own.yaml", "timeout": 20}}
+    failing = Failing(tmp_path, "own", "success", Subject(values, dimensions), campaign, {}, "footprint")
+    whole = frozenset(each for each in failing.subject.circumstances if each.can_be_left_out)
+    with candidate_files(failing) as files:
+        built = files.built(Candidate(whole))
+        assert len(whole) > 10 and FILE_KEY not in built.text
+        assert parameters_of(built.configuration.scenario.system) == parameters_of(file)
+        assert files.built(Candidate(frozenset())).configuration.scenario.system == {}
+
+
+def test_a_parameter_file_with_what_no_key_says_stays_whole():
+    file = {FILE_KEY: nav2_file(CAMPAIGNS / "robots" / "forklift.yaml")}
+    assert spelled_out(file) == file
+
+
+def test_what_a_campaign_rewrites_of_its_parameter_file_is_no_parameter_of_the_file():
+    system = {FILE_KEY: nav2_file(CAMPAIGNS / "robots" / "turtlebot4.yaml"), "batch_size": 500, "vx_max": 0.2}
+    found = spelled_out(system)
+    assert parameters_of(found) == parameters_of(system)
+    assert (found["batch_size"], found["vx_max"]) == (500, 0.2)
+    assert not [key for key in found if key.endswith((".batch_size", ".vx_max"))]
 
 
 @pytest.mark.parametrize(

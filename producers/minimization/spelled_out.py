@@ -1,0 +1,55 @@
+"""A Nav2 parameter file spelled out: each parameter in which it differs from Nav2's defaults is a key of its own."""
+
+from collections.abc import Mapping
+from typing import Final, TypeAlias
+
+from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.nav.controllers.registry import name_of, short_name
+from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, default_document, parameters_of, with_controller
+from vastflow.sim.nav.parameters.document import PARAMETERS, DocumentError, ParameterLocation, dotted
+from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, ParameterFile
+from vastflow.sim.nav.parameters.rewriting import targets
+from vastflow.sim.nav.parameters.written import document_of
+
+_MONITOR: Final = "collision_monitor.FootprintApproach.enabled"
+"""Off where a file has no such node, which no key takes away."""
+
+Values: TypeAlias = Mapping[ParameterLocation, Value]
+
+
+def spelled_out(system: Mapping[str, Value]) -> Mapping[str, Value]:
+    """A system of the same parameters without a parameter file; the system as it is where keys can't say what its file says.
+
+    What the other keys rewrite of the file stands for itself, and its default is Nav2's.
+    """
+    content = system.get(FILE_KEY)
+    if not isinstance(content, FileContent) or isinstance(content, ParameterFile):
+        return system
+    rest = {key: value for key, value in system.items() if key != FILE_KEY}
+    try:
+        meant = parameters_of(system)
+        of_file = parameters_of({key: system[key] for key in (FILE_KEY, CONTROLLER_KEY) if key in system})
+        kind, default = type(of_file.controller), default_document().values
+        chosen: dict[str, Value] = {} if kind is MppiParameters else {CONTROLLER_KEY: short_name(name_of(kind))}
+        if chosen:
+            default = with_controller(default_document(), chosen[CONTROLLER_KEY]).values
+        said = document_of(of_file).values
+        rewritten = {path for key in rest for path in targets(said, key)}
+        own = {
+            _key(path, default): list(value) if isinstance(value, tuple) else value
+            for path, value in said.items()
+            if path not in rewritten and default.get(path) != value
+        }
+        if not of_file.collision_monitor.enabled:
+            own[_MONITOR] = False
+        found = {**chosen, **own, **rest}
+        return found if parameters_of(found) == meant else system
+    except DocumentError:
+        return system
+
+
+def _key(path: ParameterLocation, default: Values) -> str:
+    """The path without `ros__parameters`, where that stands for no other parameter."""
+    short = ".".join(name for name in path if name != PARAMETERS)
+    return short if targets(default, short) == (path,) else dotted(path)
