@@ -11,8 +11,9 @@ from vastflow.producers.vast.document import Document
 from vastflow.sim.digest import Value
 from vastflow.sim.files import is_file
 from vastflow.sim.nav.parameters import document as parameters
+from vastflow.sim.nav.parameters.controller_server import critics_of
 from vastflow.sim.nav.parameters.findings import Finding, findings
-from vastflow.sim.nav.parameters.interpretation import Interpretation, critics_of, interpretation
+from vastflow.sim.nav.parameters.interpretation import Interpretation, interpretation
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, file_value, frozen
 
 WHERE: Final[Location] = ("execution", FILE_KEY)

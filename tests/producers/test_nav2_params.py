@@ -218,7 +218,7 @@ def test_a_family_names_no_file_of_its_own(load: Load) -> None:
 def test_produced_values_are_checked_with_the_controller_they_are_for(load: Load) -> None:
     producer = "  - ParameterVariationList: {name: max_vel_theta, values: [1.0, -1.0]}"
     (found,) = faults(load, NAV2, "", producer)
-    assert "values[1]: found -1.0; max_vel_theta must lie in [0, 10]" in found
+    assert "values[1]: found -1.0; max_vel_theta must lie in [0, 100]" in found
 
 
 def test_keys_of_a_controller_are_read_where_the_controller_varies() -> None:

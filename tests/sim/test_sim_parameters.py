@@ -192,8 +192,8 @@ def test_a_controller_that_the_file_does_not_have_comes_with_its_defaults(conten
 
 
 def test_a_file_is_rewritten_like_the_default(content):
-    assert radii({"nav2_params": content}) == (0.3, 0.22)
-    assert radii({"nav2_params": content, "robot_radius": 0.4}) == (0.4, 0.22)
+    assert radii({"nav2_params": content}) == (0.3, 0.3)  # the file has the local costmap alone
+    assert radii({"nav2_params": content, "robot_radius": 0.4}) == (0.4, 0.4)
     assert radii({"nav2_params": content, GLOBAL_RADIUS: 0.4}) == (0.3, 0.4)
 
 

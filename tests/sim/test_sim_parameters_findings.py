@@ -64,7 +64,9 @@ def test_without_a_polygon_the_radius_counts():
 
 
 def test_an_unknown_node_is_spoken_of_as_a_whole():
-    found = findings(read("slam_toolbox: {ros__parameters: {a: 1, b: {c: 2}, use_sim_time: true}}"))
+    found = findings(
+        read("amcl: {ros__parameters: {}}\nslam_toolbox: {ros__parameters: {a: 1, b: {c: 2}, use_sim_time: true}}")
+    )
     assert [(f.status, f.about[0]) for f in found[:2]] == [("not modelled", "slam_toolbox")] * 2
     assert {len(f.about) for f in found[:2]} == {2}
     assert found[2].status == "no effect"
@@ -77,22 +79,32 @@ def test_an_unknown_parameter_of_a_plug_in_is_spoken_of_by_itself():
 
 
 def test_nodes_that_no_mission_needs_have_no_effect():
-    assert statuses("smoother_server: {ros__parameters: {smoother_plugins: [s]}}") == {"smoother_plugins": "no effect"}
+    assert statuses("amcl: {ros__parameters: {}}\nsmoother_server: {ros__parameters: {smoother_plugins: [s]}}") == {
+        "smoother_plugins": "no effect"
+    }
 
 
 def test_another_behavior_tree_is_not_the_one_built_in():
     tree = "navigate_to_pose_w_replanning_and_recovery.xml"
-    assert statuses(f"bt_navigator: {{ros__parameters: {{default_nav_to_pose_bt_xml: /opt/{tree}}}}}") == {
-        "default_nav_to_pose_bt_xml": "built in"
-    }
-    assert statuses("bt_navigator: {ros__parameters: {default_nav_to_pose_bt_xml: mine.xml}}") == {
-        "default_nav_to_pose_bt_xml": "differs"
-    }
+    assert statuses(
+        f"amcl: {{ros__parameters: {{}}}}\nbt_navigator: {{ros__parameters: {{default_nav_to_pose_bt_xml: /opt/{tree}}}}}"
+    ) == {"default_nav_to_pose_bt_xml": "built in"}
+    assert statuses(
+        "amcl: {ros__parameters: {}}\nbt_navigator: {ros__parameters: {default_nav_to_pose_bt_xml: mine.xml}}"
+    ) == {"default_nav_to_pose_bt_xml": "differs"}
 
 
 def test_plug_ins_that_no_list_has_are_without_effect():
     text = "planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased.plugin: nav2_navfn_planner::NavfnPlanner, Old: {plugin: x::Y, a: 1}}}"
     assert statuses(text)["Old.a"] == "no effect"
+
+
+def test_a_frame_may_have_the_robots_name_before_it():
+    def status(frame):
+        return statuses(f"local_costmap: {{local_costmap: {{ros__parameters: {{global_frame: '{frame}'}}}}}}")
+
+    assert status("robot1odom") == status("<robot_namespace>/odom") == {"ros__parameters.global_frame": "built in"}
+    assert status("map") == {"ros__parameters.global_frame": "differs"}
 
 
 def test_a_behavior_that_is_listed_and_not_one_of_nav2s_is_not_modelled():

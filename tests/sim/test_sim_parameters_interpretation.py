@@ -1,5 +1,6 @@
 """What Nav2 parameter files set the stack to."""
 
+import math
 from pathlib import Path
 from typing import Literal, get_args, get_origin
 
@@ -7,11 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vastflow.sim.nav.parameters.controller_server import critics_of
 from vastflow.sim.nav.parameters.costmap import Costmap, InflationLayer, ObstacleLayer, StaticLayer
+from vastflow.sim.nav.parameters.costmap_layers import OF_THE_MAP
 from vastflow.sim.nav.parameters.document import DocumentError, dotted, parse, read_document
 from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, OF_THE_MAP, critics_of, interpretation
+from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, interpretation
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup, range_of
 from vastflow.sim.nav.parameters.rpp import RppParameters
@@ -136,7 +139,7 @@ def test_nodes_are_found_in_a_namespace_and_the_least_deep_of_two_counts():
 
 
 def test_a_costmap_is_the_node_in_its_namespace():
-    assert read("local_costmap: {ros__parameters: {robot_radius: 0.3}}").replaced[2] == "local_costmap"
+    assert read(f"local_costmap: {{ros__parameters: {{robot_radius: 0.3}}}}\n{MINIMAL}").replaced[1] == "local_costmap"
 
 
 def test_the_list_of_plug_ins_decides_which_layers_there_are():
@@ -163,11 +166,50 @@ def test_a_voxel_layer_clears_short_of_the_beams_end(layer, cells):
 
 
 @pytest.mark.parametrize(
-    "sources", ["", "observation_sources: [s], s: {topic: x},", "observation_sources: s, s: {data_type: PointCloud2},"]
+    "sources", ["", "observation_sources: [],", "observation_sources: s, s: {data_type: PointCloud2, marking: false},"]
 )
-def test_a_layer_without_a_laser_scan_neither_marks_nor_clears(sources):
+def test_a_layer_without_a_source_that_marks_neither_marks_nor_clears(sources):
     found = local(f"plugins: [a], a: {{{sources} plugin: 'nav2_costmap_2d::ObstacleLayer'}}").obstacle_layer
     assert (found.enabled, found.marking, found.clearing) == (True, False, False)
+
+
+def test_a_point_cloud_that_marks_is_read_as_the_laser_scan_where_there_is_none():
+    sources = "observation_sources: up down, up: {obstacle_max_range: 4.0}, down: {marking: false, clearing: true}"
+    text = f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [a], a: {{plugin: nav2_costmap_2d::ObstacleLayer, {sources}}}}}}}}}"
+    found = read(text)
+    layer = found.parameters.local_costmap.obstacle_layer
+    assert (layer.marking, layer.clearing, layer.obstacle_max_range) == (True, True, 4.0)
+    why = {path[-1]: why for path, why in found.reader.unmodelled.items()}
+    assert why == {
+        "up": "a point cloud is read as the laser scan",
+        "down": "only one source, a LaserScan, is modelled",
+    }
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        "o: {plugin: nav2_costmap_2d::VoxelLayer, observation_sources: camera, camera: {data_type: PointCloud2}}",
+        "o: {plugin: nav2_costmap_2d::VoxelLayer, enabled: false, observation_sources: s, s: {data_type: LaserScan}}",
+        "o: {plugin: spatio_temporal_voxel_layer/SpatioTemporalVoxelLayer}",
+    ],
+)
+def test_of_two_obstacle_layers_the_one_is_read_that_is_on_and_sees_the_scan(other):
+    scan = "a: {plugin: nav2_costmap_2d::ObstacleLayer, observation_sources: s, s: {data_type: LaserScan, obstacle_max_range: 7.0}}"
+    found = read(f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [o, a], {other}, {scan}}}}}}}")
+    assert found.parameters.local_costmap.obstacle_layer.obstacle_max_range == 7.0
+    assert "a second layer beside a is not modelled" in found.reader.unmodelled.values()
+
+
+def test_a_file_with_one_costmap_gives_the_other_its_body():
+    footprint = "'[[0.2, 0.4], [0.2, -0.4], [-0.9, 0.0]]'"
+    body = f"footprint: {footprint}, footprint_padding: 0.02, robot_radius: 0.5"
+    found = parameters(f"global_costmap: {{global_costmap: {{ros__parameters: {{{body}}}}}}}")
+    assert found.local_costmap.footprint == found.global_costmap.footprint != "[]"
+    assert found.local_costmap.footprint_padding == 0.02
+    assert local("robot_radius: 0.4").robot_radius == 0.4
+    text = "local_costmap: {local_costmap: {ros__parameters: {robot_radius: 0.4}}}"
+    assert parameters(text).global_costmap.robot_radius == 0.4
 
 
 def test_of_several_sources_the_first_laser_scan_is_used_and_the_others_are_not_modelled():
@@ -252,6 +294,79 @@ def test_humbles_single_progress_checker_is_read():
     assert parameters(text).progress_checker.movement_time_allowance == 5.0
 
 
+def test_galactics_recoveries_server_is_the_behavior_server_unless_there_is_one():
+    old = "recoveries_server: {ros__parameters: {max_rotational_vel: 2.5, recovery_plugins: [spin, backup, wait], spin.plugin: nav2_recoveries/Spin}}"
+    found = read(old)
+    assert found.parameters.behavior_server.max_rotational_vel == 2.5
+    assert "behavior_server" not in found.replaced
+    assert set(statuses(old).values()) == {"modelled", "built in"}
+    both = f"{old}\nbehavior_server: {{ros__parameters: {{max_rotational_vel: 1.5}}}}"
+    assert parameters(both).behavior_server.max_rotational_vel == 1.5
+
+
+def test_a_file_of_dashing_is_refused_where_it_differs_from_todays():
+    text = """
+dwb_controller: {ros__parameters: {max_vel_x: 0.26}}
+navfn_planner: {ros__parameters: {tolerance: 0.0}}
+local_costmap:
+  local_costmap:
+    ros__parameters:
+      plugin_names: [obstacle_layer]
+      plugin_types: ["nav2_costmap_2d::ObstacleLayer"]
+"""
+    assert faults(text) == [
+        "nav2.yaml:2:1: dwb_controller: found a node of Nav2 Dashing's; controller_server with a list of plug-ins, as since Foxy",
+        "nav2.yaml:3:1: navfn_planner: found a node of Nav2 Dashing's; planner_server with a list of plug-ins, as since Foxy",
+        "nav2.yaml:7:7: local_costmap.local_costmap.ros__parameters.plugin_names: found a list of Nav2 Eloquent's, which has the classes in another list; 'plugins', and 'plugin: package::Class' below each name, as since Foxy",
+    ]
+
+
+def test_names_of_dashing_beside_todays_have_no_say():
+    assert (
+        parameters(f"{MINIMAL}\ndwb_controller: {{ros__parameters: {{max_vel_x: 0.26}}}}").controller.batch_size == 1500
+    )
+
+
+def test_a_rotation_shim_has_its_controller_in_a_group_since_kilted():
+    shim = "plugin: nav2_rotation_shim_controller::RotationShimController, angular_dist_threshold: 0.5"
+    inside = "primary_controller: {plugin: nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController, desired_linear_vel: 0.4}"
+    found = parameters(controller(f"{shim}, {inside}, desired_linear_vel: 0.9"))
+    assert found.rotation_shim.angular_dist_threshold == 0.5
+    assert found.controller == RppParameters(desired_linear_vel=0.4)
+
+
+def test_the_position_goal_checker_lets_the_robot_face_anywhere():
+    checkers = "goal_checker_plugins: [g], g: {plugin: nav2_controller::PositionGoalChecker, xy_goal_tolerance: 0.2, yaw_goal_tolerance: 0.1}"
+    found = parameters(f"controller_server: {{ros__parameters: {{{checkers}}}}}").goal_checker
+    assert (found.xy_goal_tolerance, found.stateful) == (0.2, True)
+    assert found.yaw_goal_tolerance > math.pi
+
+
+def test_what_mppi_has_for_omni_alone_may_be_anything_for_another_robot():
+    text = "plugin: nav2_mppi_controller::MPPIController, vy_std: 0.0, motion_model: "
+    assert isinstance(parameters(controller(f"{text}DiffDrive")).controller, MppiParameters)
+    (fault,) = faults(controller(f"{text}Omni"))
+    assert "vy_std must lie in [0.001, 10]" in fault
+
+
+def test_mppis_motion_model_is_a_plug_in_with_parameters_since_lyrical():
+    text = "plugin: nav2_mppi_controller::MPPIController, motion_model: mine, mine: {plugin: 'mppi::AckermannMotionModel', min_turning_r: 0.7}"
+    found = parameters(controller(text)).controller
+    assert (found.motion_model, found.AckermannConstraints.min_turning_r) == ("Ackermann", 0.7)
+    assert set(statuses(controller(text)).values()) == {"modelled"}
+    (fault,) = faults(controller(text.replace("Ackermann", "Tracked")))
+    assert (
+        "C.mine.plugin: no motion model 'mppi::TrackedMotionModel' is known; known: mppi::DiffDriveMotionModel, "
+        in fault
+    )
+
+
+def test_dwb_with_few_samples_or_for_a_fast_robot_is_read():
+    text = "plugin: dwb_core::DWBLocalPlanner, critics: [PathDist], vtheta_samples: 0, max_vel_theta: 12.0, min_speed_xy: -8.0, max_speed_xy: 8.0, min_speed_theta: -12.0"
+    found = parameters(controller(text)).controller
+    assert (found.vtheta_samples, found.max_vel_theta, found.min_speed_xy) == (0, 12.0, -8.0)
+
+
 def test_a_waypoint_task_that_is_off_or_another_does_not_pause():
     def pause(task):
         text = f"waypoint_follower: {{ros__parameters: {{waypoint_task_executor_plugin: w, w: {{{task}}}}}}}"
@@ -272,9 +387,13 @@ PLUGIN_FAULTS = [
     ("planner_server: {ros__parameters: {planner_plugins: [G], G.plugin: 'nav2_smac_planner/SmacPlannerLattice'}}", "G.plugin: nav2_smac_planner::SmacPlannerLattice is not modelled; a planner that is: nav2_navfn_planner::NavfnPlanner"),
     ("planner_server: {ros__parameters: {planner_plugins: []}}", "planner_plugins: found an empty list; the name of a planner"),
     ("planner_server: {ros__parameters: {planner_plugins: 3}}", "planner_plugins: found 3; a list of names"),
+    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [PathDist], max_vel_y: 0.5"), "C.max_vel_y: found 0.5, which is not modelled; 0.0"),
+    (controller("plugin: graceful_controller/GracefulControllerROS"), "C.plugin: graceful_controller::GracefulControllerROS is not modelled; a controller that is: dwb_core::DWBLocalPlanner, "),
+    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [i, o], i.plugin: nav2_costmap_2d::InflationLayer, o.plugin: nav2_costmap_2d::ObstacleLayer}}}", "o.plugin: o comes after the inflation: Nav2 does not inflate what it marks, which is not modelled; 'o' before 'i' in the list 'plugins'"),
+    ("slam_toolbox: {ros__parameters: {resolution: 0.05}}", "nav2.yaml:1:1: file: none of its nodes is modelled; one that is, beside others: amcl, controller_server, "),
     (controller("plugin: dwb_core::DWBLocalPlanner"), "C: no 'critics'; a list of them, without which DWB does not start: RotateToGoal, "),
     ("planner_server: {ros__parameters: {GridBased.plugin: 3}}", "GridBased.plugin: found 3; text"),
-    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, goal_checker_plugins: [g], g.plugin: nav2_controller::PositionGoalChecker}}", "g.plugin: nav2_controller::PositionGoalChecker is not modelled; a goal checker that is: "),
+    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, goal_checker_plugins: [g], g.plugin: nav2_controller::AxisGoalChecker}}", "g.plugin: nav2_controller::AxisGoalChecker is not modelled; a goal checker that is: "),
     ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, progress_checker_plugins: [g], g.plugin: x::P}}", "g.plugin: no progress checker 'x::P' is known; known: "),
     ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: nav2_costmap_2d::RangeSensorLayer}}}", "d.plugin: nav2_costmap_2d::RangeSensorLayer is not modelled; a costmap layer that is: nav2_costmap_2d::StaticLayer, "),
     ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: x::L}}}", "d.plugin: no costmap layer 'x::L' is known; known: "),

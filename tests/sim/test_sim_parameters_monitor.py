@@ -3,6 +3,7 @@
 import pytest
 
 from vastflow.sim.nav.parameters.document import DocumentError, parse
+from vastflow.sim.nav.parameters.findings import findings
 from vastflow.sim.nav.parameters.interpretation import interpretation
 from vastflow.sim.nav.parameters.servers import CollisionMonitor
 
@@ -37,6 +38,17 @@ def test_the_monitors_approach_polygon_is_read_with_the_nodes_timeout():
 )
 def test_a_monitor_without_a_footprint_that_approaches_or_without_a_scan_does_nothing(text):
     assert not monitor(text).enabled
+
+
+def test_what_of_a_monitor_does_not_count_is_said_to_have_no_effect():
+    text = (
+        f"{APPROACH}, source_timeout: 3.0, s: {{source_timeout: 0.5}}, q: {{type: velocity_polygon, action_type: stop}}"
+    )
+    found = findings(interpretation(parse(f"collision_monitor: {{ros__parameters: {{{text}}}}}")))
+    assert {(each.path[2], each.why) for each in found if each.status == "no effect"} == {
+        ("source_timeout", "s has its own"),
+        ("q", "no list of plug-ins has it"),
+    }
 
 
 def test_a_flag_of_the_monitor_that_is_a_number_is_a_fault_at_its_place():

@@ -22,12 +22,14 @@ class BuiltIn:
         values: Values that mean just that; the first is what a file would say. Without any, every value does.
         low, high: Range of numbers that mean the same, in place of `values`.
         includes: Names that a list must have, in place of `values`.
+        prefixed: Whether text before one of the `values` makes no difference, as the robot's name before a frame.
     """
 
     values: tuple[Value, ...] = ()
     low: float = -math.inf
     high: float = math.inf
     includes: tuple[str, ...] = ()
+    prefixed: bool = False
 
     @property
     def matters(self) -> bool:
@@ -36,6 +38,8 @@ class BuiltIn:
 
     def agrees(self, value: Value) -> bool:
         """Whether a file that has `value` asks for what is done anyway."""
+        if self.prefixed:
+            return isinstance(value, str) and value.endswith(tuple(map(str, self.values)))
         if self.values:
             return any(_equal(value, own) for own in self.values)
         if self.includes:
@@ -92,6 +96,11 @@ def within(low: float = -math.inf, high: float = math.inf) -> BuiltIn:
     return BuiltIn(low=low, high=high)
 
 
+def _frame(name: str) -> BuiltIn:
+    """A frame, whatever the robot's name before it is."""
+    return BuiltIn((name,), prefixed=True)
+
+
 def _any(*names: str) -> dict[str, BuiltIn]:
     return dict.fromkeys(names, ANY)
 
@@ -127,6 +136,7 @@ _FRAMES: Final = (
 _BEHAVIORS: Final = {
     "spin": "Spin",
     "backup": "BackUp",
+    "back_up": "BackUp",
     "wait": "Wait",
     "drive_on_heading": "DriveOnHeading",
     "assisted_teleop": "AssistedTeleop",
@@ -141,7 +151,7 @@ _COSTMAP: Final[Mapping[str, BuiltIn]] = {
     "use_maximum": only(False),
 }
 _OBSTACLE_LAYER: Final[Mapping[str, BuiltIn]] = {
-    **_any("tf_filter_tolerance"),
+    **_any("tf_filter_tolerance", "track_unknown_space"),  # this is the costmap's
     "combination_method": only(1),
     "min_obstacle_height": within(high=LASER_HEIGHT_M),
     "max_obstacle_height": within(low=LASER_HEIGHT_M),
@@ -179,15 +189,17 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "costmap_update_timeout": only(0.30),
         "publish_zero_velocity": only(True),
     },
-    "local_costmap": {**_COSTMAP, "global_frame": only("odom"), "rolling_window": only(True)},
+    "local_costmap": {**_COSTMAP, "global_frame": _frame("odom"), "rolling_window": only(True)},
     "global_costmap": {
         **_COSTMAP,
         **_any("publish_frequency", "width", "height", "resolution"),
-        "global_frame": only("map"),
+        "global_frame": _frame("map"),
         "rolling_window": only(False),
     },
     "StaticLayer": {
         **_any("map_subscribe_transient_local", "map_topic", "subscribe_to_updates", "transform_tolerance"),
+        # These are the costmap's: Nav2 does not look for them here.
+        **_any("track_unknown_space", "use_maximum", "lethal_cost_threshold", "unknown_cost_value", "trinary_costmap"),
         "footprint_clearing_enabled": only(False),
     },
     "ObstacleLayer": _OBSTACLE_LAYER,
@@ -245,8 +257,6 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("vy_samples", "acc_lim_y", "decel_lim_y", "default_critic_namespaces", "time_granularity"),
         **_any("publish_evaluation", "publish_global_plan", "publish_transformed_plan", "publish_local_plan"),
         **_any("publish_trajectories", "publish_cost_grid_pc", "marker_lifetime"),
-        "min_vel_y": only(0.0),
-        "max_vel_y": only(0.0),
         "trajectory_generator_name": only("dwb_plugins::StandardTrajectoryGenerator", "StandardTrajectoryGenerator"),
         "prune_plan": only(True),
         "shorten_transformed_plan": only(True),
@@ -270,9 +280,16 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     "behavior_server": {
         **_any(*_FRAMES, "costmap_topic", "footprint_topic", "local_costmap_topic", "local_footprint_topic"),
         **_any("global_costmap_topic", "global_footprint_topic", "transform_tolerance", "projection_time"),
+        **_any("transform_timeout"),
         "cycle_frequency": only(10.0),
         "behavior_plugins": BuiltIn(includes=("spin", "backup", "wait")),
-        **{f"{name}.plugin": only(f"nav2_behaviors::{class_}") for name, class_ in _BEHAVIORS.items()},
+        "recovery_plugins": BuiltIn(
+            includes=("spin", "wait")
+        ),  # of Galactic and before, as the classes of nav2_recoveries
+        **{
+            f"{name}.plugin": only(f"nav2_behaviors::{class_}", f"nav2_recoveries::{class_}")
+            for name, class_ in _BEHAVIORS.items()
+        },
     },
     "waypoint_follower": _any("loop_rate", "global_frame_id"),
     "velocity_smoother": {

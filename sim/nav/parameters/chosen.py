@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 from vastflow.sim.digest import FileContent, Value, canonical
 from vastflow.sim.nav.controllers.registry import FILE, find_parameters, known_controllers, short_names
+from vastflow.sim.nav.parameters.controller_server import primary_controller
 from vastflow.sim.nav.parameters.document import (
     PARAMETERS,
     DocumentError,
@@ -151,7 +152,7 @@ def _plug_in(values: Mapping[ParameterLocation, Value], place: ParameterLocation
     """The class of a controller, or of the one in a Rotation Shim, as the group has it; a file and class as they are written."""
     text = str(values.get((*place, "plugin")))
     if class_name(text) == ROTATION_SHIM:
-        text = str(values.get((*place, "primary_controller")))
+        text = str(values.get(primary_controller(values, place)))
     return text if FILE in text else class_name(text)
 
 

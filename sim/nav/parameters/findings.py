@@ -83,10 +83,11 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
 
 
 def _is_unlisted(document: ParameterDocument, plugin: ParameterLocation) -> bool:
-    """Whether this is a plug-in that no list beside it names."""
+    """Whether this is a plug-in, or an area of the collision monitor, that no list beside it names."""
     beside = [value for path, value in document.values.items() if path[:-1] == plugin[:-1]]
     lists = [value for value in beside if isinstance(value, Sequence)]
-    return (*plugin, "plugin") in document.values and not any(plugin[-1] in names for names in lists)
+    is_one = any((*plugin, name) in document.values for name in ("plugin", "action_type"))
+    return is_one and not any(plugin[-1] in names for names in lists)
 
 
 def _nearest(path: ParameterLocation, groups: Mapping[ParameterLocation, str]) -> ParameterLocation | None:

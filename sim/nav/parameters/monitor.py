@@ -33,8 +33,10 @@ def collision_monitor(reader: Reader, node: ParameterLocation) -> Mapping[str, C
     enabled = [reader.flag((*place, "enabled"), True) for place in (round_footprint, scan)]
     if not enabled[1]:
         given["zones"] = ()
-    own = (*scan, "source_timeout")
-    timeout = own if own in reader.document.values else (*node, "source_timeout")
+    own, common = (*scan, "source_timeout"), (*node, "source_timeout")
+    timeout = own if own in reader.document.values else common
+    if timeout == own:
+        reader.unused[common] = f"{scan[-1]} has its own"
     given |= {"enabled": all(enabled), **_least_points(reader, round_footprint)}
     return {"collision_monitor": reader.group(CollisionMonitor, round_footprint, {"source_timeout": timeout}, given)}
 

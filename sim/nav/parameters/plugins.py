@@ -42,7 +42,10 @@ CONTROLLERS: Final = Plugins(
     foreign=(
         "nav2_graceful_controller::GracefulController",
         "nav2_graceful_motion_controller::GracefulMotionController",
+        "graceful_controller::GracefulControllerROS",
+        "neo_local_planner::NeoLocalPlanner",
         "teb_local_planner::TebLocalPlannerROS",
+        "vector_pursuit_controller::VectorPursuitController",
     ),
     defaults={"FollowPath": "dwb_core::DWBLocalPlanner"},
     used="FollowPath",
@@ -72,8 +75,10 @@ PROGRESS_CHECKERS: Final = Plugins(
 GOAL_CHECKERS: Final = Plugins(
     what="goal checker",
     lists=("goal_checker_plugins", "goal_checker_plugin"),
-    modelled={f"nav2_controller::{name}": name for name in ("SimpleGoalChecker", "StoppedGoalChecker")},
-    foreign=_classes("nav2_controller", "PositionGoalChecker", "AxisGoalChecker"),
+    modelled={
+        f"nav2_controller::{name}": name for name in ("SimpleGoalChecker", "StoppedGoalChecker", "PositionGoalChecker")
+    },
+    foreign=_classes("nav2_controller", "AxisGoalChecker"),
     defaults={"goal_checker": "nav2_controller::SimpleGoalChecker"},
     used="general_goal_checker",
 )

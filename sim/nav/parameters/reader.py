@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -17,6 +17,9 @@ RATES: Final = frozenset({"controller_frequency", "update_frequency", "publish_f
 """Parameters whose loops run in whole numbers of ticks."""
 
 Group = TypeVar("Group", bound=BaseModel)
+
+Parts: TypeAlias = Mapping[str, Any]
+"""Fields of `NavParameters`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +54,10 @@ class Reader:
         self.faults: list[ParameterFault] = []
 
     def fault(self, path: ParameterLocation, what: str, right: str) -> None:
-        """Note a mistake at `path`."""
-        self.faults.append(ParameterFault(dotted(path), what, right, self.document.place(path)))
+        """Note a mistake at `path`, once however often it is met."""
+        fault = ParameterFault(dotted(path), what, right, self.document.place(path))
+        if fault not in self.faults:
+            self.faults.append(fault)
 
     def group(
         self,

@@ -5,10 +5,11 @@ from typing import Any, Final
 
 from vastflow.sim.digest import Value
 from vastflow.sim.nav.controllers.registry import name_of
+from vastflow.sim.nav.parameters.controller_server import critics_of
 from vastflow.sim.nav.parameters.costmap import Costmap
+from vastflow.sim.nav.parameters.costmap_layers import OF_THE_MAP
 from vastflow.sim.nav.parameters.document import PARAMETERS, ParameterDocument, ParameterLocation
 from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.interpretation import OF_THE_MAP, critics_of
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (

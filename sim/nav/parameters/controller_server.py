@@ -1,0 +1,223 @@
+"""Reading the node `controller_server`: its checkers, and the controller with its critics, in a Rotation Shim or not."""
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, Final, TypeGuard
+
+from vastflow.sim.digest import Value
+from vastflow.sim.nav.controllers.registry import (
+    FILE,
+    OWN,
+    UnknownController,
+    find_parameters,
+    known_controllers,
+    short_name,
+)
+from vastflow.sim.nav.parameters.document import ParameterLocation
+from vastflow.sim.nav.parameters.mppi import AckermannParameters, MppiParameters
+from vastflow.sim.nav.parameters.parameter import ParameterGroup, complaint
+from vastflow.sim.nav.parameters.plugins import (
+    CONTROLLERS,
+    FOREIGN_CRITICS,
+    GOAL_CHECKERS,
+    PROGRESS_CHECKERS,
+    ROTATION_SHIM,
+    class_name,
+    critic_class,
+)
+from vastflow.sim.nav.parameters.reader import Group, Parts, Reader
+from vastflow.sim.nav.parameters.servers import (
+    NO_ANGLE_RAD,
+    NO_LIMIT,
+    ControllerServer,
+    GoalChecker,
+    ProgressChecker,
+    RotationShim,
+)
+from vastflow.sim.reading.names import did_you_mean
+
+_OF_THE_STOPPED: Final = ("trans_stopped_velocity", "rot_stopped_velocity")
+"""Parameters that of the goal checkers the StoppedGoalChecker alone has."""
+
+_OF_OMNI: Final = ("ay_max", "ay_min", "vy_std")
+"""Parameters of MPPI that of its motion models Omni alone has."""
+
+_MOTION_MODELS: Final[Mapping[str, str]] = {
+    f"mppi::{name}MotionModel": name for name in ("DiffDrive", "Ackermann", "Omni")
+}
+"""Plug-ins of MPPI's to what its parameter calls them before Lyrical."""
+
+_TO_THE_SIDE: Final = ("min_vel_y", "max_vel_y")
+"""Limits of DWB's samples to the side, which are not modelled: a robot that is to have some would drive otherwise."""
+
+_NOT_OF_THE_SHIM: Final = ("rotate_to_heading_once", "use_path_orientations")
+"""Flags of the Rotation Shim that are not modelled."""
+
+
+def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
+    parts: dict[str, Any] = {"controller_server": reader.group(ControllerServer, node)}
+    if progress := reader.plugin(node, PROGRESS_CHECKERS):
+        given = {"required_movement_angle": NO_ANGLE_RAD} if progress.kind == "SimpleProgressChecker" else None
+        parts["progress_checker"] = reader.group(ProgressChecker, (*node, progress.name), given=given)
+    if goal := reader.plugin(node, GOAL_CHECKERS):
+        given = {} if goal.kind == "StoppedGoalChecker" else dict.fromkeys(_OF_THE_STOPPED, NO_LIMIT)
+        if goal.kind == "PositionGoalChecker":
+            given["yaw_goal_tolerance"] = NO_ANGLE_RAD
+        parts["goal_checker"] = reader.group(GoalChecker, (*node, goal.name), given=given)
+    # Nav2's code would load DWB here and find no critics for it: such a file is one for other parameters.
+    named = [(*node, *CONTROLLERS.lists), (*node, CONTROLLERS.used, "plugin")]
+    if any(path in reader.document.values for path in named) and (used := reader.used(node, CONTROLLERS)):
+        parts |= _controller(reader, (*node, used[0]), used[1])
+    return parts
+
+
+def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocation) -> Parts:
+    """The controller with the parameters at `place`; one that can't be found is a fault."""
+    document, path = reader.document, (*place, "plugin")
+    text = reader.text(path, CONTROLLERS.defaults.get(place[-1], ""))
+    name = text if FILE in text else class_name(text)
+    parts: Parts = {}
+    shimmed: tuple[ParameterLocation, ...] = ()
+    if name == ROTATION_SHIM:
+        parts, shimmed = _rotation_shim(reader, place)
+        path = primary_controller(document.values, place)
+        place = path[:-1] if path[-1] == "plugin" else place
+        text = reader.text(path, "")
+        name = text if FILE in text else class_name(text)
+    known = ", ".join(known_controllers())
+    if not name:
+        right = f"the class of a controller; known: {known}; {OWN}"
+        reader.fault(listed, f"no {path[-1]!r} below {place[-1]!r}", right)
+        return {}
+    if name in (*CONTROLLERS.foreign, ROTATION_SHIM):
+        reader.fault(path, f"{name} is not modelled", f"a controller that is: {known}; {OWN}")
+        return {}
+    try:
+        kind = find_parameters(name, Path(document.file).parent, document.plug_ins.get(name))
+    except UnknownController as error:
+        reader.fault(path, error.what, error.right)
+        return {}
+    if not kind.__module__.startswith("vastflow."):
+        return {**parts, "controller": _own_parameters(reader, kind, place, {(*place, "plugin"), path, *shimmed})}
+    return {**parts, "controller": _of_nav2(reader, kind, place, short_name(name).upper())}
+
+
+def _of_nav2(reader: Reader, kind: type[ParameterGroup], place: ParameterLocation, algorithm: str) -> ParameterGroup:
+    """A controller of Nav2's with its critics."""
+    reader.kinds[place] = algorithm
+    given = dict(_critics(reader, place, algorithm, kind()))
+    for name in _TO_THE_SIDE if algorithm == "DWB" else ():
+        reader.only((*place, name), 0.0)
+    if algorithm == "MPPI":
+        given |= _motion_model(reader, place)
+    found = reader.group(kind, place, given=given)
+    if isinstance(found, MppiParameters) and found.motion_model != "Omni":
+        for name in _OF_OMNI:
+            reader.leave((*place, name), "the motion model is not Omni")
+    return found
+
+
+def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
+    """What of MPPI's parameters goes with its motion model, where it is not read as the others are.
+
+    Since Lyrical the model is the name of a group with a `plugin` and the model's parameters.
+    """
+    values, given = reader.document.values, dict[str, Any]()
+    model = values.get((*place, "motion_model"))
+    constraints, plugin = (*place, "AckermannConstraints"), (*place, str(model), "plugin")
+    if plugin in values:
+        constraints, found = plugin[:-1], class_name(reader.text(plugin, ""))
+        given["motion_model"] = model = _MOTION_MODELS.get(found, "DiffDrive")
+        if found not in _MOTION_MODELS:
+            reader.fault(plugin, f"no motion model {found!r} is known", f"known: {', '.join(_MOTION_MODELS)}")
+        reader.asked[(*place, "motion_model")] = found
+    given["AckermannConstraints"] = reader.group(AckermannParameters, constraints)
+    if model != "Ackermann":
+        reader.leave((*constraints, "min_turning_r"), "the motion model is not Ackermann")
+    if model != "Omni":
+        # Nav2 does not read these, so that they may be out of range, as a standard deviation of 0.
+        usual = MppiParameters()
+        for name in _OF_OMNI:
+            path = (*place, name)
+            if path in values and complaint(MppiParameters, name, values[path]):
+                given[name] = getattr(usual, name)
+    return given
+
+
+def primary_controller(values: Mapping[ParameterLocation, Value], shim: ParameterLocation) -> ParameterLocation:
+    """Where a Rotation Shim has the class of its controller: since Kilted below a group that has its parameters, too."""
+    path = (*shim, "primary_controller")
+    return path if (*path, "plugin") not in values else (*path, "plugin")
+
+
+def _rotation_shim(reader: Reader, place: ParameterLocation) -> tuple[Parts, tuple[ParameterLocation, ...]]:
+    """The Rotation Shim, and where its parameters may be: the controller in it has its own beside them."""
+    for name in _NOT_OF_THE_SHIM:
+        reader.only((*place, name), False)
+    shim = reader.group(RotationShim, place, given={"enabled": True})
+    names = (*RotationShim.model_fields, *_NOT_OF_THE_SHIM)
+    return {"rotation_shim": shim}, tuple((*place, name) for name in names)
+
+
+def _own_parameters(
+    reader: Reader, kind: type[Group], place: ParameterLocation, others: Collection[ParameterLocation] = ()
+) -> Group:
+    """The parameters of a plug-in, and of groups in them; one that it does not have is a fault, for nobody else would read it."""
+    groups = {name: each for name, field in kind.model_fields.items() if _is_group(each := field.annotation)}
+    for path in reader.document.below(place):
+        name = path[len(place)]
+        if name not in kind.model_fields and path not in others:
+            what = f"{kind.__name__} has no parameter {name!r}"
+            reader.fault(path, what, did_you_mean(name, kind.model_fields, "none, for it has no parameters"))
+    return reader.group(
+        kind, place, given={name: _own_parameters(reader, each, (*place, name)) for name, each in groups.items()}
+    )
+
+
+def _is_group(annotation: object) -> TypeGuard[type[ParameterGroup]]:
+    return isinstance(annotation, type) and issubclass(annotation, ParameterGroup)
+
+
+def critics_of(controller: ParameterGroup) -> Mapping[str, Any]:
+    """The groups of a controller's critics by name, those that are not enabled too; none of RPP's."""
+    groups = ((name, value) for name, value in controller if isinstance(value, ParameterGroup))
+    return {name: group for name, group in groups if "enabled" in type(group).model_fields}
+
+
+def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: ParameterGroup) -> Parts:
+    """The critics that the list `critics` names; all others are not enabled.
+
+    DWB's have their places in the list: those that are not in it keep the ones they have, and the others share theirs.
+    """
+    critics = critics_of(default)
+    if not critics:
+        return {}
+    loaded: dict[str, ParameterLocation] = {}
+    listed = (*place, "critics")
+    if algorithm == "DWB" and listed not in reader.document.values:
+        reader.fault(place, "no 'critics'", f"a list of them, without which DWB does not start: {', '.join(critics)}")
+    for k, name in enumerate(reader.names(listed, ())):
+        class_path = (*place, name, "class")
+        text = reader.text(class_path, "") if class_path in reader.document.values else name
+        kind = critic_class(algorithm, text)
+        if kind in critics:
+            loaded[kind] = (*place, name)
+            continue
+        known = f"known: {', '.join(critics)}"
+        if kind in FOREIGN_CRITICS[algorithm]:
+            reader.fault((*listed, str(k)), f"the critic {text} of {algorithm} is not modelled", known)
+        else:
+            reader.fault((*listed, str(k)), f"{algorithm} has no critic {text!r}", known)
+    parts = {}
+    shared = sorted(critics[kind].place for kind in loaded) if algorithm == "DWB" else ()
+    places = dict(zip(loaded, shared, strict=False))
+    for kind, critic in critics.items():
+        if kind not in loaded:
+            parts[kind] = critic.with_values(enabled=False)
+            reader.unused[(*place, kind)] = "not in the list of critics"
+            continue
+        reader.kinds[loaded[kind]] = f"{algorithm} critic"
+        enabled = algorithm != "MPPI" or reader.flag((*loaded[kind], "enabled"), True)
+        given = {"enabled": enabled} | ({"place": places[kind]} if kind in places else {})
+        parts[kind] = reader.group(type(critic), loaded[kind], given=given)
+    return parts
