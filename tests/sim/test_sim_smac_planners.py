@@ -21,6 +21,7 @@ from vastflow.sim.nav.parameters.smac import SmacPlanner2D, SmacPlannerHybrid, S
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.parameters.written import document_of
 from vastflow.sim.nav.planners import smac_2d, smac_hybrid
+from vastflow.sim.nav.planners.ends import keep_ends
 from vastflow.sim.nav.planners.planner import compute_path, planner_of, search_of
 from vastflow.sim.nav.planners.primitives import price, primitives_of
 from vastflow.sim.nav.planners.search import PlannerInput
@@ -89,6 +90,11 @@ def primitives(q):
 @njit
 def price_of(q, primitive, cost, last):
     return price(q[0], primitive, cost, last)
+
+
+@njit
+def ends_kept(q, costs, points, headings):
+    keep_ends(q[0], costs, points, headings)
 
 
 def path_of(parameters, given, costmap=None):
@@ -305,6 +311,58 @@ def test_a_path_begins_at_the_start_and_ends_at_the_goal_with_their_headings():
     poses, _ = raw_path(SmacPlannerHybrid(), situation(costs, start, goal))
     assert poses[[0, -1], :2] == pytest.approx(np.array([start[:2], goal[:2]]))
     assert poses[[0, -1], 2] == pytest.approx([0.3, 1.5], abs=0.5 * 2.0 * math.pi / 72)
+
+
+@pytest.mark.parametrize("model", ["DUBIN", "REEDS_SHEPP"])
+@pytest.mark.parametrize(("start", "goal"), [((1.0, 1.0, 0.0), (5.0, 4.0, -1.5)), ((5.0, 2.0, 3.0), (1.0, 4.0, 3.0))])
+def test_a_smoothed_path_leaves_along_the_start_s_heading_and_arrives_along_the_goal_s(model, start, goal):
+    """Within what an arc of the least radius turns between two points, and half of a bin; the smoother alone keeps neither."""
+    values = {"motion_model_for_search": model, "minimum_turning_radius": 0.8, "analytic_expansion_max_length": 0.0}
+    rough = SmacPlannerHybrid(**values, smooth_path=False)
+    given = situation(costs_of(rooms(rows=110, columns=120, door=slice(0, 110))), start, goal)
+    searched_path, path = path_of(rough, given), path_of(SmacPlannerHybrid(**values), given)
+    assert path.shape == searched_path.shape
+    assert path[0] == pytest.approx(searched_path[0])
+    assert path[-1] == pytest.approx(searched_path[-1])
+    assert np.hypot(*(path - searched_path).T).max() > 0.02
+    steps = np.diff(path, axis=0)
+    for step, searched_step in (
+        (steps[0], np.diff(searched_path, axis=0)[0]),
+        (steps[-1], np.diff(searched_path, axis=0)[-1]),
+    ):
+        turned = math.remainder(math.atan2(*step[::-1]) - math.atan2(*searched_step[::-1]), 2.0 * math.pi)
+        assert abs(turned) <= np.hypot(*step) / 0.8 + math.pi / 72
+
+
+@pytest.mark.parametrize("reversing", [False, True], ids=["forward", "in reverse"])
+def test_curves_at_the_ends_keep_both_headings_whether_the_robot_drives_the_stretch_forward_or_in_reverse(reversing):
+    radius_m, flip = 0.5, math.pi if reversing else 0.0
+    q = record_of(
+        search_of(SmacPlannerHybrid(minimum_turning_radius=radius_m), global_costmap(), RESOLUTION_M, (0.0, 0.0))
+    )
+    points = np.column_stack([np.linspace(1.0, 5.0, 51), np.full(51, 2.0)])
+    headings = np.full(51, flip)
+    headings[0], headings[-1] = 0.4 + flip, -0.3 + flip
+    kept = points.copy()
+    ends_kept(q, np.zeros((80, 120), dtype=np.uint8), kept, headings)
+    assert kept[[0, -1]] == pytest.approx(points[[0, -1]])
+    along = np.arctan2(*np.diff(kept, axis=0).T[::-1])
+    turned = np.abs(np.diff(along)) / 0.08
+    assert along[[0, -1]] == pytest.approx([0.4, -0.3], abs=0.5 * 0.09 / radius_m)
+    assert turned.max() < 1.2 / radius_m
+    assert np.array_equal(kept[20:31], points[20:31])
+
+
+def test_no_curve_is_laid_through_an_obstacle_or_in_a_loop():
+    q = record_of(search_of(SmacPlannerHybrid(minimum_turning_radius=0.5), global_costmap(), RESOLUTION_M, (0.0, 0.0)))
+    free, walled = np.zeros((2, 80, 120), dtype=np.uint8)
+    walled[41:], walled[:39] = 254, 254
+    for costs, heading, to_x_m in ((walled, 0.9, 5.0), (free, math.pi, 1.9)):
+        points = np.column_stack([np.linspace(1.0, to_x_m, 51), np.full(51, 2.0)])
+        kept, headings = points.copy(), np.zeros(51)
+        headings[0] = heading
+        ends_kept(q, costs, kept, headings)
+        assert kept == pytest.approx(points, abs=1e-9)
 
 
 def lattice_dijkstra(q, costs, start, goal_cell):

@@ -36,7 +36,7 @@ def compute_path(q: Any, distances: Any, given: PlannerInput) -> int:
         given.path[k, 1] = q.origin_y + (at // columns + 0.5) * q.resolution
         at = parents[at]
     if q.smoother_iterations > 0 and n > _FEWEST_SMOOTHED:
-        smooth(q, given.costs, given.path[:n], True)
+        smooth(q, given.costs, given.path[:n], np.empty(0))
     return n
 
 

@@ -53,7 +53,7 @@ def compute_path(q: Any, distances: Any, given: PlannerInput) -> int:
         given.path[k, 0] = q.origin_x + poses[k, 0] * q.resolution
         given.path[k, 1] = q.origin_y + poses[k, 1] * q.resolution
     if q.smoother_iterations > 0 and iterations > 1:
-        smooth(q, given.costs, given.path[:n], False)
+        smooth(q, given.costs, given.path[:n], poses[:, 2].copy())
     return int(n)
 
 

@@ -5,27 +5,31 @@ from typing import Any, Final
 
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.inflation import INSCRIBED, UNKNOWN
+from vastflow.sim.nav.planners.ends import keep_ends
 
 FEWEST_POINTS: Final = 10
 """A stretch between two cusps of no more intervals than this stays as it is."""
 
 
 @inner
-def smooth(q: Any, costs: Any, points: Any, holonomic: bool) -> None:
-    """Smooth a path in place, stretch by stretch between the points where it reverses.
+def smooth(q: Any, costs: Any, points: Any, headings: Any) -> None:
+    """Smooth a path in place, stretch by stretch between the points where it reverses, and keep the headings at their ends.
 
     Args:
         q: `Search`.
         costs: (H, W) global costmap.
         points: (N, 2) in meters.
-        holonomic: Whether the path is one stretch whatever its turns are.
+        headings: (N,) in radians; (0,) of a robot that turns on the spot, whose path is one stretch whatever its turns are.
     """
+    holonomic = headings.shape[0] == 0
     start = 0
     for end in range(1, points.shape[0]):
         if end < points.shape[0] - 1 and (holonomic or not _is_cusp(points, end)):
             continue
         if end - start > FEWEST_POINTS:
-            _smooth_stretch(q, costs, points[start : end + 1])
+            stretch = points[start : end + 1]
+            if _smooth_stretch(q, costs, stretch) and not holonomic:
+                keep_ends(q, costs, stretch, headings[start : end + 1])
         start = end
 
 
@@ -37,11 +41,14 @@ def _is_cusp(points: Any, k: int) -> bool:
 
 
 @inner
-def _smooth_stretch(q: Any, costs: Any, points: Any) -> None:
-    refinements = q.refinements if _relax(q, costs, points) else 0
-    for _ in range(refinements):
+def _smooth_stretch(q: Any, costs: Any, points: Any) -> bool:
+    """Smooth, and then refine as long as that succeeds; whether the first of it did."""
+    if not _relax(q, costs, points):
+        return False
+    for _ in range(q.refinements):
         if not _relax(q, costs, points):
-            return
+            break
+    return True
 
 
 @inner
