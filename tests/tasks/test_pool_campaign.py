@@ -86,6 +86,25 @@ search:
   confirm: 2
 execution: {scenario_file: wait.osc, runs: 1, timeout: 6}
 """
+SLEEPS = """
+version: 1
+metadata: {name: asleep}
+search:
+  strategy: random
+  search_space: {x: {type: float, low: 2, high: 3}}
+  per_batch: 4
+  budget: [{batches: 2}]
+  confirm: 0
+execution: {scenario_file: sleep.osc, runs: 1, timeout: 60}
+"""
+SLEEP_OSC = """
+import osc.helpers
+
+scenario sleep_x:
+    x: string
+    do serial:
+        run_process('sleep ' + x)
+"""
 WAIT_OSC = """
 import osc.helpers
 
@@ -261,6 +280,31 @@ def test_a_search_finds_on_a_pool_what_it_finds_here_and_its_batches_are_flow_ru
     assert "before: 2 points, 0 of them rejected, 2 runs" in said[1] and "batches 1 of 2" in said[1]
     assert f"at {best}" in said[2] and "ended at batches 2 of 2" in said[2]
     assert run_campaign(file, pool="nowhere", **there).summary.executed == 0
+
+
+def test_an_interrupted_search_ends_its_batch_and_goes_on_in_it(api, tmp_path):
+    (tmp_path / "sleep.osc").write_text(SLEEP_OSC)
+    file = tmp_path / "asleep.vast"
+    file.write_text(SLEEPS)
+    options = ["--results", tmp_path / "results", "--store", tmp_path / "store", "--workers", "1"]
+    command = [sys.executable, "-m", "vastflow.flows", "run", file, *options]
+
+    def batches():
+        return [run for run in api.read_flow_runs() if run.name.startswith("asleep, batch")]
+
+    environment = {**os.environ, "PREFECT_API_URL": str(api.api_url), "PREFECT_HOME": str(tmp_path / "home")}
+    with subprocess.Popen([*map(str, command)], env=environment, stderr=subprocess.PIPE, text=True) as campaign:
+        wait_until(lambda: any("batch 2" in run.name for run in batches()))
+        campaign.send_signal(signal.SIGINT)
+        _, said = campaign.communicate(timeout=240)
+    assert campaign.returncode == 130, said
+    found = run_campaign(file, results=tmp_path / "results", store=tmp_path / "store", workers=1)
+    assert (found.summary.passed, found.faults) == (8, ()) and found.summary.reused >= 4
+    assert sorted(run.name for run in batches()) == [
+        "asleep, batch 1, point-0001 to point-0004",
+        *["asleep, batch 2, point-0005 to point-0008"] * 2,
+    ]
+    assert all(run.state.is_final() for run in batches())
 
 
 @more
