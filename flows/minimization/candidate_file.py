@@ -17,6 +17,7 @@ from vastflow.flows.results.inputs import Inputs, inputs_of
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.configuration import Configuration
+from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.minimization.minimize import Candidate
 from vastflow.producers.places.ground import MAP_KEY
@@ -83,11 +84,10 @@ class CandidateFiles:
             if wrong := [*campaign.unexecutable, *campaign.missing]:
                 raise NotBuilt(f"{wrong[0].what}; {wrong[0].right}")
             made = instantiate(campaign)
-        except NotBuilt:
-            raise
-        except ValueError as error:  # CampaignError: its faults
-            faults = getattr(error, "faults", ())
-            raise NotBuilt(f"{faults[0].what}; {faults[0].right}" if faults else str(error)) from None
+        except CampaignError as error:
+            raise NotBuilt(f"{error.faults[0].what}; {error.faults[0].right}") from None
+        except ValueError as error:
+            raise NotBuilt(str(error)) from None
         if not made.configurations:
             raise NotBuilt(made.rejections[0].reason if made.rejections else "nothing comes of it")
         return BuiltCandidate(campaign, oracles, made.configurations[0], text)

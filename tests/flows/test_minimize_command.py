@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.minimization import minimize as module
-from vastflow.flows.minimization.candidate_file import candidate_files, placed
+from vastflow.flows.minimization.candidate_file import NotBuilt, candidate_files, placed
 from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.minimization.minimize import minimize_configuration
 from vastflow.flows.stages.call import StageRun
@@ -193,6 +193,18 @@ def test_a_parameter_file_is_tried_parameter_by_parameter(planted, tmp_path, nam
         assert len(whole) > 10 and FILE_KEY not in built.text
         assert parameters_of(built.configuration.scenario.system) == parameters_of(file)
         assert files.built(Candidate(frozenset())).configuration.scenario.system == {}
+
+
+def test_a_candidate_whose_file_would_have_a_fault_is_not_built(planted, tmp_path):
+    planted.written(tmp_path, [])
+    task = {"start_pose": planted.START, "goal_pose": planted.GOAL}
+    layers = "global_costmap.global_costmap.plugins"
+    values = {"map_file": map_content(tmp_path / "rooms.yaml"), **task, layers: ["static_layer", "unheard_of"]}
+    dimensions = {"map_file": "environment", **dict.fromkeys(task, "task"), layers: "system"}
+    failing = Failing(tmp_path, "own", "success", Subject(values, dimensions), {"execution": {}}, {}, "footprint")
+    whole = frozenset(each for each in failing.subject.circumstances if each.can_be_left_out)
+    with candidate_files(failing) as files, pytest.raises(NotBuilt, match="unheard_of"):
+        files.built(Candidate(whole))
 
 
 def test_a_parameter_file_with_what_no_key_says_stays_whole():
