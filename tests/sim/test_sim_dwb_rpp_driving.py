@@ -46,28 +46,37 @@ def rpp_controller():
 CONTROLLERS = pytest.mark.parametrize("controller", [dwb_controller, rpp_controller])
 
 
-def window_at(x, y, lethal):
+def window_at(x, y, lethal, inscribed_m=INSCRIBED_M):
     """The rolling window round a position: cells whose center (x, y) `lethal` says are so, inflated."""
     corner = [(math.floor(v / RESOLUTION_M) - CELLS // 2) * RESOLUTION_M for v in (x, y)]
     centers = (np.arange(CELLS) + 0.5) * RESOLUTION_M
     xs, ys = np.meshgrid(corner[0] + centers, corner[1] + centers)
     costs = np.where(lethal(xs, ys), 254, 0).astype(np.uint8)
-    return Window(inflate(costs, RESOLUTION_M, INSCRIBED_M, 0.55, 3.0), np.array([*corner, RESOLUTION_M]))
+    return Window(inflate(costs, RESOLUTION_M, inscribed_m, 0.55, 3.0), np.array([*corner, RESOLUTION_M]))
 
 
-def drive(controller, path, goal_yaw, pose, seconds, lethal=lambda x, y: np.zeros(x.shape, dtype=bool)):
+def drive(
+    controller,
+    path,
+    goal_yaw,
+    pose,
+    seconds,
+    lethal=lambda x, y: np.zeros(x.shape, dtype=bool),
+    outline=OUTLINE,
+    inscribed_m=INSCRIBED_M,
+):
     """Rows (x, y, yaw, valid, v, ω) at 20 Hz, until the goal checker of Nav2's defaults is content."""
     command, records, memory = controller
     rows, twist, goal = [], (0.0, 0.0), (*path[-1], goal_yaw)
     for k in range(int(seconds * 20)):
         if k % 4 == 0:
-            window = window_at(pose[0], pose[1], lethal)
+            window = window_at(pose[0], pose[1], lethal, inscribed_m)
         nearest = int(np.argmin(np.hypot(*(path - pose[:2]).T)))
         near = np.hypot(*(path[nearest:] - pose[:2]).T) < 1.4
         n = int(np.argmin(near)) if not near.all() else len(near)
         end_yaw = goal_yaw if nearest + n == len(path) else 0.0
         valid, v, w = command(
-            records, memory, window, OUTLINE, INSCRIBED_M, pose, twist, path[nearest:], n, end_yaw, goal
+            records, memory, window, outline, inscribed_m, pose, twist, path[nearest:], n, end_yaw, goal
         )
         rows.append((*pose, valid, v, w))
         twist = (v, w)
@@ -124,6 +133,38 @@ def test_at_the_goal_the_robot_turns_to_a_heading_behind_it(controller):
 def test_towards_a_plan_behind_the_robot_turns_round_and_drives_it(controller):
     rows = drive(controller(), line(3.0), 0.0, (0.0, 0.0, math.pi - 0.1), 40.0)
     assert len(rows) < 20 * 40
+
+
+LOPSIDED = np.array([[0.3, 0.42], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.42]])
+POSTS = [(3.025, 0.425), (5.025, 0.425), (7.025, 0.425)]
+
+
+def posts(x, y):
+    return np.any([(np.abs(x - px) < 0.02) & (np.abs(y - py) < 0.02) for px, py in POSTS], axis=0)
+
+
+def run_over(rows):
+    """How many posts, of a cell of 0.05 m each, the lopsided robot had under it."""
+    ahead, aside = np.zeros((2, len(rows), len(POSTS)))
+    for k, (px, py) in enumerate(POSTS):
+        dx, dy = px - rows[:, 0], py - 0.015 - rows[:, 1]
+        c, s = np.cos(rows[:, 2]), np.sin(rows[:, 2])
+        ahead[:, k], aside[:, k] = c * dx + s * dy, c * dy - s * dx
+    return int(((np.abs(ahead) < 0.3) & (aside > -0.2) & (aside < 0.42)).any(axis=0).sum())
+
+
+def test_with_obstacle_footprint_a_lopsided_robot_drives_ten_meters_past_posts_that_its_center_would_run_over():
+    """0.42 m to its left and 0.2 m to its right: its center, which is all that BaseObstacle knows, has room enough."""
+    outlined = DWB.with_values(
+        BaseObstacle=DWB.BaseObstacle.with_values(enabled=False),
+        ObstacleFootprint=DWB.ObstacleFootprint.with_values(enabled=True, scale=0.02),
+    )
+    found = [
+        drive(dwb_controller(each), line(10.0), 0.0, (0.0, 0.0, 0.0), 60.0, posts, LOPSIDED, 0.2)
+        for each in (outlined, DWB)
+    ]
+    assert [len(each) < 20 * 60 for each in found] == [True, True]
+    assert [run_over(each) for each in found] == [0, 3]
 
 
 def test_rpp_turns_in_place_before_it_drives_a_plan_behind():

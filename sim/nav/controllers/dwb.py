@@ -1,14 +1,15 @@
 """The DWB controller (dwb_core of Nav2 Humble): sampled speeds, rolled out, the best by the sum of critics.
 
 A trajectory's score depends on its last pose alone, and its other poses only decide whether it is legal. So all
-samples get the score of their end first, and only those that could be chosen are followed on the way there. With
-scores that never fall when a critic is added, that is the same choice as Nav2's, whose order of samples decides ties.
+samples get the score of their end first, and only those that could be chosen are followed on the way there; with
+`sum_scores` all of them are. With scores that never fall when a critic is added, that is the same choice as Nav2's, whose
+order of samples decides ties.
 
 Critics are summed in Nav2's numbers of 32 bits and in the order of the file's list: many samples are as good as each
 other but for the rounding, which then decides.
 
-Nav2's trajectory ends with its last pose twice, and `short_circuit_trajectory_evaluation` leaves critics out once a
-sample is worse than the best: neither changes a choice, and neither is here.
+Nav2's `short_circuit_trajectory_evaluation` leaves critics out once a sample is worse than the best. That changes no
+choice, and is not here.
 """
 
 import math
@@ -30,12 +31,14 @@ from vastflow.sim.nav.controllers.dwb_critics import (
     new_path_grid,
     new_trends,
 )
-from vastflow.sim.nav.controllers.dwb_rollout import legal, possible, roll_out, sample, step_count
+from vastflow.sim.nav.controllers.dwb_rollout import along, possible, roll_out, sample, step_count
+from vastflow.sim.nav.footprint import outline_cost
 from vastflow.sim.nav.inflation import INSCRIBED
 from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.window import Window
 
-ROTATE, OSCILLATION, OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST, PREFER_FORWARD, TWIRLING = range(9)
+ROTATE, OSCILLATION, OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST, PREFER_FORWARD, TWIRLING, FOOTPRINT = (
+    range(10)
+)
 """Critics in `DwbMemory.raw` and `scales`: the order of `DwbParameters`."""
 
 
@@ -74,7 +77,8 @@ class _Setting(NamedTuple):
         goal_state: Of `at_goal`.
         goal, nose: Cells of GoalDist and GoalAlign.
         bounded: Whether a trajectory may not leave the window.
-        obstructed: Whether it may not collide.
+        obstructed, outlined: Whether its center, and whether its outline, may not collide.
+        summed: Whether one of them counts at all poses.
     """
 
     x: float
@@ -87,6 +91,8 @@ class _Setting(NamedTuple):
     nose: int
     bounded: bool
     obstructed: bool
+    outlined: bool
+    summed: bool
 
 
 def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
@@ -102,8 +108,8 @@ def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
         speeds=np.zeros(speeds),
         turns=np.zeros(turns),
         order=np.argsort([critic.place for critic in parameters.critics()]),
-        raw=np.zeros(TWIRLING + 1),
-        scales=np.zeros(TWIRLING + 1),
+        raw=np.zeros(FOOTPRINT + 1),
+        scales=np.zeros(FOOTPRINT + 1),
         scores=np.zeros((speeds, turns)),
         ends=np.zeros((speeds, turns, 5)),
         first=np.zeros((speeds, turns), dtype=np.int64),
@@ -124,7 +130,9 @@ def reset(memory: DwbMemory) -> None:
 def compute_velocity(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
     """Command (valid, v, ω) of the legal sample with the lowest score; not valid when none is legal."""
     setting, n_speeds, n_turns = score(q, memory, given)
-    i, j = _choose(q, memory, given.window, setting, n_speeds, n_turns)
+    i, j = _choose(
+        q, memory, (given.window.costs, given.outline, 1.0 / given.window.place[2]), setting, n_speeds, n_turns
+    )
     v, w = (memory.speeds[i], memory.turns[j]) if i >= 0 else (0.0, 0.0)
     if q.Oscillation.enabled != 0:
         debrief(q.Oscillation, memory.trends, given.pose, v, w)
@@ -152,7 +160,7 @@ def score(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
         cells_per_m,
         goal[2],
     )
-    _score_ends(q, setting, memory, window.costs, n_speeds, n_turns, cells_per_m)
+    _score_ends(q, setting, memory, (window.costs, given.outline, cells_per_m), n_speeds, n_turns)
     return setting, n_speeds, n_turns
 
 
@@ -180,9 +188,11 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
     scales[GOAL_DIST] = np.float32(half_m * q.GoalDist.scale * q.GoalDist.enabled)
     scales[PREFER_FORWARD] = np.float32(q.PreferForward.scale * q.PreferForward.enabled)
     scales[TWIRLING] = np.float32(q.Twirling.scale * q.Twirling.enabled)
+    scales[FOOTPRINT] = np.float32(q.ObstacleFootprint.scale * q.ObstacleFootprint.enabled)
     if away_m <= q.PathAlign.forward_point_distance:
         scales[PATH_ALIGN] = 0.0
-    obstructed = scales[OBSTACLE] != 0.0
+    obstructed, outlined = scales[OBSTACLE] != 0.0, scales[FOOTPRINT] != 0.0
+    summed = (obstructed and q.BaseObstacle.sum_scores != 0) or (outlined and q.ObstacleFootprint.sum_scores != 0)
     return _Setting(
         (pose[0] - window.place[0]) / window.place[2],
         (pose[1] - window.place[1]) / window.place[2],
@@ -192,16 +202,17 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
         at_goal(q, memory.trends.latched, pose[0], pose[1], twist[0], goal),
         goal_cell,
         nose_cell,
-        obstructed or scales[PATH_DIST] != 0.0 or scales[GOAL_DIST] != 0.0,
+        obstructed or outlined or scales[PATH_DIST] != 0.0 or scales[GOAL_DIST] != 0.0,
         obstructed,
+        outlined,
+        summed,
     )
 
 
 @inner
-def _score_ends(
-    q: Any, setting: _Setting, memory: DwbMemory, costs: Any, n_speeds: int, n_turns: int, cells_per_m: float
-) -> None:
+def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_speeds: int, n_turns: int) -> None:
     """Sum of the critics at every sample's end; infinite where one forbids the sample."""
+    costs, outline, cells_per_m = ground
     speeds, turns, ends, scores, signs = memory.speeds, memory.turns, memory.ends, memory.scores, memory.trends.signs
     cells, bins, counts = memory.grid.cells, memory.grid.bins, memory.grid.counts
     order, raw, scales = memory.order, memory.raw, memory.scales
@@ -239,6 +250,12 @@ def _score_ends(
                 raw[OBSTACLE] = costs[int(y), int(x)]
                 if raw[OBSTACLE] >= INSCRIBED:
                     continue
+            if setting.outlined:
+                raw[FOOTPRINT] = outline_cost(costs, outline, x, y, c * cells_per_m, s * cells_per_m)
+                if raw[FOOTPRINT] < 0.0:
+                    continue
+            if setting.summed and not _sum_up(q, setting, memory, ground, i, j):
+                continue
             if scales[GOAL_ALIGN] != 0.0:
                 nose_x, nose_y = x + ahead_goal * c, y + ahead_goal * s
                 if not (nose_x >= 0.0 and nose_y >= 0.0 and nose_x < columns and nose_y < rows):
@@ -273,10 +290,29 @@ def _score_ends(
 
 
 @inner
-def _choose(q: Any, memory: DwbMemory, window: Window, setting: _Setting, n_speeds: int, n_turns: int) -> Any:
+def _sum_up(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, j: int) -> bool:
+    """Put the costs of all poses of a sample in place of its end's, where they count: False where it is not legal."""
+    legal, center, outline = _followed(q, setting, memory, ground, i, j)
+    if q.BaseObstacle.sum_scores != 0:
+        memory.raw[OBSTACLE] = center
+    if q.ObstacleFootprint.sum_scores != 0:
+        memory.raw[FOOTPRINT] = outline
+    return bool(legal)
+
+
+@inner
+def _followed(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, j: int) -> Any:
+    """See `along`."""
+    steps = step_count(q, memory.speeds[i], memory.turns[j])
+    base = memory.first[i, j]
+    sums = memory.sums[base : base + steps + 1]
+    return along(q, setting, memory.speeds[i], steps, sums, memory.ends[i, j], ground)
+
+
+@inner
+def _choose(q: Any, memory: DwbMemory, ground: Any, setting: _Setting, n_speeds: int, n_turns: int) -> Any:
     """Indices of the first legal sample with the lowest score; (-1, -1) where there is none."""
-    scores, speeds, turns, first, sums = memory.scores, memory.speeds, memory.turns, memory.first, memory.sums
-    costs, cells_per_m = window.costs, 1.0 / window.place[2]
+    scores = memory.scores
     best, best_i, best_j = math.inf, -1, -1
     for i in range(n_speeds):
         for j in range(n_turns):
@@ -284,17 +320,14 @@ def _choose(q: Any, memory: DwbMemory, window: Window, setting: _Setting, n_spee
                 best, best_i, best_j = scores[i, j], i, j
     if best_i < 0:
         return -1, -1
-    steps = step_count(q, speeds[best_i], turns[best_j])
-    if legal(q, setting, speeds[best_i], steps, sums, first[best_i, best_j], costs, cells_per_m):
+    if _followed(q, setting, memory, ground, best_i, best_j)[0]:
         return best_i, best_j
     scores[best_i, best_j] = math.inf
     best, best_i, best_j = math.inf, -1, -1
     for i in range(n_speeds):
         for j in range(n_turns):
-            if scores[i, j] < best:
-                steps = step_count(q, speeds[i], turns[j])
-                if legal(q, setting, speeds[i], steps, sums, first[i, j], costs, cells_per_m):
-                    best, best_i, best_j = scores[i, j], i, j
+            if scores[i, j] < best and _followed(q, setting, memory, ground, i, j)[0]:
+                best, best_i, best_j = scores[i, j], i, j
     return best_i, best_j
 
 

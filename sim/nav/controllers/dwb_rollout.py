@@ -8,6 +8,7 @@ import math
 from typing import Any, Final
 
 from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav.footprint import outline_cost
 from vastflow.sim.nav.inflation import INSCRIBED
 from vastflow.sim.world.robot import wrapped
 
@@ -141,22 +142,45 @@ def _turn(q: Any, sums: Any, yaw_rad: float, w_radps: float, target_radps: float
 
 
 @inner
-def legal(
-    q: Any, setting: Any, target_mps: float, steps: int, sums: Any, base: int, costs: Any, cells_per_m: float
-) -> bool:
-    """Whether a sample's roll-out, from the robot's own pose on, stays in the window and out of collision."""
+def along(q: Any, setting: Any, target_mps: float, steps: int, sums: Any, end: Any, ground: Any) -> Any:
+    """What a sample's roll-out meets, from the robot's own pose on.
+
+    Args:
+        sums: Of the sample's headings, as `_turn` writes them.
+        end: (5,) of the sample, see `DwbMemory.ends`.
+        ground: Costs of the window, the robot's outline, cells per meter.
+
+    Returns:
+        (legal, center, outline): whether it stays in the window and out of collision, and if so the sums of the costs under
+        the center and of the greatest costs under the outline at its poses, where these are looked at.
+    """
+    costs, outline, cells_per_m = ground
     rows, columns = costs.shape
     dt_s = q.sim_time / steps
     cells = dt_s * cells_per_m
     x, y, v = setting.x, setting.y, setting.v_mps
-    for k in range(base, base + steps + 1):
+    center_cost, outline_costs, here, under = 0, 0, 0, 0
+    for k in range(steps + 1):
+        # A heading is what the next step adds to the sums.
+        c, s = end[2], end[3]
+        if k < steps:
+            c, s = sums[k + 1, 0] - sums[k, 0], sums[k + 1, 1] - sums[k, 1]
         if not (x >= 0.0 and y >= 0.0 and x < columns and y < rows):
             if setting.bounded:
-                return False
-        elif setting.obstructed and costs[int(y), int(x)] >= INSCRIBED:
-            return False
-        if k < base + steps:
+                return False, 0, 0
+        elif setting.obstructed:
+            here = int(costs[int(y), int(x)])
+            if here >= INSCRIBED:
+                return False, 0, 0
+            center_cost += here
+        if setting.outlined:
+            under = outline_cost(costs, outline, x, y, c * cells_per_m, s * cells_per_m)
+            if under < 0:
+                return False, 0, 0
+            outline_costs += under
+        if k < steps:
             v = approach(v, target_mps, q.acc_lim_x, q.decel_lim_x, dt_s)
-            x += v * cells * (sums[k + 1, 0] - sums[k, 0])
-            y += v * cells * (sums[k + 1, 1] - sums[k, 1])
-    return True
+            x += v * cells * c
+            y += v * cells * s
+    # Nav2's trajectories have their last pose twice.
+    return True, center_cost + here, outline_costs + under

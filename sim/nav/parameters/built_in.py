@@ -268,7 +268,6 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     "DWB critic": {
         "lookahead_time": only(-1.0),
         "aggregation_type": only("last"),
-        "sum_scores": only(False),
         "oscillation_reset_time": only(-1.0),
     },
     "RPP": {

@@ -7,7 +7,7 @@ class DwbCritic(ParameterGroup):
     """A critic: whether it is in the list `critics`, and its place among them, 0 for the first."""
 
     enabled: bool = parameter(True)
-    place: int = parameter(0, 0, 8)
+    place: int = parameter(0, 0, 9)
 
 
 class RotateToGoalCritic(DwbCritic):
@@ -20,7 +20,7 @@ class RotateToGoalCritic(DwbCritic):
 class OscillationCritic(DwbCritic):
     """No change of direction until the robot has moved (m) or turned (rad); a negative reset value never lifts it."""
 
-    place: int = parameter(1, 0, 8)
+    place: int = parameter(1, 0, 9)
     scale: float = parameter(1.0, 0.0, 1e6)
     oscillation_reset_dist: float = parameter(0.05, -1.0, 100.0)
     oscillation_reset_angle: float = parameter(0.2, -1.0, 7.0)
@@ -28,16 +28,17 @@ class OscillationCritic(DwbCritic):
 
 
 class BaseObstacleCritic(DwbCritic):
-    """Cost of the last pose; no pose may be in collision."""
+    """Cost under the center at the last pose, or at all of them with `sum_scores`; it may collide at none."""
 
-    place: int = parameter(2, 0, 8)
+    place: int = parameter(2, 0, 9)
     scale: float = parameter(0.02, 0.0, 1e6, code=1.0)
+    sum_scores: bool = parameter(False)
 
 
 class GoalAlignCritic(DwbCritic):
     """Distance of a point ahead of the robot (m) to one ahead of the local goal."""
 
-    place: int = parameter(3, 0, 8)
+    place: int = parameter(3, 0, 9)
     scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
@@ -45,7 +46,7 @@ class GoalAlignCritic(DwbCritic):
 class PathAlignCritic(DwbCritic):
     """Distance of a point ahead of the robot (m) to the local plan."""
 
-    place: int = parameter(4, 0, 8)
+    place: int = parameter(4, 0, 9)
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
     forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
 
@@ -53,14 +54,14 @@ class PathAlignCritic(DwbCritic):
 class PathDistCritic(DwbCritic):
     """Distance to the local plan."""
 
-    place: int = parameter(5, 0, 8)
+    place: int = parameter(5, 0, 9)
     scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
 
 
 class GoalDistCritic(DwbCritic):
     """Distance to the end of the local plan."""
 
-    place: int = parameter(6, 0, 8)
+    place: int = parameter(6, 0, 9)
     scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
 
 
@@ -68,7 +69,7 @@ class PreferForwardCritic(DwbCritic):
     """A penalty for driving backward (m/s), and for being slower than `strafe_x` and `strafe_theta` (rad/s); else what it turns."""
 
     enabled: bool = parameter(False)
-    place: int = parameter(7, 0, 8)
+    place: int = parameter(7, 0, 9)
     scale: float = parameter(1.0, 0.0, 1e6)
     penalty: float = parameter(1.0, 0.0, 1e6)
     strafe_x: float = parameter(0.1, -10.0, 10.0)
@@ -80,8 +81,17 @@ class TwirlingCritic(DwbCritic):
     """What it turns."""
 
     enabled: bool = parameter(False)
-    place: int = parameter(8, 0, 8)
+    place: int = parameter(8, 0, 9)
     scale: float = parameter(0.0, 0.0, 1e6)
+
+
+class ObstacleFootprintCritic(DwbCritic):
+    """Greatest cost under the outline, as BaseObstacle's under the center; it may meet nothing lethal or unknown."""
+
+    enabled: bool = parameter(False)
+    place: int = parameter(9, 0, 9)
+    scale: float = parameter(1.0, 0.0, 1e6)
+    sum_scores: bool = parameter(False)
 
 
 class DwbParameters(ParameterGroup):
@@ -119,6 +129,7 @@ class DwbParameters(ParameterGroup):
     GoalDist: GoalDistCritic = GoalDistCritic()
     PreferForward: PreferForwardCritic = PreferForwardCritic()
     Twirling: TwirlingCritic = TwirlingCritic()
+    ObstacleFootprint: ObstacleFootprintCritic = ObstacleFootprintCritic()
 
     def critics(self) -> tuple[DwbCritic, ...]:
         """The groups of the critics, as they stand above."""
