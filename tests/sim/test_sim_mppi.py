@@ -10,7 +10,12 @@ from vastflow.sim.nav.controllers import mppi
 from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.mppi_samples import noise
 from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.mppi import CostParameters, MppiParameters
+from vastflow.sim.nav.parameters.mppi import (
+    CostParameters,
+    MppiParameters,
+    TwirlingParameters,
+    VelocityDeadbandParameters,
+)
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
 from vastflow.sim.world.robot import arc
@@ -18,6 +23,10 @@ from vastflow.sim.world.robot import arc
 PARAMETERS = MppiParameters()
 SMALL = PARAMETERS.with_values(batch_size=400)
 OUTLINE = padded_outline(0.22, 0.01)
+TOLERANCE_M = 0.25
+TURNING_LITTLE = {"TwirlingCritic": TwirlingParameters(enabled=True, cost_weight=20.0)}
+TURNING_FAST = {"VelocityDeadbandCritic": VelocityDeadbandParameters(enabled=True, deadband_velocities=(0.1, 0.0, 0.4))}
+NEVER_SLOW = {"VelocityDeadbandCritic": VelocityDeadbandParameters(enabled=True, deadband_velocities=(0.45, 0.0, 0.0))}
 
 
 @njit
@@ -32,7 +41,7 @@ def forgotten(memory):
 
 
 def memory_of(parameters, seed=7):
-    return mppi.new_memory(parameters, np.array([seed], dtype=np.uint64))
+    return mppi.new_memory(parameters, np.array([seed], dtype=np.uint64), goal_tolerance_m=TOLERANCE_M)
 
 
 def window(costs=None):
@@ -129,6 +138,13 @@ def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
         costs += angle.cost_weight * off(yaw[:, -1] - np.arctan2(plan[at, 1] - y[:, -1], plan[at, 0] - x[:, -1]))
     if goal_m >= q.PreferForwardCritic.threshold_to_consider:
         costs += q.PreferForwardCritic.cost_weight * dt * np.maximum(-vs, 0).sum(1)
+    if q.TwirlingCritic.enabled and goal_m >= TOLERANCE_M:
+        costs += (q.TwirlingCritic.cost_weight * np.abs(ws).mean(1)) ** q.TwirlingCritic.cost_power
+    slow = q.VelocityDeadbandCritic
+    if slow.enabled:
+        least_mps, _, least_radps = slow.deadband_velocities
+        missing = [np.maximum(least_mps - np.abs(vs), 0), np.maximum(least_radps - np.abs(ws), 0)]
+        costs += (slow.cost_weight * dt * np.sum(missing, axis=(0, 2))) ** slow.cost_power
     costs += q.gamma * ((sequence / (q.vx_std**2, q.wz_std**2))[None] * (c - sequence[None])).sum((1, 2))
     weights = np.exp(-(costs - costs.min()) / q.temperature)
     return costs, np.tensordot(weights / weights.sum(), c, 1)
@@ -202,6 +218,24 @@ def test_the_costs_of_the_samples_are_those_of_the_plain_reading():
     assert near.sum() > 200
     assert np.median(np.abs(found[near] - expected[near])) < 1e-3
     assert np.mean(np.abs(found[near] - expected[near]) > 0.1) < 0.02
+
+
+@pytest.mark.parametrize("name", ["a bend", "at the goal"])
+@pytest.mark.parametrize("power", [1, 2])
+@pytest.mark.parametrize("critic", [TURNING_LITTLE, TURNING_FAST])
+def test_what_a_critic_of_speeds_adds_to_the_samples_is_what_the_plain_reading_adds(name, power, critic):
+    costs, pose, twist, plan, goal = SITUATIONS[name]
+    win, found, expected = window(costs), [], []
+    (group, values), *_ = critic.items()
+    for enabled in (True, False):
+        q = SMALL.with_values(**{group: values.with_values(enabled=enabled, cost_power=power)})
+        memory = memory_of(q)
+        command_of(record_of(q), memory, win, OUTLINE, pose, twist, plan, len(plan), goal[2], goal)
+        found.append(np.asarray(memory.costs)[: q.batch_size])
+        expected.append(plain(q, np.zeros((56, 2)), numbers_of(memory, q), win, pose, twist, plan, goal[2], goal)[0])
+    added = np.subtract(*expected)
+    assert np.ptp(added) > 0.1 or (name == "at the goal") == (critic is TURNING_LITTLE)
+    np.testing.assert_allclose(np.subtract(*found), added, rtol=1e-3, atol=1e-2)
 
 
 @pytest.mark.parametrize(
@@ -301,6 +335,22 @@ def test_on_a_straight_path_it_reaches_its_speed_and_keeps_to_the_path():
     track = driven(PARAMETERS)
     assert 0.45 <= track[60:200, 3].mean() <= 0.5
     assert np.abs(track[:, 1]).max() < 0.1
+
+
+def test_with_the_twirling_critic_ten_meters_are_driven_and_none_of_them_with_as_fast_a_turn():
+    beside, askew = (0.0, 0.5, 0.5), [PARAMETERS.with_values(**each) for each in (TURNING_LITTLE, {})]
+    tracks = [driven(each, beside, seconds=40.0) for each in askew]
+    assert [abs(each[-1, 0] - 10.0) < 0.25 for each in tracks] == [True, True]
+    fastest, fastest_by_default = (np.abs(np.diff(each[:, 2])).max() for each in tracks)
+    assert fastest < 0.75 * fastest_by_default
+
+
+def test_with_a_dead_band_of_forward_speed_ten_meters_are_driven_and_the_last_of_them_no_slower():
+    tracks = [driven(PARAMETERS.with_values(**each), seconds=26.0) for each in (NEVER_SLOW, {})]
+    assert [abs(each[-1, 0] - 10.0) < 0.25 for each in tracks] == [True, True]
+    slowest, slowest_by_default = (each[-20:, 3].min() for each in tracks)
+    assert slowest > 0.45
+    assert slowest_by_default < 0.3
 
 
 def test_it_slows_down_at_the_goal():

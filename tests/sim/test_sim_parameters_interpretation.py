@@ -108,7 +108,7 @@ def test_a_controller_server_that_names_no_controller_has_jazzys():
 
 def test_without_a_list_of_critics_mppi_has_none():
     critics = critics_of(parameters(MINIMAL).controller).values()
-    assert [critic.enabled for critic in critics] == [False] * 8
+    assert [critic.enabled for critic in critics] == [False] * 10
 
 
 def test_without_a_collision_monitor_there_is_none_and_without_a_smoother_no_limit():
@@ -398,7 +398,7 @@ PLUGIN_FAULTS = [
     ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: nav2_costmap_2d::RangeSensorLayer}}}", "d.plugin: nav2_costmap_2d::RangeSensorLayer is not modelled; a costmap layer that is: nav2_costmap_2d::StaticLayer, "),
     ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: x::L}}}", "d.plugin: no costmap layer 'x::L' is known; known: "),
     (controller("plugin: nav2_mppi_controller::MPPIController, critics: [CostCritic, Cost]"), "C.critics.1: MPPI has no critic 'Cost'; known: "),
-    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [ObstacleFootprint]"), "C.critics.0: the critic ObstacleFootprint of DWB is not modelled; known: RotateToGoal, "),
+    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [MapGrid]"), "C.critics.0: the critic MapGrid of DWB is not modelled; known: RotateToGoal, "),
     (controller("plugin: dwb_core::DWBLocalPlanner, critics: [1]"), "C.critics: found [1]; a list of names"),
     ("local_costmap: {local_costmap: {ros__parameters: {robot_radius: -0.2}}}", "robot_radius: found -0.2; robot_radius must lie in [0.01, 10]"),
     ("local_costmap: {local_costmap: {ros__parameters: {robot_radius: '0.2'}}}", "robot_radius: found '0.2'; robot_radius must be a number"),

@@ -17,7 +17,9 @@ from vastflow.sim.nav.controllers.mppi_critics import (
     judge_following,
     judge_goal,
     judge_goal_angle,
+    judge_slowness,
     judge_turns,
+    judge_twirling,
     lay_frame,
     lay_plan,
     lay_table,
@@ -35,6 +37,7 @@ from vastflow.sim.nav.controllers.mppi_samples import (
     add_weighted_lateral,
     follow,
     follow_omni,
+    missing_speed,
     next_noise,
 )
 from vastflow.sim.nav.controllers.mppi_sequence import limit, limit_lateral, shifted, smooth, steer
@@ -87,6 +90,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
         data_of(memory.lateral_sums),
     )
     goal_m = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
+    twirling = q.TwirlingCritic.enabled != 0 and goal_m >= memory.goal_tolerance_m[0]
     near_goal = goal_m < q.CostCritic.near_goal_distance
     frame = lay_frame(q.CostCritic, space.frame, data_of(memory.values), window, pose, near_goal)
     room = Room(data_of(memory.near), data_of(memory.lethal), data_of(memory.yaws), 0, 0)
@@ -99,7 +103,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
         noise_at = next_noise(memory.stream, memory.next_noise, memory.noise.shape[0], used)
         draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn, given.lateral_mps, lateral_rise, lateral_fall)
-        if _sample(q, space, room, sequence, frame, draw, given, radius_m, goal_m):
+        if _sample(q, space, room, sequence, frame, draw, given, radius_m, goal_m, twirling):
             _judge_plan(q, space, sequence.shape[1], frame, window, pose, plan, n, goal_m, free, lengths)
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
@@ -130,6 +134,7 @@ def _sample(
     given: ControllerInput,
     min_turning_radius_m: float,
     goal_m: float,
+    twirling: bool,
 ) -> bool:
     """Draw and follow all samples, and judge them by everything but the plan: False when every one collides."""
     pose, twist, goal = given.pose, given.twist, given.goal
@@ -168,6 +173,7 @@ def _sample(
     aligned = q.PathAlignCritic.enabled != 0 and goal_m >= q.PathAlignCritic.threshold_to_consider
     mark_stride = q.PathAlignCritic.trajectory_point_step
     marks = (steps - 1) // mark_stride
+    held = q.VelocityDeadbandCritic.enabled != 0
     for first in range(0, q.batch_size, ROW):
         if is_omni:
             follow_omni(space, first, steps, draw, start, scale, dt_s, prices)
@@ -183,6 +189,12 @@ def _sample(
             judge_goal(space, first, steps, goal_cell, goal_weight)
         if turning:
             judge_goal_angle(space, first, steps, dt_s, off_rad, turn_weight)
+        if twirling:
+            judge_twirling(space, first, steps, twist[1], q.TwirlingCritic.cost_weight, q.TwirlingCritic.cost_power)
+        if held:
+            slowness = q.VelocityDeadbandCritic
+            missing = missing_speed(space, first, steps, draw, slowness.deadband_velocities, is_omni)
+            judge_slowness(space, first, missing, slowness.cost_weight * dt_s, slowness.cost_power)
         if aligned:
             mark(space, first, marks, mark_stride)
     if priced:
@@ -335,7 +347,7 @@ class Mppi(MppiParameters, Controller):
 
     def memory(self, setting: Setting) -> MppiMemory:
         """See `new_memory`."""
-        return new_memory(self, setting.stream, setting.circumscribed_cost)
+        return new_memory(self, setting.stream, setting.circumscribed_cost, setting.xy_goal_tolerance_m)
 
     @property
     def plan_ahead_m(self) -> float:

@@ -153,6 +153,31 @@ def judge_goal_angle(space: Space, first: int, steps: int, dt_s: float, off_rad:
 
 
 @inner
+def judge_twirling(space: Space, first: int, steps: int, w_radps: float, weight: float, power: int) -> None:
+    """TwirlingCritic: the mean size of the samples' yaw rates, of which the measured one is the first."""
+    turns, costs = space.turns, space.costs
+    total = splat(abs(w_radps))
+    for k in range(0, (steps - 1) * ROW, ROW):
+        total = total + size(load(turns, k))
+    store(costs, first, load(costs, first) + _raised(total * splat(weight / steps), power))
+
+
+@inner
+def judge_slowness(space: Space, first: int, missing: Any, weight: float, power: int) -> None:
+    """VelocityDeadbandCritic: what the samples' speeds miss of those that the robot can hold."""
+    costs = space.costs
+    store(costs, first, load(costs, first) + _raised(missing * splat(weight), power))
+
+
+@inner
+def _raised(cost: Any, power: int) -> Any:
+    found = cost
+    for _ in range(power - 1):
+        found = found * cost
+    return found
+
+
+@inner
 def mark(space: Space, first: int, points: int, stride: int) -> None:
     """Keep the points that PathAlignCritic compares with the plan, and how far along the track each is."""
     track, marks = space.track, space.marks

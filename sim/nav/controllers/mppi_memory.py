@@ -28,6 +28,7 @@ class MppiMemory(NamedTuple):
         circumscribed_cost: (1,) float64, see `Setting`.
         near, lethal, yaws: See `mppi_outlines.Room`; empty where no outline is looked at.
         min_turning_radius_m: (1,) float64 of an Ackermann model; 0 of one that turns on the spot.
+        goal_tolerance_m: (1,) float64, the goal checker's `xy_goal_tolerance`.
 
     The others are `mppi_samples.Space`.
     """
@@ -46,6 +47,7 @@ class MppiMemory(NamedTuple):
     lethal: Any
     yaws: Any
     min_turning_radius_m: Any
+    goal_tolerance_m: Any
     lateral_noise: Any
     lateral_center: Any
     lateral_sums: Any
@@ -65,11 +67,17 @@ class MppiMemory(NamedTuple):
     sums: Any
 
 
-def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64], circumscribed_cost: float = 0.0) -> MppiMemory:
+def new_memory(
+    parameters: MppiParameters,
+    stream: NDArray[np.uint64],
+    circumscribed_cost: float = 0.0,
+    goal_tolerance_m: float = 0.0,
+) -> MppiMemory:
     """Memory of a controller that draws from `stream` (1,).
 
     Args:
         circumscribed_cost: See `Setting`; every outline is looked at where it is 0.
+        goal_tolerance_m: See `MppiMemory`.
     """
     steps, groups = parameters.time_steps, math.ceil(parameters.batch_size / ROW)
     is_ackermann = parameters.motion_model == "Ackermann"
@@ -101,6 +109,7 @@ def new_memory(parameters: MppiParameters, stream: NDArray[np.uint64], circumscr
         lethal=np.zeros(frame_cells, dtype=np.int32),
         yaws=rows(cells),
         min_turning_radius_m=np.array([min_turning_radius_m]),
+        goal_tolerance_m=np.array([goal_tolerance_m]),
         center=aligned(4 * steps, np.float32),
         turns=rows(steps),
         track=rows(2 * steps),

@@ -290,6 +290,29 @@ def add_weighted_lateral(space: Space, first: int, weight: Any, steps: int, draw
 
 
 @inner
+def missing_speed(space: Space, first: int, steps: int, draw: Draw, least: Any, is_omni: bool) -> Any:
+    """Draw a group of samples again, and sum up by how much they are slower than `least`: v, vy of an omni model, and ω.
+
+    The measured speeds count as those of the first step.
+    """
+    center, lateral, none = space.center, space.lateral_center, splat(0.0)
+    least_v, least_u, least_w = splat(abs(least[0])), splat(abs(least[1])), splat(abs(least[2]))
+    v, w, u = splat(draw.v_mps), splat(draw.w_radps), splat(draw.vy_mps)
+    missing = higher(least_v - size(v), none) + higher(least_w - size(w), none)
+    if is_omni:
+        missing = missing + higher(least_u - size(u), none)
+    at = draw.noise_at + first * steps
+    for t in range(steps - 1):
+        v, w = _drawn(space, at, splat(center[4 * t]), splat(center[4 * t + 1]), v, w, draw)
+        missing = missing + higher(least_v - size(v), none) + higher(least_w - size(w), none)
+        if is_omni:
+            u = _drawn_lateral(space, at, splat(lateral[2 * t]), u, draw)
+            missing = missing + higher(least_u - size(u), none)
+        at += ROW
+    return missing
+
+
+@inner
 def _drawn_lateral(space: Space, at: int, mean: Any, u: Any, draw: Draw) -> Any:
     """The next vy: noise round its mean, within reach of the one before."""
     rise, fall, none = splat(draw.lateral_rise), splat(draw.lateral_fall), splat(0.0)

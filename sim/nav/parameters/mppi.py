@@ -94,6 +94,23 @@ class PreferForwardParameters(ParameterGroup):
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
 
 
+class TwirlingParameters(ParameterGroup):
+    """Turning, as long as the robot is farther from the goal than the goal checker allows."""
+
+    enabled: bool = parameter(False)
+    cost_power: int = parameter(1, 1, 10)
+    cost_weight: float = parameter(10.0, 0.0, 1e6)
+
+
+class VelocityDeadbandParameters(ParameterGroup):
+    """Speeds short of these: forward and to the left (m/s), and turning (rad/s)."""
+
+    enabled: bool = parameter(False)
+    cost_power: int = parameter(1, 1, 10)
+    cost_weight: float = parameter(35.0, 0.0, 1e6)
+    deadband_velocities: tuple[float, float, float] = parameter((0.0, 0.0, 0.0))
+
+
 class MppiParameters(ParameterGroup):
     """The optimiser's parameters: meters, seconds, radians. Of any motion model but Omni `vy_max` serves ConstraintCritic
     alone, as in Jazzy, and `ay_max`, `ay_min` and `vy_std` serve nothing.
@@ -132,3 +149,5 @@ class MppiParameters(ParameterGroup):
     PathFollowCritic: PathFollowParameters = PathFollowParameters()
     PathAngleCritic: PathAngleParameters = PathAngleParameters()
     PreferForwardCritic: PreferForwardParameters = PreferForwardParameters()
+    TwirlingCritic: TwirlingParameters = TwirlingParameters()
+    VelocityDeadbandCritic: VelocityDeadbandParameters = VelocityDeadbandParameters()
