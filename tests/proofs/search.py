@@ -10,7 +10,7 @@
   of 50 % is from the true one, against a grid of five times the runs.
 - `coverage`: the interval of the confirming runs of 200 searches, against the rate at the point that they confirm.
 
-No simulator runs: the pure core is asked and told. The exit code is 1 where a goal is missed.
+No simulator runs: the pure core is asked and told; `search_real.py` asks the simulator. The exit code is 1 where a goal is missed.
 """
 
 import argparse
