@@ -99,6 +99,21 @@ def test_plug_ins_that_no_list_has_are_without_effect():
     assert statuses(text)["Old.a"] == "no effect"
 
 
+@pytest.mark.parametrize(
+    ("text", "status"),
+    [
+        ("planner_server: {ros__parameters: {GridBased: {plugin: nav2_smac_planner/SmacPlanner2D, X}}}", "built in"),
+        ("planner_server: {ros__parameters: {GridBased: {plugin: nav2_smac_planner/SmacPlanner2D, Y}}}", "differs"),
+        ("amcl: {ros__parameters: {}}\nbt_navigator: {ros__parameters: {bt_loop_duration: 20}}", "built in"),
+        ("amcl: {ros__parameters: {}}\nbt_navigator: {ros__parameters: {bt_loop_duration: 100}}", "differs"),
+    ],
+)
+def test_eight_neighbors_and_trees_ticked_with_the_stack_are_built_in(text, status):
+    text = text.replace("X", "motion_model_for_search: MOORE").replace("Y", "motion_model_for_search: VON_NEUMANN")
+    *_, found = findings(read(text))
+    assert found.status == status
+
+
 def test_a_frame_may_have_the_robots_name_before_it():
     def status(frame):
         return statuses(f"local_costmap: {{local_costmap: {{ros__parameters: {{global_frame: '{frame}'}}}}}}")

@@ -153,6 +153,11 @@ def test_the_list_of_plug_ins_decides_which_layers_there_are():
     )
 
 
+def test_an_inflation_may_reach_across_a_whole_room():
+    text = "plugins: [i], i: {plugin: 'nav2_costmap_2d::InflationLayer', inflation_radius: 5.5}"
+    assert local(text).inflation_layer.inflation_radius == 5.5
+
+
 def test_a_layer_may_be_switched_off():
     text = "plugins: [a], a: {plugin: 'nav2_costmap_2d::StaticLayer', enabled: false}"
     assert local(text).static_layer == StaticLayer(enabled=False)

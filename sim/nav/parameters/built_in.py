@@ -177,7 +177,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         **_any("wait_for_service_timeout", "service_introspection_mode", "plugin_lib_names", "error_code_names"),
         **_any("error_code_name_prefixes", "always_reload_bt_xml", "enable_groot_monitoring"),
         **_any("groot_zmq_publisher_port", "groot_zmq_server_port", "goal_blackboard_id", "path_blackboard_id"),
-        "bt_loop_duration": only(10),
+        "bt_loop_duration": within(high=50.0),  # ms: trees are ticked once in a tick of the stack
         "navigators": BuiltIn(includes=("navigate_to_pose", "navigate_through_poses")),
         "navigate_to_pose.plugin": only("nav2_bt_navigator::NavigateToPoseNavigator"),
         "navigate_through_poses.plugin": only("nav2_bt_navigator::NavigateThroughPosesNavigator"),
@@ -227,7 +227,11 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "costmap_update_timeout": only(1.0),
     },
     "NavFn": {"use_final_approach_orientation": only(False)},
-    "SmacPlanner2D": {**_SMAC, "use_final_approach_orientation": only(False)},
+    "SmacPlanner2D": {
+        **_SMAC,
+        "use_final_approach_orientation": only(False),
+        "motion_model_for_search": only("MOORE", "2D"),  # of Humble and before: eight neighbors, as since then
+    },
     "SmacPlannerHybrid": {
         **_SMAC,
         **_any("cache_obstacle_heuristic", "debug_visualizations", "coarse_search_resolution"),

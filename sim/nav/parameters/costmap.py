@@ -12,7 +12,7 @@ class InflationLayer(ParameterGroup):
     """Inflation: radius in meters, scaling per meter."""
 
     enabled: bool = parameter(True)
-    inflation_radius: float = parameter(0.70, 0.0, 3.0, code=0.55)
+    inflation_radius: float = parameter(0.70, 0.0, 10.0, code=0.55)
     cost_scaling_factor: float = parameter(3.0, 0.0, 1000.0, code=10.0)
 
 
