@@ -217,6 +217,13 @@ def test_a_file_with_one_costmap_gives_the_other_its_body():
     assert parameters(text).global_costmap.robot_radius == 0.4
 
 
+def test_without_amcl_in_the_file_an_omni_robot_is_localized_as_one():
+    text = "plugin: nav2_mppi_controller::MPPIController, motion_model: "
+    assert parameters(controller(f"{text}Omni")).amcl.omni
+    assert not parameters(controller(f"{text}DiffDrive")).amcl.omni
+    assert not parameters(f"amcl: {{ros__parameters: {{}}}}\n{controller(f'{text}Omni')}").amcl.omni
+
+
 def test_of_several_sources_the_first_laser_scan_is_used_and_the_others_are_not_modelled():
     sources = (
         "observation_sources: depth scan, depth: {data_type: PointCloud2}, scan: {data_type: LaserScan, clearing: true}"

@@ -90,6 +90,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
             parts |= _DISPENSABLE.get(name[-1], {})
     _check_nodes(reader, absent)
     parts |= _body_of_the_other_costmap(parts)
+    parts |= _localization_of_an_omni_robot(parts)
     _check_outline(reader, parts)
     _check_period(reader, parts)
     _check_turning_radius(reader, parts)
@@ -120,6 +121,15 @@ def _body_of_the_other_costmap(parts: Parts) -> Parts:
             of = ("robot_radius", "footprint", "footprint_padding")
             return {name: default.model_copy(update={field: getattr(parts[other], field) for field in of})}
     return {}
+
+
+def _localization_of_an_omni_robot(parts: Parts) -> Parts:
+    """A file without AMCL has that of Jazzy's file, whose motion model is differential: strafing would lose an omni robot."""
+    controller, robot = parts.get("controller"), parts["robot"]
+    is_omni = isinstance(controller, MppiParameters) and controller.motion_model == "Omni"
+    if "amcl" in parts or not (robot.drive == "omni" or (robot.drive is None and is_omni)):
+        return {}
+    return {"amcl": AmclParameters(omni=True)}
 
 
 def _check_outline(reader: Reader, parts: Parts) -> None:
