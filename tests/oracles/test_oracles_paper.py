@@ -179,7 +179,7 @@ def test_a_campaign_directory_is_reduced_to_its_figures(safety):
         "global radius 0.220 m": Counts(2, 0),
         "global radius 0.175 m": Counts(0, 2),
         "no obstacles": Counts(2, 0),
-        "obstacles, 0.6 for each metre": Counts(0, 2),
+        "obstacles, 0.6 for each meter": Counts(0, 2),
     }
 
 
@@ -208,7 +208,7 @@ def test_parts_are_in_the_order_of_their_levels(safety):
         "global radius 0.175 m",
         "global radius 0.220 m",
         "no obstacles",
-        "obstacles, 0.6 for each metre",
+        "obstacles, 0.6 for each meter",
     ]
 
 

@@ -63,4 +63,4 @@ def _obstacles(factors: Row, provenance: Row) -> tuple[Place, str]:
         return ("obstacles", 0.0), "no obstacles"
     found_per_m = len(obstacles) / provenance["_path_length"]
     density_per_m = min(DENSITIES_PER_M, key=lambda asked_per_m: abs(asked_per_m - found_per_m))
-    return ("obstacles", density_per_m), f"obstacles, {density_per_m:g} for each metre"
+    return ("obstacles", density_per_m), f"obstacles, {density_per_m:g} for each meter"
