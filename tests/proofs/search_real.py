@@ -31,8 +31,8 @@ from search import NEAR, curve_of
 from vastflow.flows import run_campaign
 
 TIMEOUT_S: Final = 20.0
-FAILED_S: Final = 19.0
-"""Mean time of a point of which nearly all runs fail."""
+FAILED_S: Final = TIMEOUT_S - 0.01
+"""Mean time of a point of which all runs fail."""
 RUNS, PER_BATCH = 5, 4
 CONFIRMING_RUNS, CONFIRMING_FAILURES = 5, 3
 GRID, GRID_RUNS = 9, 10
@@ -108,8 +108,11 @@ def runs_to_confirmed(folder: Path, store: Path, name: str, strategy: str, seed:
     )
     directory = run(folder, store, f"{name}-{strategy}-{seed}", RUNS, search=search)
     said = json.loads((directory / "metadata.json").read_text())["search"]
-    samples = (said["confirmation"] or {"samples": ()})["samples"]
-    confirmed = sum(time_s >= FAILED_S for time_s in samples) >= CONFIRMING_FAILURES
+    if said["best"] is None or said["best"]["objective"] < FAILED_S:
+        return batches * PER_BATCH * RUNS
+    rows = pq.read_table(directory / "runs.parquet", columns=["configuration", "run_index", "outcome"]).to_pylist()
+    fresh = [row for row in rows if row["configuration"] == said["best"]["configuration"] and row["run_index"] >= RUNS]
+    confirmed = sum(row["outcome"] != "succeeded" for row in fresh) >= CONFIRMING_FAILURES
     return said["runs"] if confirmed else batches * PER_BATCH * RUNS
 
 
