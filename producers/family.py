@@ -15,12 +15,19 @@ from vastflow.producers.constraints.constraint import NOWHERE, Constraint, Const
 from vastflow.producers.constraints.reading import fault_of, read_constraints, unknown_names
 from vastflow.producers.dataflow import DataFlow, Link
 from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, path_text, shown
-from vastflow.producers.places.ground import MAP_KEY
+from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY
 from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.places.start_check import room_m
 from vastflow.producers.places.stops import GOALS_KEY
 from vastflow.producers.producer import ROOM_KEY, Producer, UnknownProducer, draws_of, find_producer
-from vastflow.producers.scenario_values import Complaint, combined_complaint, complaint_of, dimension_of, unread_keys
+from vastflow.producers.scenario_values import (
+    Complaint,
+    combined_complaint,
+    complaint_of,
+    dimension_of,
+    mask_complaints,
+    unread_keys,
+)
 from vastflow.producers.vast.design import CARTESIAN, Design, DesignSpec
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.model_faults import faults_of
@@ -201,7 +208,7 @@ class FamilyReader:
             if key.startswith("_"):
                 self._fault(where, f"found {key!r}", "a name without a leading underscore", at="key")
             places[key] = where
-            if key != MAP_KEY:
+            if key not in MAP_FILE_KEYS:
                 values[key] = value
             elif content := self._map(where, value):
                 values[key] = content
@@ -243,6 +250,8 @@ class FamilyReader:
             key, complaint = found
             where = (*flow.location, ROBOT_KEY if key in robot_keys() and key in flow.fixed else "parameters")
             self._fault(where, *complaint, at="key")
+        for _, complaint in mask_complaints(good, flow.written):
+            self._fault((*flow.location, "parameters"), *complaint, at="key")
 
     def _complaint(self, key: str, value: Value, dimension: Dimension, system: Mapping[str, Value]) -> Complaint | None:
         """What the simulator has to say of a value, and then the scenario of which it is a parameter."""

@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.places.ground import MAP_KEY, map_value, serializable
+from vastflow.producers.places.ground import MAP_FILE_KEYS, map_value, serializable
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Count, NotNegative, Number, Seed
 from vastflow.sim.digest import Value, digest
@@ -42,7 +42,7 @@ def _listed_value(value: Any, info: ValidationInfo) -> Any:
 
 
 def _value(name: str | None, value: Any, info: ValidationInfo) -> Any:
-    if name == MAP_KEY:
+    if name in MAP_FILE_KEYS:
         return map_value(value, info)
     if value is None:
         raise PydanticCustomError("value", "found nothing; text, a number, true or false, a list or a map")
@@ -63,7 +63,7 @@ class ListParameters(producer.Parameters):
         list[Annotated[Any, BeforeValidator(_listed_value), PlainSerializer(serializable, return_type=Any)]],
         Field(min_length=1),
     ]
-    """The values in turn; with several names each value is a list, one item for each name. Values of `map_file` are paths of maps."""
+    """The values in turn; with several names each value is a list, one item for each name. Values of `map_file`, `keepout_mask` and `speed_mask` are paths of maps."""
 
 
 class ParameterVariationList(Producer[ListParameters]):

@@ -1,6 +1,6 @@
 """Values of a scenario that are known when the campaign file is read, checked against what the simulator takes."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import TypeAlias
 
@@ -10,6 +10,7 @@ from vastflow.sim.digest import Value
 from vastflow.sim.nav.controllers.registry import short_names
 from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, check_key, parameters_of, unread
 from vastflow.sim.nav.parameters.document import DocumentError
+from vastflow.sim.nav.parameters.filters import MASK_KEYS, filtered_by, missing_mask
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.sim.pose import pose_of
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
@@ -73,6 +74,15 @@ def combined_complaint(system: Mapping[str, Value]) -> tuple[str, Complaint] | N
         first = error.faults[0]
         return first.where, (first.what, first.right)
     return None
+
+
+def mask_complaints(system: Mapping[str, Value], written: Collection[str]) -> Iterator[tuple[str, Complaint]]:
+    """Masks that filters of the system need, and neither a parameter nor a producer gives."""
+    with suppress(DocumentError):  # said already
+        parameters = parameters_of(system)
+        for key in MASK_KEYS:
+            if key not in written and (costmaps := filtered_by(key, parameters)):
+                yield key, missing_mask(key, costmaps)
 
 
 def _pose_complaint(value: Value) -> Complaint | None:

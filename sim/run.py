@@ -28,11 +28,12 @@ from vastflow.sim.loop.play import Watch, play
 from vastflow.sim.loop.prepared import KEPT_MAPS, prepare
 from vastflow.sim.loop.simulation import Simulation, recorded
 from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.parameters.filters import KEEPOUT_KEY, SPEED_KEY
 from vastflow.sim.process.actions import PROCESSES, process_actions
 from vastflow.sim.process.folders import CONFIG, OUT
 from vastflow.sim.process.run import ProcessRecord, ProcessRun, process_run
 from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.reading.checked import CheckedScenario, RobotSetup, checked_of
+from vastflow.sim.reading.checked import MAP_KEY, CheckedScenario, RobotSetup, checked_of
 from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.recordings.archive import table
 from vastflow.sim.recordings.recording import Recording
@@ -136,7 +137,10 @@ def execute(
 
 
 def _loop(checked: CheckedScenario, robot: RobotSetup, entropy: Sequence[int]) -> ClosedLoop:
-    prepared = prepare(_loaded(robot.map_file), robot.lidar, robot.parameters, robot.difference)
+    occupancy, masks = _loaded(robot.map_file, MAP_KEY), robot.masks
+    keepout = None if masks.keepout is None else _loaded(masks.keepout, KEEPOUT_KEY)
+    speed = None if masks.speed is None else _loaded(masks.speed, SPEED_KEY)
+    prepared = prepare(occupancy, robot.lidar, robot.parameters, robot.difference, keepout, speed)
     obstacles = checked.script.obstacles
     return ClosedLoop(
         prepared, robot.parameters, robot.lidar, robot.robot, robot.start, obstacles, entropy, checked.timeout_s
@@ -182,10 +186,10 @@ def _notes(record: ProcessRecord | None) -> tuple[str, ...]:
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)
-def _loaded(content: FileContent) -> OccupancyMap:
+def _loaded(content: FileContent, key: str) -> OccupancyMap:
     occupancy = load_map(content.path)
     if occupancy.digest != content.digest:
-        raise ScenarioError(f"map_file: {content.path} changed since the campaign was read; run the campaign again")
+        raise ScenarioError(f"{key}: {content.path} changed since the campaign was read; run the campaign again")
     return occupancy
 
 

@@ -18,9 +18,12 @@ from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.producer import ROOM_KEY
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.parameters.filters import MASK_KEYS
 from vastflow.sim.reading.map_file import MapError, MissingMap, load_map
 
 MAP_KEY: Final = "map_file"
+MAP_FILE_KEYS: Final = (MAP_KEY, *MASK_KEYS)
+"""Keys whose values are paths of maps."""
 EIGHT_NEIGHBORS: Final = np.ones((3, 3), dtype=np.int8)
 
 

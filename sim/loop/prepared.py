@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.denoise import denoised
+from vastflow.sim.nav.filters import Mask, keepout_mask, kept_out, on_map
 from vastflow.sim.nav.inflation import FREE, LETHAL, UNKNOWN, cost_stamp, inflation_of, with_unknown
 from vastflow.sim.nav.likelihood import likelihood_cubed, usable_range_m
 from vastflow.sim.nav.navfn import travel_costs
@@ -41,7 +42,10 @@ class PreparedMap:
         static: (H, W) uint8 of 0, 254, 255: the static layer.
         static_costs: (H, W) uint8 inflation of its lethal cells; `costs` is that with its unknown cells.
         stamp, local_stamp: Inflation round one cell of the global and of the local costmap.
-        travel: (H, W) uint8: NavFn's costs of the inflated static layer; `least` those with unknown cells taken for free.
+        travel: (H, W) uint8: NavFn's costs of `costs`; `least` those with unknown cells taken for free.
+        keepout: (H, W) uint8, the keepout mask on the global costmap, which is in `costs`; (0, 0) without that filter.
+        local_keepout: The keepout mask for the local costmap.
+        speed_mask: That of the speed filter.
     """
 
     occupancy: OccupancyMap
@@ -55,16 +59,25 @@ class PreparedMap:
     costs: NDArray[np.uint8]
     travel: NDArray[np.uint8]
     least: NDArray[np.uint8]
+    keepout: NDArray[np.uint8]
     local_stamp: NDArray[np.uint8]
+    local_keepout: Mask
+    speed_mask: OccupancyMap | None
 
 
 def prepare(
-    occupancy: OccupancyMap, lidar: Lidar, parameters: NavParameters, difference: WorldDifference | None = None
+    occupancy: OccupancyMap,
+    lidar: Lidar,
+    parameters: NavParameters,
+    difference: WorldDifference | None = None,
+    keepout: OccupancyMap | None = None,
+    speed: OccupancyMap | None = None,
 ) -> PreparedMap:
     """Tables of a map for a robot with these parameters; the same map, by identity, is not computed twice.
 
     Args:
         difference: How the world differs from the map.
+        keepout, speed: The masks of the costmaps' filters.
     """
     q = parameters.amcl
     world, walls, skips = _geometry(occupancy) if difference is None else _other_geometry(occupancy, difference)
@@ -76,9 +89,17 @@ def prepare(
         q.sigma_hit,
         q.laser_likelihood_max_dist,
     )
-    costs = _costs(occupancy, parameters.global_costmap, parameters.planner.allow_unknown)
-    local_stamp = _stamp(parameters.local_costmap, parameters.local_costmap.resolution)
-    return PreparedMap(occupancy, world, walls, skips, cubed, *costs, local_stamp)
+    local, everywhere = parameters.local_costmap, parameters.global_costmap
+    costs = _costs(
+        occupancy,
+        everywhere,
+        parameters.planner.allow_unknown,
+        keepout if everywhere.keepout_filter.enabled else None,
+    )
+    local_keepout = keepout_mask(keepout if local.keepout_filter.enabled else None, occupancy)
+    return PreparedMap(
+        *(occupancy, world, walls, skips, cubed), *costs, _stamp(local, local.resolution), local_keepout, speed
+    )
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)
@@ -114,19 +135,22 @@ class _Costs(NamedTuple):
     costs: NDArray[np.uint8]
     travel: NDArray[np.uint8]
     least: NDArray[np.uint8]
+    keepout: NDArray[np.uint8]
 
 
 @functools.lru_cache(maxsize=KEPT_MAPS)
-def _costs(occupancy: OccupancyMap, costmap: Costmap, allow_unknown: bool) -> _Costs:
+def _costs(occupancy: OccupancyMap, costmap: Costmap, allow_unknown: bool, mask: OccupancyMap | None) -> _Costs:
     static = _static_layer(occupancy, costmap)
     if costmap.denoise_layer.enabled:
         static = denoised(static, costmap.denoise_layer)
     stamp = _stamp(costmap, occupancy.resolution_m)
     static_costs = inflation_of(static, stamp)
-    costs = with_unknown(static, static_costs)
+    keepout = on_map(keepout_mask(mask, occupancy), occupancy)
+    costs = kept_out(with_unknown(static, static_costs), keepout)
     travel = travel_costs(costs, allow_unknown)
-    least = travel_costs(static_costs) if (static == UNKNOWN).any() else travel
-    return _Costs(static, static_costs, stamp, costs, travel, least)
+    free = np.minimum(kept_out(static_costs, keepout), costs)
+    least = travel_costs(free) if (static == UNKNOWN).any() else travel
+    return _Costs(static, static_costs, stamp, costs, travel, least, keepout)
 
 
 def _static_layer(occupancy: OccupancyMap, costmap: Costmap) -> NDArray[np.uint8]:

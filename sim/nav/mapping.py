@@ -6,6 +6,7 @@ from typing import Any
 from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav.costmap import MARKED, UNSEEN, clear_polygon, merge_window, observe, roll
 from vastflow.sim.nav.denoise import remove_small_groups, remove_small_marks
+from vastflow.sim.nav.filters import keep_out, keep_out_of_window
 from vastflow.sim.nav.inflation import FREE, LETHAL, stamp_lethal
 from vastflow.sim.nav.navfn import fill_travel_costs
 from vastflow.sim.nav.state import Grids, Local
@@ -50,6 +51,8 @@ def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
     if q.denoise_layer.enabled:
         remove_small_groups(q.denoise_layer, local.lethal, local.scratch)
     stamp_lethal(local.lethal, local.stamp, costs)
+    if local.keepout.cells.shape[0] > 0:
+        keep_out_of_window(local.window, local.keepout, (m.map_odom_x, m.map_odom_y, m.map_odom_yaw))
 
 
 @inner
@@ -144,6 +147,8 @@ def _merge(p: Any, g: Grids, column: int, row: int, reach: int) -> None:
     if p.global_costmap.denoise_layer.enabled:
         layer = _quiet(p, g, column, row, reach)
     row0, row1, col0, col1 = merge_window(g.static, g.static_costs, layer, g.stamp, column, row, reach, g.costs)
+    if g.keepout.shape[0] > 0:
+        keep_out(g.costs, g.keepout, row0, row1, col0, col1)
     rows, columns = g.travel.shape
     row0, row1, col0, col1 = max(row0, 1), min(row1, rows - 1), max(col0, 1), min(col1, columns - 1)
     fill_travel_costs(g.costs, p.planner.allow_unknown != 0, row0, row1, col0, col1, g.travel)

@@ -12,23 +12,21 @@ from vastflow.sim.kernels.streams import CONTROLLER, SUBSYSTEMS
 from vastflow.sim.loop.prepared import PreparedMap
 from vastflow.sim.nav.controllers.binding import RunningController, running
 from vastflow.sim.nav.controllers.built_in import controller_of
-from vastflow.sim.nav.controllers.controller import PlanCut, Setting
+from vastflow.sim.nav.controllers.controller import Setting
+from vastflow.sim.nav.filters import Mask, SpeedZones, speed_zones
 from vastflow.sim.nav.inflation import cost_at_distance
 from vastflow.sim.nav.lower_bound import Bounds, new_bounds
 from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.monitor_zones import ZONE, zone_rows, zones_reach_m
 from vastflow.sim.nav.navfn import new_potential, new_scratch
 from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
-from vastflow.sim.nav.parameters.costmap import Costmap
-from vastflow.sim.nav.parameters.latency import IDEAL
-from vastflow.sim.nav.parameters.servers import MOST_ZONES, NavFn
+from vastflow.sim.nav.parameter_record import parameter_record
+from vastflow.sim.nav.parameters.costmap import Costmap, SpeedFilter
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.particles import Cloud, new_cloud
 from vastflow.sim.nav.planners.planner import Planner, planner_of
 from vastflow.sim.nav.polygon import MOST_VERTICES
 from vastflow.sim.nav.profile import STAGES
 from vastflow.sim.nav.rates import TICK_S, ticks_of
-from vastflow.sim.nav.record import record_dtype, record_row
 from vastflow.sim.nav.window import Window
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.lidar_model import MOST_BEAMS, Lidar
@@ -157,37 +155,6 @@ ring; an event row is t, kind, x, y, what, value; rows of `odometry`, in a ring 
 rows of `late_scans` are when a scan arrives (s), the step of its stamp, and odometry's x, y and yaw there; of `outline` the first `vertices` count, of `ranges` and `directions` the first `beams`.
 """
 
-_EXTRA: Final = (
-    *(
-        "resolution",
-        "world_resolution",
-        "origin_x",
-        "origin_y",
-        "grid_yaw",
-        "grid_cos",
-        "grid_sin",
-        "scan_ticks",
-        "control_ticks",
-        "local_ticks",
-        "publish_ticks",
-        "global_ticks",
-    ),
-    *("inscribed_radius", "circumscribed_radius"),
-    *("range_min", "range_max", "mount_x", "mount_y", "angle_increment", "sweeps", "late"),
-    *(
-        "max_speed",
-        "max_acceleration",
-        "max_yaw_rate",
-        "max_yaw_acceleration",
-        "min_turning_radius",
-        "is_omni",
-        "mission",
-        "loops",
-        "zone_count",
-        "zones_reach",
-    ),
-)
-
 
 class Grids(NamedTuple):
     """The map and what the stack makes of it, all (H, W) but the stamp and the scratch.
@@ -197,6 +164,8 @@ class Grids(NamedTuple):
         quiet, lethal: The global obstacle layer after the Denoise layer, and its scratch; (1, 1) without one.
         layer: Global obstacle layer; `costs` the master costmap, `travel` NavFn's costs of it, `potential` what the last
             flood gave.
+        keepout: The mask of the keepout filter; (0, 0) without one.
+        zones: Of the speed filter.
     """
 
     skips: Any
@@ -211,6 +180,8 @@ class Grids(NamedTuple):
     travel: Any
     potential: Any
     scratch: Any
+    keepout: Any
+    zones: SpeedZones
 
 
 class Local(NamedTuple):
@@ -219,6 +190,7 @@ class Local(NamedTuple):
     Attributes:
         window: The master costmap, which the controller reads.
         published: As it was published last, which behaviors read.
+        keepout: The mask of its keepout filter.
     """
 
     layer: Any
@@ -227,6 +199,7 @@ class Local(NamedTuple):
     lethal: Any
     window: Window
     published: Window
+    keepout: Mask
 
 
 class Route(NamedTuple):
@@ -294,11 +267,14 @@ def new_stack(
     outline = outline_of(parameters.local_costmap)
     m["vertices"] = len(outline)
     m["outline"][: len(outline)] = outline
-    local = _local(parameters, prepared.local_stamp)
+    local = _local(parameters, prepared.local_stamp, prepared.local_keepout)
     setting = _setting(parameters, local.window, streams[CONTROLLER].copy())
     controller = controller_of(parameters.controller)
+    in_use = running(controller, setting)
+    costmaps = parameters.global_costmap, parameters.local_costmap
+    speed_filter = next((each.speed_filter for each in costmaps if each.speed_filter.enabled), SpeedFilter())
     return Stack(
-        p=_parameter_record(parameters, lidar, robot, prepared, controller.plan_cut(setting)),
+        p=parameter_record(parameters, lidar, robot, prepared, controller.plan_cut(setting)),
         m=memory,
         grids=Grids(
             skips=prepared.skips,
@@ -313,11 +289,13 @@ def new_stack(
             travel=prepared.travel.copy(),
             potential=new_potential(shape),
             scratch=new_scratch(shape),
+            keepout=prepared.keepout,
+            zones=speed_zones(prepared.speed_mask, prepared.occupancy, speed_filter, in_use),
         ),
         local=local,
         cloud=new_cloud(parameters.amcl.max_particles, lidar.beams),
         route=_route(prepared.least, (), 0, _planner(parameters, prepared)),
-        controller=running(controller, setting),
+        controller=in_use,
         robot=robot,
         obstacles=obstacles,
         rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(columns_of(robot))), dtype=np.int32),
@@ -374,80 +352,12 @@ def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int, planner: 
     )
 
 
-def _local(parameters: NavParameters, stamp: NDArray[np.uint8]) -> Local:
+def _local(parameters: NavParameters, stamp: NDArray[np.uint8], keepout: Mask) -> Local:
     q = parameters.local_costmap
     shape = round(q.height / q.resolution), round(q.width / q.resolution)
     layer, scratch, lethal, costs, published = (np.zeros(shape, dtype=np.uint8) for _ in range(5))
     place = np.array([0.0, 0.0, q.resolution])
-    return Local(layer, stamp, scratch, lethal, Window(costs, place), Window(published, place.copy()))
-
-
-def _parameter_record(
-    parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, plan_cut: PlanCut
-) -> NDArray[np.void]:
-    """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, `initial_covariance`, and zones."""
-    groups = {name: group for name, group in parameters if name not in ("controller", "robot")} | {"plan_cut": plan_cut}
-    if not isinstance(parameters.planner, NavFn):
-        groups["planner"] = NavFn(allow_unknown=parameters.planner.allow_unknown)
-    outline = outline_of(parameters.local_costmap)
-    frame = prepared.occupancy.frame
-    zones, smoother = parameters.collision_monitor.zones, parameters.velocity_smoother
-    fastest_mps = math.hypot(*(max(smoother.max_velocity[axis], -smoother.min_velocity[axis]) for axis in (0, 1)))
-    extra: dict[str, float] = {
-        "inscribed_radius": inscribed_radius_m(outline),
-        "circumscribed_radius": circumscribed_radius_m(outline),
-        "resolution": prepared.occupancy.resolution_m,
-        "world_resolution": prepared.world.resolution_m,
-        "origin_x": prepared.occupancy.origin_xy_m[0],
-        "origin_y": prepared.occupancy.origin_xy_m[1],
-        "grid_yaw": frame.yaw_rad,
-        "grid_cos": frame.turn.cos,
-        "grid_sin": frame.turn.sin,
-        "scan_ticks": ticks_of(lidar.rate_hz),
-        "control_ticks": ticks_of(parameters.controller_server.controller_frequency),
-        "local_ticks": ticks_of(parameters.local_costmap.update_frequency),
-        "publish_ticks": ticks_of(parameters.local_costmap.publish_frequency),
-        "global_ticks": ticks_of(parameters.global_costmap.update_frequency),
-        "range_min": lidar.range_min_m,
-        "range_max": lidar.range_max_m,
-        "mount_x": lidar.mount_xyt[0],
-        "mount_y": lidar.mount_xyt[1],
-        "angle_increment": lidar.angle_increment_rad,
-        "sweeps": lidar.sweeps,
-        "late": lidar.sweeps or parameters.latency != IDEAL,
-        "max_speed": robot.max_speed_mps,
-        "max_acceleration": robot.max_acceleration_mps2,
-        "max_yaw_rate": robot.max_yaw_rate_radps,
-        "max_yaw_acceleration": robot.max_yaw_acceleration_radps2,
-        "min_turning_radius": robot.min_turning_radius_m,
-        "is_omni": float(robot.drive == "omni"),
-        "mission": NAVIGATE_TO_POSE,
-        "loops": 0,
-        "zone_count": len(zones),
-        "zones_reach": zones_reach_m(zones, fastest_mps, 1.0 / lidar.rate_hz),
-    }
-    perturbation = parameters.perturbation
-    covariance = (
-        *frame.covariance_to_grid(perturbation.initial_pose_covariance_xx, perturbation.initial_pose_covariance_yy),
-        perturbation.initial_pose_covariance_yaw,
-    )
-    dtype = np.dtype(
-        [
-            *((name, record_dtype(value)) for name, value in groups.items()),
-            *((name, np.float64) for name in _EXTRA),
-            ("initial_covariance", np.float64, (4,)),
-            ("zones", np.float64, (MOST_ZONES, len(ZONE))),
-            ("zone_points", np.float64, (MOST_ZONES, MOST_VERTICES, 2)),
-        ],
-        align=True,
-    )
-    row = (
-        *(record_row(value) for value in groups.values()),
-        *(float(extra[name]) for name in _EXTRA),
-        covariance,
-        *zone_rows(zones),
-    )
-    return np.array([row], dtype=dtype)
+    return Local(layer, stamp, scratch, lethal, Window(costs, place), Window(published, place.copy()), keepout)
 
 
 def _setting(parameters: NavParameters, window: Window, stream: NDArray[np.uint64]) -> Setting:

@@ -9,6 +9,7 @@ from vastflow.sim.nav import profile
 from vastflow.sim.nav.behavior import behave, note
 from vastflow.sim.nav.collision_monitor import approach, gather_near_points, zoned
 from vastflow.sim.nav.controllers.binding import Bound, reset
+from vastflow.sim.nav.filters import limit_speed
 from vastflow.sim.nav.latency import TWIST_STEPS, count_step, draw_phases, order, receive_command, receive_odometry
 from vastflow.sim.nav.localization import estimate, localize
 from vastflow.sim.nav.mapping import clear_global, clear_local, publish_local, update_global, update_local
@@ -131,11 +132,15 @@ def _navigate(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: 
         clear_local(m, local)
     if m.tick % p.local_ticks == m.phase_local or m.has_local == 0:
         update_local(p, m, g, local)
+        if p.local_costmap.speed_filter.enabled:
+            limit_speed(g.zones, m.x, m.y)
         lap(m, profile.LOCAL_COSTMAP)
     if m.tick % p.publish_ticks == m.phase_publish:
         publish_local(local)
     if m.tick % p.global_ticks == m.phase_global:
         update_global(p, m, g)
+        if p.global_costmap.speed_filter.enabled:
+            limit_speed(g.zones, m.x, m.y)
         lap(m, profile.GLOBAL_COSTMAP)
     behave(p, m, g, local, route, controller)
     lap(m, profile.BEHAVIOR)

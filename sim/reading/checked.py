@@ -18,6 +18,7 @@ from vastflow.sim.plug_ins.code import code_value
 from vastflow.sim.pose import Pose
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of
+from vastflow.sim.reading.masks import NO_MASKS, Masks, masks_of
 from vastflow.sim.reading.plain import plain_value
 from vastflow.sim.reading.robot import lidar_of, robot_of
 from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
@@ -43,6 +44,7 @@ class RobotSetup:
         robot: Its body and actuators.
         lidar: Its laser scanner.
         difference: How the world differs from the map; None where it does not.
+        masks: Of the costmaps' filters.
     """
 
     map_file: FileContent
@@ -51,6 +53,7 @@ class RobotSetup:
     robot: Robot
     lidar: Lidar
     difference: WorldDifference | None = None
+    masks: Masks = NO_MASKS
 
 
 @dataclass(frozen=True)
@@ -140,11 +143,12 @@ def _robot(scenario: Scenario, script: Script) -> RobotSetup:
     if not isinstance(content, FileContent):
         raise ScenarioError(f"{MAP_KEY}: found {content!r}; a map file that the campaign names")
     parameters = parameters_of(scenario.system)
+    masks = masks_of(scenario.system, parameters)
     robot, lidar = robot_of(parameters), lidar_of(parameters)
     if parameters.robot != _NOT_DESCRIBED:  # what is described is in the robot and the scanner
         parameters = parameters.model_copy(update={"robot": _NOT_DESCRIBED})
     difference = difference_of(scenario.environment.get(WORLD_KEY))
-    return RobotSetup(content, script.start, parameters, robot, lidar, difference)
+    return RobotSetup(content, script.start, parameters, robot, lidar, difference, masks)
 
 
 def _definition_digest(scenario: Scenario, script: Script) -> str:
@@ -161,6 +165,7 @@ def _digested(robot: RobotSetup) -> Value:
         *(robot.map_file, repr(robot.start), _parameters_digest(parameters)),
         *(code_value(type(parameters.controller)), repr((robot.robot, robot.lidar))),
         *(() if robot.difference is None else (repr(robot.difference),)),
+        *(() if robot.masks == NO_MASKS else (robot.masks.keepout, robot.masks.speed)),
     ]
 
 

@@ -205,6 +205,30 @@ def test_a_key_that_the_file_does_not_have_is_unread(load: Load) -> None:
     )
 
 
+KEPT_OUT = """\
+global_costmap:
+  global_costmap:
+    ros__parameters: {filters: [k], k.plugin: "nav2_costmap_2d::KeepoutFilter"}
+"""
+
+
+def test_a_filter_without_a_mask_is_a_fault_with_the_line_that_would_be_right(load: Load) -> None:
+    (found,) = faults(load, KEPT_OUT)
+    assert found.startswith(
+        "c.vast:3:3: configuration[0].parameters: the keepout filter of the global_costmap has no mask; "
+    )
+    assert found.endswith("'keepout_mask: keepout.yaml', a map_server YAML file")
+
+
+def test_a_mask_is_read_as_a_map_is_fixed_or_produced(load: Load) -> None:
+    produced = "  - ParameterVariationList: {name: keepout_mask, values: [room.yaml]}"
+    for campaign in (load(KEPT_OUT, "  - keepout_mask: room.yaml\n"), load(KEPT_OUT, "", produced)):
+        (configuration,) = instantiate(campaign).configurations
+        assert configuration.scenario.system["keepout_mask"] == configuration.scenario.environment["map_file"]
+    (found,) = faults(load, KEPT_OUT, "  - keepout_mask: nowhere.yaml\n")
+    assert "c.vast:7:19: configuration[0].parameters[3].keepout_mask: " in found
+
+
 def test_every_fixed_parameter_that_is_wrong_is_named(load: Load) -> None:
     found = faults(load, NAV2, "  - robot_radius: wide\n  - desired_linear_vel: -1\n")
     assert [line.split(": ")[0] for line in found] == ["c.vast:7:19", "c.vast:8:25"]

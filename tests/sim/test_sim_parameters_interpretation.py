@@ -392,7 +392,10 @@ def test_a_waypoint_task_that_is_off_or_another_does_not_pause():
 
 PLUGIN_FAULTS = [
     (controller("plugin: nav2_mppi_controller::MPPIController, motion_model: Tracked"), "C.motion_model: found 'Tracked'; motion_model: Input should be 'DiffDrive', 'Ackermann' or 'Omni'"),
-    ("local_costmap: {local_costmap: {ros__parameters: {filters: [keepout_filter]}}}", "local_costmap.ros__parameters.filters: found ['keepout_filter'], which is not modelled; []"),
+    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k]}}}", "local_costmap.ros__parameters.filters.0: no 'plugin' below 'k'; the class of a costmap filter; known: nav2_costmap_2d::KeepoutFilter, "),
+    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k.plugin: nav2_costmap_2d::BinaryFilter}}}", "k.plugin: nav2_costmap_2d::BinaryFilter is not modelled; a costmap filter that is: "),
+    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k.plugin: nav2_costmap_2d::SpeedFilter}}}", "k: no 'filter_info_topic'; filter_info_topic: costmap_filter_info, and a node costmap_filter_info_server with the same"),
+    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k: {plugin: nav2_costmap_2d::SpeedFilter, filter_info_topic: /zones}}}}", "k.filter_info_topic: no node publishes on 'zones'; a node that does, costmap_filter_info_server: {ros__parameters: {filter_info_topic: zones, "),
     (controller("plugin: 'my::Controller'"), "C.plugin: no controller 'my::Controller' is known; known: dwb_core::DWBLocalPlanner, nav2_mppi_controller::MPPIController, "),
     (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "controller_plugins.0: no 'primary_controller' below 'C'; the class of a controller; known: "),
     (controller("gain: 1"), "controller_plugins.0: no 'plugin' below 'C'; the class of a controller; known: "),

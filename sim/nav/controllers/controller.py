@@ -105,6 +105,31 @@ class PlanCut:
     in_window: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class SpeedLimits:
+    """How a controller takes a speed limit (nav2_core, `Controller::setSpeedLimit`).
+
+    Attributes:
+        scaled: Names of the parameters that are scaled by it.
+        full_mps: The speed that a limit in m/s is a share of.
+        only_lower: Whether a limit in m/s from there on is left out of account, and what held before holds on.
+    """
+
+    scaled: tuple[str, ...]
+    full_mps: float
+    only_lower: bool = False
+
+    def share(self, limit: float, is_percentage: bool) -> float | None:
+        """What the parameters are scaled by, 1 where the limit is 0, which is none; None where nothing changes."""
+        if limit == 0.0:
+            return 1.0
+        if is_percentage:
+            return limit / 100.0
+        if self.full_mps <= 0.0 or (self.only_lower and limit >= self.full_mps):
+            return None
+        return limit / self.full_mps
+
+
 def kernel(function: Function) -> Function:
     """Compile a function as the simulator's own kernels are compiled: for the same processor, with IEEE arithmetic."""
     from vastflow.sim.kernels.numeric import unkept  # who only reads parameters does without numba
@@ -129,6 +154,10 @@ class Controller(ParameterGroup):
     def memory(self, setting: Setting) -> Any:
         """State and working space of a run: a NamedTuple of arrays, and of such again; kernels change them in place."""
         return ()
+
+    def speed_limits(self) -> SpeedLimits | None:
+        """How it takes the limits of a speed filter; None where it can't."""
+        return None
 
     @property
     def plan_ahead_m(self) -> float:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.numeric import addressed, inner
-from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, PlanCut, Setting
+from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, PlanCut, Setting, SpeedLimits
 from vastflow.sim.nav.controllers.dwb_critics import (
     DISTANCE,
     PathGrid,
@@ -341,6 +341,10 @@ class Dwb(DwbParameters, Controller):
     def memory(self, setting: Setting) -> DwbMemory:
         """See `new_memory`."""
         return new_memory(self, setting.rows, setting.columns)
+
+    def speed_limits(self) -> SpeedLimits:
+        """Its greatest speeds; a limit in m/s only if it is below `max_speed_xy`."""
+        return SpeedLimits(("max_speed_xy", "max_vel_x", "max_vel_theta"), self.max_speed_xy, only_lower=True)
 
     def plan_cut(self, setting: Setting) -> PlanCut:
         """All points round the robot that have not been left behind: it keeps path behind the robot."""

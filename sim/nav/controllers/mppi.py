@@ -4,7 +4,7 @@ import math
 from typing import Any, Final
 
 from vastflow.sim.kernels.numeric import addressed, inner
-from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting
+from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting, SpeedLimits
 from vastflow.sim.nav.controllers.lanes import data_of, either, load, lower, splat, store
 from vastflow.sim.nav.controllers.mppi_critics import (
     COLLISION,
@@ -96,6 +96,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     room = Room(data_of(memory.near), data_of(memory.lethal), data_of(memory.yaws), 0, 0)
     if q.CostCritic.consider_footprint != 0:
         room = lay_room(room.near, room.lethal, room.yaws, frame, window, memory.circumscribed_cost[0])
+    prices = _prices(q, memory.unlimited_mps, goal_m)
     used = sequence.shape[1] * memory.costs.shape[0]
     rise, fall, turn = q.model_dt * q.ax_max, -q.model_dt * q.ax_min, q.model_dt * q.az_max
     lateral_rise, lateral_fall = q.model_dt * q.ay_max, -q.model_dt * q.ay_min
@@ -103,7 +104,7 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     for _ in range(1 + (q.retry_attempt_limit if q.retry_scores != 0 else 0)):
         noise_at = next_noise(memory.stream, memory.next_noise, memory.noise.shape[0], used)
         draw = Draw(noise_at, twist[0], twist[1], rise, fall, turn, given.lateral_mps, lateral_rise, lateral_fall)
-        if _sample(q, space, room, sequence, frame, draw, given, radius_m, goal_m, twirling):
+        if _sample(q, space, room, sequence, frame, draw, given, prices, radius_m, goal_m, twirling):
             _judge_plan(q, space, sequence.shape[1], frame, window, pose, plan, n, goal_m, free, lengths)
             _weigh(space, q.batch_size, q.temperature)
             _average(space, sequence, q.batch_size, draw)
@@ -124,6 +125,17 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
 
 
 @inner
+def _prices(q: Any, unlimited_mps: Any, goal_m: float) -> Prices:
+    """What speeds cost at a distance from the goal. As in Nav2, ConstraintCritic keeps the range without a speed limit."""
+    vx_min_mps, vx_max_mps, vy_max_mps = unlimited_mps[0], unlimited_mps[1], unlimited_mps[2]
+    lowest = math.copysign(math.hypot(vx_min_mps, vy_max_mps), vx_min_mps)
+    beyond = q.ConstraintCritic.cost_weight * q.model_dt if q.ConstraintCritic.enabled != 0 else 0.0
+    forward = q.PreferForwardCritic.enabled != 0 and goal_m >= q.PreferForwardCritic.threshold_to_consider
+    backwards = q.PreferForwardCritic.cost_weight * q.model_dt if forward else 0.0
+    return Prices(lowest, math.hypot(vx_max_mps, vy_max_mps), beyond, backwards)
+
+
+@inner
 def _sample(
     q: Any,
     space: Space,
@@ -132,6 +144,7 @@ def _sample(
     frame: Frame,
     draw: Draw,
     given: ControllerInput,
+    prices: Prices,
     min_turning_radius_m: float,
     goal_m: float,
     twirling: bool,
@@ -155,11 +168,6 @@ def _sample(
         math.sin(yaw_rad),
     )
     scale = dt_s / frame.resolution_m
-    lowest = math.copysign(math.hypot(q.vx_min, q.vy_max), q.vx_min)
-    beyond = q.ConstraintCritic.cost_weight * dt_s if q.ConstraintCritic.enabled != 0 else 0.0
-    forward = q.PreferForwardCritic.enabled != 0 and goal_m >= q.PreferForwardCritic.threshold_to_consider
-    backwards = q.PreferForwardCritic.cost_weight * dt_s if forward else 0.0
-    prices = Prices(lowest, math.hypot(q.vx_max, q.vy_max), beyond, backwards)
     priced, cell_stride = q.CostCritic.enabled != 0, q.CostCritic.trajectory_point_step
     outlined, motion = q.CostCritic.consider_footprint != 0, (yaw_rad, dt_s)
     cells = (steps - 1) // cell_stride + 1
@@ -180,7 +188,7 @@ def _sample(
         else:
             follow(space, first, steps, draw, start, scale, dt_s, prices)
         if min_turning_radius_m > 0.0:
-            judge_turns(space, first, steps, scale, min_turning_radius_m, beyond)
+            judge_turns(space, first, steps, scale, min_turning_radius_m, prices.beyond)
         if priced:
             judge_cells(space, first, cells, cell_stride, frame, cell_weight, crash)
             if outlined:
@@ -348,6 +356,10 @@ class Mppi(MppiParameters, Controller):
     def memory(self, setting: Setting) -> MppiMemory:
         """See `new_memory`."""
         return new_memory(self, setting.stream, setting.circumscribed_cost, setting.xy_goal_tolerance_m)
+
+    def speed_limits(self) -> SpeedLimits:
+        """All its speeds by the same share, however great a limit in m/s is."""
+        return SpeedLimits(("vx_max", "vx_min", "vy_max", "wz_max"), self.vx_max)
 
     @property
     def plan_ahead_m(self) -> float:

@@ -29,6 +29,7 @@ class MppiMemory(NamedTuple):
         near, lethal, yaws: See `mppi_outlines.Room`; empty where no outline is looked at.
         min_turning_radius_m: (1,) float64 of an Ackermann model; 0 of one that turns on the spot.
         goal_tolerance_m: (1,) float64, the goal checker's `xy_goal_tolerance`.
+        unlimited_mps: (3,) float64, `vx_min`, `vx_max` and `vy_max` without a speed limit.
 
     The others are `mppi_samples.Space`.
     """
@@ -48,6 +49,7 @@ class MppiMemory(NamedTuple):
     yaws: Any
     min_turning_radius_m: Any
     goal_tolerance_m: Any
+    unlimited_mps: Any
     lateral_noise: Any
     lateral_center: Any
     lateral_sums: Any
@@ -110,6 +112,7 @@ def new_memory(
         yaws=rows(cells),
         min_turning_radius_m=np.array([min_turning_radius_m]),
         goal_tolerance_m=np.array([goal_tolerance_m]),
+        unlimited_mps=np.array([parameters.vx_min, parameters.vx_max, parameters.vy_max]),
         center=aligned(4 * steps, np.float32),
         turns=rows(steps),
         track=rows(2 * steps),

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.numeric import addressed, inner
-from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, PlanCut, Setting
+from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, PlanCut, Setting, SpeedLimits
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.inflation import FREE, INSCRIBED, UNKNOWN
 from vastflow.sim.nav.parameters.rpp import RppParameters
@@ -200,6 +200,10 @@ class Rpp(RppParameters, Controller):
     def memory(self, setting: Setting) -> RppMemory:
         """See `new_memory`."""
         return new_memory(setting.xy_goal_tolerance_m)
+
+    def speed_limits(self) -> SpeedLimits:
+        """Its desired speed alone."""
+        return SpeedLimits(("desired_linear_vel",), self.desired_linear_vel)
 
     def plan_cut(self, setting: Setting) -> PlanCut:
         """As far as the local costmap reaches; Nav2 measures that half a cell shorter than it is."""

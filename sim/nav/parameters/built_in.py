@@ -117,6 +117,10 @@ IN_EVERY_NODE: Final[Mapping[str, BuiltIn]] = _any(
 
 UNUSED_NODES: Final[Mapping[str, str]] = {
     "map_server": "the campaign gives the map",
+    **dict.fromkeys(
+        ("filter_mask_server", "keepout_filter_mask_server", "speed_filter_mask_server"),
+        "the campaign gives the mask: keepout_mask, speed_mask",
+    ),
     "map_saver": "no mission calls it",
     "smoother_server": "the default behavior trees do not call it",
     "docking_server": "no mission calls it",
@@ -221,6 +225,13 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "observation_persistence": only(0.0),
         "raytrace_min_range": only(0.0),
     },
+    "KeepoutFilter": _any("transform_tolerance", "filter_info_topic", "lethal_override_cost"),
+    "SpeedFilter": {
+        **_any("transform_tolerance", "filter_info_topic", "speed_limit_topic", "path_topic", "odom_topic"),
+        **_any("max_decel", "min_lookahead", "max_lookahead"),
+    },
+    # A mask is among the campaign's parameters, and a keepout filter takes its values as they are.
+    "filter info": _any("filter_info_topic", "mask_topic", "type", "base", "multiplier"),
     "InflationLayer": {"inflate_unknown": only(False), "inflate_around_unknown": only(False)},
     "planner_server": {
         **_any("expected_planner_frequency", "service_introspection_mode"),

@@ -18,6 +18,7 @@ from vastflow.sim.nav.parameters.document import (
     ParameterLocation,
     dotted,
 )
+from vastflow.sim.nav.parameters.filters import MASK_KEYS, filtered_by
 from vastflow.sim.nav.parameters.interpretation import Interpretation, interpretation
 from vastflow.sim.nav.parameters.parameter import complaint
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, loaded
@@ -42,6 +43,9 @@ OWN_KEYS: Final[Mapping[str, tuple[ParameterLocation, ...]]] = {
 }
 """Keys that stand in no Nav2 file, and where `Perturbation` and `RobotParameters` are read. The two of the paper's study go by the
 names of its launch arguments, or by those of its relay node."""
+
+_NOT_IN_THE_FILE: Final = frozenset({FILE_KEY, CONTROLLER_KEY, *MASK_KEYS})
+"""Keys that rewrite no parameter."""
 
 
 @dataclass(frozen=True)
@@ -79,14 +83,16 @@ def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[
         DocumentError: as of `parameters_of`.
     """
     chosen = _chosen(_System(canonical(dict(system)), system))
-    document, asked = chosen.interpretation.document, chosen.interpretation.reader.asked
+    document, asked, undecided = chosen.interpretation.document, chosen.interpretation.reader.asked, tuple(undecided)
     touched = {key: _targets(document, key) for key in undecided} | {**chosen.touched}
 
     def is_read(path: ParameterLocation) -> bool:
         return path in asked or (path[-1].isdecimal() and path[:-1] in asked)
 
-    unread_keys = (key for key, paths in touched.items() if not any(map(is_read, paths)))
-    return tuple(sorted(key for key in unread_keys if key not in (FILE_KEY, CONTROLLER_KEY)))
+    unread_keys = {key for key, paths in touched.items() if not any(map(is_read, paths))} - _NOT_IN_THE_FILE
+    masks = {key for key in MASK_KEYS if key in (*system, *undecided)}
+    parameters = chosen.interpretation.parameters
+    return tuple(sorted(unread_keys | {key for key in masks if not filtered_by(key, parameters)}))
 
 
 def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
@@ -166,7 +172,7 @@ class _System:
 
 @functools.lru_cache(maxsize=64)
 def _chosen(system: _System) -> Chosen:
-    keys = {key: value for key, value in system.values.items() if key not in (FILE_KEY, CONTROLLER_KEY)}
+    keys = {key: value for key, value in system.values.items() if key not in _NOT_IN_THE_FILE}
     document = _document(system.values)
     if CONTROLLER_KEY in system.values:
         document = with_controller(document, system.values[CONTROLLER_KEY])

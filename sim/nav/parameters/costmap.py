@@ -47,6 +47,25 @@ class DenoiseLayer(ParameterGroup):
     group_connectivity_type: Literal[4, 8] = parameter(8)
 
 
+class KeepoutFilter(ParameterGroup):
+    """Cells that a mask raises after all layers, see `vastflow.sim.nav.filters`."""
+
+    enabled: bool = parameter(True)
+
+
+class SpeedFilter(ParameterGroup):
+    """A limit on the controller's speed, `base + multiplier · value` of the mask where the robot is.
+
+    Attributes:
+        type: What the limit is: 1 a share of the controller's own in percent, 2 meters per second.
+    """
+
+    enabled: bool = parameter(True)
+    type: int = parameter(1, 1, 2, code=0)
+    base: float = parameter(0.0, -1e6, 1e6)
+    multiplier: float = parameter(1.0, -1e6, 1e6)
+
+
 class Costmap(ParameterGroup):
     """One costmap: rates in Hz, lengths in meters.
 
@@ -70,6 +89,8 @@ class Costmap(ParameterGroup):
     obstacle_layer: ObstacleLayer = ObstacleLayer()
     denoise_layer: DenoiseLayer = DenoiseLayer(enabled=False)
     inflation_layer: InflationLayer = InflationLayer()
+    keepout_filter: KeepoutFilter = KeepoutFilter(enabled=False)
+    speed_filter: SpeedFilter = SpeedFilter(enabled=False)
 
     @field_validator("footprint")
     @classmethod

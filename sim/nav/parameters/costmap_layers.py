@@ -1,4 +1,4 @@
-"""Reading the node of a costmap: its layers in the order of the file, and the laser scan that marks in one of them."""
+"""Reading the node of a costmap: its layers in the order of the file, its filters, and the laser scan that marks in one of the layers."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -12,6 +12,7 @@ from vastflow.sim.nav.parameters.costmap import (
     global_costmap,
 )
 from vastflow.sim.nav.parameters.document import ParameterLocation
+from vastflow.sim.nav.parameters.filters import filters_of
 from vastflow.sim.nav.parameters.plugins import LAYERS
 from vastflow.sim.nav.parameters.reader import Instance, Reader
 from vastflow.sim.nav.polygon import vertices_of
@@ -45,7 +46,7 @@ def read_global_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str,
 
 
 def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
-    reader.only((*node, "filters"), [])
+    given |= filters_of(reader, node)
     layers = _layers(reader, node)
     _check_order(reader, node, list(layers.values()))
     for field, model in _MODELS.items():

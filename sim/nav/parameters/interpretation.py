@@ -14,6 +14,7 @@ from vastflow.sim.nav.parameters.document import (
     ParameterFault,
     ParameterLocation,
 )
+from vastflow.sim.nav.parameters.filters import check_speed_filter
 from vastflow.sim.nav.parameters.latency import IDEAL, LATENCY_KEY, PRESET_KEY, PRESETS, Latency
 from vastflow.sim.nav.parameters.monitor import collision_monitor
 from vastflow.sim.nav.parameters.mppi import MppiParameters
@@ -94,6 +95,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
     _check_outline(reader, parts)
     _check_period(reader, parts)
     _check_turning_radius(reader, parts)
+    check_speed_filter(reader, parts)
     if reader.faults:
         raise DocumentError(sorted(reader.faults, key=lambda fault: fault.place), document.file)
     if "controller" not in parts and "controller_server" not in absent:

@@ -18,6 +18,7 @@ from vastflow.sim.nav.parameters.document import (
     node_of,
     read_document,
 )
+from vastflow.sim.nav.parameters.filters import is_info_server
 from vastflow.sim.nav.parameters.interpretation import MODELLED_NODES, interpretation
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
@@ -106,7 +107,9 @@ def loaded(content: FileContent) -> ParameterDocument:
 
 
 def _content_digest(document: ParameterDocument) -> str:
-    nodes = {node for node in document.nodes if not MODELLED_NODES.isdisjoint(node[-2:-1])}
+    nodes = {
+        node for node in document.nodes if not MODELLED_NODES.isdisjoint(node[-2:-1]) or is_info_server(document, node)
+    }
     values = {dotted(path): value for path, value in document.values.items() if node_of(path) in nodes}
     plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}
     return digest(sorted(map(dotted, nodes)), values, *filter(None, [plug_ins]))

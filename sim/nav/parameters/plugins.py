@@ -103,6 +103,13 @@ LAYERS: Final = Plugins(
     },
 )
 
+FILTERS: Final = Plugins(
+    what="costmap filter",
+    lists=("filters",),
+    modelled={f"nav2_costmap_2d::{name}": name for name in ("KeepoutFilter", "SpeedFilter")},
+    foreign=_classes("nav2_costmap_2d", "BinaryFilter", "InflationLayer"),
+)
+
 ROTATION_SHIM: Final = "nav2_rotation_shim_controller::RotationShimController"
 """A plug-in of the kind controller that has another, `primary_controller`, inside."""
 

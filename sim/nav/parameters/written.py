@@ -10,10 +10,12 @@ from vastflow.sim.nav.parameters.costmap import Costmap
 from vastflow.sim.nav.parameters.costmap_layers import OF_THE_MAP
 from vastflow.sim.nav.parameters.document import PARAMETERS, ParameterDocument, ParameterLocation
 from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.parameters.filters import TOPIC
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
+    FILTERS,
     GOAL_CHECKERS,
     LAYERS,
     PLANNERS,
@@ -47,6 +49,8 @@ def document_of(parameters: NavParameters) -> ParameterDocument:
     values |= _instance(node, GOAL_CHECKERS, "StoppedGoalChecker" if stops else "SimpleGoalChecker", goal)
     values |= controller_block(node, parameters.controller) | _rotation_shim(node, parameters)
     values |= _costmap("local_costmap", parameters.local_costmap)
+    values |= _filters("local_costmap", parameters.local_costmap)
+    values |= _filters("global_costmap", parameters.global_costmap)
     values |= {
         path: value
         for path, value in _costmap("global_costmap", parameters.global_costmap).items()
@@ -127,6 +131,25 @@ def _costmap(name: str, costmap: Costmap) -> Values:
         for key, value in _plain(parameters).items():
             of_the_layer = key in ("enabled", "footprint_clearing_enabled")
             values[(*place, key) if of_the_layer else (*place, "scan", key)] = value
+    return values
+
+
+def _filters(name: str, costmap: Costmap) -> Values:
+    """The filters of a costmap, and the nodes that say what they do."""
+    node: ParameterLocation = (name, name, PARAMETERS)
+    values: Values = {}
+    listed: dict[str, Any] = {"keepout_filter": costmap.keepout_filter, "speed_filter": costmap.speed_filter}
+    enabled = {each: parameters for each, parameters in listed.items() if parameters.enabled}
+    if enabled:
+        values[(*node, FILTERS.lists[0])] = list(enabled)
+    for each, parameters in enabled.items():
+        topic, kind = f"{name}_{each}_info", type(parameters).__name__
+        class_name = next(class_name for class_name, called in FILTERS.modelled.items() if called == kind)
+        info = (f"{topic}_server", PARAMETERS)
+        values |= {(*node, each, "plugin"): class_name, (*node, each, TOPIC): topic, (*info, TOPIC): topic}
+        values |= {
+            (*info, key): value for key, value in _plain(parameters).items() if key in ("type", "base", "multiplier")
+        }
     return values
 
 

@@ -1,0 +1,280 @@
+"""Costmap filters: how files have them, what masks do to costmaps and controllers, and where a robot drives with them."""
+
+import numpy as np
+import pytest
+
+from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.loop.drive import drive
+from vastflow.sim.loop.prepared import prepare
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.controllers.binding import running
+from vastflow.sim.nav.controllers.built_in import controller_of
+from vastflow.sim.nav.controllers.controller import ControllerError, Setting
+from vastflow.sim.nav.controllers.registry import find_controller
+from vastflow.sim.nav.filters import keep_out_of_window, keepout_mask, kept_out, limit_speed, on_map, speed_zones
+from vastflow.sim.nav.mission import Mission
+from vastflow.sim.nav.parameters.chosen import parameters_of, unread
+from vastflow.sim.nav.parameters.costmap import KeepoutFilter, SpeedFilter
+from vastflow.sim.nav.parameters.document import DocumentError, parse
+from vastflow.sim.nav.parameters.findings import findings
+from vastflow.sim.nav.parameters.interpretation import interpretation
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.parameters.written import document_of
+from vastflow.sim.nav.window import Window
+from vastflow.sim.pose import Pose
+from vastflow.sim.reading.checked import checked_digest
+from vastflow.sim.reading.masks import masks_of
+from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.world.robot_model import Robot
+
+RESOLUTION_M = 0.05
+FILE = """
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      filters: [keepout, slow]
+      keepout: {plugin: "nav2_costmap_2d::KeepoutFilter", enabled: true, filter_info_topic: keepout_info}
+      slow: {plugin: "nav2_costmap_2d::SpeedFilter", filter_info_topic: /slow_info, speed_limit_topic: speed_limit}
+keepout_info_server:
+  ros__parameters: {type: 0, filter_info_topic: keepout_info, mask_topic: keepout_mask, base: 0.0, multiplier: 1.0}
+slow_info_server:
+  ros__parameters: {type: 2, filter_info_topic: slow_info, mask_topic: slow_mask, base: 1.0, multiplier: -0.01}
+"""
+
+
+KEEPOUT = {"filters": ["k"], "k.plugin": "nav2_costmap_2d::KeepoutFilter"}
+
+
+def read(text):
+    return interpretation(parse(text, "n.yaml"))
+
+
+def with_filters(stack, local=True, **filters):
+    maps = ("local_costmap", "global_costmap") if local else ("global_costmap",)
+    return stack.with_values(**{name: getattr(stack, name).with_values(**filters) for name in maps})
+
+
+def floor():
+    """14 m × 4 m with walls round it."""
+    cells = np.zeros((80, 280), dtype=np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    return OccupancyMap(cells, RESOLUTION_M, (0.0, 0.0))
+
+
+def mask(values, resolution_m=RESOLUTION_M, origin_xy_m=(0.0, 0.0), yaw_rad=0.0):
+    return OccupancyMap(np.asarray(values, dtype=np.int8), resolution_m, origin_xy_m, yaw_rad)
+
+
+# What a file says.
+
+
+def test_filters_are_read_with_what_the_filter_info_servers_say_of_them():
+    found = read(FILE)
+    assert found.parameters.global_costmap.keepout_filter == KeepoutFilter()
+    assert found.parameters.global_costmap.speed_filter == SpeedFilter(type=2, base=1.0, multiplier=-0.01)
+    assert not found.parameters.local_costmap.keepout_filter.enabled
+    assert {each.status for each in findings(found)} <= {"modelled", "no effect"}
+
+
+def filtered(plugin, enabled):
+    text = "global_costmap: {global_costmap: {ros__parameters: {filters: [k], k: {plugin: nav2_costmap_2d::%s, enabled: %s}}}}"
+    return read(text % (plugin, enabled)).parameters.global_costmap
+
+
+def test_a_filter_that_is_not_enabled_and_a_keepout_filter_need_no_filter_info_server():
+    assert not filtered("SpeedFilter", "false").speed_filter.enabled
+    assert filtered("KeepoutFilter", "true").keepout_filter.enabled
+
+
+def test_a_stack_with_filters_is_the_same_read_from_its_document():
+    stack = with_filters(NavParameters(), keepout_filter=KeepoutFilter())
+    stack = with_filters(stack, local=False, speed_filter=SpeedFilter(type=2, base=0.5, multiplier=-0.004))
+    assert interpretation(document_of(stack)).parameters == stack
+
+
+def test_a_speed_filter_of_no_known_type_and_one_in_each_costmap_are_faults():
+    with pytest.raises(
+        DocumentError, match=r"slow_info_server.ros__parameters.type: found 3; type must lie in \[1, 2\]"
+    ):
+        read(FILE.replace("type: 2", "type: 3"))
+    local = FILE.replace("global_costmap", "local_costmap").split("keepout_info_server")[0]
+    with pytest.raises(DocumentError, match="found a speed filter in both costmaps; one of them"):
+        read(FILE + local)
+
+
+def test_a_filter_without_a_mask_is_refused_with_the_line_that_would_be_right():
+    with pytest.raises(
+        ScenarioError,
+        match=r"keepout_mask: the keepout filter of the global_costmap has no mask; 'keepout_mask: keepout.yaml'",
+    ):
+        masks_of({}, read(FILE).parameters)
+
+
+def test_a_mask_that_no_filter_needs_is_read_by_nothing():
+    assert unread({}, ["keepout_mask", "controller"]) == ("keepout_mask",)
+
+
+OWN = """
+from vastflow.sim.nav.controllers.controller import Controller, SpeedLimits, kernel
+from vastflow.sim.nav.parameters.parameter import parameter
+
+
+@kernel
+def stand(q, memory, given):
+    return True, 0.0, 0.0
+
+
+class Unlimited(Controller):
+    compute_velocity = stand
+
+
+class Misnamed(Controller):
+    compute_velocity = stand
+    speed_mps: float = parameter(0.5, 0.0, 1.0)
+
+    def speed_limits(self):
+        return SpeedLimits(("speed",), self.speed_mps)
+"""
+
+
+def test_a_speed_filter_beside_a_controller_that_takes_no_limits_is_a_fault(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    text = FILE + "controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: 'own.py:Unlimited'}}"
+    with pytest.raises(DocumentError, match=r"filters: found a speed filter beside the controller Unlimited, whose"):
+        interpretation(parse(text, str(tmp_path / "n.yaml")))
+
+
+def test_speed_limits_that_scale_what_is_no_parameter_are_said_with_the_controller_s_line(tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    controller = find_controller("own.py:Misnamed", tmp_path)()
+    found = running(controller, Setting(60, 60, RESOLUTION_M, 0.25, 0.25, np.array([1], dtype=np.uint64)))
+    with pytest.raises(ControllerError, match=r"own.py:15: speed_limits of Misnamed scales 'speed'; names of its own"):
+        speed_zones(floor(), floor(), SpeedFilter(), found)
+
+
+def test_what_runs_depends_on_the_cells_of_a_mask_that_a_filter_reads_and_on_no_other(scenario, saved):
+    masks = [saved(mask(np.full((4, 4), value))) for value in (0, 100)]
+    kept_out = {f"global_costmap.global_costmap.ros__parameters.{key}": value for key, value in KEEPOUT.items()}
+    assert len({checked_digest(scenario(keepout_mask=each, **kept_out)) for each in masks}) == 2
+    assert len({checked_digest(scenario(keepout_mask=each)) for each in masks}) == 1
+
+
+# What masks do.
+
+
+def test_a_keepout_mask_raises_costs_and_unknown_cells_and_leaves_what_it_does_not_know():
+    keepout = on_map(keepout_mask(mask([[0, 50, 100, -1]]), over := mask([[0, 0, 0, 0]])), over)
+    assert keepout.tolist() == [[0, 127, 254, 255]]
+    assert kept_out(np.array([[10, 10, 10, 10]], dtype=np.uint8), keepout).tolist() == [[10, 127, 254, 10]]
+    assert kept_out(np.full((1, 4), 255, dtype=np.uint8), keepout).tolist() == [[0, 127, 254, 255]]
+
+
+def test_a_mask_of_other_cells_and_another_corner_lies_where_its_yaml_says():
+    """Cells of 0.1 m from (0.1, 0.05) on: of a map of 0.05 m the columns 2 and 3, and from row 1 on."""
+    over = mask(np.zeros((4, 6)))
+    found = on_map(keepout_mask(mask([[100]], 0.1, (0.1, 0.05)), over), over)
+    assert np.argwhere(found == 254).tolist() == [[1, 2], [1, 3], [2, 2], [2, 3]]
+
+
+@njit
+def window_kept_out(window, mask, map_odom):
+    keep_out_of_window(window, mask, map_odom)
+
+
+def test_in_the_local_costmap_a_mask_lies_where_localization_takes_it_to_be():
+    window = Window(np.zeros((20, 20), dtype=np.uint8), np.array([-0.5, -0.5, 0.05]))
+    zone = mask([[100]], 0.2, (2.0, 3.0))
+    # The odom frame's origin is at (2.1, 2.6), turned by a quarter: what is 0.5 m ahead there is 0.5 m up on the map.
+    window_kept_out(window, keepout_mask(zone, floor()), (2.1, 2.6, np.pi / 2))
+    rows, columns = np.nonzero(window.costs == 254)
+    x, y = -0.5 + (columns + 0.5) * 0.05, -0.5 + (rows + 0.5) * 0.05
+    assert (x.min(), x.max(), y.min(), y.max()) == pytest.approx((0.425, 0.475, -0.075, 0.075))
+
+
+@njit
+def limited(zones, x, y):
+    limit_speed(zones, x, y)
+
+
+def limits_at(kind, q, values, names):
+    """The parameters of a controller at each cell of a mask in turn."""
+    stream = np.array([1], dtype=np.uint64)
+    controller = controller_of(parameters_of({"controller": kind}).controller)
+    found = running(controller, Setting(60, 60, RESOLUTION_M, 0.25, 0.25, stream))
+    zones = speed_zones(mask([values]), floor(), q, found)
+    rows = []
+    for k in range(len(values)):
+        limited(zones, (k + 0.5) * RESOLUTION_M, 0.5 * RESOLUTION_M)
+        rows.append(tuple(round(float(found.parameters[name][0]), 6) for name in names))
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("kind", "names", "full"),
+    [
+        ("mppi", ("vx_max", "vx_min", "vy_max", "wz_max", "ax_max"), (0.5, -0.35, 0.5, 1.9, 3.0)),
+        ("dwb", ("max_vel_x", "max_speed_xy", "max_vel_theta", "min_vel_x", "acc_lim_x"), (0.26, 0.26, 1.0, 0.0, 2.5)),
+        ("rpp", ("desired_linear_vel", "rotate_to_heading_angular_vel"), (0.5, 1.8)),
+    ],
+)
+def test_a_limit_in_percent_scales_a_controller_s_speeds_until_there_is_another(kind, names, full):
+    unscaled = {"ax_max", "min_vel_x", "acc_lim_x", "rotate_to_heading_angular_vel"}
+    half = tuple(value if name in unscaled else round(0.5 * value, 6) for name, value in zip(names, full, strict=True))
+    # 0 is no limit, -1 changes nothing, and 120 % is out of bounds, which is no limit again.
+    assert limits_at(kind, SpeedFilter(type=1), [0, 50, -1, 0], names) == [full, half, half, full]
+    assert limits_at(kind, SpeedFilter(type=1, base=100.0, multiplier=1.0), [20], names) == [full]
+
+
+def test_a_limit_in_meters_per_second_is_what_each_controller_takes_it_for():
+    """MPPI scales by whatever it is, DWB only downward, and RPP drives at it."""
+    q = SpeedFilter(type=2, base=0.0, multiplier=0.01)
+    assert limits_at("mppi", q, [25, 100], ("vx_max", "wz_max")) == [(0.25, 0.95), (1.0, 3.8)]
+    assert limits_at("dwb", q, [13, 60, 0], ("max_speed_xy", "max_vel_theta")) == [
+        (0.13, 0.5),
+        (0.13, 0.5),
+        (0.26, 1.0),
+    ]
+    assert limits_at("rpp", q, [25, 100], ("desired_linear_vel",)) == [(0.25,), (1.0,)]
+
+
+# Where a robot drives.
+
+
+def driven(stack, keepout=None, speed=None, length_m=10.0):
+    prepared = prepare(floor(), Lidar(), stack, None, keepout, speed)
+    mission = Mission("navigate_to_pose", (Pose(1.0 + length_m, 2.0),))
+    return drive(prepared, stack, Lidar(), Robot(), Pose(1.0, 2.0), mission, (), (1, 2, 3), 120.0)
+
+
+def test_with_a_keepout_filter_a_robot_drives_ten_meters_round_an_area_that_without_it_lies_on_its_path():
+    """Nothing is inflated round a mask: this one has a rim of 0.4 m that costs, or the path would run along the area's edge."""
+    values = np.zeros((80, 280))
+    values[20:60, 92:148] = 60
+    values[28:52, 100:140] = 100  # from (5.0, 1.4) to (7.0, 2.6)
+    stack = parameters_of({"controller": "rpp"})
+    found = [driven(with_filters(stack, keepout_filter=KeepoutFilter()), mask(values)), driven(stack)]
+    assert [each.run.outcome for each in found] == ["succeeded", "succeeded"]
+    within = [
+        np.any((np.abs(each.columns["x_mm"] - 6000) < 1000) & (np.abs(each.columns["y_mm"] - 2000) < 600))
+        for each in found
+    ]
+    assert within == [False, True]
+
+
+@pytest.mark.parametrize("controller", ["mppi", "dwb", "rpp"])
+def test_with_a_speed_filter_a_robot_drives_ten_meters_and_the_middle_of_them_at_half_its_speed(controller):
+    values = np.zeros((80, 280))
+    values[:, 100:160] = 50  # from x = 5 m to x = 8 m
+    stack = parameters_of({"controller": controller})
+    slow = with_filters(stack, local=False, speed_filter=SpeedFilter(type=1))
+    found = [driven(slow, speed=mask(values)), driven(stack)]
+    assert [each.run.outcome for each in found] == ["succeeded", "succeeded"]
+    speeds = []
+    for each in found:
+        # The global costmap is updated once a second: half a meter after the border at the latest.
+        there = (each.columns["x_mm"] > 6000) & (each.columns["x_mm"] < 7800)
+        before = (each.columns["x_mm"] > 2500) & (each.columns["x_mm"] < 4800)
+        speeds.append(each.columns["speed_mmps"][there].mean() / each.columns["speed_mmps"][before].mean())
+    assert speeds[0] == pytest.approx(0.5, abs=0.06)
+    assert speeds[1] == pytest.approx(1.0, abs=0.06)
