@@ -10,9 +10,11 @@ from vastflow.sim.nav.controllers import mppi
 from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.mppi_samples import noise
 from vastflow.sim.nav.outline import padded_outline
+from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.nav.parameters.mppi import (
     CostParameters,
     MppiParameters,
+    ObstaclesParameters,
     TwirlingParameters,
     VelocityDeadbandParameters,
 )
@@ -24,6 +26,10 @@ PARAMETERS = MppiParameters()
 SMALL = PARAMETERS.with_values(batch_size=400)
 OUTLINE = padded_outline(0.22, 0.01)
 TOLERANCE_M = 0.25
+BY_DISTANCE = {
+    "CostCritic": CostParameters(enabled=False),
+    "ObstaclesCritic": ObstaclesParameters(enabled=True, inflation_radius=0.7, cost_scaling_factor=3.0),
+}
 TURNING_LITTLE = {"TwirlingCritic": TwirlingParameters(enabled=True, cost_weight=20.0)}
 TURNING_FAST = {"VelocityDeadbandCritic": VelocityDeadbandParameters(enabled=True, deadband_velocities=(0.1, 0.0, 0.4))}
 NEVER_SLOW = {"VelocityDeadbandCritic": VelocityDeadbandParameters(enabled=True, deadband_velocities=(0.45, 0.0, 0.0))}
@@ -69,6 +75,16 @@ def blob(column, row, cost=254, half=2):
     return costs
 
 
+def kept_off(q, under, goal_m, inscribed_m=0.1855):
+    """What ObstaclesCritic adds to samples (K, T) on cells of these costs, as the critic computes it; the radius drops out."""
+    scale, touched = q.cost_scaling_factor, (under > 0) & (under < 253)
+    away = (scale * inscribed_m - np.log(np.maximum(under, 1)) + np.log(253.0)) / scale - inscribed_m
+    near = np.where(touched & (away < q.collision_margin_distance), q.collision_margin_distance - away, 0.0).sum(1)
+    repulsion = np.where(touched, q.inflation_radius - away, 0.0).sum(1) * (goal_m >= q.near_goal_distance)
+    raw = np.where((under >= 253).any(1), q.collision_cost, near)
+    return q.critical_weight * raw + q.repulsion_weight * (repulsion - repulsion.min()) / under.shape[1]
+
+
 def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
     """Costs (K,), controls (K, T, 2) and the next sequence before it is smoothed, as the reference describes them."""
     T, K, dt = q.time_steps, q.batch_size, q.model_dt
@@ -103,7 +119,11 @@ def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
     under = cost_at(x[:, ::step], y[:, ::step])
     collides = (under >= 253).any(1)
     summed = np.zeros(K) if goal_m < q.CostCritic.near_goal_distance else under.sum(1)
-    costs += np.where(collides, q.CostCritic.collision_cost, summed) * q.CostCritic.cost_weight / 254 / under.shape[1]
+    if q.CostCritic.enabled:
+        priced = np.where(collides, q.CostCritic.collision_cost, summed)
+        costs += priced * q.CostCritic.cost_weight / 254 / under.shape[1]
+    if q.ObstaclesCritic.enabled:
+        costs += kept_off(q.ObstaclesCritic, cost_at(x, y), goal_m)
     if goal_m < q.GoalCritic.threshold_to_consider:
         costs += q.GoalCritic.cost_weight * np.hypot(x - goal[0], y - goal[1]).mean(1)
     if goal_m < q.GoalAngleCritic.threshold_to_consider:
@@ -218,6 +238,23 @@ def test_the_costs_of_the_samples_are_those_of_the_plain_reading():
     assert near.sum() > 200
     assert np.median(np.abs(found[near] - expected[near])) < 1e-3
     assert np.mean(np.abs(found[near] - expected[near]) > 0.1) < 0.02
+
+
+@pytest.mark.parametrize("goal_m", [5.0, 0.4])
+def test_obstacles_critic_prices_the_samples_by_distances_to_obstacles_as_nav2_does(goal_m):
+    costs, pose, twist, plan, _ = SITUATIONS["beside a blob"]
+    goal, win, q = (goal_m, 0.0, 0.0), window(costs), SMALL.with_values(**BY_DISTANCE)
+    memory = memory_of(q)
+    command_of(record_of(q), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, goal)
+    expected, _ = plain(q, np.zeros((56, 2)), numbers_of(memory, q), win, pose, twist, plan, 0.0, goal)
+    found = np.asarray(memory.costs)[: q.batch_size]
+    free = expected < 100
+    assert 100 < free.sum() < q.batch_size
+    assert found[~free].min() > 1e5
+    # The least repulsion among all samples, which Nav2 takes away, changes no weight: both are compared from their medians.
+    apart = (found - np.median(found[free])) - (expected - np.median(expected[free]))
+    assert np.median(np.abs(apart[free])) < 1e-3
+    assert np.mean(np.abs(apart[free]) > 0.1) < 0.03
 
 
 @pytest.mark.parametrize("name", ["a bend", "at the goal"])
@@ -343,6 +380,23 @@ def test_with_the_twirling_critic_ten_meters_are_driven_and_none_of_them_with_as
     assert [abs(each[-1, 0] - 10.0) < 0.25 for each in tracks] == [True, True]
     fastest, fastest_by_default = (np.abs(np.diff(each[:, 2])).max() for each in tracks)
     assert fastest < 0.75 * fastest_by_default
+
+
+def test_with_obstacles_critic_a_robot_passes_a_wall_at_a_distance_that_its_weights_say(over_a_floor):
+    cells = np.zeros((80, 280), dtype=bool)
+    cells[43:80, 120:160] = True
+    stack, nearest = parameters_of({"controller": "mppi"}), []
+    # A plan close to the wall leaves the distance to the critic.
+    close = stack.global_costmap.inflation_layer.with_values(inflation_radius=0.25)
+    stack = stack.with_values(global_costmap=stack.global_costmap.with_values(inflation_layer=close))
+    for weight in (0.0, 30.0):
+        critics = BY_DISTANCE | {"ObstaclesCritic": BY_DISTANCE["ObstaclesCritic"].with_values(repulsion_weight=weight)}
+        found = over_a_floor(stack.with_values(controller=PARAMETERS.with_values(**critics)), cells=cells)
+        assert found.run.outcome == "succeeded"
+        assert not any(event.kind == "contact" for event in found.run.events)
+        beside = (found.columns["x_mm"] > 6000) & (found.columns["x_mm"] < 8000)
+        nearest.append(2.15 - found.columns["y_mm"][beside].max() / 1000)
+    assert nearest[1] > nearest[0] + 0.05
 
 
 def test_with_a_dead_band_of_forward_speed_ten_meters_are_driven_and_the_last_of_them_no_slower():

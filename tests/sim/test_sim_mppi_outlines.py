@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.controllers.mppi_critics import SIDE, lay_frame
+from vastflow.sim.nav.controllers.mppi_critics import SIDE, cost_values, lay_frame
 from vastflow.sim.nav.controllers.mppi_outlines import lay_room, outline_collides
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.parameters.mppi import CostParameters, MppiParameters
@@ -24,7 +24,8 @@ def judged(window, outline, pose, poses, circumscribed_cost, record):
     """Of poses (N, 3) in cells of the frame: whether each outline collides, and whether drawing it says so."""
     frame_costs, values = np.zeros(SIDE * SIDE, dtype=np.float32), np.zeros(256, dtype=np.float32)
     near, lethal = np.ones(SIDE * SIDE, dtype=np.uint8), np.ones(SIDE * SIDE, dtype=np.int32)
-    frame = lay_frame(record[0].CostCritic, frame_costs, values, window, pose, False)
+    cost_values(record[0].CostCritic, values, 10.0)
+    frame = lay_frame(frame_costs, values, window, pose)
     room = lay_room(near, lethal, values, frame, window, circumscribed_cost)
     found = np.zeros((len(poses), 2), dtype=np.bool_)
     for k in range(len(poses)):

@@ -64,6 +64,22 @@ def shipped(name):
     return interpretation(read_document(SHIPPED / name))
 
 
+OBSTACLES = "plugin: nav2_mppi_controller::MPPIController, critics: [ObstaclesCritic, GoalCritic]"
+
+
+def test_obstacles_critic_takes_distances_by_its_own_parameters_as_in_humble_else_by_the_local_costmap_s_inflation():
+    humble = read(controller(f"{OBSTACLES}, ObstaclesCritic: {{inflation_radius: 0.4, cost_scaling_factor: 7.0}}"))
+    critic = humble.parameters.controller.ObstaclesCritic
+    assert (critic.enabled, critic.inflation_radius, critic.cost_scaling_factor) == (True, 0.4, 7.0)
+    assert not humble.parameters.controller.CostCritic.enabled
+    costmap = (
+        "local_costmap: {local_costmap: {ros__parameters: {plugins: [i], "
+        "i: {plugin: 'nav2_costmap_2d::InflationLayer', inflation_radius: 0.9, cost_scaling_factor: 2.0}}}}"
+    )
+    critic = read(f"{controller(OBSTACLES)}\n{costmap}").parameters.controller.ObstaclesCritic
+    assert (critic.inflation_radius, critic.cost_scaling_factor) == (0.9, 2.0)
+
+
 def test_the_shipped_file_of_jazzy_is_what_the_stack_has_by_default():
     assert shipped("jazzy_mppi.yaml").parameters == NavParameters()
 
@@ -108,7 +124,7 @@ def test_a_controller_server_that_names_no_controller_has_jazzys():
 
 def test_without_a_list_of_critics_mppi_has_none():
     critics = critics_of(parameters(MINIMAL).controller).values()
-    assert [critic.enabled for critic in critics] == [False] * 10
+    assert [critic.enabled for critic in critics] == [False] * len(critics)
 
 
 def test_without_a_collision_monitor_there_is_none_and_without_a_smoother_no_limit():
@@ -396,6 +412,8 @@ PLUGIN_FAULTS = [
     ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k.plugin: nav2_costmap_2d::BinaryFilter}}}", "k.plugin: nav2_costmap_2d::BinaryFilter is not modelled; a costmap filter that is: "),
     ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k.plugin: nav2_costmap_2d::SpeedFilter}}}", "k: no 'filter_info_topic'; filter_info_topic: costmap_filter_info, and a node costmap_filter_info_server with the same"),
     ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k: {plugin: nav2_costmap_2d::SpeedFilter, filter_info_topic: /zones}}}}", "k.filter_info_topic: no node publishes on 'zones'; a node that does, costmap_filter_info_server: {ros__parameters: {filter_info_topic: zones, "),
+    (controller(f"{OBSTACLES}, ObstaclesCritic: {{consider_footprint: true}}"), "C.ObstaclesCritic.consider_footprint: found true, which is not modelled; false"),
+    (controller(OBSTACLES.replace("GoalCritic", "CostCritic")), "C.critics: CostCritic and ObstaclesCritic together are not modelled; one of them"),
     (controller("plugin: 'my::Controller'"), "C.plugin: no controller 'my::Controller' is known; known: dwb_core::DWBLocalPlanner, nav2_mppi_controller::MPPIController, "),
     (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "controller_plugins.0: no 'primary_controller' below 'C'; the class of a controller; known: "),
     (controller("gain: 1"), "controller_plugins.0: no 'plugin' below 'C'; the class of a controller; known: "),
@@ -495,6 +513,8 @@ def varied(draw, default):
         return type(default)(enabled=False)
     if "max_particles" in values or "min_particles" in values:
         values |= {"min_particles": 1}
+    if isinstance(default, MppiParameters) and values["CostCritic"].enabled:
+        values["ObstaclesCritic"] = default.ObstaclesCritic.with_values(enabled=False)
     if isinstance(default, Costmap) and default.track_unknown_space:  # the global one
         values = {name: value for name, value in values.items() if name not in OF_THE_MAP}
     return default.with_values(**values)

@@ -9,6 +9,7 @@ from vastflow.sim.nav.controllers.lanes import data_of, either, load, lower, spl
 from vastflow.sim.nav.controllers.mppi_critics import (
     COLLISION,
     Frame,
+    cost_values,
     followed_point,
     furthest_point,
     judge_alignment,
@@ -24,6 +25,7 @@ from vastflow.sim.nav.controllers.mppi_critics import (
     lay_plan,
     lay_table,
     mark,
+    obstacle_values,
 )
 from vastflow.sim.nav.controllers.mppi_memory import MppiMemory, new_memory
 from vastflow.sim.nav.controllers.mppi_outlines import Room, judge_outlines, lay_room
@@ -91,8 +93,12 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
     )
     goal_m = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
     twirling = q.TwirlingCritic.enabled != 0 and goal_m >= memory.goal_tolerance_m[0]
-    near_goal = goal_m < q.CostCritic.near_goal_distance
-    frame = lay_frame(q.CostCritic, space.frame, data_of(memory.values), window, pose, near_goal)
+    values = data_of(memory.values)
+    if q.ObstaclesCritic.enabled != 0:
+        obstacle_values(q.ObstaclesCritic, values, goal_m, sequence.shape[1])
+    else:
+        cost_values(q.CostCritic, values, goal_m)
+    frame = lay_frame(space.frame, values, window, pose)
     room = Room(data_of(memory.near), data_of(memory.lethal), data_of(memory.yaws), 0, 0)
     if q.CostCritic.consider_footprint != 0:
         room = lay_room(room.near, room.lethal, room.yaws, frame, window, memory.circumscribed_cost[0])
@@ -169,10 +175,15 @@ def _sample(
     )
     scale = dt_s / frame.resolution_m
     priced, cell_stride = q.CostCritic.enabled != 0, q.CostCritic.trajectory_point_step
+    kept_off = q.ObstaclesCritic.enabled != 0
+    if kept_off:
+        priced, cell_stride = True, 1
     outlined, motion = q.CostCritic.consider_footprint != 0, (yaw_rad, dt_s)
     cells = (steps - 1) // cell_stride + 1
     cell_weight = q.CostCritic.cost_weight / 254.0 / cells
     crash = cell_weight * q.CostCritic.collision_cost
+    if kept_off:
+        cell_weight, crash = 1.0, q.ObstaclesCritic.critical_weight * q.ObstaclesCritic.collision_cost
     at_goal = q.GoalCritic.enabled != 0 and goal_m < q.GoalCritic.threshold_to_consider
     goal_cell = (goal[0] - frame.left_m) / frame.resolution_m, (goal[1] - frame.bottom_m) / frame.resolution_m
     goal_weight = q.GoalCritic.cost_weight * frame.resolution_m / steps

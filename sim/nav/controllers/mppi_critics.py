@@ -41,7 +41,7 @@ STRAIGHT_RADPS: Final = 1e-6
 
 
 class Frame(NamedTuple):
-    """The local costmap with a border of collision, as CostCritic counts it.
+    """The local costmap with a border of collision, as CostCritic or ObstaclesCritic counts it.
 
     Attributes:
         left_m, bottom_m: Corner of the border, in the odom frame.
@@ -55,13 +55,9 @@ class Frame(NamedTuple):
 
 
 @inner
-def lay_frame(q: Any, out: Any, values: Any, window: Window, pose: Any, near_goal: bool) -> Frame:
-    """Write CostCritic's cost of each cell and of a border into `out`; a large window is cut down round the robot."""
-    left_m, bottom_m, resolution_m = window.place[0], window.place[1], window.place[2]
-    rows, columns = min(window.costs.shape[0], SIDE - 2), min(window.costs.shape[1], SIDE - 2)
-    row, column = int((pose[1] - bottom_m) / resolution_m), int((pose[0] - left_m) / resolution_m)
-    row = min(max(row - rows // 2, 0), window.costs.shape[0] - rows)
-    column = min(max(column - columns // 2, 0), window.costs.shape[1] - columns)
+def cost_values(q: Any, values: Any, goal_m: float) -> None:
+    """What CostCritic counts for each cost of a cell."""
+    near_goal = goal_m < q.near_goal_distance
     # What collides by its outline is found by that.
     collides_from = INSCRIBED if q.consider_footprint == 0 else UNKNOWN
     for cost in range(256):
@@ -69,6 +65,30 @@ def lay_frame(q: Any, out: Any, values: Any, window: Window, pose: Any, near_goa
         if cost > 0 and cost >= q.near_collision_cost:
             value = q.critical_cost
         values[cost] = COLLISION if cost >= collides_from else value
+
+
+@inner
+def obstacle_values(q: Any, values: Any, goal_m: float, steps: int) -> None:
+    """What ObstaclesCritic adds for a point on each cost of a cell: the more, the nearer an obstacle must be."""
+    values[0] = 0.0
+    for cost in range(1, 256):
+        value = 0.0
+        if q.inflation_radius > 0.0 and q.cost_scaling_factor > 0.0:
+            away_m = math.log(INSCRIBED / cost) / q.cost_scaling_factor
+            value = q.critical_weight * max(q.collision_margin_distance - away_m, 0.0)
+            if goal_m >= q.near_goal_distance:
+                value += q.repulsion_weight * (q.inflation_radius - away_m) / steps
+        values[cost] = COLLISION if cost >= INSCRIBED else value
+
+
+@inner
+def lay_frame(out: Any, values: Any, window: Window, pose: Any) -> Frame:
+    """Write the value of each cell's cost and of a border into `out`; a large window is cut down round the robot."""
+    left_m, bottom_m, resolution_m = window.place[0], window.place[1], window.place[2]
+    rows, columns = min(window.costs.shape[0], SIDE - 2), min(window.costs.shape[1], SIDE - 2)
+    row, column = int((pose[1] - bottom_m) / resolution_m), int((pose[0] - left_m) / resolution_m)
+    row = min(max(row - rows // 2, 0), window.costs.shape[0] - rows)
+    column = min(max(column - columns // 2, 0), window.costs.shape[1] - columns)
     width = columns + 2
     for c in range(width):
         out[c] = COLLISION
@@ -86,10 +106,10 @@ def lay_frame(q: Any, out: Any, values: Any, window: Window, pose: Any, near_goa
 
 @inner
 def judge_cells(space: Space, first: int, points: int, stride: int, frame: Frame, weight: float, crash: float) -> None:
-    """CostCritic: the costs under `points` points of the samples' track, `stride` steps apart.
+    """CostCritic or ObstaclesCritic: the values under `points` points of the samples' track, `stride` steps apart.
 
     Args:
-        weight, crash: What a point's cost of 1, and a collision, add.
+        weight, crash: What a point's value of 1, and a collision, add.
     """
     track, cells, costs = space.track, space.cells, space.costs
     for p in range(points):

@@ -88,7 +88,8 @@ def new_memory(
     frame_cells = SIDE * SIDE if parameters.CostCritic.consider_footprint else 0
     axes, lateral_steps = (3, steps) if is_omni else (2, 0)
     marks = (steps - 1) // parameters.PathAlignCritic.trajectory_point_step
-    cells = (steps - 1) // parameters.CostCritic.trajectory_point_step + 1
+    stride = 1 if parameters.ObstaclesCritic.enabled else parameters.CostCritic.trajectory_point_step
+    cells = (steps - 1) // stride + 1
 
     def rows(count: int) -> NDArray[np.float32]:
         return aligned(ROW * count, np.float32)

@@ -110,11 +110,21 @@ def _of_nav2(reader: Reader, kind: type[ParameterGroup], place: ParameterLocatio
         reader.only((*place, name), 0.0)
     if algorithm == "MPPI":
         given |= _motion_model(reader, place)
+        _check_obstacles(reader, place, given)
     found = reader.group(kind, place, given=given)
     if isinstance(found, MppiParameters) and found.motion_model != "Omni":
         for name in _OF_OMNI:
             reader.leave((*place, name), "the motion model is not Omni")
     return found
+
+
+def _check_obstacles(reader: Reader, place: ParameterLocation, critics: Parts) -> None:
+    """ObstaclesCritic stands for CostCritic, and looks at the robot's center alone."""
+    if not critics["ObstaclesCritic"].enabled:
+        return
+    reader.only((*place, "ObstaclesCritic", "consider_footprint"), False)
+    if critics["CostCritic"].enabled:
+        reader.fault((*place, "critics"), "CostCritic and ObstaclesCritic together are not modelled", "one of them")
 
 
 def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:

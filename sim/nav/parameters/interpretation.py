@@ -92,6 +92,7 @@ def interpretation(document: ParameterDocument) -> Interpretation:
     _check_nodes(reader, absent)
     parts |= _body_of_the_other_costmap(parts)
     parts |= _localization_of_an_omni_robot(parts)
+    parts |= _distances_of_the_inflation(reader, parts)
     _check_outline(reader, parts)
     _check_period(reader, parts)
     _check_turning_radius(reader, parts)
@@ -132,6 +133,19 @@ def _localization_of_an_omni_robot(parts: Parts) -> Parts:
     if "amcl" in parts or not (robot.drive == "omni" or (robot.drive is None and is_omni)):
         return {}
     return {"amcl": AmclParameters(omni=True)}
+
+
+def _distances_of_the_inflation(reader: Reader, parts: Parts) -> Parts:
+    """ObstaclesCritic takes distances by the local costmap's inflation; its own parameters for that are Humble's."""
+    controller = parts.get("controller")
+    if not isinstance(controller, MppiParameters) or not controller.ObstaclesCritic.enabled:
+        return {}
+    layer = parts.get("local_costmap", local_costmap()).inflation_layer
+    written = {path[-1] for path in reader.document.values if path[-2:-1] == ("ObstaclesCritic",)}
+    of_the_layer = {name: getattr(layer, name) for name in ("inflation_radius", "cost_scaling_factor")}
+    found = {name: value for name, value in of_the_layer.items() if name not in written}
+    critic = controller.ObstaclesCritic.model_copy(update=found if layer.enabled else dict.fromkeys(found, 0.0))
+    return {"controller": controller.model_copy(update={"ObstaclesCritic": critic})}
 
 
 def _check_outline(reader: Reader, parts: Parts) -> None:

@@ -36,6 +36,22 @@ class CostParameters(ParameterGroup):
     consider_footprint: bool = parameter(False)
 
 
+class ObstaclesParameters(ParameterGroup):
+    """Distance to the nearest obstacle, as the local costmap's inflation says it, under every point; distances in meters.
+
+    Humble's critic in place of CostCritic. The inflation's two parameters are the critic's own there, and since then the layer's.
+    """
+
+    enabled: bool = parameter(False)
+    repulsion_weight: float = parameter(1.5, 0.0, 1e6)
+    critical_weight: float = parameter(20.0, 0.0, 1e6)
+    collision_cost: float = parameter(100_000.0, 0.0, 1e12)
+    collision_margin_distance: float = parameter(0.1, 0.0, 1e3)
+    near_goal_distance: float = parameter(0.5, 0.0, 1e3)
+    inflation_radius: float = parameter(0.55, 0.0, 100.0)
+    cost_scaling_factor: float = parameter(10.0, 0.0, 1e3)
+
+
 class GoalParameters(ParameterGroup):
     """Distance of all points to the goal, within a distance of it (m)."""
 
@@ -143,6 +159,7 @@ class MppiParameters(ParameterGroup):
     AckermannConstraints: AckermannParameters = AckermannParameters()
     ConstraintCritic: ConstraintParameters = ConstraintParameters()
     CostCritic: CostParameters = CostParameters()
+    ObstaclesCritic: ObstaclesParameters = ObstaclesParameters()
     GoalCritic: GoalParameters = GoalParameters()
     GoalAngleCritic: GoalAngleParameters = GoalAngleParameters()
     PathAlignCritic: PathAlignParameters = PathAlignParameters()

@@ -116,7 +116,7 @@ ROTATION_SHIM: Final = "nav2_rotation_shim_controller::RotationShimController"
 WAIT_AT_WAYPOINT: Final = "nav2_waypoint_follower::WaitAtWaypoint"
 
 FOREIGN_CRITICS: Final[Mapping[str, tuple[str, ...]]] = {
-    "MPPI": ("ObstaclesCritic", "PathAlignLegacyCritic"),
+    "MPPI": ("PathAlignLegacyCritic",),
     "DWB": ("MapGrid",),
 }
 """Critics of Nav2's that are known and perhaps not modelled."""
