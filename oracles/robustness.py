@@ -53,7 +53,7 @@ class Robustness(Oracle[RobustnessParameters]):
     nothing of a sum, which grows with the path and with the rate of the samples: with 100 updates, 0.3 m is a mean error of 3 mm. So the
     default is the reading that depends on neither.
 
-    An error equal to the threshold passes: all are compared to the micrometre, and a sum of millimeters is exact.
+    An error equal to the threshold passes: all are compared to the micrometer, and a sum of millimeters is exact.
 
     A run without a robot, rows, or a pose from AMCL is not judged.
 

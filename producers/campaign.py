@@ -62,7 +62,7 @@ class Campaign:
         seed: Of the runs' noise.
         timeout_s: Simulated time after which a run ends as timed out.
         notes: Warnings, and keys that are not executed by this version; then what of the Nav2 parameter file is not
-            modelled.
+            modeled.
         unavailable: What is missing of each family that lacks files or goals; it is not among the families.
         unexecutable: Why this version can't run the campaign; empty where it can.
         search: What proposes points, in place of families; `families` are then its template at corners of the space. None where

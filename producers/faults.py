@@ -44,13 +44,13 @@ class Note:
     """Something a user should know about a file that is valid.
 
     Attributes:
-        kind: `not executed` where the format knows the key and this version does nothing with it, `not modelled` where
+        kind: `not executed` where the format knows the key and this version does nothing with it, `not modeled` where
             a Nav2 parameter file has what the simulator has not.
         what: What was found.
         right: What follows from it or would be right; may be empty.
     """
 
-    kind: Literal["warning", "not executed", "not modelled"]
+    kind: Literal["warning", "not executed", "not modeled"]
     file: str
     line: int
     column: int

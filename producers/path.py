@@ -337,6 +337,6 @@ def _arrival_rad(ground: Ground, leg: Leg) -> float:
 
 
 def center_m(ground: Ground, cell: Cell) -> tuple[float, float]:
-    """A cell's center to the micrometre: what a person would write."""
+    """A cell's center to the micrometer: what a person would write."""
     x_m, y_m = ground.occupancy.center_of(*cell)
     return round(x_m, 6), round(y_m, 6)

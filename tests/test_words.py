@@ -13,6 +13,7 @@ MODULES = [file for folder in FOLDERS for file in sorted((ROOT / folder).rglob("
 NOT_A_PATH = re.compile(r"t_way|TWay|in_the_way|Waypoint|\d-way|-way: |on the way|under way")
 """Combinations of so many values, what is in between, Nav2's waypoints, and idioms."""
 A_PATH = re.compile(r"(?<![a-zA-Z])ways?(?![a-zA-Z])|Ways?(?![a-z])")
+BRITISH = re.compile(r"(?i)modell|neighbour|colour|labell|travell|centre(?![a-z])|behaviour|micrometre")
 PRIVATE = re.compile(r"(?<![a-z])(chatter|foresight|leaps|parcels?|shelf|shelves|whereabouts|workshop)")
 
 
@@ -43,6 +44,12 @@ def trees():
 def test_a_path_is_called_a_path(trees, words_of):
     found = {(file, words) for file, tree in trees.items() for words in words_of(tree) if A_PATH.search(words)}
     assert sorted((file, words) for file, words in found if not NOT_A_PATH.search(words)) == []
+
+
+@pytest.mark.parametrize("words_of", [names_of, messages_of], ids=["names", "messages"])
+def test_the_spelling_is_american(trees, words_of):
+    found = {(file, words) for file, tree in trees.items() for words in words_of(tree) if BRITISH.search(words)}
+    assert sorted(found) == []
 
 
 def test_no_name_is_a_private_one(trees):

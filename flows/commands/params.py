@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from vastflow.sim.nav.parameters.interpretation import Interpretation
 
 MEANING: Final[Mapping[str, str]] = {
-    "modelled": "used",
+    "modeled": "used",
     "built in": "what the simulator does anyway",
     "no effect": "no difference to missions in the simulator",
     "differs": "something else is built in",
-    "not modelled": "nothing is done",
+    "not modeled": "nothing is done",
 }
 
 
@@ -29,7 +29,7 @@ def params(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Nav2 parameter file.")],
     as_json: AsJson = False,
 ) -> None:
-    """Show what of a Nav2 parameter file is modelled.
+    """Show what of a Nav2 parameter file is modeled.
 
     Every parameter of the file, with the value that is used or with what is done in its place.
     """
@@ -81,7 +81,7 @@ def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str,
 
 
 def _finite(value: Any) -> Any:
-    """JSON has no infinity, which a parameter that is not modelled may be."""
+    """JSON has no infinity, which a parameter that is not modeled may be."""
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -105,8 +105,8 @@ def _said(row: "Finding") -> str:
 
     if row.status == "differs":
         return f"differs: {shown(row.used)} is built in"
-    if row.status == "modelled" and row.used != row.value:
-        return f"modelled: {shown(row.used)}"
+    if row.status == "modeled" and row.used != row.value:
+        return f"modeled: {shown(row.used)}"
     return f"{row.status}: {row.why}" if row.why else row.status
 
 
@@ -116,7 +116,7 @@ def _summary(found: "Interpretation", rows: Sequence["Finding"]) -> Iterator[str
 
     for status, count in _counts(rows).items():
         yield f"{count:>4}  {status}: {MEANING[status]}"
-    yield f"{len(left_out(found)):>4}  more are modelled, not in the file, and as in Nav2's code"
+    yield f"{len(left_out(found)):>4}  more are modeled, not in the file, and as in Nav2's code"
     if found.replaced:
         yield f"not in the file and as in Nav2 Jazzy's default: {', '.join(found.replaced)}"
     if found.left_away:

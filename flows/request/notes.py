@@ -25,8 +25,8 @@ def terminal_lines(notes: Sequence[Note]) -> Iterator[str]:
 
 def _rest(note: Note) -> str:
     """What those are that are not shown, and which command shows them; empty for a note that is shown in any case."""
-    if note.kind == "not modelled":
-        return f"that are not modelled; `vastflow params {note.file}` shows them all"
+    if note.kind == "not modeled":
+        return f"that are not modeled; `vastflow params {note.file}` shows them all"
     if note.file.endswith((".fpm", ".fpm2")):
         return f"warnings; `vastflow floorplan geometry {note.file}` shows them all"
     return ""

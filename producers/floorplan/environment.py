@@ -67,7 +67,7 @@ def environment_of(building: Building, grid: FloorGrid, text: str, provenance: M
 
 
 def solid_digest(building: Building) -> str:
-    """Digest of walls, obstacles and openings to the micrometre, without their names."""
+    """Digest of walls, obstacles and openings to the micrometer, without their names."""
 
     def micrometers(outline: Outline) -> list[float]:
         return [round(coordinate, 6) + 0.0 for point in outline for coordinate in point]

@@ -115,7 +115,7 @@ def grid_of(
         if hole.kind == "Entryway":
             for x0, x1 in hole.section(laser_height_m):
                 fill(hole.footprint(x0, x1, resolution_m), GRAY_FREE)
-    # To the micrometre: the map's digest must not hang on the last bit of a C library's cosine.
+    # To the micrometer: the map's digest must not hang on the last bit of a C library's cosine.
     origin_m = (round(low_x - border * resolution_m, 6), round(low_y - border * resolution_m, 6))
     gray = np.asarray(picture, dtype=np.uint8)[::-1]
     return FloorGrid(np.ascontiguousarray(gray), resolution_m, origin_m, laser_height_m)

@@ -1,4 +1,4 @@
-"""The user's Nav2 parameter file, as `execution.nav2_params` names it: its content, its faults, what is not modelled."""
+"""The user's Nav2 parameter file, as `execution.nav2_params` names it: its content, its faults, what is not modeled."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -55,7 +55,7 @@ def parameter_faults(error: parameters.DocumentError) -> Iterator[Fault]:
 
 
 def notes_of(found: Interpretation) -> Iterator[Note]:
-    """What of a parameter file is not modelled or built in otherwise; a group that is not modelled is one note."""
+    """What of a parameter file is not modeled or built in otherwise; a group that is not modeled is one note."""
     document = found.document
     for nodes, consequence in (
         (found.replaced, "as in Nav2 Jazzy's default file"),
@@ -76,7 +76,7 @@ def notes_of(found: Interpretation) -> Iterator[Note]:
         if path in document.values:
             what = f"found {shown(document.values[path])}, which is no whole number of ticks of 50 ms"
             yield Note("warning", document.file, *document.place(path), short(path), what, f"runs at {held:g} Hz")
-    said = [finding for finding in findings(found) if finding.status in ("not modelled", "differs")]
+    said = [finding for finding in findings(found) if finding.status in ("not modeled", "differs")]
     sizes = Counter(finding.about for finding in said)
     for about, size in sizes.items():
         first = next(finding for finding in said if finding.about == about)
@@ -85,10 +85,10 @@ def notes_of(found: Interpretation) -> Iterator[Note]:
 
 def _note(document: parameters.ParameterDocument, finding: Finding, size: int) -> Note:
     if finding.status == "differs":
-        what, right = f"found {shown(finding.value)}, which is not modelled", f"{shown(finding.used)} is built in"
+        what, right = f"found {shown(finding.value)}, which is not modeled", f"{shown(finding.used)} is built in"
     else:
-        what, right = "not modelled" if size == 1 else f"its {size} parameters are not modelled", finding.why
-    return Note("not modelled", document.file, *document.place(finding.about), short(finding.about), what, right)
+        what, right = "not modeled" if size == 1 else f"its {size} parameters are not modeled", finding.why
+    return Note("not modeled", document.file, *document.place(finding.about), short(finding.about), what, right)
 
 
 def short(path: parameters.ParameterLocation) -> str:

@@ -227,7 +227,7 @@ def _record(q: AmclParameters, resolution_m: float, origin_xy_m: Sequence[float]
 def _parameters_of(given: dict[str, Any]) -> AmclParameters:
     known = AmclParameters.model_fields.keys()
     if unknown := sorted(given.keys() - known):
-        raise ParameterError(f"AMCL has no modelled parameter {unknown[0]!r}; one of {', '.join(sorted(known))}")
+        raise ParameterError(f"AMCL has no modeled parameter {unknown[0]!r}; one of {', '.join(sorted(known))}")
     try:
         return AmclParameters(**given)
     except ValidationError as error:

@@ -8,7 +8,7 @@ from vastflow.sim.kernels.numeric import inner
 
 STAGES: Final = (
     *("outside the kernels", "the clock itself", "lidar", "AMCL", "local costmap", "global costmap"),
-    *("behaviour", "planner", "controller", "command path", "actuators and odometry", "recording", "free motion"),
+    *("behavior", "planner", "controller", "command path", "actuators and odometry", "recording", "free motion"),
 )
 OUTSIDE, CLOCK, LIDAR, AMCL, LOCAL_COSTMAP, GLOBAL_COSTMAP = range(6)
 BEHAVIOR, PLANNER, CONTROLLER, COMMAND_PATH, ACTUATORS, RECORDING, MOTION = range(6, 13)

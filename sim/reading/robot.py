@@ -121,14 +121,14 @@ def _body(parameters: NavParameters) -> tuple[Vertices, float]:
 def _drive(parameters: NavParameters) -> tuple[Drive, float]:
     """The drive, and the least turning radius (m) of one that has such: what is given, or else what MPPI or Hybrid-A* reckon with."""
     given, controller, planner = parameters.robot, parameters.controller, parameters.planner
-    modelled = controller.motion_model if isinstance(controller, MppiParameters) else "DiffDrive"
-    assumed = "ackermann" if given.min_turning_radius is not None else _DRIVES[modelled]
+    modeled = controller.motion_model if isinstance(controller, MppiParameters) else "DiffDrive"
+    assumed = "ackermann" if given.min_turning_radius is not None else _DRIVES[modeled]
     drive = given.drive or assumed
     if drive != "ackermann":
         return drive, 0.0
     if given.min_turning_radius is not None:
         return drive, given.min_turning_radius
-    if isinstance(controller, MppiParameters) and modelled == "Ackermann":
+    if isinstance(controller, MppiParameters) and modeled == "Ackermann":
         return drive, controller.AckermannConstraints.min_turning_r
     assert isinstance(planner, SmacPlannerHybrid)  # the document would have been refused, see `interpretation`
     return drive, planner.minimum_turning_radius

@@ -246,8 +246,8 @@ def _nav2(name: str, file: Path, trial: Trial) -> Row:
         found = findings(interpretation(read_document(file)))
     except DocumentError as error:
         return Row(name, "Nav2 parameters", "refused", _line(error))
-    unmodelled = sum(each.status == "not modelled" for each in found)
-    return Row(name, "Nav2 parameters", "valid", f"{len(found)} parameters, {unmodelled} of them not modelled")
+    unmodeled = sum(each.status == "not modeled" for each in found)
+    return Row(name, "Nav2 parameters", "valid", f"{len(found)} parameters, {unmodeled} of them not modeled")
 
 
 _MAKERS: Final[Mapping[Kind, Callable[[str, Path, Trial], Row]]] = {

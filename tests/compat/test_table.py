@@ -108,7 +108,7 @@ def test_what_is_refused_says_why(rows):
 def test_plans_variations_and_parameters_say_what_was_made_of_them(rows):
     assert rows["cell.fpm"]["reason"].startswith("map of ")
     assert rows["cell.variation"]["reason"] == "2 plans drawn"
-    assert rows["nav2.yaml"]["reason"] == "1 parameters, 0 of them not modelled"
+    assert rows["nav2.yaml"]["reason"] == "1 parameters, 0 of them not modeled"
 
 
 def test_a_table_for_a_page_has_a_line_for_each_file(tmp_path):

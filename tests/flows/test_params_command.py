@@ -44,25 +44,25 @@ def test_every_parameter_of_the_file_is_a_line_with_what_becomes_of_it(nav2):
     lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
     assert lines[:7] == [
         "3 controller_server.costmap_update_timeout 0.5 differs: 0.3 is built in",
-        "4 controller_server.controller_plugins ['FollowPath'] modelled",
-        "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modelled",
-        "7 controller_server.FollowPath.desired_linear_vel 1 modelled",
+        "4 controller_server.controller_plugins ['FollowPath'] modeled",
+        "6 controller_server.FollowPath.plugin 'nav2_regulated_pure_pursuit_controller… modeled",
+        "7 controller_server.FollowPath.desired_linear_vel 1 modeled",
         "10 velocity_smoother.scale_velocities false built in",
         "11 velocity_smoother.odom_topic 'odom' no effect",
-        "12 velocity_smoother.mystery inf not modelled",
+        "12 velocity_smoother.mystery inf not modeled",
     ]
 
 
 def test_the_counts_come_last(nav2):
     lines = called("params", nav2).stdout.splitlines()[8:]
     assert [line.split(":")[0].split(maxsplit=1) for line in lines[:5]] == [
-        ["3", "modelled"],
+        ["3", "modeled"],
         ["1", "built in"],
         ["1", "no effect"],
         ["1", "differs"],
-        ["1", "not modelled"],
+        ["1", "not modeled"],
     ]
-    assert lines[5].endswith("more are modelled, not in the file, and as in Nav2's code")
+    assert lines[5].endswith("more are modeled, not in the file, and as in Nav2's code")
     assert lines[6].startswith("not in the file and as in Nav2 Jazzy's default: amcl, local_costmap, ")
     assert lines[7] == "not in the file and left away: collision_monitor"
 
@@ -87,13 +87,13 @@ def test_the_body_and_the_limits_that_follow_from_the_file_are_said_and_what_is_
 
 def test_json_has_the_same_and_what_is_left_out(nav2):
     found = json.loads(called("params", nav2, "--json").stdout, parse_constant=pytest.fail)
-    assert found["counts"] == {"modelled": 3, "built in": 1, "no effect": 1, "differs": 1, "not modelled": 1}
+    assert found["counts"] == {"modeled": 3, "built in": 1, "no effect": 1, "differs": 1, "not modeled": 1}
     assert found["parameters"][3] == {
         "path": "controller_server.ros__parameters.FollowPath.desired_linear_vel",
         "line": 7,
         "column": 27,
         "value": 1,
-        "status": "modelled",
+        "status": "modeled",
         "used": 1.0,
         "why": "",
     }
@@ -125,10 +125,10 @@ def campaign(small_room, nav2):
     return small_room
 
 
-def test_validate_says_what_is_not_modelled(campaign):
+def test_validate_says_what_is_not_modeled(campaign):
     result = called("validate", campaign)
     assert result.exit_code == 0
-    assert f"{campaign.with_name('nav2.yaml')}:12:14: velocity_smoother.mystery: not modelled\n" in result.stdout
+    assert f"{campaign.with_name('nav2.yaml')}:12:14: velocity_smoother.mystery: not modeled\n" in result.stdout
     assert result.stdout.endswith("OK: 1 family, 1 producer, 1 oracle\n")
 
 
@@ -153,11 +153,11 @@ def test_the_parameter_file_is_kept_with_the_inputs(campaign):
     assert len(found.maps) == 1
 
 
-def note(k, kind="not modelled"):
-    return Note(kind, "nav2.yaml", k, 1, f"p{k}", "not modelled")
+def note(k, kind="not modeled"):
+    return Note(kind, "nav2.yaml", k, 1, f"p{k}", "not modeled")
 
 
-def test_a_few_unmodelled_parameters_are_all_said():
+def test_a_few_unmodeled_parameters_are_all_said():
     assert len(list(terminal_lines([note(k) for k in range(MOST_OF_A_FILE)]))) == MOST_OF_A_FILE
 
 
@@ -166,7 +166,7 @@ def test_of_many_the_first_are_said_and_the_rest_counted_and_warnings_never_left
     lines = list(terminal_lines(notes))
     assert lines[:2] == [str(note(300, "warning")), str(note(301, "not executed"))]
     assert lines[2:-1] == [str(note(k)) for k in range(3)]
-    assert lines[-1] == "nav2.yaml: and 197 more that are not modelled; `vastflow params nav2.yaml` shows them all"
+    assert lines[-1] == "nav2.yaml: and 197 more that are not modeled; `vastflow params nav2.yaml` shows them all"
 
 
 def test_warnings_of_a_floor_plan_are_counted_beyond_a_few_and_those_of_the_campaign_are_all_shown():

@@ -85,7 +85,7 @@ def test_a_single_sample_is_its_own_sum_mean_and_maximum(basis: str, error_mm: i
     assert verdict.judgement == expected
 
 
-def test_a_robot_that_never_moves_has_no_metre() -> None:
+def test_a_robot_that_never_moves_has_no_meter() -> None:
     verdict = judged([50] * 40, [1] + [0] * 39)
     assert (measured(verdict)["metre"], measured(verdict)["update"]) == (0.0, 0.05)
 

@@ -31,13 +31,13 @@ def test_a_run_visits_a_cell_once_however_often_it_comes_back() -> None:
     assert found.failures.sum() == 0
 
 
-def test_a_failed_run_fails_in_the_cells_of_its_last_half_metre() -> None:
+def test_a_failed_run_fails_in_the_cells_of_its_last_half_meter() -> None:
     found = mapped(along(0.5, 0.9, 1.3, 1.7, 2.1), along(0.5, 1.5), failed=[True, False])
     assert found.visits.tolist() == [[2, 2, 1, 0]]
     assert found.failures.tolist() == [[0, 1, 1, 0]]
 
 
-def test_way_and_not_distance_counts_as_the_last_half_metre() -> None:
+def test_path_and_not_distance_counts_as_the_last_half_meter() -> None:
     found = mapped(along(0.9, 1.1, 1.4, 1.1, 1.4), failed=[True])
     assert found.failures.tolist() == [[0, 1, 0, 0]]
 

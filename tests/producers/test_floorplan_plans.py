@@ -46,7 +46,7 @@ def test_a_plan_has_the_name_of_its_file_and_nothing_to_note(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_robot_half_a_metre_across_can_go_into_every_room(name):
+def test_a_robot_half_a_meter_across_can_go_into_every_room(name):
     assert rooms_without_the_robot(read_plan_file(FOLDER / f"{name}.fpm").building()) == []
 
 

@@ -103,7 +103,7 @@ def test_fixed_and_varied_parameters_rewrite_the_file(load: Load) -> None:
     assert [p.controller.desired_linear_vel for p in found] == [0.2, 0.3]  # type: ignore[union-attr]
 
 
-def test_a_file_of_which_everything_is_modelled_is_noted_for_its_missing_nodes_alone(load: Load) -> None:
+def test_a_file_of_which_everything_is_modeled_is_noted_for_its_missing_nodes_alone(load: Load) -> None:
     assert notes(load(NAV2)) == [
         (
             "nav2.yaml:1:1: warning: file: has no amcl, global_costmap, planner_server, behavior_server, "
@@ -113,7 +113,7 @@ def test_a_file_of_which_everything_is_modelled_is_noted_for_its_missing_nodes_a
     ]
 
 
-def test_what_is_not_modelled_is_noted_once_with_its_place(load: Load) -> None:
+def test_what_is_not_modeled_is_noted_once_with_its_place(load: Load) -> None:
     text = NAV2.replace("controller_frequency: 20.0", "costmap_update_timeout: 0.5").replace(
         "robot_radius: 0.3", "map_vis_z: 0.1"
     )
@@ -121,10 +121,10 @@ def test_what_is_not_modelled_is_noted_once_with_its_place(load: Load) -> None:
         load(f"{text}ekf:\n  ros__parameters:\n    a: 1\n    b: {{c: 2}}\n      \namcl: {{ros__parameters: {{x: 1}}}}")
     )
     assert found[2:] == [
-        "nav2.yaml:3:29: controller_server.costmap_update_timeout: found 0.5, which is not modelled; 0.3 is built in",
-        "nav2.yaml:11:18: local_costmap.local_costmap.map_vis_z: not modelled",
-        "nav2.yaml:13:3: ekf: its 2 parameters are not modelled; nothing of this node is",
-        "nav2.yaml:17:29: amcl.x: not modelled",
+        "nav2.yaml:3:29: controller_server.costmap_update_timeout: found 0.5, which is not modeled; 0.3 is built in",
+        "nav2.yaml:11:18: local_costmap.local_costmap.map_vis_z: not modeled",
+        "nav2.yaml:13:3: ekf: its 2 parameters are not modeled; nothing of this node is",
+        "nav2.yaml:17:29: amcl.x: not modeled",
     ]  # fmt: skip
 
 

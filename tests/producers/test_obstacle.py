@@ -147,7 +147,7 @@ def test_a_path_of_a_single_point_has_obstacles_round_it():
     assert math.dist((pose.x_m, pose.y_m), (1.0, 2.0)) <= 0.5 + 1e-5
 
 
-def test_an_amount_per_metre_is_rounded_down(site):
+def test_an_amount_per_meter_is_rounded_down(site):
     length = site["_path_length"]
     (item,) = evaluate(obstacle_variation({"amount_per_m": 0.3, "max_distance": 1}), site)
     assert len(placed(item)) == math.floor(0.3 * length)

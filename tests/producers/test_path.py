@@ -221,7 +221,7 @@ def test_a_goals_yaw_is_the_direction_of_arrival(drawn_map):
     assert math.cos(goal.yaw_rad) == pytest.approx(math.copysign(1.0, goal.x_m - start.x_m), abs=0.2)
 
 
-def test_goals_per_metre_are_rounded_and_at_least_one(hall):
+def test_goals_per_meter_are_rounded_and_at_least_one(hall):
     producer = path_variation(path_length=[4, 12], num_goal_poses_per_m=[0.1, 0.3])
     counts = [len(item.values["goal_poses"]) for item in evaluate(producer, {"map_file": hall})]
     assert counts == [1, 1, 1, 4]

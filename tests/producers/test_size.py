@@ -101,7 +101,7 @@ def test_more_in_one_configuration_than_anybody_drives_by_is_refused(tmp_path, p
     assert message in refused(campaign(tmp_path, producer))
 
 
-def test_amounts_per_metre_that_come_to_too_many_are_rejections(tmp_path):
+def test_amounts_per_meter_that_come_to_too_many_are_rejections(tmp_path):
     path = "PathVariationRandom: {path_length: 1.0, num_goal_poses_per_m: 1000000000}"
     (rejection,) = instantiate(load_campaign(campaign(tmp_path, path))).rejections
     assert rejection.reason == "a path of 1 m was to have 1000000000 goals; at most 1000"

@@ -166,7 +166,7 @@ def test_every_goal_of_the_path_stays(site):
     assert "goal_poses" not in item.values
 
 
-def test_an_amount_per_metre_that_comes_to_one_is_one(site):
+def test_an_amount_per_meter_that_comes_to_one_is_one(site):
     (item,) = evaluate(triggered({"amount_per_m": 0.12, "max_distance": 0.5}), site)
     assert len(item.values["static_objects"]) == 1
 

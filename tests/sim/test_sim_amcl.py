@@ -362,7 +362,7 @@ def test_a_laser_range_too_short_for_the_walls_leaves_the_particles_unweighted(f
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"max_particle": 3000}, "no modelled parameter 'max_particle'; one of alpha1, .*max_particles"),
+        ({"max_particle": 3000}, "no modeled parameter 'max_particle'; one of alpha1, .*max_particles"),
         ({"alpha1": -0.1}, r"alpha1 must lie in \[0, 100\], got -0.1"),
         ({"min_particles": 3000}, "min_particles 3000 must be <= max_particles 2000"),
         ({"max_beams": 60.5}, "max_beams must be a whole number"),

@@ -60,7 +60,7 @@ def test_without_noise_particles_move_as_the_odometry_did():
     np.testing.assert_allclose(yaw, 1.6)
 
 
-def test_a_quarter_metre_ahead_scatters_as_the_motion_model_says():
+def test_a_quarter_meter_ahead_scatters_as_the_motion_model_says():
     """σ_trans² = α3 d², σ_rot1² = σ_rot2² = α2 d²: 0.11 m and 0.11 rad."""
     x, y, yaw = cloud_after(0.25, 0.0, 0.0, 0.0)
     assert pytest.approx(0.1118, abs=1e-4) == SIGMA

@@ -75,7 +75,7 @@ def test_a_cloud_in_two_bins_is_resampled_to_one_more_than_the_least_number():
 
 
 @pytest.mark.parametrize("pose", [(0.6, 0.1, 0.01), (0.1, -0.1, 0.01), (0.1, 0.1, 0.2), (0.1, 0.1, 0.01 - 2 * math.pi)])
-def test_bins_are_half_a_metre_and_ten_degrees_of_the_raw_yaw(pose):
+def test_bins_are_half_a_meter_and_ten_degrees_of_the_raw_yaw(pose):
     cloud, n = filled([(350, 0.1, 0.1, 0.01), (350, *pose)])
     assert resampled(cloud, n, streams_of([1])[0], PARAMETERS)[1] == 2
 

@@ -44,7 +44,7 @@ def test_a_smoother_with_feedback_is_read_and_one_with_another_word_refused():
         True,
         0.2,
     )
-    assert {finding.status for finding in findings(found)} == {"modelled"}
+    assert {finding.status for finding in findings(found)} == {"modeled"}
     with pytest.raises(DocumentError, match="found 'HALF'; OPEN_LOOP or CLOSED_LOOP"):
         read("velocity_smoother", "feedback: HALF")
 

@@ -161,5 +161,5 @@ def test_noise_freezes_a_robot_between_walls_as_often_as_nav2(noise_m, half_widt
             assert np.mean(frozen) == pytest.approx(expected, abs=0.05)
 
 
-def test_without_noise_a_robot_between_walls_of_half_a_metre_is_never_frozen():
+def test_without_noise_a_robot_between_walls_of_half_a_meter_is_never_frozen():
     assert factor(walls_beside(0.25, 0.25), 0.1) == 1.0

@@ -74,7 +74,7 @@ def test_filters_are_read_with_what_the_filter_info_servers_say_of_them():
     assert found.parameters.global_costmap.keepout_filter == KeepoutFilter()
     assert found.parameters.global_costmap.speed_filter == SpeedFilter(type=2, base=1.0, multiplier=-0.01)
     assert not found.parameters.local_costmap.keepout_filter.enabled
-    assert {each.status for each in findings(found)} <= {"modelled", "no effect"}
+    assert {each.status for each in findings(found)} <= {"modeled", "no effect"}
 
 
 def filtered(plugin, enabled):

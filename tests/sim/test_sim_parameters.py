@@ -248,7 +248,7 @@ def test_a_key_is_unread_where_the_file_has_nothing_of_that_name(content):
     assert unread({"nav2_params": content, "sigma_hit": 0.1, "robot_radius": 0.2}) == ("sigma_hit",)
 
 
-def test_a_parameter_that_is_there_and_not_modelled_is_unread(tmp_path):
+def test_a_parameter_that_is_there_and_not_modeled_is_unread(tmp_path):
     (tmp_path / "nav2.yaml").write_text("controller_server: {ros__parameters: {costmap_update_timeout: 0.3}}")
     assert unread({"nav2_params": nav2_file(tmp_path / "nav2.yaml"), "costmap_update_timeout": 0.5}) == (
         "costmap_update_timeout",

@@ -18,16 +18,16 @@ def statuses(text):
     return {".".join(found.path[2:]): found.status for found in findings(read(text))}
 
 
-def test_a_parameter_is_modelled_built_in_without_effect_different_or_not_modelled():
+def test_a_parameter_is_modeled_built_in_without_effect_different_or_not_modeled():
     found = statuses(
         "amcl: {ros__parameters: {alpha1: 0.1, laser_model_type: likelihood_field, scan_topic: s, recovery_alpha_slow: 0.1, x: 1}}"
     )
     assert found == {
-        "alpha1": "modelled",
+        "alpha1": "modeled",
         "laser_model_type": "built in",
         "scan_topic": "no effect",
         "recovery_alpha_slow": "differs",
-        "x": "not modelled",
+        "x": "not modeled",
     }
 
 
@@ -50,24 +50,24 @@ def test_what_is_built_in_says_itself(rule, value):
     assert rule.value == value
 
 
-def test_a_polygon_for_a_footprint_is_modelled_and_counts_in_place_of_the_radius():
+def test_a_polygon_for_a_footprint_is_modeled_and_counts_in_place_of_the_radius():
     polygon = "[[0.2, 0.2], [0.2, -0.2], [-0.2, 0.0]]"
     text = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}', robot_radius: 0.3}}}}}}"
     found, radius = findings(read(text))
-    assert (found.status, found.used) == ("modelled", polygon)
+    assert (found.status, found.used) == ("modeled", polygon)
     assert (radius.status, radius.why) == ("no effect", "the polygon footprint counts")
 
 
 def test_without_a_polygon_the_radius_counts():
     text = "local_costmap: {local_costmap: {ros__parameters: {footprint: '[]', robot_radius: 0.3}}}"
-    assert [(found.status, found.used) for found in findings(read(text))] == [("modelled", "[]"), ("modelled", 0.3)]
+    assert [(found.status, found.used) for found in findings(read(text))] == [("modeled", "[]"), ("modeled", 0.3)]
 
 
 def test_an_unknown_node_is_spoken_of_as_a_whole():
     found = findings(
         read("amcl: {ros__parameters: {}}\nslam_toolbox: {ros__parameters: {a: 1, b: {c: 2}, use_sim_time: true}}")
     )
-    assert [(f.status, f.about[0]) for f in found[:2]] == [("not modelled", "slam_toolbox")] * 2
+    assert [(f.status, f.about[0]) for f in found[:2]] == [("not modeled", "slam_toolbox")] * 2
     assert {len(f.about) for f in found[:2]} == {2}
     assert found[2].status == "no effect"
 
@@ -75,7 +75,7 @@ def test_an_unknown_node_is_spoken_of_as_a_whole():
 def test_an_unknown_parameter_of_a_plug_in_is_spoken_of_by_itself():
     text = "controller_server: {ros__parameters: {goal_checker_plugins: [g], g: {plugin: nav2_controller::SimpleGoalChecker, x: 1}}}"
     *_, found = findings(read(text))
-    assert (found.status, found.about, found.why) == ("not modelled", found.path, "")
+    assert (found.status, found.about, found.why) == ("not modeled", found.path, "")
 
 
 def test_nodes_that_no_mission_needs_have_no_effect():
@@ -122,12 +122,12 @@ def test_a_frame_may_have_the_robots_name_before_it():
     assert status("map") == {"ros__parameters.global_frame": "differs"}
 
 
-def test_a_behavior_that_is_listed_and_not_one_of_nav2s_is_not_modelled():
+def test_a_behavior_that_is_listed_and_not_one_of_nav2s_is_not_modeled():
     text = "behavior_server: {ros__parameters: {behavior_plugins: [spin, backup, wait, dance], dance: {plugin: x::Y, a: 1}}}"
     assert statuses(text) == {
         "behavior_plugins": "built in",
-        "dance.plugin": "not modelled",
-        "dance.a": "not modelled",
+        "dance.plugin": "not modeled",
+        "dance.a": "not modeled",
     }
 
 
@@ -139,11 +139,9 @@ def test_what_is_left_out_is_known_with_its_value():
     assert found["pf_z"] == 0.99
 
 
-def test_nothing_that_is_modelled_is_called_built_in():
-    modelled = {path[-1] for path in interpretation(document_of(NavParameters())).reader.fields}
-    assert (
-        modelled & {name for kind in ("amcl", "scan", "NavFn", "velocity_smoother") for name in TABLES[kind]} == set()
-    )
+def test_nothing_that_is_modeled_is_called_built_in():
+    modeled = {path[-1] for path in interpretation(document_of(NavParameters())).reader.fields}
+    assert modeled & {name for kind in ("amcl", "scan", "NavFn", "velocity_smoother") for name in TABLES[kind]} == set()
 
 
 @pytest.mark.parametrize(

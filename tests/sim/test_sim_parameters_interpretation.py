@@ -98,9 +98,9 @@ def test_the_shipped_file_with_dwb_is_a_turtlebot_4_under_humble():
 
 
 @pytest.mark.parametrize("name", ["jazzy_mppi.yaml", "dwb.yaml", "rpp.yaml"])
-def test_everything_in_a_shipped_file_is_modelled_or_built_in(name):
+def test_everything_in_a_shipped_file_is_modeled_or_built_in(name):
     others = {dotted(found.path): found.status for found in findings(shipped(name))}
-    assert {path: status for path, status in others.items() if status in ("differs", "not modelled")} == {}
+    assert {path: status for path, status in others.items() if status in ("differs", "not modeled")} == {}
 
 
 def test_what_a_file_leaves_out_is_as_in_nav2s_code():
@@ -200,10 +200,10 @@ def test_a_point_cloud_that_marks_is_read_as_the_laser_scan_where_there_is_none(
     found = read(text)
     layer = found.parameters.local_costmap.obstacle_layer
     assert (layer.marking, layer.clearing, layer.obstacle_max_range) == (True, True, 4.0)
-    why = {path[-1]: why for path, why in found.reader.unmodelled.items()}
+    why = {path[-1]: why for path, why in found.reader.unmodeled.items()}
     assert why == {
         "up": "a point cloud is read as the laser scan",
-        "down": "only one source, a LaserScan, is modelled",
+        "down": "only one source, a LaserScan, is modeled",
     }
 
 
@@ -219,7 +219,7 @@ def test_of_two_obstacle_layers_the_one_is_read_that_is_on_and_sees_the_scan(oth
     scan = "a: {plugin: nav2_costmap_2d::ObstacleLayer, observation_sources: s, s: {data_type: LaserScan, obstacle_max_range: 7.0}}"
     found = read(f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [o, a], {other}, {scan}}}}}}}")
     assert found.parameters.local_costmap.obstacle_layer.obstacle_max_range == 7.0
-    assert "a second layer beside a is not modelled" in found.reader.unmodelled.values()
+    assert "a second layer beside a is not modeled" in found.reader.unmodeled.values()
 
 
 def test_a_file_with_one_costmap_gives_the_other_its_body():
@@ -240,15 +240,15 @@ def test_without_amcl_in_the_file_an_omni_robot_is_localized_as_one():
     assert not parameters(f"amcl: {{ros__parameters: {{}}}}\n{controller(f'{text}Omni')}").amcl.omni
 
 
-def test_of_several_sources_the_first_laser_scan_is_used_and_the_others_are_not_modelled():
+def test_of_several_sources_the_first_laser_scan_is_used_and_the_others_are_not_modeled():
     sources = (
         "observation_sources: depth scan, depth: {data_type: PointCloud2}, scan: {data_type: LaserScan, clearing: true}"
     )
     text = f"local_costmap: {{local_costmap: {{ros__parameters: {{plugins: [a], a: {{plugin: nav2_costmap_2d::VoxelLayer, {sources}}}}}}}}}"
     assert read(text).parameters.local_costmap.obstacle_layer.clearing
     found = statuses(text)
-    assert found["ros__parameters.a.depth.data_type"] == "not modelled"
-    assert found["ros__parameters.a.scan.data_type"] == "modelled"
+    assert found["ros__parameters.a.depth.data_type"] == "not modeled"
+    assert found["ros__parameters.a.scan.data_type"] == "modeled"
 
 
 def test_costmaps_without_a_list_have_nav2s_default_layers():
@@ -327,7 +327,7 @@ def test_galactics_recoveries_server_is_the_behavior_server_unless_there_is_one(
     found = read(old)
     assert found.parameters.behavior_server.max_rotational_vel == 2.5
     assert "behavior_server" not in found.replaced
-    assert set(statuses(old).values()) == {"modelled", "built in"}
+    assert set(statuses(old).values()) == {"modeled", "built in"}
     both = f"{old}\nbehavior_server: {{ros__parameters: {{max_rotational_vel: 1.5}}}}"
     assert parameters(both).behavior_server.max_rotational_vel == 1.5
 
@@ -381,7 +381,7 @@ def test_mppis_motion_model_is_a_plug_in_with_parameters_since_lyrical():
     text = "plugin: nav2_mppi_controller::MPPIController, motion_model: mine, mine: {plugin: 'mppi::AckermannMotionModel', min_turning_r: 0.7}"
     found = parameters(controller(text)).controller
     assert (found.motion_model, found.AckermannConstraints.min_turning_r) == ("Ackermann", 0.7)
-    assert set(statuses(controller(text)).values()) == {"modelled"}
+    assert set(statuses(controller(text)).values()) == {"modeled"}
     (fault,) = faults(controller(text.replace("Ackermann", "Tracked")))
     assert (
         "C.mine.plugin: no motion model 'mppi::TrackedMotionModel' is known; known: mppi::DiffDriveMotionModel, "
@@ -409,29 +409,29 @@ def test_a_waypoint_task_that_is_off_or_another_does_not_pause():
 PLUGIN_FAULTS = [
     (controller("plugin: nav2_mppi_controller::MPPIController, motion_model: Tracked"), "C.motion_model: found 'Tracked'; motion_model: Input should be 'DiffDrive', 'Ackermann' or 'Omni'"),
     ("local_costmap: {local_costmap: {ros__parameters: {filters: [k]}}}", "local_costmap.ros__parameters.filters.0: no 'plugin' below 'k'; the class of a costmap filter; known: nav2_costmap_2d::KeepoutFilter, "),
-    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k.plugin: nav2_costmap_2d::BinaryFilter}}}", "k.plugin: nav2_costmap_2d::BinaryFilter is not modelled; a costmap filter that is: "),
+    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k.plugin: nav2_costmap_2d::BinaryFilter}}}", "k.plugin: nav2_costmap_2d::BinaryFilter is not modeled; a costmap filter that is: "),
     ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k.plugin: nav2_costmap_2d::SpeedFilter}}}", "k: no 'filter_info_topic'; filter_info_topic: costmap_filter_info, and a node costmap_filter_info_server with the same"),
     ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k: {plugin: nav2_costmap_2d::SpeedFilter, filter_info_topic: /zones}}}}", "k.filter_info_topic: no node publishes on 'zones'; a node that does, costmap_filter_info_server: {ros__parameters: {filter_info_topic: zones, "),
-    (controller(f"{OBSTACLES}, ObstaclesCritic: {{consider_footprint: true}}"), "C.ObstaclesCritic.consider_footprint: found true, which is not modelled; false"),
-    (controller(OBSTACLES.replace("GoalCritic", "CostCritic")), "C.critics: CostCritic and ObstaclesCritic together are not modelled; one of them"),
+    (controller(f"{OBSTACLES}, ObstaclesCritic: {{consider_footprint: true}}"), "C.ObstaclesCritic.consider_footprint: found true, which is not modeled; false"),
+    (controller(OBSTACLES.replace("GoalCritic", "CostCritic")), "C.critics: CostCritic and ObstaclesCritic together are not modeled; one of them"),
     (controller("plugin: 'my::Controller'"), "C.plugin: no controller 'my::Controller' is known; known: dwb_core::DWBLocalPlanner, nav2_mppi_controller::MPPIController, "),
     (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "controller_plugins.0: no 'primary_controller' below 'C'; the class of a controller; known: "),
     (controller("gain: 1"), "controller_plugins.0: no 'plugin' below 'C'; the class of a controller; known: "),
-    ("planner_server: {ros__parameters: {planner_plugins: [G], G.plugin: 'nav2_smac_planner/SmacPlannerLattice'}}", "G.plugin: nav2_smac_planner::SmacPlannerLattice is not modelled; a planner that is: nav2_navfn_planner::NavfnPlanner"),
+    ("planner_server: {ros__parameters: {planner_plugins: [G], G.plugin: 'nav2_smac_planner/SmacPlannerLattice'}}", "G.plugin: nav2_smac_planner::SmacPlannerLattice is not modeled; a planner that is: nav2_navfn_planner::NavfnPlanner"),
     ("planner_server: {ros__parameters: {planner_plugins: []}}", "planner_plugins: found an empty list; the name of a planner"),
     ("planner_server: {ros__parameters: {planner_plugins: 3}}", "planner_plugins: found 3; a list of names"),
-    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [PathDist], max_vel_y: 0.5"), "C.max_vel_y: found 0.5, which is not modelled; 0.0"),
-    (controller("plugin: graceful_controller/GracefulControllerROS"), "C.plugin: graceful_controller::GracefulControllerROS is not modelled; a controller that is: dwb_core::DWBLocalPlanner, "),
-    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [i, o], i.plugin: nav2_costmap_2d::InflationLayer, o.plugin: nav2_costmap_2d::ObstacleLayer}}}", "o.plugin: o comes after the inflation: Nav2 does not inflate what it marks, which is not modelled; 'o' before 'i' in the list 'plugins'"),
-    ("slam_toolbox: {ros__parameters: {resolution: 0.05}}", "nav2.yaml:1:1: file: none of its nodes is modelled; one that is, beside others: amcl, controller_server, "),
+    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [PathDist], max_vel_y: 0.5"), "C.max_vel_y: found 0.5, which is not modeled; 0.0"),
+    (controller("plugin: graceful_controller/GracefulControllerROS"), "C.plugin: graceful_controller::GracefulControllerROS is not modeled; a controller that is: dwb_core::DWBLocalPlanner, "),
+    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [i, o], i.plugin: nav2_costmap_2d::InflationLayer, o.plugin: nav2_costmap_2d::ObstacleLayer}}}", "o.plugin: o comes after the inflation: Nav2 does not inflate what it marks, which is not modeled; 'o' before 'i' in the list 'plugins'"),
+    ("slam_toolbox: {ros__parameters: {resolution: 0.05}}", "nav2.yaml:1:1: file: none of its nodes is modeled; one that is, beside others: amcl, controller_server, "),
     (controller("plugin: dwb_core::DWBLocalPlanner"), "C: no 'critics'; a list of them, without which DWB does not start: RotateToGoal, "),
     ("planner_server: {ros__parameters: {GridBased.plugin: 3}}", "GridBased.plugin: found 3; text"),
-    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, goal_checker_plugins: [g], g.plugin: nav2_controller::AxisGoalChecker}}", "g.plugin: nav2_controller::AxisGoalChecker is not modelled; a goal checker that is: "),
+    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, goal_checker_plugins: [g], g.plugin: nav2_controller::AxisGoalChecker}}", "g.plugin: nav2_controller::AxisGoalChecker is not modeled; a goal checker that is: "),
     ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, progress_checker_plugins: [g], g.plugin: x::P}}", "g.plugin: no progress checker 'x::P' is known; known: "),
-    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: nav2_costmap_2d::RangeSensorLayer}}}", "d.plugin: nav2_costmap_2d::RangeSensorLayer is not modelled; a costmap layer that is: nav2_costmap_2d::StaticLayer, "),
+    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: nav2_costmap_2d::RangeSensorLayer}}}", "d.plugin: nav2_costmap_2d::RangeSensorLayer is not modeled; a costmap layer that is: nav2_costmap_2d::StaticLayer, "),
     ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: x::L}}}", "d.plugin: no costmap layer 'x::L' is known; known: "),
     (controller("plugin: nav2_mppi_controller::MPPIController, critics: [CostCritic, Cost]"), "C.critics.1: MPPI has no critic 'Cost'; known: "),
-    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [MapGrid]"), "C.critics.0: the critic MapGrid of DWB is not modelled; known: RotateToGoal, "),
+    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [MapGrid]"), "C.critics.0: the critic MapGrid of DWB is not modeled; known: RotateToGoal, "),
     (controller("plugin: dwb_core::DWBLocalPlanner, critics: [1]"), "C.critics: found [1]; a list of names"),
     ("local_costmap: {local_costmap: {ros__parameters: {robot_radius: -0.2}}}", "robot_radius: found -0.2; robot_radius must lie in [0.01, 10]"),
     ("local_costmap: {local_costmap: {ros__parameters: {robot_radius: '0.2'}}}", "robot_radius: found '0.2'; robot_radius must be a number"),
@@ -610,6 +610,6 @@ def test_a_spatio_temporal_voxel_layer_is_read_as_a_voxel_layer_and_said():
     layer = found.parameters.local_costmap.obstacle_layer
     assert (layer.enabled, layer.marking, layer.clearing, layer.short_clearing_cells) == (True, True, True, 2)
     assert (layer.obstacle_max_range, layer.raytrace_max_range) == (4.0, 4.0)
-    assert set(found.reader.unmodelled.values()) == {
+    assert set(found.reader.unmodeled.values()) == {
         "it is read as a VoxelLayer of the laser scan: no voxel decays, and there is no camera"
     }

@@ -76,7 +76,7 @@ def test_a_file_s_shim_has_its_own_parameters_and_the_controller_its_own():
     shim, controller = found.parameters.rotation_shim, found.parameters.controller
     assert shim == RotationShim(enabled=True, angular_dist_threshold=0.5, rotate_to_heading_angular_vel=1.1)
     assert (controller.desired_linear_vel, controller.rotate_to_heading_angular_vel) == (0.3, 1.1)
-    assert {finding.status for finding in findings(found)} == {"modelled"}
+    assert {finding.status for finding in findings(found)} == {"modeled"}
 
 
 @pytest.mark.parametrize("name", CLASSES)
@@ -89,15 +89,15 @@ def test_a_stack_with_a_shim_is_the_same_read_from_its_document(name):
     ("text", "fault"),
     [
         (f"plugin: {SHIM}", "no 'primary_controller' below 'FollowPath'"),
-        (f"plugin: {SHIM}, primary_controller: {SHIM}", "RotationShimController is not modelled"),
+        (f"plugin: {SHIM}, primary_controller: {SHIM}", "RotationShimController is not modeled"),
         (f"plugin: {SHIM}, primary_controller: mine::Own", "no controller 'mine::Own' is known"),
         (
             f"plugin: {SHIM}, primary_controller: {CLASSES['rpp']}, rotate_to_heading_once: true",
-            "rotate_to_heading_once: found true, which is not modelled",
+            "rotate_to_heading_once: found true, which is not modeled",
         ),
     ],
 )
-def test_a_shim_without_a_controller_or_with_what_is_not_modelled_is_refused(text, fault):
+def test_a_shim_without_a_controller_or_with_what_is_not_modeled_is_refused(text, fault):
     with pytest.raises(DocumentError, match=fault):
         read(text)
 

@@ -140,10 +140,10 @@ def test_a_file_s_planner_has_its_parameters_and_those_of_its_smoother():
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("plugin: nav2_smac_planner::SmacPlanner2D, downsample_costmap: true", "found true, which is not modelled"),
+        ("plugin: nav2_smac_planner::SmacPlanner2D, downsample_costmap: true", "found true, which is not modeled"),
         ("plugin: nav2_smac_planner::SmacPlannerHybrid, motion_model_for_search: MOORE", "'DUBIN' or 'REEDS_SHEPP'"),
         ("plugin: nav2_smac_planner::SmacPlannerHybrid, minimum_turning_radius: -1.0", "must lie in"),
-        ("plugin: nav2_smac_planner::SmacPlannerLattice", "SmacPlannerLattice is not modelled"),
+        ("plugin: nav2_smac_planner::SmacPlannerLattice", "SmacPlannerLattice is not modeled"),
     ],
 )
 def test_what_a_smac_planner_is_not_here_is_refused_with_its_place(text, fault):

@@ -1,7 +1,7 @@
 """Parameters of Nav2's that a file may have and the simulator does not read: what it does in their place.
 
 Values are those of Nav2 Jazzy's default file, or of Nav2's code where the file leaves them out. A parameter that is in no
-table here is not modelled.
+table here is not modeled.
 """
 
 import math
@@ -62,7 +62,7 @@ ANY: Final = BuiltIn()
 
 
 def built_in(kind: str, name: ParameterLocation) -> BuiltIn | None:
-    """What is built in for a parameter of a group, None for one that is not modelled.
+    """What is built in for a parameter of a group, None for one that is not modeled.
 
     Args:
         kind: Of the group: a node's name or what a plug-in's class is called.

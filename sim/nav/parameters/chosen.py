@@ -119,7 +119,7 @@ def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
 
 @functools.cache
 def default_document() -> ParameterDocument:
-    """Nav2 Jazzy's default file, as far as it is modelled."""
+    """Nav2 Jazzy's default file, as far as it is modeled."""
     return document_of(NavParameters())
 
 

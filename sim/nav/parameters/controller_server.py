@@ -48,10 +48,10 @@ _MOTION_MODELS: Final[Mapping[str, str]] = {
 """Plug-ins of MPPI's to what its parameter calls them before Lyrical."""
 
 _TO_THE_SIDE: Final = ("min_vel_y", "max_vel_y")
-"""Limits of DWB's samples to the side, which are not modelled: a robot that is to have some would drive otherwise."""
+"""Limits of DWB's samples to the side, which are not modeled: a robot that is to have some would drive otherwise."""
 
 _NOT_OF_THE_SHIM: Final = ("rotate_to_heading_once", "use_path_orientations")
-"""Flags of the Rotation Shim that are not modelled."""
+"""Flags of the Rotation Shim that are not modeled."""
 
 
 def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
@@ -90,7 +90,7 @@ def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocat
         reader.fault(listed, f"no {path[-1]!r} below {place[-1]!r}", right)
         return {}
     if name in (*CONTROLLERS.foreign, ROTATION_SHIM):
-        reader.fault(path, f"{name} is not modelled", f"a controller that is: {known}; {OWN}")
+        reader.fault(path, f"{name} is not modeled", f"a controller that is: {known}; {OWN}")
         return {}
     try:
         kind = find_parameters(name, Path(document.file).parent, document.plug_ins.get(name))
@@ -124,7 +124,7 @@ def _check_obstacles(reader: Reader, place: ParameterLocation, critics: Parts) -
         return
     reader.only((*place, "ObstaclesCritic", "consider_footprint"), False)
     if critics["CostCritic"].enabled:
-        reader.fault((*place, "critics"), "CostCritic and ObstaclesCritic together are not modelled", "one of them")
+        reader.fault((*place, "critics"), "CostCritic and ObstaclesCritic together are not modeled", "one of them")
 
 
 def _motion_model(reader: Reader, place: ParameterLocation) -> Parts:
@@ -215,7 +215,7 @@ def _critics(reader: Reader, place: ParameterLocation, algorithm: str, default: 
             continue
         known = f"known: {', '.join(critics)}"
         if kind in FOREIGN_CRITICS[algorithm]:
-            reader.fault((*listed, str(k)), f"the critic {text} of {algorithm} is not modelled", known)
+            reader.fault((*listed, str(k)), f"the critic {text} of {algorithm} is not modeled", known)
         else:
             reader.fault((*listed, str(k)), f"{algorithm} has no critic {text!r}", known)
     parts = {}

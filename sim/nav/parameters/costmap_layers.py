@@ -78,8 +78,8 @@ def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
         used[field] = max(several, key=lambda layer: _worth(reader, (*node, layer.name)))
         for layer in several:
             if layer != used[field]:
-                why = f"a second layer beside {used[field].name} is not modelled"
-                reader.unmodelled[(*node, layer.name)] = why
+                why = f"a second layer beside {used[field].name} is not modeled"
+                reader.unmodeled[(*node, layer.name)] = why
     return dict(sorted(used.items(), key=lambda item: listed.index(item[1])))
 
 
@@ -102,7 +102,7 @@ def _check_order(reader: Reader, node: ParameterLocation, layers: Sequence[Insta
             right = "a Denoise layer before it in the list 'plugins'"
             reader.fault(path, f"{layer.name} comes after the inflation", right)
         else:
-            what = f"{layer.name} comes after the inflation: Nav2 does not inflate what it marks, which is not modelled"
+            what = f"{layer.name} comes after the inflation: Nav2 does not inflate what it marks, which is not modeled"
             reader.fault(path, what, f"{layer.name!r} before {inflation.name!r} in the list 'plugins'")
 
 
@@ -123,12 +123,12 @@ def _obstacle_layer(reader: Reader, place: ParameterLocation, short_clearing_cel
     cloud = next((source for source in sources if values.get((*source, "marking"), True) is True), None)
     for source in sources:
         if source != scan:
-            reader.unmodelled[source] = "only one source, a LaserScan, is modelled"
+            reader.unmodeled[source] = "only one source, a LaserScan, is modeled"
     if scan is not None:
         reader.text((*scan, "data_type"), "LaserScan")
         reader.kinds[scan] = "scan"
     elif cloud is not None:
-        reader.unmodelled[cloud] = "a point cloud is read as the laser scan"
+        reader.unmodeled[cloud] = "a point cloud is read as the laser scan"
         given["clearing"] = any(values.get((*source, "clearing")) is True for source in sources)
     else:
         unused = ObstacleLayer(marking=False, clearing=False)
@@ -144,7 +144,7 @@ def _spatio_temporal_layer(reader: Reader, place: ParameterLocation) -> Obstacle
     source = next(
         (each for each in _sources(reader, place) if values.get((*each, "marking"), True) is True), (*place, "scan")
     )
-    reader.unmodelled[place] = "it is read as a VoxelLayer of the laser scan: no voxel decays, and there is no camera"
+    reader.unmodeled[place] = "it is read as a VoxelLayer of the laser scan: no voxel decays, and there is no camera"
     seen_m = (*source, "obstacle_range")
     elsewhere = {
         "obstacle_max_range": seen_m,

@@ -18,7 +18,7 @@ MASK_KEYS: Final = (KEEPOUT_KEY, SPEED_KEY)
 TOPIC: Final = "filter_info_topic"
 INFO_SERVER: Final = "costmap_filter_info_server"
 _INFO: Final = ("type", "base", "multiplier")
-_NOT_MODELLED: Final = ("override_lethal_cost", "enable_path_lookahead")
+_NOT_MODELED: Final = ("override_lethal_cost", "enable_path_lookahead")
 """Flags of the two filters in releases after Jazzy."""
 _DEFAULT_TOPIC: Final = "costmap_filter_info"
 
@@ -57,7 +57,7 @@ def filters_of(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
         places[field] = place
         if not reader.flag((*place, "enabled"), True):
             continue
-        for flag in _NOT_MODELLED:
+        for flag in _NOT_MODELED:
             if (*place, flag) in reader.document.values:
                 reader.only((*place, flag), False)
         info = _info(reader, place)

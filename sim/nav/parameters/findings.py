@@ -1,4 +1,4 @@
-"""Findings: for each parameter of a file, whether it is modelled, and what is done where it is not."""
+"""Findings: for each parameter of a file, whether it is modeled, and what is done where it is not."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from vastflow.sim.nav.parameters.document import PARAMETERS, ParameterDocument, 
 from vastflow.sim.nav.parameters.interpretation import Interpretation
 from vastflow.sim.nav.parameters.reader import Reader
 
-Status: TypeAlias = Literal["modelled", "built in", "no effect", "differs", "not modelled"]
+Status: TypeAlias = Literal["modeled", "built in", "no effect", "differs", "not modeled"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +21,11 @@ class Finding:
     Attributes:
         path: Where the file has it, `place` as line and column.
         value: What the file says.
-        status: `modelled`: it is used. `built in`: it says what is done anyway. `no effect`: it makes no difference to
-            missions. `differs`: something else is done. `not modelled`: nothing is done.
+        status: `modeled`: it is used. `built in`: it says what is done anyway. `no effect`: it makes no difference to
+            missions. `differs`: something else is done. `not modeled`: nothing is done.
         used: The value the simulator has, a range in words; None without one.
         why: Why it is not used; may be empty.
-        about: The parameter, or a group with nothing in it that is modelled, which can be spoken of once.
+        about: The parameter, or a group with nothing in it that is modeled, which can be spoken of once.
     """
 
     path: ParameterLocation
@@ -48,7 +48,7 @@ def findings(found: Interpretation) -> tuple[Finding, ...]:
 
 
 def left_out(found: Interpretation) -> Mapping[ParameterLocation, Value]:
-    """The modelled parameters that a document's nodes do not give, with what Nav2's code takes for them."""
+    """The modeled parameters that a document's nodes do not give, with what Nav2's code takes for them."""
     reader, values = found.reader, found.document.values
     return {path: reader.asked[path] for path in reader.fields if PARAMETERS in path and path not in values}
 
@@ -57,11 +57,11 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
     value, place = document.values[path], document.place(path)
     if path in reader.asked:
         used = reader.asked[path]
-        return Finding(path, place, value, "modelled", list(used) if isinstance(used, tuple) else used, "", path)
+        return Finding(path, place, value, "modeled", list(used) if isinstance(used, tuple) else used, "", path)
     if group := _nearest(path, reader.unused):
         return Finding(path, place, value, "no effect", None, reader.unused[group], group)
-    if group := _nearest(path, reader.unmodelled):
-        return Finding(path, place, value, "not modelled", None, reader.unmodelled[group], group)
+    if group := _nearest(path, reader.unmodeled):
+        return Finding(path, place, value, "not modeled", None, reader.unmodeled[group], group)
     node = node_of(path)
     node_name = "".join(node[-2:-1])
     if node_name in UNUSED_NODES:
@@ -78,8 +78,8 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
     if len(name) > 1 and _is_unlisted(document, (*(group or node), name[0])):
         return Finding(path, place, value, "no effect", None, "no list of plug-ins has it", (*(group or node), name[0]))
     if group is None and kind not in TABLES:
-        return Finding(path, place, value, "not modelled", None, "nothing of this node is", node)
-    return Finding(path, place, value, "not modelled", None, "", path)
+        return Finding(path, place, value, "not modeled", None, "nothing of this node is", node)
+    return Finding(path, place, value, "not modeled", None, "", path)
 
 
 def _is_unlisted(document: ParameterDocument, plugin: ParameterLocation) -> bool:

@@ -110,7 +110,7 @@ def _check_nodes(reader: Reader, absent: Collection[str]) -> None:
     """A file with none of the stack's nodes says nothing of it; faults of what it has in their place come first."""
     if len(absent) == len(_NODES) and not reader.faults:
         place = min(reader.document.places.values(), default=(1, 1))
-        what, right = "none of its nodes is modelled", f"one that is, beside others: {', '.join(map('/'.join, _NODES))}"
+        what, right = "none of its nodes is modeled", f"one that is, beside others: {', '.join(map('/'.join, _NODES))}"
         reader.faults.append(ParameterFault("file", what, right, place))
 
 
@@ -178,8 +178,8 @@ def _check_turning_radius(reader: Reader, parts: Parts) -> None:
     robot, controller = parts["robot"], parts.get("controller")
     if reader.faults or robot.drive != "ackermann" or robot.min_turning_radius is not None:
         return
-    modelled = isinstance(controller, MppiParameters) and controller.motion_model == "Ackermann"
-    if not modelled and not isinstance(parts.get("planner"), SmacPlannerHybrid):
+    modeled = isinstance(controller, MppiParameters) and controller.motion_model == "Ackermann"
+    if not modeled and not isinstance(parts.get("planner"), SmacPlannerHybrid):
         what = "found ackermann, and neither a motion model Ackermann nor a SmacPlannerHybrid says how tight it turns"
         reader.fault((ROBOT_KEY, "drive"), what, "min_turning_radius beside it")
 
@@ -232,7 +232,7 @@ def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
     executor = (*node, reader.text((*node, "waypoint_task_executor_plugin"), "wait_at_waypoint"))
     pause = (*executor, "waypoint_pause_duration")
     if class_name(str(reader.document.values.get((*executor, "plugin"), WAIT_AT_WAYPOINT))) != WAIT_AT_WAYPOINT:
-        reader.unmodelled[executor] = f"of the tasks at waypoints only {WAIT_AT_WAYPOINT} is modelled"
+        reader.unmodeled[executor] = f"of the tasks at waypoints only {WAIT_AT_WAYPOINT} is modeled"
         return {"waypoint_follower": reader.group(WaypointFollower, node, given={pause[-1]: 0})}
     reader.text((*executor, "plugin"), WAIT_AT_WAYPOINT)
     waits = reader.flag((*executor, "enabled"), True)
@@ -261,7 +261,7 @@ _NODES: Final[Mapping[tuple[str, ...], Callable[[Reader, ParameterLocation], Par
     ("collision_monitor",): collision_monitor,
 }
 
-MODELLED_NODES: Final = frozenset((*(name[-1] for name in _NODES), *OLDER_NAMES))
+MODELED_NODES: Final = frozenset((*(name[-1] for name in _NODES), *OLDER_NAMES))
 
 _DISPENSABLE: Final[Mapping[str, Parts]] = {
     "velocity_smoother": {"velocity_smoother": NO_SMOOTHER},

@@ -51,7 +51,7 @@ def _monitored_scan(reader: Reader, node: ParameterLocation) -> ParameterLocatio
             reader.text((*place, "type"), "scan")
             reader.kinds[place] = "monitored scan"
         else:
-            reader.unmodelled[place] = "only one source, a scan, is modelled"
+            reader.unmodeled[place] = "only one source, a scan, is modeled"
     return scan
 
 
@@ -71,7 +71,7 @@ _OF_ACTION: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def _zone(reader: Reader, place: ParameterLocation) -> MonitorZone | None:
-    """An area that the file draws; None for one that is not modelled, does nothing or is not enabled."""
+    """An area that the file draws; None for one that is not modeled, does nothing or is not enabled."""
     action, shape = reader.text((*place, "action_type"), ""), reader.text((*place, "type"), "")
     reader.kinds[place] = "zone"
     if action == "none":
@@ -82,7 +82,7 @@ def _zone(reader: Reader, place: ParameterLocation) -> MonitorZone | None:
         return None
     drawn = (*place, "points" if shape == "polygon" else "radius")
     if shape not in ("polygon", "circle") or drawn not in reader.document.values:
-        reader.unmodelled[place] = "only polygons with points and circles with a radius are modelled"
+        reader.unmodeled[place] = "only polygons with points and circles with a radius are modeled"
         return None
     own = ("min_points", *_OF_ACTION[action], *(("radius",) if shape == "circle" else ()))
     usual = MonitorZone()

@@ -91,7 +91,7 @@ class PathFollowParameters(ParameterGroup):
 class PathAngleParameters(ParameterGroup):
     """Last heading against the bearing of such a point, when the robot faces elsewhere (rad).
 
-    `mode` 0 wants the front towards the point, 1 front or back; 2, by the plan's orientations, is not modelled.
+    `mode` 0 wants the front towards the point, 1 front or back; 2, by the plan's orientations, is not modeled.
     """
 
     enabled: bool = parameter(True)

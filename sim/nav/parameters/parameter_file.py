@@ -19,7 +19,7 @@ from vastflow.sim.nav.parameters.document import (
     read_document,
 )
 from vastflow.sim.nav.parameters.filters import is_info_server
-from vastflow.sim.nav.parameters.interpretation import MODELLED_NODES, interpretation
+from vastflow.sim.nav.parameters.interpretation import MODELED_NODES, interpretation
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 
@@ -41,7 +41,7 @@ class ParameterFile(FileContent):
 def nav2_file(path: str | Path) -> FileContent:
     """A Nav2 parameter file as the value of `nav2_params`.
 
-    Its digest is that of the parameters of the nodes that are modelled, and of the plug-ins that it names: comments, the order
+    Its digest is that of the parameters of the nodes that are modeled, and of the plug-ins that it names: comments, the order
     of keys, and nodes that the simulator has nothing of are not in it.
 
     Raises:
@@ -108,7 +108,7 @@ def loaded(content: FileContent) -> ParameterDocument:
 
 def _content_digest(document: ParameterDocument) -> str:
     nodes = {
-        node for node in document.nodes if not MODELLED_NODES.isdisjoint(node[-2:-1]) or is_info_server(document, node)
+        node for node in document.nodes if not MODELED_NODES.isdisjoint(node[-2:-1]) or is_info_server(document, node)
     }
     values = {dotted(path): value for path, value in document.values.items() if node_of(path) in nodes}
     plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}

@@ -1,4 +1,4 @@
-"""Plug-ins: which classes of Nav2's are modelled, and the lists of names by which a document has them."""
+"""Plug-ins: which classes of Nav2's are modeled, and the lists of names by which a document has them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,15 +12,15 @@ class Plugins:
     Attributes:
         what: The kind, in words.
         lists: Names of the list parameter; older releases had a single name in place of a list.
-        modelled: Class to what it is called here.
-        foreign: Other classes of Nav2's, which are known and not modelled.
+        modeled: Class to what it is called here.
+        foreign: Other classes of Nav2's, which are known and not modeled.
         defaults: Names to classes where a document has no list.
         used: The name that the default behavior trees ask for, where there are several.
     """
 
     what: str
     lists: tuple[str, ...]
-    modelled: Mapping[str, str]
+    modeled: Mapping[str, str]
     foreign: tuple[str, ...] = ()
     defaults: Mapping[str, str] = field(default_factory=dict)
     used: str = ""
@@ -38,7 +38,7 @@ def _classes(package: str, *names: str) -> tuple[str, ...]:
 CONTROLLERS: Final = Plugins(
     what="controller",
     lists=("controller_plugins",),
-    modelled={},  # see `vastflow.sim.nav.controllers.registry`
+    modeled={},  # see `vastflow.sim.nav.controllers.registry`
     foreign=(
         "nav2_graceful_controller::GracefulController",
         "nav2_graceful_motion_controller::GracefulMotionController",
@@ -53,7 +53,7 @@ CONTROLLERS: Final = Plugins(
 PLANNERS: Final = Plugins(
     what="planner",
     lists=("planner_plugins",),
-    modelled={
+    modeled={
         "nav2_navfn_planner::NavfnPlanner": "NavFn",
         "nav2_smac_planner::SmacPlanner2D": "SmacPlanner2D",
         "nav2_smac_planner::SmacPlannerHybrid": "SmacPlannerHybrid",
@@ -68,14 +68,14 @@ PLANNERS: Final = Plugins(
 PROGRESS_CHECKERS: Final = Plugins(
     what="progress checker",
     lists=("progress_checker_plugins", "progress_checker_plugin"),
-    modelled={f"nav2_controller::{name}": name for name in ("SimpleProgressChecker", "PoseProgressChecker")},
+    modeled={f"nav2_controller::{name}": name for name in ("SimpleProgressChecker", "PoseProgressChecker")},
     defaults={"progress_checker": "nav2_controller::SimpleProgressChecker"},
     used="progress_checker",
 )
 GOAL_CHECKERS: Final = Plugins(
     what="goal checker",
     lists=("goal_checker_plugins", "goal_checker_plugin"),
-    modelled={
+    modeled={
         f"nav2_controller::{name}": name for name in ("SimpleGoalChecker", "StoppedGoalChecker", "PositionGoalChecker")
     },
     foreign=_classes("nav2_controller", "AxisGoalChecker"),
@@ -85,7 +85,7 @@ GOAL_CHECKERS: Final = Plugins(
 LAYERS: Final = Plugins(
     what="costmap layer",
     lists=("plugins",),
-    modelled={
+    modeled={
         **{
             f"nav2_costmap_2d::{name}": name
             for name in ("StaticLayer", "ObstacleLayer", "VoxelLayer", "DenoiseLayer", "InflationLayer")
@@ -106,7 +106,7 @@ LAYERS: Final = Plugins(
 FILTERS: Final = Plugins(
     what="costmap filter",
     lists=("filters",),
-    modelled={f"nav2_costmap_2d::{name}": name for name in ("KeepoutFilter", "SpeedFilter")},
+    modeled={f"nav2_costmap_2d::{name}": name for name in ("KeepoutFilter", "SpeedFilter")},
     foreign=_classes("nav2_costmap_2d", "BinaryFilter", "InflationLayer"),
 )
 
@@ -119,7 +119,7 @@ FOREIGN_CRITICS: Final[Mapping[str, tuple[str, ...]]] = {
     "MPPI": ("PathAlignLegacyCritic",),
     "DWB": ("MapGrid",),
 }
-"""Critics of Nav2's that are known and perhaps not modelled."""
+"""Critics of Nav2's that are known and perhaps not modeled."""
 
 
 def critic_class(algorithm: str, text: str) -> str:

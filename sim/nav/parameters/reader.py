@@ -37,7 +37,7 @@ class Reader:
         asked: Paths of all parameters that are looked at, present or not, with the value that is taken.
         fields: Paths of those that are fields of a group, with the group's model and the field's name.
         kinds: Path of a group to what it is, for what of it is not asked for.
-        unmodelled: Path of a group that is not read because it is not modelled, to why.
+        unmodeled: Path of a group that is not read because it is not modeled, to why.
         unused: Path of a group that is not read because Nav2 would not read it either, to why.
         held: Path of a rate that is no whole number of ticks, to the rate (Hz) that is taken.
         faults: Everything wrong.
@@ -48,7 +48,7 @@ class Reader:
         self.asked: dict[ParameterLocation, Value] = {}
         self.fields: dict[ParameterLocation, tuple[type[BaseModel], str]] = {}
         self.kinds: dict[ParameterLocation, str] = {}
-        self.unmodelled: dict[ParameterLocation, str] = {}
+        self.unmodeled: dict[ParameterLocation, str] = {}
         self.unused: dict[ParameterLocation, str] = {}
         self.held: dict[ParameterLocation, float] = {}
         self.faults: list[ParameterFault] = []
@@ -132,12 +132,12 @@ class Reader:
         self.asked[path] = given
         return [str(name) for name in found]
 
-    def only(self, path: ParameterLocation, modelled: Value) -> None:
-        """A parameter of which one value is modelled: another is a fault, for the robot would drive otherwise."""
-        found = self.document.values.get(path, modelled)
+    def only(self, path: ParameterLocation, modeled: Value) -> None:
+        """A parameter of which one value is modeled: another is a fault, for the robot would drive otherwise."""
+        found = self.document.values.get(path, modeled)
         self.asked[path] = found
-        if found != modelled:
-            self.fault(path, f"found {shown(found)}, which is not modelled", shown(modelled))
+        if found != modeled:
+            self.fault(path, f"found {shown(found)}, which is not modeled", shown(modeled))
 
     def _plain(self, path: ParameterLocation, default: Value, kind: type, meaning: str) -> Value:
         found = self.document.values.get(path, default)
@@ -155,7 +155,7 @@ class Reader:
         return [Instance(name, kind) for name, kind in found if kind]
 
     def plugin(self, prefix: ParameterLocation, plugins: Plugins) -> Instance | None:
-        """The one that the default behavior trees use; None without one that is modelled, which is a fault."""
+        """The one that the default behavior trees use; None without one that is modeled, which is a fault."""
         used = self.used(prefix, plugins)
         kind = self._kind(prefix, *used, plugins) if used else None
         return Instance(used[0], kind) if used and kind else None
@@ -181,14 +181,14 @@ class Reader:
         path = (*prefix, name, "plugin")
         default = plugins.defaults.get(name, "")
         found = class_name(self.text(path, default))
-        if kind := plugins.modelled.get(found):
+        if kind := plugins.modeled.get(found):
             self.kinds[path[:-1]] = kind
             return kind
-        known = ", ".join(plugins.modelled)
+        known = ", ".join(plugins.modeled)
         if not found:
             self.fault(listed, f"no 'plugin' below {name!r}", f"the class of a {plugins.what}; known: {known}")
         elif found in plugins.foreign:
-            self.fault(path, f"{found} is not modelled", f"a {plugins.what} that is: {known}")
+            self.fault(path, f"{found} is not modeled", f"a {plugins.what} that is: {known}")
         else:
             self.fault(path, f"no {plugins.what} {found!r} is known", f"known: {known}")
         return None

@@ -101,7 +101,7 @@ def _rotation_shim(node: ParameterLocation, parameters: NavParameters) -> Values
 
 def _instance(node: ParameterLocation, plugins: Plugins, kind: str, parameters: Any) -> Values:
     name = plugins.used
-    class_name = next(class_name for class_name, called in plugins.modelled.items() if called == kind)
+    class_name = next(class_name for class_name, called in plugins.modeled.items() if called == kind)
     values = _below((*node, name), parameters)
     if kind.startswith("Simple"):
         values = {path: value for path, value in values.items() if path[-1] not in _NOT_SIMPLE}
@@ -121,7 +121,7 @@ def _costmap(name: str, costmap: Costmap) -> Values:
     listed = {layer: each for layer, each in layers.items() if each[1].enabled}
     values[(*node, LAYERS.lists[0])] = list(listed)
     for layer, (kind, parameters) in listed.items():
-        class_name = next(class_name for class_name, called in LAYERS.modelled.items() if called == kind)
+        class_name = next(class_name for class_name, called in LAYERS.modeled.items() if called == kind)
         values[(*node, layer, "plugin")] = class_name
         if layer != obstacle_layer:
             values |= _below((*node, layer), parameters)
@@ -144,7 +144,7 @@ def _filters(name: str, costmap: Costmap) -> Values:
         values[(*node, FILTERS.lists[0])] = list(enabled)
     for each, parameters in enabled.items():
         topic, kind = f"{name}_{each}_info", type(parameters).__name__
-        class_name = next(class_name for class_name, called in FILTERS.modelled.items() if called == kind)
+        class_name = next(class_name for class_name, called in FILTERS.modeled.items() if called == kind)
         info = (f"{topic}_server", PARAMETERS)
         values |= {(*node, each, "plugin"): class_name, (*node, each, TOPIC): topic, (*info, TOPIC): topic}
         values |= {
