@@ -96,7 +96,8 @@ def chromium(profile: Path) -> Iterator[str]:
         port = profile / "DevToolsActivePort"
         until = time.monotonic() + 120
         while not (port.is_file() and port.read_text().count("\n")):
-            assert process.poll() is None and time.monotonic() < until, "Chromium did not start"
+            assert process.poll() is None, f"Chromium ended with {process.poll()} before it listened"
+            assert time.monotonic() < until, "Chromium did not listen within two minutes"
             time.sleep(0.05)
         with urllib.request.urlopen(f"http://127.0.0.1:{port.read_text().splitlines()[0]}/json") as answer:
             pages = [page for page in json.load(answer) if page["type"] == "page"]
