@@ -225,11 +225,9 @@ def _options(address: str) -> dict[str, Any]:
         return {}
     import s3fs  # noqa: F401 - fsspec finds it by itself, but says less when it is not there
     from aiobotocore.session import get_session
-    from botocore.handlers import add_expect_header
 
-    # A client that expects "100 Continue" waits for it without any limit of time (aiohttp).
     session = get_session()
-    session.unregister("before-call.s3", add_expect_header)
+    session.register("before-sign.s3", _expect_nothing)
     # Servers other than Amazon's know neither the checksums nor the signature that newer clients send.
     config = {
         "signature_version": "s3v4",
@@ -241,6 +239,11 @@ def _options(address: str) -> dict[str, Any]:
         "read_timeout": _ANSWER_S,
     }
     return {"use_listings_cache": False, "config_kwargs": config, "session": session}
+
+
+def _expect_nothing(request: Any, **_: Any) -> None:
+    """Send an object at once: a client that expects "100 Continue" waits for it without any limit of time (aiohttp)."""
+    del request.headers["Expect"]
 
 
 def _present(key: str, manifest: bytes, files: Mapping[str, _Entry]) -> Artifact:
