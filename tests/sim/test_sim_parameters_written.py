@@ -1,0 +1,64 @@
+"""Nav2 parameters that are written as a document are read as they were."""
+
+from typing import Literal, get_args, get_origin
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vastflow.sim.nav.parameters.costmap import Costmap
+from vastflow.sim.nav.parameters.costmap_layers import OF_THE_MAP
+from vastflow.sim.nav.parameters.dwb import DwbParameters
+from vastflow.sim.nav.parameters.interpretation import interpretation
+from vastflow.sim.nav.parameters.mppi import MppiParameters
+from vastflow.sim.nav.parameters.parameter import ParameterGroup, range_of
+from vastflow.sim.nav.parameters.rpp import RppParameters
+from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav.parameters.written import document_of
+
+_ONE_BY_ONE = ("short_clearing_cells", "place", "consider_footprint", "group_connectivity_type")
+
+
+@st.composite
+def varied(draw, default):
+    """Parameters like `default` with other values; those of a group that is not enabled stay."""
+    values = {}
+    for name, value in default:
+        if isinstance(value, ParameterGroup):
+            values[name] = draw(varied(value))
+        elif name not in _ONE_BY_ONE and draw(st.booleans()):
+            field = type(default).model_fields[name]
+            chosen = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+            values[name] = draw(st.sampled_from(chosen) if chosen else values_of(value, *range_of(field)))
+    if values.get("enabled", getattr(default, "enabled", True)) is False:
+        return type(default)(enabled=False)
+    if "max_particles" in values or "min_particles" in values:
+        values |= {"min_particles": 1}
+    if isinstance(default, MppiParameters) and values["CostCritic"].enabled:
+        values["ObstaclesCritic"] = default.ObstaclesCritic.with_values(enabled=False)
+    if isinstance(default, Costmap) and default.track_unknown_space:  # the global one
+        values = {name: value for name, value in values.items() if name not in OF_THE_MAP}
+    return default.with_values(**values)
+
+
+def values_of(value, low, high):
+    low, high = max(low, -1e9), min(high, 1e9)
+    if isinstance(value, str):
+        return st.sampled_from(["[]", "", "[[0.3, 0.3], [0.3, -0.3], [-0.3, 0.0]]"])
+    if isinstance(value, bool):
+        return st.booleans()
+    if isinstance(value, int):
+        return st.integers(int(low), int(high))
+    if isinstance(value, tuple):
+        return st.tuples(*(st.floats(low, high) for _ in value))
+    return st.floats(low, high)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data(), st.sampled_from([MppiParameters(), DwbParameters(), RppParameters()]))
+def test_what_is_written_as_a_document_is_read_as_it_was(data, controller):
+    default = NavParameters(controller=controller)
+    parts = {name: data.draw(varied(group)) for name, group in default if name != "robot"}
+    kept = {name: getattr(default, name) for name in ("perturbation", "latency", "robot", "rotation_shim")}
+    often = parts["controller_server"].with_values(controller_frequency=1000.0)
+    wanted = default.with_values(**parts | kept | {"controller_server": often})
+    assert interpretation(document_of(wanted)).parameters == wanted
