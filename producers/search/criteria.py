@@ -39,18 +39,43 @@ def plan_text(spec: SearchSpec, runs: int, *, at_most: bool = False) -> str:
         at_most: Whether these are its most.
     """
     most = "up to " if at_most else ""
-    limits = [
-        f"{value:g} {name.replace('_', ' ')}" for each in spec.budget for name, value in each if value is not None
-    ]
-    stops = [name.replace("_", " ") for each in spec.stopping for name, value in each if value is not None]
-    ends = " or ".join([*limits, *stops, f"{spec.max_proposals} proposals"])
+    ends = " or ".join([*_limits(spec), *_stops(spec), f"{spec.max_proposals} proposals"])
     confirm = f", then {spec.confirm} fresh runs of the best" if spec.confirm else ""
     dimensions = "1 dimension" if len(spec.search_space) == 1 else f"{len(spec.search_space)} dimensions"
+    points = "1 point" if spec.per_batch == 1 else f"{spec.per_batch} points"
     beside = f" and as many by {spec.baseline} beside them" if spec.baseline else ""
     return (
-        f"search by {spec.strategy} of {dimensions} to {spec.direction} {spec.objective.name}, {spec.per_batch} points a "
-        f"batch{beside} with {most}{runs} runs each, until {ends}{confirm}"
+        f"search by {spec.strategy} of {dimensions} to {spec.direction} {spec.objective.name}, {points} a "
+        f"batch{beside} with {most}{runs} run{'s' * (runs > 1)} each, until {ends}{confirm}"
     )
+
+
+def _limits(spec: SearchSpec) -> Iterator[str]:
+    """Each amount of the budget, such as `5 batches`."""
+    for budget in spec.budget:
+        if budget.batches is not None:
+            yield f"{budget.batches} batch{'es' * (budget.batches > 1)}"
+        if budget.evaluations is not None:
+            yield f"{budget.evaluations} judged point{'s' * (budget.evaluations > 1)}"
+        if budget.runs is not None:
+            yield f"{budget.runs} run{'s' * (budget.runs > 1)}"
+        if budget.simulated_hours is not None:
+            yield f"{budget.simulated_hours:g} simulated hours"
+        if budget.time is not None:
+            yield f"{budget.time:g} s"
+
+
+def _stops(spec: SearchSpec) -> Iterator[str]:
+    """Each criterion of stopping, such as `coverage >= 0.3`."""
+    for stopping in spec.stopping:
+        if stopping.target_objective is not None:
+            op = ">=" if spec.direction == "maximize" else "<="
+            yield f"{spec.objective.name} {op} {stopping.target_objective:g}"
+        if stopping.no_improvement is not None:
+            patience = stopping.no_improvement.patience
+            yield f"no improvement in {patience} batch{'es' * (patience > 1)}"
+        if stopping.metric is not None:
+            yield f"{stopping.metric.name} {stopping.metric.op} {stopping.metric.value:g}"
 
 
 def best_of(evaluations: Sequence[Evaluation], direction: str) -> Evaluation | None:
@@ -82,10 +107,13 @@ def criteria(
         elapsed_s: Time on the clock.
     """
     told = [each for batch in batches for each in batch]
+    judged = sum(each.objective is not None for each in told)
     runs, hours = sum(each.runs for each in told), sum(each.simulated_s for each in told) / 3600.0
     for budget in spec.budget:
         if budget.batches is not None:
             yield Criterion(f"batches {len(batches)} of {budget.batches}", len(batches) >= budget.batches)
+        if budget.evaluations is not None:
+            yield Criterion(f"judged points {judged} of {budget.evaluations}", judged >= budget.evaluations)
         if budget.runs is not None:
             yield Criterion(f"runs {runs} of {budget.runs}", runs >= budget.runs)
         if budget.simulated_hours is not None:

@@ -129,8 +129,10 @@ class Budget(Section):
     """Batches of points."""
     time: Positive | None = None
     """Seconds on the clock."""
+    evaluations: Count | None = None
+    """Points that were judged: not those that can't be built."""
     runs: Count | None = None
-    """Not part of version 1 elsewhere."""
+    """Runs of all points together."""
     simulated_hours: Positive | None = None
     """Not part of version 1 elsewhere."""
 
@@ -154,7 +156,7 @@ class StopMetric(Section):
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the number, as the strategy reports it."""
-    op: Literal[">", ">=", "<", "<=", "==", "!="]
+    op: Literal[">", ">=", "<", "<=", "==", "!="] = ">="
     """Comparison of the number with `value`."""
     value: Number
     """What it is compared with, in the unit of the number."""
@@ -164,11 +166,15 @@ def _patience(value: Any) -> Any:
     return {"patience": value} if isinstance(value, int) and not isinstance(value, bool) else value
 
 
+def _target(value: Any) -> Any:
+    return value["value"] if isinstance(value, Mapping) and set(value) == {"value"} else value
+
+
 class Stopping(Section):
     """When the search ends before its budget is spent."""
 
-    target_objective: Number | None = None
-    """Value of the objective, in its unit, at which the search ends."""
+    target_objective: Annotated[Number, BeforeValidator(_target)] | None = None
+    """Value of the objective, in its unit, at which the search ends: a number, or `{value}`."""
     no_improvement: Annotated[NoImprovement, BeforeValidator(_patience)] | None = None
     """When the objective stands still: a number of batches, or `{patience, min_delta}`."""
     metric: StopMetric | None = None
@@ -197,7 +203,7 @@ class SearchSpec(Section):
     """Points that a strategy proposes, in place of `configuration`."""
 
     strategy: Annotated[str, Field(min_length=1)]
-    """`random`, `sobol`, `optuna`, `qd`, `boundary`, another of the entry points `vastflow.strategies`, or `file.py:Class`."""
+    """`random`, `sobol`, `halton`, `optuna`, `qd`, `boundary`, another of the entry points `vastflow.strategies`, or `file.py:Class`."""
     search_space: Annotated[dict[str, SearchDimension], Field(min_length=1)]
     """Name to domain. One that no `$name` stands for is a parameter of the scenario."""
     extract: Extract | None = None

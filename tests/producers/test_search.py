@@ -112,7 +112,7 @@ def test_a_plug_in_of_another_kind_leaves_the_file_valid_and_is_said(
         ({"domain": "{type: bool, values: [1]}"}, "'values' has no meaning for type bool; its type alone"),
         ({"domain": "{type: gaussian}"}, "6:18: search.search_space.gain.type: found 'gaussian'"),
         ({"domain": "{low: 0, high: 1}"}, "6:5: search.search_space.gain: no 'type'"),
-        ({"budget": "[{}]"}, "found {}; one of batches, time, runs, simulated_hours"),
+        ({"budget": "[{}]"}, "found {}; one of batches, time, evaluations, runs, simulated_hours"),
         ({"budget": "[]"}, "3:1: search: neither budget nor stopping; at least one of them"),
         ({"budget": "[{batches: 0}]"}, "13:22: search.budget[0].batches: found 0; 1 or more"),
         ({"budget": "[{batch: 5}]"}, "search.budget[0]: unknown key 'batch'; did you mean 'batches'?"),

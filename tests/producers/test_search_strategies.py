@@ -7,7 +7,7 @@ import pytest
 
 from vastflow.producers.search.boundary import Boundary, BoundaryParameters
 from vastflow.producers.search.conformance import CHECKS, check_strategy
-from vastflow.producers.search.criteria import best_of, criteria, runs_until
+from vastflow.producers.search.criteria import best_of, criteria, plan_text, runs_until
 from vastflow.producers.search.evaluation import Evaluation, Proposal
 from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Space
@@ -27,6 +27,8 @@ CVT = {"archive": {"type": "cvt", "cells": 16, "measures": {"x": {"low": 0, "hig
 STRATEGIES = {
     "random": ("random", {}, MIXED),
     "sobol": ("sobol", {}, MIXED),
+    "halton": ("halton", {}, MIXED),
+    "textbook halton": ("halton", {"scramble": False}, MIXED),
     "tpe": ("optuna", {}, MIXED),
     "cmaes": ("optuna", {"sampler": "cmaes"}, MIXED),
     "grid": ("qd", ARCHIVE, MIXED),
@@ -91,6 +93,16 @@ def test_sobol_fills_halves_of_every_axis_evenly():
     assert sum(point["x"] < 0 for point in points) == sum(point["y"] < 0 for point in points) == 8
 
 
+def test_halton_without_scrambling_is_the_textbooks_sequence_across_batches():
+    kind, parameters, problem = strategy("halton", {"scramble": False}, PLANE)
+    found = kind(parameters, problem)
+    points = [point for batch in range(2) for point in found.ask(batch, 2)]
+    units = [(0, 0), (1 / 2, 1 / 3), (1 / 4, 2 / 3), (3 / 4, 1 / 9)]  # radical inverses of 0 to 3 to the bases 2 and 3
+    assert [(point["x"], point["y"]) for point in points] == [
+        pytest.approx((4 * x - 2, 4 * y - 2), abs=1e-12) for x, y in units
+    ]
+
+
 def test_a_search_by_optuna_comes_nearer_than_one_at_random():
     def objective(point):
         return -((point["x"] - 1) ** 2) - (point["y"] + 1) ** 2
@@ -149,11 +161,15 @@ def test_runs_are_counted_until_a_point_is_as_good(objective, direction, runs):
     [
         ({"budget": {"batches": 2}}, "batches 2 of 2"),
         ({"budget": {"runs": 20}}, "runs 20 of 20"),
+        ({"budget": {"evaluations": 4}}, "judged points 4 of 4"),
+        ({"budget": {"evaluations": 5}}, None),
         ({"budget": {"simulated_hours": 4}}, "simulated hours 4.00 of 4"),
         ({"stopping": {"target_objective": 0.7}}, "objective 0.8, target 0.7"),
+        ({"stopping": {"target_objective": {"value": 0.7}}}, "objective 0.8, target 0.7"),
         ({"stopping": {"no_improvement": 1}}, "batches without improvement 1 of 1"),
         ({"stopping": {"no_improvement": {"patience": 2, "min_delta": 0.5}}}, None),
         ({"stopping": {"metric": {"name": "coverage", "op": ">=", "value": 0.3}}}, "coverage 0.4 >= 0.3"),
+        ({"stopping": {"metric": {"name": "coverage", "value": 0.3}}}, "coverage 0.4 >= 0.3"),
         ({"budget": {"batches": 9}, "max_proposals": 4}, "proposals 4 of 4"),
         ({"budget": {"batches": 3}}, None),
     ],
@@ -161,3 +177,20 @@ def test_runs_are_counted_until_a_point_is_as_good(objective, direction, runs):
 def test_a_search_ends_at_the_criterion_that_is_met_first(asked, met):
     found = list(criteria(spec(**asked), batches([0.2, 0.8], [0.8, 0.1]), {"coverage": 0.4}, 0.0))
     assert next((each.text for each in found if each.met), None) == met
+
+
+def test_a_plan_names_each_end_with_its_unit():
+    asked = spec(
+        per_batch=4,
+        budget=[{"batches": 1}, {"evaluations": 20}, {"runs": 60}, {"simulated_hours": 2}, {"time": 90}],
+        stopping=[
+            {"target_objective": 0.9},
+            {"no_improvement": 3},
+            {"metric": {"name": "coverage", "op": ">", "value": 0.3}},
+        ],
+    )
+    assert plan_text(asked, 5) == (
+        "search by random of 1 dimension to maximize failure_rate, 4 points a batch with 5 runs each, until 1 batch or "
+        "20 judged points or 60 runs or 2 simulated hours or 90 s or failure_rate >= 0.9 or no improvement in 3 batches or "
+        "coverage > 0.3 or 1000 proposals, then 60 fresh runs of the best"
+    )
