@@ -14,8 +14,8 @@ from vastflow.sim.reading.names import did_you_mean
 class MapSearch:
     """Finds the maps of one campaign file.
 
-    A map is looked for below the file's folder first, then by the same relative path below `map_dir`. Where it was found is in no
-    digest: those cover what the maps hold.
+    A map is looked for below the file's folder first, then by the same relative path below `map_dir`. Of an absolute path, which is one
+    of another machine, the longest end counts that is there. Where it was found is in no digest: those cover what the maps hold.
 
     Attributes:
         base: The campaign file's folder.
@@ -39,17 +39,18 @@ class MapSearch:
         if is_file(path):
             return map_content(path)
         if self.map_dir is None:
-            if Path(name).is_absolute() or os.path.lexists(path):
+            if os.path.lexists(path):
                 return map_content(path)
             raise MissingMap(
                 f"{path}: no such file; a map is a map_server YAML file, here or at this place in a folder that --map-dir names"
             )
-        there = self.map_dir / name
-        if not is_file(there):
+        there = [self.map_dir / end for end in _ends(name)]
+        borrowed = next((each for each in there if is_file(each)), None)
+        if borrowed is None:
             offered = self._offered()
             right = did_you_mean(name, offered) if offered else f"another --map-dir; {self.map_dir} has no map"
-            raise MissingMap(f"{path}: no such file, and no {there}; {right}")
-        found = map_content(there)
+            raise MissingMap(f"{path}: no such file, and no {there[-1]}; {right}")
+        found = map_content(borrowed)
         self.borrowed[found.path] = name
         return found
 
@@ -59,3 +60,9 @@ class MapSearch:
         patterns = ("*.yaml", "*/*.yaml", "*/*/*.yaml")
         found = [file for pattern in patterns for file in self.map_dir.glob(pattern)]
         return sorted(Path(os.path.relpath(file, self.map_dir)).as_posix() for file in found)
+
+
+def _ends(name: str) -> list[str]:
+    """What to look for below another folder: a relative path as it is, of an absolute one its ends, the longest first."""
+    parts = Path(name).parts
+    return ["/".join(parts[k:]) for k in range(1, len(parts))] if Path(name).is_absolute() else [name]

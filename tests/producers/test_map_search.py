@@ -71,6 +71,22 @@ def test_a_map_in_neither_place_says_both_and_the_nearest_there_is(places):
         MapSearch(base, maps).content("hall/map.yaml")
 
 
+@pytest.mark.parametrize("name", ["/opt/share/halls/map.yaml", "/halls/map.yaml"])
+def test_an_absolute_path_of_another_machine_is_found_by_its_longest_end(places, name):
+    base, maps = places
+    shutil.copy(base / "beside.yaml", maps / "map.yaml")
+    search = MapSearch(base, maps)
+    found = search.content(name)
+    assert found.path == str(maps / "halls" / "map.yaml")
+    assert search.borrowed == {found.path: name}
+
+
+def test_an_absolute_path_with_no_end_in_the_folder_of_maps_is_missing_there(places):
+    base, maps = places
+    with pytest.raises(MapError, match=r"/opt/other\.yaml: no such file, and no .*maps/other\.yaml; known: "):
+        MapSearch(base, maps).content("/opt/other.yaml")
+
+
 def test_a_folder_without_maps_says_so(places, tmp_path):
     base, _ = places
     (tmp_path / "empty").mkdir()
