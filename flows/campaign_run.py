@@ -348,9 +348,8 @@ def _stopping(campaign: Campaign) -> "Stopping | None":
 
 
 def _asked(request: RunRequest, campaign: Campaign, inputs: Inputs) -> Asked:
-    maps = request.map_dir if campaign.borrowed_maps else None
     runs = campaign.runs_asked(request.runs, request.sample)
-    return Asked(campaign.path.name, runs, request.only, inputs.places, request.sample, maps, request.as_v1)
+    return Asked(campaign.path.name, runs, request.only, inputs.places, request.sample, request.as_v1)
 
 
 class CampaignClock:

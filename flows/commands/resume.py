@@ -47,8 +47,9 @@ def resume(
         "sample": before.sample,
         "as_v1": before.as_v1,
     }
-    with replica(directory, before) as file:
-        run_and_show(asked_request(file, {**asked, **selected}), as_json)
+    with replica(directory, before) as laid_out:
+        request = asked_request(laid_out.file, {**asked, **selected, "map_dir": laid_out.map_dir})
+        run_and_show(request, as_json)
 
 
 def _directory(results: Path) -> Path:

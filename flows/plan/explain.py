@@ -139,9 +139,15 @@ def _today(past: Past, name: str, store: str | None) -> tuple[DryRun | None, str
     """What a run of one configuration would do, and why that can't be told."""
     asked = asked_of(past.metadata)
     try:
-        with replica(past.directory, asked) as file:
+        with replica(past.directory, asked) as laid_out:
             found = dry_run(
-                file, runs=asked.fixed_runs, store=store, only=[name], as_v1=asked.as_v1, since=past.directory
+                laid_out.file,
+                runs=asked.fixed_runs,
+                store=store,
+                only=[name],
+                map_dir=laid_out.map_dir,
+                as_v1=asked.as_v1,
+                since=past.directory,
             )
             return found, ""
     except UnusableDirectory as error:

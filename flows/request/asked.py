@@ -20,7 +20,6 @@ class Asked:
         only: Names of families or configurations; empty for all.
         places: File from outside of the campaign file's folder, relative to that, to its place below `inputs/`.
         sample: How many distinct configurations, drawn from those; None for all.
-        map_dir: Folder of maps that were not beside the file; the maps themselves are among the inputs, beside it.
         as_v1: Whether every obstacle was placed as version 1 of RoboVAST does, whatever the file says.
         sequential: Whether they end by the file's rule.
     """
@@ -30,7 +29,6 @@ class Asked:
     only: tuple[str, ...] = ()
     places: Mapping[str, str] = field(default_factory=dict)
     sample: int | None = None
-    map_dir: str | None = None
     as_v1: bool = False
     sequential: bool = False
 
@@ -61,7 +59,6 @@ def asked_of(metadata: Mapping[str, Any]) -> Asked:
         tuple(said["only"]),
         said["places"],
         said.get("sample"),
-        said.get("map_dir"),
         bool(said.get("as_v1")),
         bool(metadata.get(SEQUENTIAL)),
     )

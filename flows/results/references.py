@@ -99,8 +99,8 @@ def _evaluations(
 
     try:
         asked = asked_of(metadata)
-        with replica(directory, asked) as file:
-            campaign = read_campaign(file, as_v1=asked.as_v1)[0]
+        with replica(directory, asked) as laid_out:
+            campaign = read_campaign(laid_out.file, laid_out.map_dir, as_v1=asked.as_v1)[0]
             if campaign.search is not None:
                 return None  # which points it proposed only its verdicts tell
             Instantiator(campaign, store, keys, tree).instantiated(stored)

@@ -4,6 +4,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,9 +15,21 @@ from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.producers.faults import CampaignError
 
 
+@dataclass(frozen=True)
+class Replica:
+    """A campaign file that reads as it did.
+
+    Attributes:
+        map_dir: Folder of the maps that the file names from the root of the file system, for those that are no longer there.
+    """
+
+    file: Path
+    map_dir: Path
+
+
 @contextmanager
-def replica(directory: Path, asked: Asked) -> Iterator[Path]:
-    """A copy of the campaign file, in a folder for as long as the body takes, that reads as it did.
+def replica(directory: Path, asked: Asked) -> Iterator[Replica]:
+    """A copy of the campaign file and its inputs, in a folder for as long as the body takes.
 
     Raises:
         UnusableDirectory: an input is not in the directory, or one that the file names from the root of the file
@@ -24,27 +37,28 @@ def replica(directory: Path, asked: Asked) -> Iterator[Path]:
     """
     with TemporaryDirectory(prefix="vastflow-") as folder:
         try:
-            file = _laid_out(directory, asked, Path(folder))
+            laid_out = _laid_out(directory, asked, Path(folder))
         except OSError as error:
             raise UnusableDirectory(f"{directory}: its inputs can't be read: {error}") from None
         kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
         try:
-            found = inputs_of(*read_campaign(file, as_v1=asked.as_v1))
+            found = inputs_of(*read_campaign(laid_out.file, laid_out.map_dir, as_v1=asked.as_v1))
         except CampaignError as error:
-            words = str(error).replace(str(file), str(directory / "campaign.vast")).replace(folder, "")
+            words = str(error).replace(str(laid_out.file), str(directory / "campaign.vast")).replace(folder, "")
             raise UnusableDirectory(f"{directory}: its inputs can't be read any more: {words}") from None
         if other := sorted(name for name, content in found.files.items() if content not in kept):
             raise UnusableDirectory(
                 f"{directory}: {', '.join(other)} is another file now than in its inputs; put back the one that was used, "
                 "or run the campaign file itself"
             )
-        yield file
+        yield laid_out
 
 
-def _laid_out(directory: Path, asked: Asked, folder: Path) -> Path:
+def _laid_out(directory: Path, asked: Asked, folder: Path) -> Replica:
     """Copy the inputs into `folder`, those from outside of the campaign file's folder outside of it again."""
     above = max((Path(place).parts.count("..") for place in asked.places), default=0)
-    base = folder.joinpath(*["campaign"] * (above + 1))
+    root = folder / "campaign"
+    base = root.joinpath(*["campaign"] * above)
     base.mkdir(parents=True)
     inputs, outside = directory / "inputs", set(asked.places.values())
     for path in sorted(inputs.rglob("*")):
@@ -56,7 +70,7 @@ def _laid_out(directory: Path, asked: Asked, folder: Path) -> Path:
             _copy(inputs / name, Path(os.path.normpath(base / place)))
     file = base / asked.file
     _copy(directory / "campaign.vast", file)
-    return file
+    return Replica(file, root)
 
 
 def _copy(source: Path, target: Path) -> None:

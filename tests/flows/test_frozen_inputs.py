@@ -97,8 +97,8 @@ def test_a_campaign_directory_is_complete_without_the_campaigns_folder(
     assert "not_used.py" not in kept
     shutil.rmtree(tmp_path / "all")
     shutil.rmtree(tmp_path / "cache")
-    with replica(directory, Asked("x.vast", 1, (), inputs.places)) as file:
-        again, judges_again = read_campaign(file)
+    with replica(directory, Asked("x.vast", 1, (), inputs.places)) as laid_out:
+        again, judges_again = read_campaign(laid_out.file)
         assert campaign_keys(installed_tree(), 0, judges_again) == keys
         assert installed_tree().plug_in_digest(type(again.families[0].producers[0])) == producer
     shutil.rmtree(directory / "inputs" / "lib")

@@ -75,7 +75,7 @@ def directory(small_room, tmp_path, tree):
 def written(path, root, tree, only=(), sample=None, map_dir=None, as_v1=False):
     campaign, oracles = read_campaign(path, map_dir, as_v1=as_v1)
     inputs, keys = inputs_of(campaign, oracles), campaign_keys(tree, campaign.seed, oracles)
-    asked = Asked(path.name, 3, tuple(only), inputs.places, sample, map_dir and str(map_dir), as_v1)
+    asked = Asked(path.name, 3, tuple(only), inputs.places, sample, as_v1)
     return write_results(
         root,
         campaign,
@@ -98,7 +98,7 @@ def asked_again(monkeypatch):
     calls = []
 
     def run_campaign(request, *, observer):
-        campaign, _ = read_campaign(Path(request.campaign))
+        campaign, _ = read_campaign(Path(request.campaign), request.map_dir and Path(request.map_dir))
         digests = [c.scenario.digest for c in instantiate(campaign).configurations]
         calls.append({"digests": digests, **request.model_dump()})
         raise KeyboardInterrupt
@@ -152,6 +152,19 @@ def test_maps_of_another_folder_are_kept_as_if_they_lay_beside_the_file(name, sm
     assert asked_again[0]["digests"] == digests
 
 
+def test_a_map_named_from_the_root_of_another_machine_is_among_the_inputs(small_room, tmp_path, tree, asked_again):
+    maps = tmp_path / "maps"
+    maps.mkdir()
+    for moved in ("room.yaml", "room.pgm"):
+        shutil.move(small_room.with_name(moved), maps / moved)
+    small_room.write_text(small_room.read_text().replace("room.yaml", "/opt/elsewhere/maps/room.yaml"))
+    directory = written(small_room, tmp_path / "results", tree, map_dir=maps)
+    digests = [c.scenario.digest for c in instantiate(read_campaign(small_room, maps)[0]).configurations]
+    shutil.rmtree(maps)
+    resumed(directory)
+    assert asked_again[0]["digests"] == digests
+
+
 def test_floor_plans_and_their_variations_are_among_the_inputs(tmp_path, tree, asked_again):
     folder = tmp_path / "campaign"
     folder.mkdir()
@@ -173,9 +186,9 @@ def test_obstacles_are_placed_by_the_rule_by_which_they_were(small_room, tmp_pat
 
 
 def test_the_copy_of_the_inputs_is_gone_afterwards(directory):
-    with replica(directory, asked_of(json.loads((directory / "metadata.json").read_text()))) as file:
-        folder = file.parent
-        assert file.name == "room.vast" and (folder / "../maps/room.yaml").is_file()
+    with replica(directory, asked_of(json.loads((directory / "metadata.json").read_text()))) as laid_out:
+        folder = laid_out.file.parent
+        assert laid_out.file.name == "room.vast" and (folder / "../maps/room.yaml").is_file()
     assert not folder.exists()
 
 
@@ -186,8 +199,8 @@ def test_a_file_named_from_the_root_that_is_another_by_now_is_refused(small_room
     small_room.write_text(small_room.read_text().replace("room.yaml", str(outside)))
     directory = written(small_room, tmp_path / "results", tree)
     asked = asked_of(json.loads((directory / "metadata.json").read_text()))
-    with replica(directory, asked) as file:
-        assert file.is_file()
+    with replica(directory, asked) as laid_out:
+        assert laid_out.file.is_file()
     outside.write_text(outside.read_text().replace("0.05", "0.1"))
     with (
         pytest.raises(UnusableDirectory, match=r"room\.yaml is another file now than in its inputs; put back"),
