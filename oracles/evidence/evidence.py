@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from vastflow.oracles.directory.verdict_table import MetricColumn
 from vastflow.oracles.evidence.rates import LEVEL, Counts, Interval, clustered, pooled
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, wilson_intervals
 
+SOUGHT: Final = "search"
+"""Family of the points that a search's strategy chose."""
+
 
 @dataclass(frozen=True, eq=False)
 class Group:
@@ -22,10 +25,12 @@ class Group:
     Attributes:
         members: Name to the runs of each configuration.
         tables: Where their blocks stand.
+        sought: Whether a search chose them by what others came to: then nothing follows for others of their kind.
     """
 
     members: Mapping[str, Counts] = field(repr=False)
     tables: Tables = field(repr=False)
+    sought: bool = False
 
     @cached_property
     def counts(self) -> Counts:
@@ -39,10 +44,12 @@ class Group:
 
     @cached_property
     def clustered(self) -> Interval | None:
-        """Interval for other configurations of their kind; None for fewer than two.
+        """Interval for other configurations of their kind; None for fewer than two, and where they were sought.
 
         It takes reading every scenario, which a terminal that does not show it need not wait for.
         """
+        if self.sought:
+            return None
         blocks = self.tables.blocks
         return clustered(list(self.members.values()), blocks=[blocks[name] for name in self.members])
 
@@ -112,7 +119,7 @@ def evidence_json(
             "exact": "Clopper-Pearson interval of the same: at least the level whatever the rate, and wider",
             "clustered": "beta-binomial interval, averaged over the intraclass correlation, with blocks as clusters, configurations on "
             "one map with one task, or with configurations where there is one block: what to expect of others of the kind; null for fewer "
-            "than two",
+            "than two, and for points that a search chose",
         },
         "all_oracles": _document(evidence[None], {}),
         "oracles": {oracle: _document(evidence[oracle], spreads[oracle]) for oracle in tables.oracles},
@@ -128,9 +135,10 @@ def _evidence(tables: Tables, oracle: str | None) -> Evidence:
     found = dict(zip(tables.configurations.names, counts, strict=True))
     families = {family: {name: found[name] for name in members} for family, members in tables.families.items()}
     configurations = {name: counts for members in families.values() for name, counts in members.items()}
+    searched = bool(tables.metadata.get("search"))
     return Evidence(
-        Group(configurations, tables),
-        {family: Group(members, tables) for family, members in families.items()},
+        Group(configurations, tables, searched),
+        {family: Group(members, tables, searched and family == SOUGHT) for family, members in families.items()},
         configurations,
         tables.families,
     )

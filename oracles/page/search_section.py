@@ -57,7 +57,7 @@ def _searched(said: Mapping[str, Any]) -> str:
     aim = f"to {said['direction']} {said['objective'].replace('_', ' ')}"
     spent = f"{said['proposals']} points in {said['batches']} batches, {said['runs']} runs"
     rejected = f", {said['rejected']} points that could not be built" if said["rejected"] else ""
-    return f"{said['strategy']} over {space}, {aim}: {spent}{rejected}. It ended at {said['ended_by']}."
+    return f"{said['strategy']} over {space}, {aim}: {spent}{rejected}. What ended it: {said['ended_by']}."
 
 
 def _domain(dimension: Mapping[str, Any]) -> str:

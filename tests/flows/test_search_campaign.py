@@ -265,6 +265,13 @@ def test_random_search_beside_has_as_many_points_and_changes_nothing_of_the_sear
     assert {row["family"] for row in rows(both, "configurations")} == {"search", "random"}
 
 
+def test_nothing_is_said_of_others_from_points_that_a_search_chose_but_from_random_ones(run):
+    evidence = json.loads((run(more=f"{BATCHES}\n  baseline: random").directory / "evidence.json").read_text())
+    said = evidence["all_oracles"]
+    assert said["campaign"]["clustered"] is None and said["families"]["search"]["clustered"] is None
+    assert said["families"]["random"]["clustered"] is not None
+
+
 def test_a_space_in_which_nothing_can_be_built_ends(run):
     result = run(limit=-1, more="  budget: [{runs: 100}]\n  max_proposals: 10")
     assert found(result)["ended_by"] == "proposals 10 of 10" and found(result)["best"] is None
