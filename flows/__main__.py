@@ -4,6 +4,7 @@ A spawned worker may import this module again, and `--help` must not wait: Prefe
 imported inside the commands.
 """
 
+import gc
 import sys
 from typing import Annotated, Any
 
@@ -34,6 +35,7 @@ from vastflow.flows.commands.show import show
 from vastflow.flows.commands.store import store
 from vastflow.flows.terminal.exit_code import BAD_INPUT
 from vastflow.sim.user_error import UserError
+from vastflow.tasks.garbage import few_collections
 
 
 class Commands(TyperGroup):
@@ -104,7 +106,11 @@ app.add_typer(store, name="store")
 
 def main() -> None:
     """Run the command that the arguments name."""
-    app()
+    try:
+        with few_collections():
+            app()
+    finally:
+        gc.freeze()  # Python looks for garbage once more before it ends, which ends all of it anyway
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Garbage collection of a process that holds very many values, and drops few of them."""
+"""Garbage collection of a process that makes very many values, and drops few of them."""
 
 import gc
 from collections.abc import Iterator
@@ -10,8 +10,8 @@ _THRESHOLDS: Final = (50_000, 20, 100)
 
 @contextmanager
 def few_collections() -> Iterator[None]:
-    """Let Python look for cycles seldom: the hundred thousands of values of a campaign, which live to its end, would be looked
-    at again and again, for a third of the time that a call takes in which nothing is missing."""
+    """Let Python look for cycles seldom: what is imported stays, and the hundred thousands of values of a campaign live to its
+    end. They would be looked at again and again, for a third of the time that a call takes in which nothing is missing."""
     before = gc.get_threshold()
     if 0 < before[0] < _THRESHOLDS[0]:
         gc.set_threshold(*_THRESHOLDS)
