@@ -15,7 +15,7 @@ NOTHING = "nothing but the map and the path"
 
 def comment_of(failing: Failing, minimum: Minimum) -> str:
     """The first lines of the campaign file that is written."""
-    cause = ", ".join(each.text for each in minimum.cause) or NOTHING
+    cause = ", ".join(f"{each.text}{_level(minimum, each)}" for each in minimum.cause) or NOTHING
     left = "".join(f"# Not tried without: {each.text}.\n" for each in minimum.not_tried)
     return (
         f"# {failing.name} of {failing.directory.resolve().name}, minimized: {_confirmed(minimum)}.\n"
@@ -99,5 +99,6 @@ def _level(minimum: Minimum, circumstance: Circumstance) -> str:
     level = dict(minimum.candidate.levels).get(circumstance)
     if level is None:
         return ""
-    toward = "" if not circumstance.can_be_left_out else f" from {circumstance.default:g}"
-    return f", {level}/{LEVELS} of it{toward}"
+    if not circumstance.can_be_left_out:
+        return f", {level}/{LEVELS} of it"
+    return f" at {level}/{LEVELS} of the distance from its default {circumstance.default:g}"

@@ -119,8 +119,13 @@ class Subject:
     def _system(self) -> Iterator[Circumstance]:
         for key, value in self.values.items():
             if self.dimensions[key] == "system":
-                shown = value.path.rpartition("/")[2] if isinstance(value, FileContent) else value
-                yield Circumstance("parameter", key, None, f"{key} {shown}", _default(key, value))
+                yield Circumstance("parameter", key, None, f"{key} {_shown(value)}", _default(key, value))
+
+
+def _shown(value: Value) -> str:
+    if isinstance(value, FileContent):
+        return value.path.rpartition("/")[2]
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _default(key: str, value: Value) -> float | None:
