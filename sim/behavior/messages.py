@@ -59,7 +59,7 @@ def message(simulation: Simulation, topic: str) -> Any:
                 "twist": {"twist": _twist(m, "odom"), "covariance": [0.0] * 36},
             }
         case "/plan":
-            points = simulation.frame.points_to_map(simulation.stack.route.path[: int(m["path_n"])]).tolist()
+            points = simulation.frame.points_to_map(simulation.stack.route.path[: int(m["path_n"]), :2]).tolist()
             poses = [{**_header(now_s, "map"), "pose": _pose(Pose(x_m, y_m))} for x_m, y_m in points]
             return {**_header(now_s, "map"), "poses": poses}
         case "/scan":

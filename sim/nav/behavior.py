@@ -11,7 +11,7 @@ from vastflow.sim.kernels.numeric import inner
 from vastflow.sim.nav import rotation_shim
 from vastflow.sim.nav.controllers.binding import Bound, compute_velocity, reset, set_plan
 from vastflow.sim.nav.controllers.controller import ControllerInput
-from vastflow.sim.nav.controllers.local_plan import local_plan
+from vastflow.sim.nav.controllers.local_plan import local_plan, renew
 from vastflow.sim.nav.footprint import outline_hits
 from vastflow.sim.nav.latency import cycle_begins, order, order_when_computed
 from vastflow.sim.nav.planning import plan
@@ -185,7 +185,8 @@ def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
     lap(m, PLANNER)
     if code == 0:
         set_plan(controller)
-        rotation_shim.renew(m)
+        renew(p, m, route.path)
+        rotation_shim.renew(p, m)
         m.planner_code, m.plan_retries = 0, 0
         m.replan_in = (REPLAN_THROUGH_POSES_TICKS if through_poses else REPLAN_TICKS) - 1
         return True

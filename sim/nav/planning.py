@@ -62,7 +62,8 @@ def plan(p: Any, m: Any, g: Grids, route: Route) -> int:
         if planned == 0:
             return NO_VALID_PATH
     for i in range(planned):
-        route.path[i, 0], route.path[i, 1] = route.draft[i, 0], route.draft[i, 1]
+        for k in range(3):
+            route.path[i, k] = route.draft[i, k]
     m.path_n, m.path_i = planned, 0
     m.goal_x, m.goal_y, m.goal_yaw = m.end_x, m.end_y, route.goals[last, 2]
     m.latched = 0
@@ -84,6 +85,7 @@ def _searched(p: Any, m: Any, g: Grids, route: Route, last: int) -> int:
         if n < 0:
             return n
         planned, start = first + n, goal
+        route.draft[planned - 1, 2] = goal[2]
     m.end_x, m.end_y = route.draft[planned - 1, 0], route.draft[planned - 1, 1]
     return int(planned)
 
@@ -100,7 +102,7 @@ def _flooded(p: Any, m: Any, g: Grids, route: Route, column: int, row: int, last
         n = _plan_leg(p, m, g, route, leg, column, row, route.goals[k, 0], route.goals[k, 1])
         if n == 0 or planned + n + 1 > route.draft.shape[0]:
             return 0
-        planned = _to_map(p, route.leg, n, m.end_x, m.end_y, route.draft, planned)
+        planned = _to_map(p, route.leg, n, (m.end_x, m.end_y, route.goals[k, 2]), route.draft, planned)
     return int(planned)
 
 
@@ -231,16 +233,20 @@ def _flood_within_bounds(m: Any, g: Grids, bounds: Bounds, leg: int, start: Cell
 
 
 @inner
-def _to_map(p: Any, leg: Any, n: int, end_x_m: float, end_y_m: float, out: Any, at: int) -> int:
-    """Put `leg`, turned round, behind `out[:at]` in meters, ending at the exact goal; the number of points then there."""
-    resolution = p.resolution
+def _to_map(p: Any, leg: Any, n: int, goal: Any, out: Any, at: int) -> int:
+    """Put `leg`, turned round, behind `out[:at]` in meters, ending at the exact goal; the number of poses then there.
+
+    NavFn gives every pose but the goal's the map's own heading.
+    """
+    resolution, (end_x_m, end_y_m, end_yaw_rad) = p.resolution, goal
     for i in range(n):
         out[at + i, 0] = p.origin_x + leg[n - 1 - i, 0] * resolution
         out[at + i, 1] = p.origin_y + leg[n - 1 - i, 1] * resolution
+        out[at + i, 2] = 0.0
     end = at + n
     if n > 1:
         last, before = out[end - 1], out[end - 2]
         if math.hypot(last[0] - before[0], last[1] - before[1]) > math.hypot(end_x_m - before[0], end_y_m - before[1]):
             end -= 1
-    out[end, 0], out[end, 1] = end_x_m, end_y_m
+    out[end, 0], out[end, 1], out[end, 2] = end_x_m, end_y_m, end_yaw_rad
     return end + 1

@@ -10,9 +10,12 @@ from vastflow.sim.world.robot import wrapped
 
 
 @inner
-def renew(m: Any) -> None:
-    """A new path: its heading is due again, and its goal has not been reached."""
-    m.heading_due, m.shim_at_goal = 1, 0
+def renew(p: Any, m: Any) -> None:
+    """A new path: its heading is due again, of paths to the same pose once, and its goal has not been reached."""
+    same = m.shim_planned != 0 and m.shim_turns == 0
+    same = same and m.shim_end_x == m.goal_x and m.shim_end_y == m.goal_y and m.shim_end_yaw == m.goal_yaw
+    m.heading_due, m.shim_at_goal = int(not (same and p.rotation_shim.rotate_to_heading_once != 0)), 0
+    m.shim_planned, m.shim_end_x, m.shim_end_y, m.shim_end_yaw = 1, m.goal_x, m.goal_y, m.goal_yaw
 
 
 @inner
@@ -20,7 +23,7 @@ def turn(p: Any, m: Any, window: Window, path: Any, w_radps: float, dt_s: float)
     """(turns, ω): whether the robot turns in place in this cycle, and how fast; else the controller has the turn.
 
     Args:
-        path: (N, 2) whose first `m.path_n` points are the path, in the map's frame.
+        path: (N, 3) whose first `m.path_n` poses are the path, in the map's frame.
         w_radps: Yaw rate by odometry.
     """
     q = p.rotation_shim

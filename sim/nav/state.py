@@ -111,8 +111,8 @@ _REAL: Final = (
         "last_x",
         "last_y",
     ),
-    # Yaw rate that the Rotation Shim or the controller in it ordered last.
-    "shim_w",
+    # Yaw rate that the Rotation Shim or the controller in it ordered last; end of the path that the shim had last.
+    *("shim_w", "shim_end_x", "shim_end_y", "shim_end_yaw"),
     # When the last lap of a profile ended.
     "lapped",
 )
@@ -122,9 +122,9 @@ _WHOLE: Final = (
     *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
     *("odometry_step", "scans_taken", "scans_used", "swept", "smoother_step", "pending_step", "busy_step", "cycle_due"),
     *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
-    *("path_n", "path_i", "floods"),
+    *("path_n", "path_i", "path_end", "floods"),
     *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick", "command_tick"),
-    *("heading_due", "shim_turns", "shim_at_goal"),
+    *("heading_due", "shim_turns", "shim_at_goal", "shim_planned"),
     *("attempts", "round_robin", "tried", "follow_retries", "plan_retries"),
     *("planner_code", "controller_code", "error_code", "recoveries", "missed", "profiling"),
 )
@@ -203,7 +203,7 @@ class Local(NamedTuple):
 
 
 class Route(NamedTuple):
-    """Goals (G, 3) x, y, yaw, and points (M, 2): the path and the one being planned in meters, a leg of it in cells.
+    """Poses x, y, yaw: goals (G, 3), the path and the one being planned (M, 3); points (M, 2) of a leg of it in cells.
 
     Attributes:
         bounds: Of NavFn's legs of a path.
@@ -343,9 +343,9 @@ def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int, planner: 
     path_points = (leg_points + 1) * legs
     return Route(
         goals=np.array([[goal.x_m, goal.y_m, goal.yaw_rad] for goal in goals]).reshape(-1, 3),
-        path=np.zeros((path_points, 2)),
+        path=np.zeros((path_points, 3)),
         leg=np.zeros((leg_points, 2)),
-        draft=np.zeros((path_points, 2)),
+        draft=np.zeros((path_points, 3)),
         ahead=np.zeros((AHEAD_POINTS, 2)),
         bounds=new_bounds(legs, least),
         planner=planner,

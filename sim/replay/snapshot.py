@@ -164,7 +164,7 @@ def snapshot_of(stack: Stack, moment: Moment, box: Box) -> TickSnapshot:
     """
     m, p, frame = stack.m[0], stack.p[0], _frame(stack)
     odom = Pose(float(m["map_odom_x"]), float(m["map_odom_y"]), float(m["map_odom_yaw"]))
-    plan = stack.route.path[int(m["path_i"]) : int(m["path_n"])].copy()
+    plan = stack.route.path[int(m["path_i"]) : int(m["path_n"]), :2].copy()
     costs, resolution_m = stack.grids.costs, float(p["resolution"])
     origin = float(p["origin_x"]), float(p["origin_y"])
     particles = stack.cloud.particles[:, : int(m["particles"])].T
@@ -240,7 +240,7 @@ def _ahead(stack: Stack) -> NDArray[np.float64]:
     memory, path = stack.m.copy(), stack.route.path
     n = _cut_plan(stack.p, memory, stack.local.window, path, np.empty_like(stack.route.ahead))
     first = int(memory[0]["path_i"])
-    ahead: NDArray[np.float64] = path[first : first + n].copy()
+    ahead: NDArray[np.float64] = path[first : first + n, :2].copy()
     return ahead
 
 

@@ -374,9 +374,11 @@ def _cut(answers: Mapping[str, Any], case: int, controller: Controller) -> tuple
     c, s = math.cos(m["map_odom_yaw"]), math.sin(m["map_odom_yaw"])
     x, y, _ = answers["pose_odom"][case]
     m["x"], m["y"] = m["map_odom_x"] + c * x - s * y, m["map_odom_y"] + s * x + c * y
-    m["path_n"], m["goal_yaw"] = len(path), answers["goal_yaw_map"][case]
+    m["path_n"] = m["path_end"] = len(path)
+    poses = np.column_stack([path[:, :2], np.zeros(len(path))])
+    poses[-1, 2] = answers["goal_yaw_map"][case]
     out = np.zeros((AHEAD_POINTS, 2))
-    n, end_yaw_rad = _local_plan(parameters, memory, window, path, out)
+    n, end_yaw_rad = _local_plan(parameters, memory, window, poses, out)
     return out[:n].copy(), end_yaw_rad
 
 

@@ -117,7 +117,7 @@ def excess(stack: Stack) -> float:
     if len(fresh) < 2:
         return float("nan")
     travel = travel_costs(grids.costs)
-    used = (stack.route.path[: int(m["path_n"])] - origin) / resolution_m
+    used = (stack.route.path[: int(m["path_n"]), :2] - origin) / resolution_m
     return cost_along(used, travel) / cost_along(ended(fresh, used[-1]), travel) - 1.0
 
 

@@ -75,8 +75,8 @@ def plans_of(occupancy: OccupancyMap) -> Iterator[tuple[str, Plan]]:
 
         def search(start: Pose, goal: Pose, planner: Planner = planner) -> NDArray[np.float64]:
             ends = [(at.x_m, at.y_m, at.yaw_rad) for at in (start, goal)]
-            given = PlannerInput(costs, place, outline, ends[0], ends[1], np.zeros((16 * max(costs.shape), 2)))
-            return np.asarray(given.path[: max(planned(planner, given), 0)])
+            given = PlannerInput(costs, place, outline, ends[0], ends[1], np.zeros((16 * max(costs.shape), 3)))
+            return np.asarray(given.path[: max(planned(planner, given), 0), :2])
 
         yield name, search
 

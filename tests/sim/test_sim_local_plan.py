@@ -7,7 +7,7 @@ import pytest
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers.controller import PlanCut
-from vastflow.sim.nav.controllers.local_plan import local_plan
+from vastflow.sim.nav.controllers.local_plan import local_plan, renew
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.state import AHEAD_POINTS, MEMORY
 from vastflow.sim.nav.window import Window
@@ -18,17 +18,24 @@ def cut(parameters, memory, window, path, out):
     return local_plan(parameters[0], memory[0], window, path, out)
 
 
+@njit
+def renewed(parameters, memory, path):
+    renew(parameters[0], memory[0], path)
+
+
 class Follower:
     """A robot with a path in the map frame, and a window of 3 m round it in the odom frame."""
 
     def __init__(self, path, x_m=0.0, y_m=0.0, map_odom=(0.0, 0.0, 0.0), goal_yaw_rad=0.0, cut=None, ahead_m=1.7):
-        self.path = np.array(path, dtype=np.float64)
+        self.path = np.zeros((len(path), 3))
+        self.path[:, :2], self.path[-1, 2] = path, goal_yaw_rad
         plan_cut = record_of(cut or PlanCut(search_m=1.5, ahead_m=ahead_m, in_window=True))
         self.parameters = np.zeros(1, dtype=np.dtype([("plan_cut", plan_cut.dtype)], align=True))
         self.parameters["plan_cut"] = plan_cut
         self.memory = np.zeros(1, dtype=MEMORY)
         m = self.memory[0]
-        m["path_n"], m["goal_yaw"] = len(self.path), goal_yaw_rad
+        m["path_n"] = len(self.path)
+        renewed(self.parameters, self.memory, self.path)
         m["map_odom_x"], m["map_odom_y"], m["map_odom_yaw"] = map_odom
         self.out = np.zeros((AHEAD_POINTS, 2))
         self.move(x_m, y_m)
@@ -133,3 +140,39 @@ def test_of_points_that_are_equally_near_it_begins_with_the_last():
 def test_a_robot_that_takes_itself_to_be_far_from_its_path_has_no_local_plan():
     plan, _ = Follower(straight(), y_m=2.0).plan()
     assert len(plan) == 0
+
+
+# Where the path reverses.
+
+TO_INVERSION = PlanCut(search_m=5.0, in_window=True, to_inversion=True, inversion_xy_m=0.2, inversion_yaw_rad=0.4)
+THERE_AND_BACK = [(x, 0.0) for x in np.arange(0.0, 0.9, 0.05)] + [(x, 0.1) for x in np.arange(0.8, -0.4, -0.05)]
+CUSP = (0.85, 0.0)
+
+
+def test_a_path_counts_to_its_first_reversal():
+    plan, _ = Follower(THERE_AND_BACK, cut=TO_INVERSION).plan()
+    np.testing.assert_allclose(plan[-1], CUSP)
+    assert len(plan) == 18
+
+
+def test_without_it_what_lies_behind_a_reversal_is_in_the_local_plan_at_once():
+    plan, _ = Follower(THERE_AND_BACK, cut=PlanCut(search_m=5.0, in_window=True)).plan()
+    assert len(plan) == len(THERE_AND_BACK)
+
+
+@pytest.mark.parametrize(("x_m", "yaw_rad", "goes_on"), [(0.7, 0.3, True), (0.6, 0.3, False), (0.7, 0.5, False)])
+def test_the_next_stretch_follows_once_the_robot_is_near_the_reversal_and_looks_as_the_path_does_there(
+    x_m, yaw_rad, goes_on
+):
+    robot = Follower(THERE_AND_BACK, x_m=x_m, cut=TO_INVERSION)
+    robot.memory[0]["yaw"] = yaw_rad
+    before, _ = robot.plan()
+    np.testing.assert_allclose(before[-1], CUSP)
+    after, _ = robot.plan()
+    np.testing.assert_allclose(after[-1], THERE_AND_BACK[-1] if goes_on else CUSP)
+
+
+def test_a_stretch_ends_with_the_heading_of_the_pose_where_the_path_reverses():
+    robot = Follower(THERE_AND_BACK, cut=TO_INVERSION)
+    robot.path[17, 2] = 0.3
+    assert robot.plan()[1] == pytest.approx(0.3)

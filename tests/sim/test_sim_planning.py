@@ -76,7 +76,7 @@ class Desk:
     @property
     def path(self):
         """The path in use, in cells."""
-        return self.route.path[: self.m["path_n"]] / RESOLUTION_M
+        return self.route.path[: self.m["path_n"], :2] / RESOLUTION_M
 
     def fresh(self, start, goal, use_astar=False):
         """NavFn's path between two points on the present costs, in cells."""

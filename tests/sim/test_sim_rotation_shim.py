@@ -92,8 +92,8 @@ def test_a_stack_with_a_shim_is_the_same_read_from_its_document(name):
         (f"plugin: {SHIM}, primary_controller: {SHIM}", "RotationShimController is not modeled"),
         (f"plugin: {SHIM}, primary_controller: mine::Own", "no controller 'mine::Own' is known"),
         (
-            f"plugin: {SHIM}, primary_controller: {CLASSES['rpp']}, rotate_to_heading_once: true",
-            "rotate_to_heading_once: found true, which is not modeled",
+            f"plugin: {SHIM}, primary_controller: {CLASSES['rpp']}, use_path_orientations: true",
+            "use_path_orientations: found true, which is not modeled",
         ),
     ],
 )
@@ -178,3 +178,22 @@ def test_a_robot_that_can_not_turn_in_place_leaves_the_path_to_the_controller(ov
 
 def test_without_a_shim_the_stack_has_none():
     assert not NavParameters().rotation_shim.enabled
+
+
+def turns_in_place(found):
+    """How often the robot begins to be told to turn without driving."""
+    columns = found.columns
+    turning = (columns["command_speed_mmps"] == 0) & (np.abs(columns["command_yaw_rate_mradps"]) > 50)
+    return int(np.count_nonzero(turning & ~np.r_[False, turning[:-1]]))
+
+
+def test_with_rotate_to_heading_once_the_robot_turns_in_place_before_the_first_path_to_a_goal_alone(over_a_floor):
+    """Round the end of a wall, where the paths of the later replannings lead elsewhere than the robot heads."""
+    cells = np.zeros((80, 280), dtype=bool)
+    cells[:46, 100:104] = True
+    often = {"angular_dist_threshold": 0.25, "angular_disengage_threshold": 0.1}
+    each = over_a_floor(shimmed("rpp", **often), 8.0, yaw_rad=2.0, cells=cells)
+    once = over_a_floor(shimmed("rpp", rotate_to_heading_once=True, **often), 8.0, yaw_rad=2.0, cells=cells)
+    assert each.run.outcome == once.run.outcome == "succeeded"
+    assert turns_in_place(once) == 1
+    assert turns_in_place(each) > 2

@@ -60,7 +60,7 @@ def situation(costs, start, goal, costmap=None, room=4096):
     """What a planner is given; poses (x, y, yaw) in meters from the map's corner."""
     place = np.array([0.0, 0.0, RESOLUTION_M])
     outline = outline_of(costmap or global_costmap())
-    return PlannerInput(costs, place, outline, tuple(map(float, start)), tuple(map(float, goal)), np.zeros((room, 2)))
+    return PlannerInput(costs, place, outline, tuple(map(float, start)), tuple(map(float, goal)), np.zeros((room, 3)))
 
 
 def prepared(parameters, costmap=None):
@@ -100,7 +100,7 @@ def ends_kept(q, costs, points, headings):
 def path_of(parameters, given, costmap=None):
     """(N, 2) path in meters, or the error code."""
     n = planned(prepared(parameters, costmap), given)
-    return given.path[:n].copy() if n > 0 else -n
+    return given.path[:n, :2].copy() if n > 0 else -n
 
 
 def raw_path(parameters, given, costmap=None):
@@ -479,3 +479,28 @@ def test_a_hybrid_path_to_a_goal_behind_turns_with_the_least_radius_where_the_de
     found = over_a_floor(stack, 8.0, yaw_rad=math.pi / 2)
     assert found.run.outcome == "succeeded"
     assert found.columns["y_mm"].max() > 2400
+
+
+def driven_backward_m(found):
+    """Rows are 0.1 s apart."""
+    return float(np.maximum(-found.columns["speed_mmps"], 0).sum() * 1e-4)
+
+
+def test_with_enforce_path_inversion_mppi_reverses_to_the_cusp_alone_where_the_default_goes_on_backward(over_a_floor):
+    """A robot that steers looks away from its goal: its path reverses in an arc of a quarter turn, and then leads forward."""
+    found = {}
+    for enforced in (True, False):
+        stack = parameters_of(
+            {
+                "FollowPath.motion_model": "Ackermann",
+                "FollowPath.AckermannConstraints.min_turning_r": 0.6,
+                "FollowPath.enforce_path_inversion": enforced,
+            }
+        )
+        planner = SmacPlannerHybrid(
+            minimum_turning_radius=0.7, motion_model_for_search="REEDS_SHEPP", reverse_penalty=1.2
+        )
+        found[enforced] = over_a_floor(stack.with_values(planner=planner), yaw_rad=math.pi)
+        assert found[enforced].run.outcome == "succeeded"
+    assert 0.5 < driven_backward_m(found[True]) < 4.0
+    assert driven_backward_m(found[False]) > 8.0

@@ -95,6 +95,8 @@ class PlanCut:
         ahead_m: Its greatest length.
         around_m: It ends before the first point farther from the robot than this.
         in_window: Whether it ends where the path leaves the local costmap.
+        to_inversion: Whether it ends where the path reverses, until the robot is within `inversion_xy_m` and
+            `inversion_yaw_rad` of the pose there.
     """
 
     search_m: float
@@ -103,6 +105,9 @@ class PlanCut:
     ahead_m: float = float("inf")
     around_m: float = float("inf")
     in_window: bool = False
+    to_inversion: bool = False
+    inversion_xy_m: float = 0.0
+    inversion_yaw_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,11 @@
 """Model Predictive Path Integral control (nav2_mppi_controller, Jazzy)."""
 
 import math
+from dataclasses import replace
 from typing import Any, Final
 
 from vastflow.sim.kernels.numeric import addressed, inner
-from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting, SpeedLimits
+from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, PlanCut, Setting, SpeedLimits
 from vastflow.sim.nav.controllers.lanes import data_of, either, load, lower, splat, store
 from vastflow.sim.nav.controllers.mppi_critics import (
     COLLISION,
@@ -376,3 +377,12 @@ class Mppi(MppiParameters, Controller):
     def plan_ahead_m(self) -> float:
         """`prune_distance`."""
         return self.prune_distance
+
+    def plan_cut(self, setting: Setting) -> PlanCut:
+        """The usual one, up to where the path reverses with `enforce_path_inversion`."""
+        return replace(
+            super().plan_cut(setting),
+            to_inversion=self.enforce_path_inversion,
+            inversion_xy_m=self.inversion_xy_tolerance,
+            inversion_yaw_rad=self.inversion_yaw_tolerance,
+        )

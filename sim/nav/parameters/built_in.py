@@ -250,14 +250,12 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     },
     "MPPI": {
         **_any("visualize", "TrajectoryVisualizer.*", "publish_critics_stats", "publish_optimal_trajectory"),
-        **_any("transform_tolerance", "inversion_xy_tolerance"),
-        **_any("inversion_yaw_tolerance"),
+        **_any("transform_tolerance"),
         "iteration_count": only(1),
         "retry_attempt_limit": only(1),
         "reset_period": only(1.0),
         "regenerate_noises": only(True),
         "open_loop": only(False),
-        "enforce_path_inversion": only(False),
     },
     "MPPI critic": {
         # A disc collides where its center is inscribed, so the costs short of a collision never come to count.

@@ -42,6 +42,9 @@ _OF_THE_STOPPED: Final = ("trans_stopped_velocity", "rot_stopped_velocity")
 _OF_OMNI: Final = ("ay_max", "ay_min", "vy_std")
 """Parameters of MPPI that of its motion models Omni alone has."""
 
+_OF_INVERSIONS: Final = ("inversion_xy_tolerance", "inversion_yaw_tolerance")
+"""Parameters of MPPI that its `enforce_path_inversion` alone reads."""
+
 _MOTION_MODELS: Final[Mapping[str, str]] = {
     f"mppi::{name}MotionModel": name for name in ("DiffDrive", "Ackermann", "Omni")
 }
@@ -50,7 +53,7 @@ _MOTION_MODELS: Final[Mapping[str, str]] = {
 _TO_THE_SIDE: Final = ("min_vel_y", "max_vel_y")
 """Limits of DWB's samples to the side, which are not modeled: a robot that is to have some would drive otherwise."""
 
-_NOT_OF_THE_SHIM: Final = ("rotate_to_heading_once", "use_path_orientations")
+_NOT_OF_THE_SHIM: Final = ("use_path_orientations",)
 """Flags of the Rotation Shim that are not modeled."""
 
 
@@ -115,6 +118,9 @@ def _of_nav2(reader: Reader, kind: type[ParameterGroup], place: ParameterLocatio
     if isinstance(found, MppiParameters) and found.motion_model != "Omni":
         for name in _OF_OMNI:
             reader.leave((*place, name), "the motion model is not Omni")
+    if isinstance(found, MppiParameters) and not found.enforce_path_inversion:
+        for name in _OF_INVERSIONS:
+            reader.leave((*place, name), "enforce_path_inversion is not set")
     return found
 
 

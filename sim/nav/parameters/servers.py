@@ -73,6 +73,7 @@ class RotationShim(ParameterGroup):
     rotate_to_heading_angular_vel: float = parameter(1.8, 0.0, 10.0)
     max_angular_accel: float = parameter(3.2, 0.01, 100.0)
     simulate_ahead_time: float = parameter(1.0, 0.0, 100.0)
+    rotate_to_heading_once: bool = parameter(False)
     rotate_to_goal_heading: bool = parameter(False)
     closed_loop: bool = parameter(True)
 

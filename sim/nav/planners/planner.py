@@ -135,7 +135,7 @@ def _end(iterations: int) -> int:
 
 def _example() -> PlannerInput:
     pose = (0.0, 0.0, 0.0)
-    return PlannerInput(np.zeros((1, 1), dtype=np.uint8), np.zeros(3), np.zeros((1, 2)), pose, pose, np.zeros((1, 2)))
+    return PlannerInput(np.zeros((1, 1), dtype=np.uint8), np.zeros(3), np.zeros((1, 2)), pose, pose, np.zeros((1, 3)))
 
 
 _GIVEN: Final = numba.typeof(_example())

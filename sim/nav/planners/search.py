@@ -66,7 +66,7 @@ class PlannerInput(NamedTuple):
         place: (3,) x and y of its lower left corner, and the resolution.
         outline: (V, 2) padded footprint in the robot's frame.
         start, goal: (x, y, yaw).
-        path: (M, 2) which the path is written to.
+        path: (M, 3) which the poses of the path are written to.
     """
 
     costs: Any

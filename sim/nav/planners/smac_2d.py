@@ -15,12 +15,12 @@ _FEWEST_SMOOTHED = 6
 
 @addressed
 def compute_path(q: Any, distances: Any, given: PlannerInput) -> int:
-    """The number of points of the path, which `given.path` then begins with; minus an error code where there is none."""
+    """The number of poses of the path, which `given.path` then begins with; minus an error code where there is none."""
     columns = given.costs.shape[1]
     start = _cell(q, given.start[0], given.start[1], columns)
     goal = _cell(q, given.goal[0], given.goal[1], columns)
     if start == goal:
-        given.path[0, 0], given.path[0, 1] = given.start[0], given.start[1]
+        given.path[0, 0], given.path[0, 1], given.path[0, 2] = given.start
         return 1
     last, parents, code = search(q, given.costs, start, goal)
     if code != 0:
@@ -34,10 +34,19 @@ def compute_path(q: Any, distances: Any, given: PlannerInput) -> int:
     for k in range(n - 1, -1, -1):
         given.path[k, 0] = q.origin_x + (at % columns + 0.5) * q.resolution
         given.path[k, 1] = q.origin_y + (at // columns + 0.5) * q.resolution
+        given.path[k, 2] = 0.0
         at = parents[at]
     if q.smoother_iterations > 0 and n > _FEWEST_SMOOTHED:
         smooth(q, given.costs, given.path[:n], np.empty(0))
+        _align(given.path[:n])
     return n
+
+
+@inner
+def _align(poses: Any) -> None:
+    """Point each heading but the last along the path, as the smoother does."""
+    for k in range(poses.shape[0] - 1):
+        poses[k, 2] = math.atan2(poses[k + 1, 1] - poses[k, 1], poses[k + 1, 0] - poses[k, 0])
 
 
 @inner

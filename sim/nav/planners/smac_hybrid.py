@@ -42,7 +42,7 @@ class _Nearest(NamedTuple):
 
 @addressed
 def compute_path(q: Any, distances: Any, given: PlannerInput) -> int:
-    """The number of points of the path, which `given.path` then begins with; minus an error code where there is none."""
+    """The number of poses of the path, which `given.path` then begins with; minus an error code where there is none."""
     poses, iterations, code = search(q, distances, given)
     n = poses.shape[0]
     if code == 0 and n > given.path.shape[0]:
@@ -52,8 +52,9 @@ def compute_path(q: Any, distances: Any, given: PlannerInput) -> int:
     for k in range(n):
         given.path[k, 0] = q.origin_x + poses[k, 0] * q.resolution
         given.path[k, 1] = q.origin_y + poses[k, 1] * q.resolution
+        given.path[k, 2] = poses[k, 2]
     if q.smoother_iterations > 0 and iterations > 1:
-        smooth(q, given.costs, given.path[:n], poses[:, 2].copy())
+        smooth(q, given.costs, given.path[:n], given.path[:n, 2])
     return int(n)
 
 
