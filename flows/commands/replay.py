@@ -178,6 +178,7 @@ def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list
 
 
 def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: "Difference | None") -> "Story":
+    from vastflow.oracles.figures.zones import zones_of
     from vastflow.oracles.replay.story import Story, view_of
     from vastflow.sim.digest import FileContent
     from vastflow.sim.reading.map_file import load_map
@@ -199,6 +200,7 @@ def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: 
         occupancy=occupancy if apart is None else world_of(occupancy, apart),
         moments=replayed.moments,
         view=view_of(replayed.moments, script_of(recorded.scenario).goals),
+        zones=zones_of([recorded.scenario]),
     )
 
 

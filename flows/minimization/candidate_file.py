@@ -24,11 +24,13 @@ from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.scenario_values import dimension_of
 from vastflow.sim.digest import FileContent
 from vastflow.sim.files import read_text, yaml_value
+from vastflow.sim.nav.parameters.filters import MASK_KEYS
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 
 FAMILY: Final = "minimal"
 FILE: Final = "minimal.vast"
-_MAP: Final = "map"
+_MAPS: Final[Mapping[str, str]] = {MAP_KEY: "map", **{key: key for key in MASK_KEYS}}
+"""Values that are maps, to the folders in which they lie beside the campaign file."""
 _OTHERS: Final = ("local", FILE_KEY)
 """What of `execution` is among the values already."""
 
@@ -99,7 +101,8 @@ class CandidateFiles:
         if FILE_KEY in values:
             execution[FILE_KEY] = placed(failing.campaign["execution"][FILE_KEY], failing.places)
             del values[FILE_KEY]
-        values[MAP_KEY] = f"{_MAP}/{Path(_path(values[MAP_KEY])).name}"
+        for key in values.keys() & _MAPS.keys():
+            values[key] = f"{_MAPS[key]}/{Path(_path(values[key])).name}"
         tags = {key: subject.dimensions[key] for key in values}
         family: dict[str, Any] = {
             "name": FAMILY,
@@ -126,11 +129,12 @@ def candidate_files(failing: Failing) -> Iterator[CandidateFiles]:
         folder = Path(place).resolve()
         if (failing.directory / "inputs").is_dir():
             shutil.copytree(failing.directory / "inputs", folder, dirs_exist_ok=True)
-        map_file = Path(_path(failing.subject.values[MAP_KEY]))
-        picture = str(yaml_value(read_text(map_file))["image"])
-        (folder / _MAP).mkdir(exist_ok=True)
-        for file in (map_file, map_file.parent / picture):
-            shutil.copyfile(file, folder / _MAP / file.name)
+        for key in failing.subject.values.keys() & _MAPS.keys():
+            map_file = Path(_path(failing.subject.values[key]))
+            picture = str(yaml_value(read_text(map_file))["image"])
+            (folder / _MAPS[key]).mkdir(exist_ok=True)
+            for file in (map_file, map_file.parent / picture):
+                shutil.copyfile(file, folder / _MAPS[key] / file.name)
         yield CandidateFiles(failing, folder)
 
 

@@ -17,6 +17,7 @@ from vastflow.producers.minimization.spelled_out import spelled_out
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.digest import FileContent
 from vastflow.sim.files import read_json, read_text, yaml_value
+from vastflow.sim.nav.parameters.filters import MASK_KEYS
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.user_error import UserError
@@ -130,7 +131,8 @@ def _subject(directory: Path, row: Mapping[str, Any]) -> Subject:
     scenario = executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
     parts = {"environment": scenario.environment, "task": scenario.task, "system": spelled_out(scenario.system)}
     values = {key: value for part in parts.values() for key, value in part.items() if key != MESH_KEY}
-    files = [key for key, value in values.items() if isinstance(value, FileContent) and key not in (MAP_KEY, FILE_KEY)]
+    kept = (MAP_KEY, FILE_KEY, *MASK_KEYS)
+    files = [key for key, value in values.items() if isinstance(value, FileContent) and key not in kept]
     if files or MAP_KEY not in values:
         what = f"its value of {files[0]} is a file" if files else "it has no map, so no robot drives in it"
         raise UnusableDirectory(f"{directory}: {row['name']} can't be minimized: {what}")

@@ -76,6 +76,7 @@ def plan_view_of(configuration: Configuration) -> "PlanView":
         ValueError: it has no map, or a mission or an obstacle that can't be read.
     """
     from vastflow.oracles.figures.plan_view import PlanView
+    from vastflow.oracles.figures.zones import zones_of
 
     map_file = configuration.scenario.environment.get(MAP_KEY)
     map_path = map_file.path if isinstance(map_file, FileContent) else None
@@ -84,7 +85,8 @@ def plan_view_of(configuration: Configuration) -> "PlanView":
     path, length_m = (configuration.provenance.get(key) for key in (PATH_KEY, PATH_LENGTH_KEY))
     title = configuration.name + (f" · path of {length_m:.2f} m" if isinstance(length_m, int | float) else "")
     path_xy_m = np.array(path if isinstance(path, list) else [], dtype=np.float64).reshape(-1, 2)
-    return PlanView(title, load_map(map_path), situation_of(configuration.scenario), path_xy_m)
+    scenario = configuration.scenario
+    return PlanView(title, load_map(map_path), situation_of(scenario), path_xy_m, zones_of([scenario]))
 
 
 def _counts(part: Coverage, runs: int) -> Mapping[str, int]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.figures.floor import DPI, draw_ends, draw_floor, draw_lines, draw_obstacles, draw_walls
 from vastflow.oracles.figures.palette import COLORS, INK
+from vastflow.oracles.figures.zones import NO_ZONES, Zones
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.maps.occupancy import OccupancyMap
@@ -29,6 +30,7 @@ def case_figure(
     paths: Sequence[tuple[Judgement, NDArray[np.float64]]],
     estimate_xy_m: NDArray[np.float64] | None = None,
     world: OccupancyMap | None = None,
+    zones: Zones = NO_ZONES,
 ) -> Figure:
     """Paths (N, 2) by judgement, failures on top with a cross where they ended; the robot's own estimate (N, 2) of one is dashed.
 
@@ -37,7 +39,7 @@ def case_figure(
     """
     figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN), dpi=DPI)
     axes = figure.add_axes((0, 0, 1, 1))
-    draw_floor(axes, occupancy)
+    draw_floor(axes, occupancy, zones)
     if world is not None:
         draw_walls(axes, world)
     axes.set_xticks([])

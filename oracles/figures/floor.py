@@ -14,9 +14,19 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 from PIL import Image
 
-from vastflow.oracles.figures.palette import GOAL_COLOR, INK, LINE, OBSTACLE_COLOR, OBSTACLE_EDGE, SOFT_INK
+from vastflow.oracles.figures.palette import (
+    GOAL_COLOR,
+    INK,
+    KEEPOUT_COLOR,
+    LINE,
+    OBSTACLE_COLOR,
+    OBSTACLE_EDGE,
+    SOFT_INK,
+    SPEED_COLOR,
+)
 from vastflow.oracles.figures.scene import known_cells, known_extent_m
-from vastflow.sim.maps.occupancy import FREE, UNKNOWN, OccupancyMap
+from vastflow.oracles.figures.zones import NO_ZONES, Zones
+from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.sim.world.obstacle import Obstacle
 
 DPI: Final = 120
@@ -25,10 +35,16 @@ _WIDTH_IN: Final = 10.0
 _HEIGHT_IN: Final = 9.0
 _MARGIN_M: Final = 0.4
 _MOST_PIXELS: Final = 1400
+_ZONE_ALPHA: Final = 0.5
 
 
 def map_figure(
-    occupancy: OccupancyMap, legend_rows: int, top_in: float = 0.1, width_in: float = _WIDTH_IN, dpi: int = DPI
+    occupancy: OccupancyMap,
+    legend_rows: int,
+    top_in: float = 0.1,
+    width_in: float = _WIDTH_IN,
+    dpi: int = DPI,
+    zones: Zones = NO_ZONES,
 ) -> tuple[Figure, Axes]:
     """A figure that fits what is known of the map, with room for axis labels and a legend below, and `top_in` above."""
     x0, x1, y0, y1 = known_extent_m(occupancy, _MARGIN_M)
@@ -42,21 +58,40 @@ def map_figure(
     axes = figure.add_axes(
         (left_in / width_in, bottom_in / height_in, map_width_in / width_in, map_height_in / height_in)
     )
-    draw_floor(axes, occupancy)
+    draw_floor(axes, occupancy, zones)
     axes.set_xlabel("x (m)", fontsize=8, color=SOFT_INK, labelpad=1)
     axes.set_ylabel("y (m)", fontsize=8, color=SOFT_INK, labelpad=1)
     return figure, axes
 
 
-def draw_floor(axes: Axes, occupancy: OccupancyMap) -> None:
-    """Draw the map, and show what is known of it."""
+def draw_floor(axes: Axes, occupancy: OccupancyMap, zones: Zones = NO_ZONES) -> None:
+    """Draw the map with the zones on it, and show what is known of it."""
     _show(axes, occupancy, _picture(occupancy))
+    draw_zones(axes, zones)
     x0, x1, y0, y1 = known_extent_m(occupancy, _MARGIN_M)
     axes.set_xlim(x0, x1)
     axes.set_ylim(y0, y1)
     axes.set_facecolor(LINE)  # as unknown cells
     axes.tick_params(labelsize=8, colors=SOFT_INK, length=2)
     axes.spines[:].set_visible(False)
+
+
+def draw_zones(axes: Axes, zones: Zones) -> None:
+    """Tint where masks keep robots out or slow them down, the stronger the greater the mask's value."""
+    for masks, color in ((zones.keepout, KEEPOUT_COLOR), (zones.speed, SPEED_COLOR)):
+        for mask in masks:
+            row, end_row, column, end_column = known_cells(mask)
+            picture = np.empty((end_row - row, end_column - column, 4), dtype=np.uint8)
+            picture[:] = [round(255 * part) for part in to_rgba(color)]
+            values = np.maximum(mask.cells[row:end_row, column:end_column], FREE)
+            picture[..., 3] = np.rint(255 * _ZONE_ALPHA * values / OCCUPIED)
+            _show(axes, mask, picture)
+
+
+def zone_handles(zones: Zones) -> list[Patch]:
+    """What the tints mean; nothing without any."""
+    said = ((zones.keepout, KEEPOUT_COLOR, "kept out by a mask"), (zones.speed, SPEED_COLOR, "slower by a mask"))
+    return [Patch(facecolor=color, alpha=_ZONE_ALPHA, label=label) for masks, color, label in said if masks]
 
 
 def draw_walls(axes: Axes, world: OccupancyMap) -> None:

@@ -25,6 +25,7 @@ from vastflow.oracles.figures.floor import (
     legend,
     map_figure,
     obstacle_handle,
+    zone_handles,
 )
 from vastflow.oracles.figures.palette import COLORS, INK, RATES, SOFT_INK
 from vastflow.oracles.figures.scene import Scene, known_extent_m
@@ -46,7 +47,7 @@ _LEAST_SHOWN: Final = 0.04
 
 def final_poses_figure(scene: Scene) -> Figure:
     """Density of the places where failed runs ended, blurred with `BLUR_M`."""
-    figure, axes = map_figure(scene.occupancy, legend_rows=3, width_in=_WIDTH_IN, dpi=_DPI)
+    figure, axes = map_figure(scene.occupancy, legend_rows=3, width_in=_WIDTH_IN, dpi=_DPI, zones=scene.zones)
     greatest = draw_final_poses(axes, scene)
     _color_bar(figure, axes, greatest, "failed runs that ended here, per m²")
     legend(figure, _crosses(axes, scene))
@@ -55,7 +56,9 @@ def final_poses_figure(scene: Scene) -> Figure:
 
 def paths_figure(scene: Scene, judgement: Judgement) -> Figure:
     """The true trajectories of failed or of passed runs, from circle to cross, with the obstacles."""
-    figure, axes = map_figure(scene.occupancy, legend_rows=1, width_in=_WIDTH_IN, dpi=_DPI)
+    zones = zone_handles(scene.zones)
+    rows = 2 if zones else 1
+    figure, axes = map_figure(scene.occupancy, legend_rows=rows, width_in=_WIDTH_IN, dpi=_DPI, zones=scene.zones)
     drawn = min(len(scene.obstacles), MAX_OBSTACLES)
     draw_obstacles(axes, scene.obstacles[:drawn], alpha=0.45 if drawn < 40 else 0.2)
     draw_paths(axes, scene, judgement)
@@ -63,13 +66,13 @@ def paths_figure(scene: Scene, judgement: Judgement) -> Figure:
     handles: list[Any] = [Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=_lines_label(scene, judgement))]
     if len(lines) <= MAX_CROSSES:
         handles += draw_ends(axes, scene.starts_xy_m, scene.goals_xy_m)
-    legend(figure, [*handles, *obstacle_handle(drawn)])
+    legend(figure, [*handles, *obstacle_handle(drawn), *zones])
     return figure
 
 
 def failure_rate_figure(scene: Scene) -> Figure:
     """Failed runs over visits in each cell, the fainter the less sure; outlined where it is more than the map's mean."""
-    figure, axes = map_figure(scene.occupancy, legend_rows=3, width_in=_WIDTH_IN, dpi=_DPI)
+    figure, axes = map_figure(scene.occupancy, legend_rows=3, width_in=_WIDTH_IN, dpi=_DPI, zones=scene.zones)
     most = draw_failure_rates(axes, scene)
     _color_bar(figure, axes, most, "share of the runs that came here and failed here", percent=True)
     handles = [
@@ -97,7 +100,7 @@ def all_maps_figure(scenes: Sequence[Scene], titles: Sequence[str]) -> Figure:
             axes = figure.add_axes(
                 (left_in / size_in[0], bottom_in / size_in[1], width_in / size_in[0], row_in / size_in[1])
             )
-            draw_floor(axes, scene.occupancy)
+            draw_floor(axes, scene.occupancy, scene.zones)
             axes.set_xticks([])
             axes.set_yticks([])
             if row == 0:

@@ -21,6 +21,8 @@ CLASS_COLORS: Final["Mapping[ClassName, str]"] = {
 }
 OBSTACLE_COLOR: Final = "#CC79A7"
 OBSTACLE_EDGE: Final = "#8F4A72"
+KEEPOUT_COLOR: Final = "#7A3B10"
+SPEED_COLOR: Final = "#F0E442"
 GOAL_COLOR: Final = "#009E73"
 INK: Final = "#22262B"
 SOFT_INK: Final = "#6B7280"

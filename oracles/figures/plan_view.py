@@ -13,8 +13,9 @@ from matplotlib.patches import Circle, Patch, PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from vastflow.oracles.figures.floor import draw_ends, draw_obstacles, legend, map_figure, obstacle_handle
+from vastflow.oracles.figures.floor import draw_ends, draw_obstacles, legend, map_figure, obstacle_handle, zone_handles
 from vastflow.oracles.figures.palette import INK, OBSTACLE_COLOR, OBSTACLE_EDGE
+from vastflow.oracles.figures.zones import NO_ZONES, Zones
 from vastflow.oracles.situation import Situation
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
@@ -38,11 +39,12 @@ class PlanView:
     occupancy: OccupancyMap
     situation: Situation
     path_xy_m: NDArray[np.float64] = field(repr=False)
+    zones: Zones = NO_ZONES
 
 
 def plan_view_figure(view: PlanView) -> Figure:
     """The map with everything of the scenario on it; an obstacle that appears has its outline and trigger dashed."""
-    figure, axes = map_figure(view.occupancy, legend_rows=2, top_in=_TITLE_IN)
+    figure, axes = map_figure(view.occupancy, legend_rows=2, top_in=_TITLE_IN, zones=view.zones)
     figure.suptitle(
         view.title, x=0.02, ha="left", y=1 - 0.12 / figure.get_figheight(), va="top", fontsize=10, color=INK
     )
@@ -56,6 +58,7 @@ def plan_view_figure(view: PlanView) -> Figure:
     _draw_appearing(axes, appearing)
     handles += _draw_stops(axes, view.situation)
     handles += _obstacle_handles(len(standing), len(appearing))
+    handles += zone_handles(view.zones)
     if handles:
         legend(figure, handles)
     return figure

@@ -12,11 +12,13 @@ from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.directory.verdict_table import CODES, FAIL, NOT_JUDGED
 from vastflow.oracles.directory.walk import Walks, read_walks
 from vastflow.oracles.evidence.rates import Counts
+from vastflow.oracles.figures.zones import NO_ZONES, Zones, zones_of
 from vastflow.oracles.oracle import SUCCESS
-from vastflow.oracles.situation import Situation, situation_of
+from vastflow.oracles.situation import situation_of
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.scenario import Scenario
 from vastflow.sim.world.obstacle import Obstacle
 
 MAX_LINES: Final = 1000
@@ -40,6 +42,7 @@ class Scene:
         failed_xy_m: (F, 2) where each failed run that has a recording ended.
         missed: (F,) whether its mission failed, and not only another oracle.
         failures: Failed runs over visits, in cells of `CELL_M`.
+        zones: Of all configurations.
     """
 
     environment: str
@@ -52,6 +55,7 @@ class Scene:
     failed_xy_m: NDArray[np.float64] = field(repr=False)
     missed: NDArray[np.bool_] = field(repr=False)
     failures: FailureMap = field(repr=False)
+    zones: Zones = NO_ZONES
 
 
 def environment_counts(tables: Tables) -> dict[str, Counts]:
@@ -73,10 +77,10 @@ def scenes_of(tables: Tables) -> list[Scene]:
     return [_scene(tables, environment, runs, files) for environment, runs in counts.items() if environment in drawn]
 
 
-def situation_at(tables: Tables, configuration: int, files: KeptFiles) -> Situation:
-    """The situation of the configuration at an index."""
+def scenario_at(tables: Tables, configuration: int, files: KeptFiles) -> Scenario:
+    """The scenario of the configuration at an index, without its timeout."""
     found = tables.configurations
-    return situation_of(executed_scenario(found.abstracts[configuration], 0.0, found.contents[configuration], files))
+    return executed_scenario(found.abstracts[configuration], 0.0, found.contents[configuration], files)
 
 
 def known_extent_m(occupancy: OccupancyMap, margin_m: float) -> tuple[float, float, float, float]:
@@ -99,7 +103,8 @@ def known_cells(occupancy: OccupancyMap) -> tuple[int, int, int, int]:
 def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> Scene:
     found = tables.configurations
     members = np.array([k for k in found.distinct if found.environments[k] == environment], dtype=np.int64)
-    situations = [situation_at(tables, int(k), files) for k in members]
+    scenarios = [scenario_at(tables, int(k), files) for k in members]
+    situations = [situation_of(scenario) for scenario in scenarios]
     occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
     grid = _grid_over(occupancy)
     visitors = _Visitors(grid)
@@ -126,6 +131,7 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
         np.concatenate(failed_xy_m),
         np.concatenate(missed),
         visitors.failures(),
+        zones_of(scenarios),
     )
 
 

@@ -28,8 +28,10 @@ from vastflow.oracles.figures.map_figures import (
 )
 from vastflow.oracles.figures.picture import png, svg
 from vastflow.oracles.figures.rate_figure import rates_figure
-from vastflow.oracles.figures.scene import Scene, distinct_obstacles, situation_at
+from vastflow.oracles.figures.scene import Scene, distinct_obstacles, scenario_at
 from vastflow.oracles.figures.threshold_figure import threshold_figure
+from vastflow.oracles.figures.zones import zones_of
+from vastflow.oracles.situation import situation_of
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
@@ -210,13 +212,14 @@ def _on_map(
     spawned: Sequence[Obstacle],
     estimate_xy_m: NDArray[np.float64] | None = None,
 ) -> Figure:
-    situation = situation_at(tables, configuration, files)
+    scenario = scenario_at(tables, configuration, files)
+    situation = situation_of(scenario)
     environment = tables.configurations.environments[configuration]
     occupancy = load_map(tables.directory / "environments" / str(environment) / "map.yaml")
     difference = difference_of(tables.configurations.contents[configuration]["environment"].get(WORLD_KEY))
     world = None if difference is None else world_of(occupancy, difference)
     obstacles = distinct_obstacles([*situation.obstacles, *spawned])
-    return case_figure(occupancy, situation, obstacles, paths, estimate_xy_m, world)
+    return case_figure(occupancy, situation, obstacles, paths, estimate_xy_m, world, zones_of([scenario]))
 
 
 def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:

@@ -18,7 +18,9 @@ from matplotlib.patches import Patch as Area
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
+from vastflow.oracles.figures.floor import draw_zones
 from vastflow.oracles.figures.palette import GOAL_COLOR, INK, OBSTACLE_COLOR
+from vastflow.oracles.figures.zones import NO_ZONES, Zones
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.pose import Pose
@@ -45,12 +47,15 @@ class DrivenPath:
     color: str
 
 
-def draw_close_up(axes: Axes, occupancy: OccupancyMap, snapshot: TickSnapshot, path: DrivenPath, box: Box) -> None:
+def draw_close_up(
+    axes: Axes, occupancy: OccupancyMap, snapshot: TickSnapshot, path: DrivenPath, box: Box, zones: Zones = NO_ZONES
+) -> None:
     """Fill `axes` with the part `box` of the map frame; the box should have the axes' proportions."""
     axes.set(xlim=(box.x0, box.x1), ylim=(box.y0, box.y1), xticks=[], yticks=[], facecolor=_hex(_UNKNOWN))
     axes.spines[:].set(color="#B8BEC6", linewidth=0.8)
     points_per_m = _points_per_m(axes, box)
     draw_patch(axes, snapshot.global_costs, ground(occupancy, snapshot.global_costs))
+    draw_zones(axes, zones)
     if snapshot.local_costs is not None:
         _draw_local(axes, snapshot.local_costs)
     _draw_obstacles(axes, snapshot.obstacles)

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from vastflow.oracles.figures.floor import draw_zones, zone_handles
 from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.replay.close_up import draw_patch, ground, legend_handles
 from vastflow.oracles.replay.story import Story
@@ -48,7 +49,7 @@ def write_legend(figure: Figure, story: Story, columns: int, left_in: float, top
     """What the marks of a close-up mean."""
     page_width_in, page_height_in = figure.get_size_inches()
     figure.legend(
-        handles=legend_handles(story.color),
+        handles=[*legend_handles(story.color), *zone_handles(story.zones)],
         loc="upper left",
         bbox_to_anchor=(left_in / page_width_in, 1.0 - top_in / page_height_in),
         ncols=columns,
@@ -81,6 +82,7 @@ def draw_overview(axes: Axes, story: Story, snapshot: TickSnapshot, ticks: Seque
     known = story.known
     axes.set(xlim=(known.x0, known.x1), ylim=(known.y0, known.y1), xticks=[], yticks=[], autoscale_on=False)
     axes.spines[:].set_visible(False)
+    draw_zones(axes, story.zones)
     path = story.path_until(snapshot.moment.tick)
     axes.plot(*snapshot.plan_xy_m.T, color=GOAL_COLOR, linewidth=1.0)
     axes.plot(*path.true_xy_m.T, color=path.color, linewidth=1.6)

@@ -92,7 +92,7 @@ def _draw_background(figure: Figure, layout: _Layout, story: Story) -> None:
 def _draw_moment(figure: Figure, layout: _Layout, story: Story, snapshot: TickSnapshot) -> None:
     moment, left_in = snapshot.moment, layout.side_in
     axes = place(figure, 0.15, HEAD_IN, layout.width_in, layout.height_in)
-    draw_close_up(axes, story.occupancy, snapshot, story.path_until(moment.tick), story.view.box(moment))
+    draw_close_up(axes, story.occupancy, snapshot, story.path_until(moment.tick), story.view.box(moment), story.zones)
     recent = story.happenings(moment.tick - RECENT_TICKS, moment.tick)
     write(figure, left_in, HEAD_IN - 0.05, f"{moment.t_s:.2f} s", fontsize=20, fontweight="bold")
     write(figure, left_in, HEAD_IN + 0.35, textwrap.fill(doing(moment, story.run), 46), fontsize=11)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.figures.palette import COLORS
+from vastflow.oracles.figures.zones import NO_ZONES, Zones
 from vastflow.oracles.replay.caption import happening
 from vastflow.oracles.replay.close_up import DrivenPath
 from vastflow.oracles.replay.highlights import tick_of
@@ -73,6 +74,7 @@ class Story:
         warning: Why this is not the recorded run; empty where it is.
         occupancy: The walls as they stand.
         moments: One a tick from the run's first on.
+        zones: Where masks of costmap filters are.
     """
 
     title: str
@@ -83,6 +85,7 @@ class Story:
     occupancy: OccupancyMap = field(repr=False)
     moments: Sequence[Moment] = field(repr=False)
     view: View
+    zones: Zones = NO_ZONES
 
     @property
     def color(self) -> str:

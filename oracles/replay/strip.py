@@ -54,7 +54,9 @@ def strip_figure(story: Story, snapshots: Sequence[TickSnapshot]) -> Figure:
         left_in = _GAP_IN + (k % _COLUMNS) * (_PANEL_IN + _GAP_IN)
         top_in = _TOP_IN + (k // _COLUMNS) * (panel_height_in + _CAPTION_IN)
         axes = place(figure, left_in, top_in + _CAPTION_IN - 0.06, _PANEL_IN, panel_height_in)
-        draw_close_up(axes, story.occupancy, snapshot, story.path_until(ticks[k]), story.view.box(snapshot.moment))
+        draw_close_up(
+            axes, story.occupancy, snapshot, story.path_until(ticks[k]), story.view.box(snapshot.moment), story.zones
+        )
         _write_caption(figure, story, snapshot, k + 1, ticks[k - 1] if k else -1, left_in, top_in)
     write_legend(figure, story, 5, 0.15 * width_in, _TOP_IN + grid_in + 0.1)
     return figure

@@ -1,6 +1,7 @@
 """`vastflow minimize`: a failing configuration becomes a campaign file of its own that still fails, and the rest is refused."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -205,6 +206,33 @@ def test_a_candidate_whose_file_would_have_a_fault_is_not_built(planted, tmp_pat
     whole = frozenset(each for each in failing.subject.circumstances if each.can_be_left_out)
     with candidate_files(failing) as files, pytest.raises(NotBuilt, match="unheard_of"):
         files.built(Candidate(whole))
+
+
+def test_a_candidate_has_the_mask_of_a_filter_beside_its_file(planted, tmp_path):
+    planted.written(tmp_path, [])
+    (tmp_path / "masks").mkdir()
+    for file in ("rooms.yaml", yaml.safe_load((tmp_path / "rooms.yaml").read_text())["image"]):
+        shutil.copyfile(tmp_path / file, tmp_path / "masks" / file)
+    keepout = "{plugin: 'nav2_costmap_2d::KeepoutFilter'}"
+    (tmp_path / "own.yaml").write_text(
+        "global_costmap: {global_costmap: {ros__parameters: {plugins: [], filters: [own], own: " + keepout + "}}}"
+    )
+    task = {"start_pose": planted.START, "goal_pose": planted.GOAL}
+    mask = map_content(tmp_path / "masks" / "rooms.yaml")
+    system = spelled_out({FILE_KEY: nav2_file(tmp_path / "own.yaml"), "keepout_mask": mask})
+    values = {"map_file": map_content(tmp_path / "rooms.yaml"), **task, **system}
+    dimensions = {key: "task" if key in task else "system" for key in values} | {"map_file": "environment"}
+    campaign = {"execution": {FILE_KEY: "own.yaml", "timeout": 20}}
+    failing = Failing(tmp_path, "own", "success", Subject(values, dimensions), campaign, {}, "footprint")
+    whole = frozenset(each for each in failing.subject.circumstances if each.can_be_left_out)
+    with candidate_files(failing) as files:
+        built = files.built(Candidate(whole))
+        assert "keepout_mask: keepout_mask/rooms.yaml" in built.text
+        assert built.configuration.scenario.system["keepout_mask"].digest == mask.digest
+        assert {"keepout_mask/rooms.yaml", "keepout_mask/rooms.pgm"} <= built.inputs.files.keys()
+        without = frozenset(each for each in whole if each.key != "keepout_mask")
+        with pytest.raises(NotBuilt, match="the keepout filter of the global_costmap has no mask"):
+            files.built(Candidate(without))
 
 
 def test_a_parameter_file_with_what_no_key_says_stays_whole():

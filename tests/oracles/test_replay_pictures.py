@@ -1,5 +1,7 @@
 """Pictures of a replay: what stands where, in which color, on strips, stills and films."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -9,6 +11,7 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK
+from vastflow.oracles.figures.zones import NO_ZONES, Zones
 from vastflow.oracles.replay.close_up import BELIEF_COLOR, draw_close_up, ground
 from vastflow.oracles.replay.film import FRAME_MS, LAST_MS, write_film
 from vastflow.oracles.replay.page import ranges_text
@@ -266,3 +269,12 @@ def test_the_timeline_has_a_band_for_each_thing_the_robot_did():
 
 def test_numbers_in_a_row_are_written_as_a_range():
     assert ranges_text([1, 3, 4, 5, 8]) == "1, 3–5, 8"
+
+
+def test_stills_have_the_zones_of_masks(occupancy):
+    zones = Zones((OccupancyMap(np.full((10, 10), 100, dtype=np.int8), 0.1, (0.5, 2.0)),))
+    stories = (replace(a_story(occupancy), zones=each) for each in (NO_ZONES, zones))
+    plain, tinted = (
+        np.asarray(still, dtype=int) for story in stories for still in still_images(story, [a_snapshot(0)])
+    )
+    assert np.count_nonzero((plain != tinted).any(axis=2)) > 2000

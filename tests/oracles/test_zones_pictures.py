@@ -1,0 +1,92 @@
+"""Zones in pictures: masks of costmap filters are tinted on every map, and the legend says what a tint means."""
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
+
+from vastflow.oracles.figures.floor import zone_handles
+from vastflow.oracles.figures.plan_view import PlanView, plan_view_figure
+from vastflow.oracles.figures.zones import NO_ZONES, Zones, zones_of
+from vastflow.oracles.situation import Situation
+from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.reading.map_file import map_content
+from vastflow.sim.scenario import Scenario
+
+ROOM = np.zeros((80, 80), dtype=np.int8)
+ROOM[[0, -1], :] = ROOM[:, [0, -1]] = 100
+FILTERS = """
+global_costmap:
+  global_costmap:
+    ros__parameters:
+      filters: [own]
+      own: {plugin: "nav2_costmap_2d::KeepoutFilter"}
+"""
+
+
+@pytest.fixture
+def occupancy():
+    """A room of 4 m × 4 m."""
+    return OccupancyMap(ROOM, 0.05, (0.0, 0.0))
+
+
+def zone(x_m, y_m, value, yaw_rad=0.0):
+    """A mask of 1 m × 1 m with a corner at a place, all of one value."""
+    return OccupancyMap(np.full((10, 10), value, dtype=np.int8), 0.1, (x_m, y_m), yaw_rad)
+
+
+def colors_at(figure, axes, *points):
+    """RGB of a figure at points of its axes."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = np.asarray(canvas.buffer_rgba())
+    pixels = [axes.transData.transform(point) for point in points]
+    return [tuple(picture[picture.shape[0] - 1 - int(y), int(x), :3].tolist()) for x, y in pixels]
+
+
+def plan_view(occupancy, zones):
+    figure = plan_view_figure(PlanView("room", occupancy, Situation(None, (), ()), np.zeros((0, 2)), zones))
+    return figure, figure.axes[0]
+
+
+def test_keepout_is_dark_and_speed_is_light_on_a_map_and_what_lies_beside_stays_white(occupancy):
+    figure, axes = plan_view(occupancy, Zones((zone(0.5, 0.5, 100),), (zone(2.5, 2.5, 100),)))
+    keepout, speed, beside = colors_at(figure, axes, (1.0, 1.0), (3.0, 3.0), (1.0, 3.0))
+    assert beside == (255, 255, 255)
+    assert sum(keepout) < 550 < sum(speed) < 700
+    assert speed[2] < speed[0]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["kept out by a mask", "slower by a mask"]
+
+
+def test_a_zone_is_the_stronger_the_greater_its_value_and_unknown_cells_have_none(occupancy):
+    weak, strong, unknown = zone(0.5, 0.5, 20), zone(2.0, 0.5, 90), zone(0.5, 2.0, 0)
+    figure, axes = plan_view(occupancy, Zones((weak, strong, unknown)))
+    found = colors_at(figure, axes, (1.0, 1.0), (2.5, 1.0), (1.0, 2.5))
+    assert sum(found[1]) < sum(found[0]) < sum(found[2]) == 765
+
+
+def test_a_turned_mask_is_drawn_turned(occupancy):
+    figure, axes = plan_view(occupancy, Zones((zone(2.0, 0.5, 100, np.pi / 4),)))
+    inside, outside = colors_at(figure, axes, (2.0, 1.2), (2.9, 0.6))
+    assert sum(inside) < 550
+    assert outside == (255, 255, 255)
+
+
+def test_without_zones_there_is_nothing_to_say(occupancy):
+    assert zone_handles(NO_ZONES) == []
+
+
+def test_the_masks_of_scenarios_are_those_of_the_filters_that_are_on(tmp_path):
+    Image.fromarray(np.full((10, 10), 0, dtype=np.uint8)).save(tmp_path / "mask.pgm")
+    (tmp_path / "mask.yaml").write_text(
+        "{image: mask.pgm, resolution: 0.1, origin: [0, 0, 0], negate: 0, occupied_thresh: 0.65, free_thresh: 0.196}"
+    )
+    (tmp_path / "own.yaml").write_text(FILTERS)
+    mask = {"keepout_mask": map_content(tmp_path / "mask.yaml")}
+    filtered = {**mask, "nav2_params": nav2_file(tmp_path / "own.yaml")}
+    with_filter, without = (Scenario("builtin:navigate_to_pose", 1.0, {}, {}, system) for system in (filtered, mask))
+    found = zones_of([with_filter, with_filter])
+    assert (len(found.keepout), found.speed) == (1, ())
+    assert (found.keepout[0].cells == 100).all()
+    assert zones_of([without]).keepout == ()
