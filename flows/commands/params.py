@@ -35,12 +35,13 @@ def params(
     """
     from vastflow.producers.faults import CampaignError
     from vastflow.producers.vast.nav2_params import parameter_faults
-    from vastflow.sim.nav.parameters.document import DocumentError, read_document
+    from vastflow.sim.nav.parameters.document import DocumentError
     from vastflow.sim.nav.parameters.findings import findings
     from vastflow.sim.nav.parameters.interpretation import interpretation
+    from vastflow.sim.nav.parameters.wildcards import read_nav2_document
 
     try:
-        found = interpretation(read_document(file))
+        found = interpretation(read_nav2_document(file))
     except DocumentError as error:
         raise CampaignError(parameter_faults(error)) from None
     rows = findings(found)

@@ -15,6 +15,7 @@ from vastflow.sim.nav.parameters.controller_server import critics_of
 from vastflow.sim.nav.parameters.findings import Finding, findings
 from vastflow.sim.nav.parameters.interpretation import Interpretation, interpretation
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, file_value, frozen
+from vastflow.sim.nav.parameters.wildcards import read_nav2_document
 
 WHERE: Final[Location] = ("execution", FILE_KEY)
 
@@ -41,7 +42,7 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         what = f"found {shown(name)}, and there is no such file"
         return Nav2Params({}, (document.fault(WHERE, what, "a Nav2 parameter file"),))
     try:
-        found = interpretation(frozen(parameters.read_document(path)))
+        found = interpretation(frozen(read_nav2_document(path)))
     except parameters.DocumentError as error:
         return Nav2Params({}, tuple(parameter_faults(error)))
     return Nav2Params({FILE_KEY: file_value(found.document)}, (), tuple(notes_of(found)))

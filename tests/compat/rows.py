@@ -27,9 +27,10 @@ from vastflow.producers.postprocessing import steps_of
 from vastflow.producers.programs import run_files
 from vastflow.sim.behavior.support import unsupported
 from vastflow.sim.behavior.vocabulary import ACTIONS
-from vastflow.sim.nav.parameters.document import DocumentError, read_document
+from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.findings import findings
 from vastflow.sim.nav.parameters.interpretation import interpretation
+from vastflow.sim.nav.parameters.wildcards import read_nav2_document
 from vastflow.sim.osc.definition import Field
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.process.setup import ProcessSetup
@@ -243,7 +244,7 @@ def _variation(name: str, file: Path, trial: Trial) -> Row:
 
 def _nav2(name: str, file: Path, trial: Trial) -> Row:
     try:
-        found = findings(interpretation(read_document(file)))
+        found = findings(interpretation(read_nav2_document(file)))
     except DocumentError as error:
         return Row(name, "Nav2 parameters", "refused", _line(error))
     unmodeled = sum(each.status == "not modeled" for each in found)

@@ -16,10 +16,10 @@ from vastflow.sim.nav.parameters.document import (
     ParameterFault,
     dotted,
     node_of,
-    read_document,
 )
 from vastflow.sim.nav.parameters.filters import is_info_server
 from vastflow.sim.nav.parameters.interpretation import MODELED_NODES, interpretation
+from vastflow.sim.nav.parameters.wildcards import read_nav2_document
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 
@@ -47,7 +47,7 @@ def nav2_file(path: str | Path) -> FileContent:
     Raises:
         DocumentError: the file can't be used.
     """
-    document = frozen(read_document(path))
+    document = frozen(read_nav2_document(path))
     interpretation(document)
     return file_value(document)
 
@@ -97,7 +97,7 @@ def loaded(content: FileContent) -> ParameterDocument:
     Raises:
         DocumentError: the file is gone, or says something else than when the value was made.
     """
-    document = read_document(content.path)
+    document = read_nav2_document(content.path)
     kept = content.plug_ins if isinstance(content, ParameterFile) else None
     document = frozen(document) if kept is None else replace(document, plug_ins=kept)
     if _content_digest(document) != content.digest:
