@@ -1,0 +1,58 @@
+"""Searches of real spaces: `tests/proofs/search_real.py` in short."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PROOFS = Path(__file__).parents[1] / "proofs"
+pytestmark = pytest.mark.timeout(600)
+
+
+@pytest.fixture(scope="module")
+def proof(one_server, tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch, one_server(tmp_path_factory.mktemp("search-real") / "prefect"):
+        patch.syspath_prepend(PROOFS)
+        for name in ("search", "minimize"):
+            patch.delitem(sys.modules, name, raising=False)
+        import search_real
+
+        for name, value in {"PER_BATCH": 2, "RUNS": 1, "CONFIRMING_RUNS": 1, "CONFIRMING_FAILURES": 1}.items():
+            patch.setattr(search_real, name, value)
+        for name, value in {"GRID": 3, "GRID_RUNS": 1, "BOUNDARY_BATCH": 2, "BOUNDARY_RUNS": 1}.items():
+            patch.setattr(search_real, name, value)
+        yield search_real
+
+
+@pytest.fixture(scope="module")
+def place(proof, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("search-real")
+    return proof.Place(folder, folder / "store", workers=1)
+
+
+def test_where_nothing_blocks_the_door_all_runs_are_spent(proof, place, monkeypatch):
+    monkeypatch.setitem(proof.SPACES, "door", ({"x": (1.5, 1.6), "y": (0.6, 0.7)}, proof.SPACES["door"][1]))
+    assert proof.runs_to_confirmed(place, "door", "random", 0, batches=1) == 2
+
+
+def test_a_box_that_blocks_the_door_is_found_at_once_and_confirmed(proof, place, monkeypatch):
+    monkeypatch.setitem(proof.SPACES, "door", ({"x": (2.6, 2.65), "y": (2.45, 2.5)}, proof.SPACES["door"][1]))
+    assert proof.runs_to_confirmed(place, "door", "random", 0, batches=2) == 1 + 1
+
+
+def test_a_grid_and_a_search_say_that_a_wide_passage_is_better_than_a_narrow_one(proof, place):
+    rates = proof.grid_rates(place)
+    assert rates.shape == (3, 3) and rates[:, 0].mean() > rates[:, -1].mean()
+    expected = proof.searched_rates(place, 0, runs=2)
+    assert expected.shape[0] == expected.shape[1] > 3
+
+
+def test_a_curve_is_as_far_from_another_as_its_passages_are(proof):
+    along = np.linspace(0.0, 1.0, 41)
+    falling = np.clip(0.5 + 10.0 * (0.4 - along), 0.0, 1.0)
+    fine, coarse = np.tile(falling, (41, 1)), np.tile(falling[::20], (3, 1))
+    assert proof.passage_of(fine) == pytest.approx([0.4] * 3)
+    assert proof.distance(proof.passage_of(fine), proof.passage_of(coarse)) == pytest.approx(0.15)  # 0.4 against 0.25
+    assert proof.distance(np.full(3, np.nan), proof.passage_of(coarse)) == 1.0
+    assert proof.distance(np.full(3, np.nan), np.full(3, np.nan)) == 0.0
