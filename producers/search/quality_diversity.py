@@ -20,7 +20,9 @@ _SEEDS: Final = 2**31
 _CELLS: Final = 256
 _BINS: Final = 10
 _DRAWN: Final = 8
-"""Cells of which the best is stepped from."""
+"""Cells of which the best is stepped from, or toward."""
+_ALONG: Final = 0.5
+"""Standard deviation of the part of the line to another cell that a step goes from a cell drawn evenly."""
 _CVT_SAMPLES: Final = 10_000
 """Points in the space of measures of which the cells of a CVT archive are the clusters; (Vassiliades et al., 2018)."""
 
@@ -62,14 +64,16 @@ class QdParameters(Parameters):
     archive: Archive
     """What kinds of points there are."""
     sigma: Positive = 0.1
-    """Standard deviation of the step from a point of the archive to a new one, as a fraction of each range."""
+    """Standard deviation of the step from a point of the archive to a new one, beside its part along a line, as a fraction of each
+    range."""
     emitters: Count = 1
     """That take steps from the archive, each with its share of a batch."""
 
 
 class QualityDiversity(Strategy[QdParameters]):
-    """Steps from points of the archive: every other one is drawn evenly, so that all kinds go on, and those between are the best of
-    several, which leads to what is looked for. The first batch is drawn at random."""
+    """Steps from points of the archive, each along the line to another (V. Vassiliades and J.-B. Mouret, GECCO 2018, 149): every other step
+    from a cell drawn evenly, back and forth, so that all kinds go on; those between from the best of several to the best of others, which
+    leads to what is looked for. At random as long as all have the same objective."""
 
     Parameters: ClassVar[type[Parameters]] = QdParameters
     library: ClassVar[str] = "ribs"
@@ -96,7 +100,7 @@ class QualityDiversity(Strategy[QdParameters]):
     def ask(self, batch: int, count: int) -> Sequence[Point]:
         """See `Strategy`."""
         draws = self.problem.draws(batch)
-        if self._archive.empty:
+        if self._is_flat:
             units = draws.random((count, self._dimensions))
         else:
             units = np.concatenate([self._emitted(share, int(draws.integers(_SEEDS))) for share in self._shares(count)])
@@ -131,15 +135,23 @@ class QualityDiversity(Strategy[QdParameters]):
         )
 
     def _emitted(self, count: int, seed: int) -> NDArray[np.float64]:
-        """Steps from the archive, in turn from a cell drawn evenly and from the best of several."""
+        """Steps from the archive: in turn along a line of two cells drawn evenly, and from the best of several toward that of others."""
         draws, found = np.random.default_rng(seed), self._archive.data(["solution", "objective"])
-        parents, gains = np.asarray(found["solution"], dtype=np.float64), np.asarray(found["objective"])
-        drawn = draws.integers(len(gains), size=(count, _DRAWN))
-        chosen = drawn[np.arange(count), np.argmax(gains[drawn], axis=1)]
-        chosen[::2] = drawn[::2, 0]
+        points, gains = np.asarray(found["solution"], dtype=np.float64), np.asarray(found["objective"])
+        cells = draws.integers(len(gains), size=(2, count, _DRAWN))
+        chosen, others = (each[np.arange(count), np.argmax(gains[each], axis=1)] for each in cells)
+        parts = draws.random(count)
+        chosen[::2], others[::2] = cells[:, ::2, 0]
+        parts[::2] = _ALONG * draws.normal(size=len(parts[::2]))
         steps = self.parameters.sigma * draws.normal(size=(count, self._dimensions))
-        units: NDArray[np.float64] = np.clip(parents[chosen] + steps, 0.0, 1.0)
+        along = parts[:, None] * (points[others] - points[chosen])
+        units: NDArray[np.float64] = np.clip(points[chosen] + along + steps, 0.0, 1.0)
         return units
+
+    @property
+    def _is_flat(self) -> bool:
+        """Whether nothing is better than anything else: the best of equal ones would lead to the middle of what is known."""
+        return len(np.unique(self._archive.data("objective"))) < 2
 
     def _shares(self, count: int) -> list[int]:
         emitters = min(self.parameters.emitters, count)

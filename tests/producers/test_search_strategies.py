@@ -50,7 +50,11 @@ def searched(kind, parameters, problem, objective, batches):
     for batch in range(batches):
         first = len(told) + 1
         proposals = [Proposal(first + k, batch, point) for k, point in enumerate(found.ask(batch, problem.per_batch))]
-        evaluations = [Evaluation(each, "judged", objective(each.point), {}, 5) for each in proposals]
+        wanted = kind.measures(parameters)
+        evaluations = [
+            Evaluation(each, "judged", objective(each.point), {name: each.point[name] for name in wanted}, 5)
+            for each in proposals
+        ]
         found.tell(evaluations)
         told += evaluations
     return found, told
@@ -112,6 +116,25 @@ def test_a_search_by_optuna_comes_nearer_than_one_at_random():
         for name in ("optuna", "random")
     }
     assert best["optuna"] > best["random"]
+
+
+PLACES = {"archive": {"bins": 5, "measures": {name: {"low": -2, "high": 2} for name in PLANE}}}
+
+
+@pytest.mark.parametrize(("name", "given"), [("optuna", {}), ("qd", PLACES)])
+def test_where_nothing_is_better_points_come_from_the_whole_space(name, given):
+    kind, parameters, problem = strategy(name, given, PLANE)
+    _, told = searched(kind, parameters, problem, lambda point: 0.0, 40)
+    inner = [max(map(abs, each.proposal.point.values())) < 1 for each in told]
+    assert np.mean(inner) == pytest.approx(0.25, abs=0.08)
+
+
+def test_a_search_by_qd_comes_nearer_than_one_at_random_and_finds_most_kinds():
+    kind, parameters, problem = strategy("qd", PLACES, PLANE)
+    found, told = searched(kind, parameters, problem, lambda point: -((point["x"] - 1) ** 2) - point["y"] ** 2, 20)
+    _, drawn = searched(*strategy("random", {}, PLANE), lambda point: -((point["x"] - 1) ** 2) - point["y"] ** 2, 20)
+    assert best_of(told, "maximize").objective > best_of(drawn, "maximize").objective
+    assert len(found.archive) >= 18
 
 
 def test_a_least_value_is_looked_for_where_it_is_asked_for():

@@ -1,16 +1,19 @@
 """Searches of spaces whose truth is known: how many runs a strategy needs, how near a boundary comes, whether intervals cover.
 
-    python tests/proofs/search.py [pockets] [boundary] [coverage] [--seeds 20]
+    python tests/proofs/search.py [pockets] [boundary] [coverage] [--seeds N]
 
 - `pockets`: boxes of 1 % and of 0.2 % of the unit cube in six dimensions, both or one of them, in which a run fails with probability
   0.9 and outside of which none does. On the sloped space the objective is a metric that falls toward them from afar, on the flat one the failure rate
-  alone, and there nothing can be better than random. Counted are runs until a failure is confirmed, by 3 of 5 runs that fail again; runs
-  that confirm nothing count too. Each seed has other pockets.
+  alone. There the pockets lie anywhere, across faces of the cube too, and nothing can be better than random: pockets inside of the cube are
+  more often met by who keeps to its middle. Counted are runs until a failure is confirmed, by 3 of 5 runs that fail again; runs
+  that confirm nothing count too. Each seed has other pockets. Asked is a third of random's runs, whose median is of 1000 seeds, for that of
+  fewer is chance.
 - `boundary`: a failure rate that rises along one of two parameters, at a place that depends on the other. Counted is how far the curve
   of 50 % is from the true one, against a grid of five times the runs.
 - `coverage`: the interval of the confirming runs of 200 searches, against the rate at the point that they confirm.
 
-No simulator runs: the pure core is asked and told; `search_real.py` asks the simulator. The exit code is 1 where a goal is missed.
+No simulator runs: the pure core is asked and told; `search_real.py` asks the simulator. The exit code is 1 where a goal is missed that
+is not known to be.
 """
 
 import argparse
@@ -34,8 +37,8 @@ Floats = NDArray[np.float64]
 
 PER_BATCH: Final = 8
 DIMENSIONS: Final = 6
-NARROW: Final = (0.002,)
-DRIVEN: Final = ("optuna", "qd")
+WIDE, NARROW, BOTH = (0.01,), (0.002,), (0.01, 0.002)
+DRIVEN: Final = ("optuna", "optuna cmaes", "qd")
 FAILS_INSIDE: Final = 0.9
 CONFIRMING_RUNS: Final = 5
 CONFIRMING_FAILURES: Final = 3
@@ -46,19 +49,24 @@ PLACES: Final = 10**6
 RUNS: Final = PLACES + 1
 """Streams of draws that no batch of a strategy has: its points are drawn from the seed, too."""
 FASTER: Final = 3.0
-"""As many times fewer runs than random are the goal of the driven ones where there is but the narrow pocket, on a slope."""
+"""As many times fewer runs than random are asked of the driven ones on a slope."""
+RANDOM_SEEDS: Final = 1000
+SHORT_OF_IT: Final = (("optuna", WIDE), ("optuna", BOTH), ("qd", WIDE), ("qd", BOTH))
+"""What misses it, and is said and not counted: the first batch is random and five runs confirm, so who finds a pocket of 1 % in the middle of
+the second batch has needed 17 runs, of 27 at most."""
 
 STRATEGIES: Final[dict[str, dict[str, Any]]] = {
     "random": {},
     "sobol": {},
     "optuna": {},
+    "optuna cmaes": {"sampler": "cmaes"},
     "qd": {"archive": {"type": "grid", "bins": 5, "measures": {f"x{k}": {"low": 0, "high": 1} for k in (0, 1)}}},
 }
 
 
 def strategy_of(name: str, problem: Problem) -> Strategy[Any]:
     """A strategy at its beginning, with the parameters that the proof gives it."""
-    kind = find_strategy(name, Path())
+    kind = find_strategy(name.partition(" ")[0], Path())
     return kind(kind.Parameters.model_validate(STRATEGIES.get(name, {})), problem)
 
 
@@ -74,25 +82,30 @@ class Pockets:
     Attributes:
         centers: (n, d).
         halves: (n,) half of the length of an edge.
+        wrapped: Whether what is beyond a face of the cube is at the opposite one.
     """
 
     centers: Floats
     halves: Floats
+    wrapped: bool = False
 
     def metric(self, unit: Floats) -> float:
         """Greatest distance along an axis to the nearest pocket's center, in halves of its edge: at most 1 inside."""
-        return float((np.abs(unit - self.centers).max(axis=1) / self.halves).min())
+        off = np.abs(unit - self.centers)
+        off = np.minimum(off, 1.0 - off) if self.wrapped else off
+        return float((off.max(axis=1) / self.halves).min())
 
     def fails(self, unit: Floats, draws: np.random.Generator) -> bool:
         """Whether a run fails."""
         return self.metric(unit) <= 1.0 and bool(draws.random() < FAILS_INSIDE)
 
 
-def pockets_of(seed: int, volumes: Sequence[float]) -> Pockets:
-    """The pockets of a seed, all of them inside the cube."""
+def pockets_of(seed: int, volumes: Sequence[float], *, wrapped: bool = False) -> Pockets:
+    """The pockets of a seed, all of them inside the cube; wrapped ones lie anywhere."""
     halves = np.array([volume ** (1 / DIMENSIONS) / 2 for volume in volumes])
-    draws = np.random.default_rng([seed, PLACES])
-    return Pockets(np.stack([half + (1 - 2 * half) * draws.random(DIMENSIONS) for half in halves]), halves)
+    draws, margins = np.random.default_rng([seed, PLACES]), 0.0 * halves if wrapped else halves
+    centers = np.stack([margin + (1 - 2 * margin) * draws.random(DIMENSIONS) for margin in margins])
+    return Pockets(centers, halves, wrapped)
 
 
 def evaluations(
@@ -114,7 +127,8 @@ def evaluations(
 
 def runs_to_confirmed(name: str, seed: int, volumes: Sequence[float], *, sloped: bool) -> int:
     """Runs until a failure is confirmed."""
-    pockets, draws, space = pockets_of(seed, volumes), np.random.default_rng([seed, RUNS]), cube(DIMENSIONS)
+    pockets = pockets_of(seed, volumes, wrapped=not sloped)
+    draws, space = np.random.default_rng([seed, RUNS]), cube(DIMENSIONS)
     strategy = strategy_of(name, Problem(space, "minimize" if sloped else "maximize", seed, PER_BATCH))
     failed: list[bool] = []
 
@@ -137,21 +151,22 @@ def runs_to_confirmed(name: str, seed: int, volumes: Sequence[float], *, sloped:
 def pockets(seeds: int) -> bool:
     """Print runs to the first confirmed failure by strategy; whether the goals are met."""
     met = True
-    for volumes, sloped in (((0.01, 0.002), True), ((0.01,), True), ((0.002,), True), ((0.01, 0.002), False)):
+    for volumes, sloped in ((NARROW, True), (WIDE, True), (BOTH, True), (BOTH, False)):
         which = " and ".join(f"{volume:.1%}" for volume in volumes)
         print(f"\n{'sloped' if sloped else 'flat'}, {which}: runs to the first confirmed failure, {seeds} seeds")
-        print(f"{'strategy':10} {'quartile':>8} {'median':>8} {'quartile':>8}   random's median over its")
-        medians: dict[str, float] = {}
+        print(f"{'strategy':12} {'quartile':>8} {'median':>8} {'quartile':>8}   random's median over its")
+        of_random = 0.0
         for name in STRATEGIES:
-            runs = [runs_to_confirmed(name, seed, volumes, sloped=sloped) for seed in range(seeds)]
-            low, medians[name], high = (float(each) for each in np.quantile(runs, (0.25, 0.5, 0.75)))
-            ratio = medians["random"] / medians[name]
-            missed = sloped and volumes == NARROW and name in DRIVEN and ratio < FASTER
-            met &= not missed
-            print(
-                f"{name:10} {low:8.0f} {medians[name]:8.0f} {high:8.0f}   {ratio:.2f}{' GOAL MISSED' * missed}",
-                flush=True,
-            )
+            tries = RANDOM_SEEDS if name == "random" else seeds
+            runs = [runs_to_confirmed(name, seed, volumes, sloped=sloped) for seed in range(tries)]
+            low, median, high = (float(each) for each in np.quantile(runs, (0.25, 0.5, 0.75)))
+            of_random = of_random or median
+            said = f"{name:12} {low:8.0f} {median:8.0f} {high:8.0f}   {of_random / median:.2f}"
+            if sloped and name in DRIVEN:
+                missed, known = of_random / median < FASTER, (name, volumes) in SHORT_OF_IT
+                said += f" of {FASTER:g} asked, {'MISSED' if missed else 'met'}{', as is known' * (missed and known)}"
+                met &= known or not missed
+            print(said, flush=True)
     return met
 
 
@@ -221,11 +236,11 @@ def coverage(seeds: int) -> bool:
     """Print how often the interval of the confirming runs has the rate of the point that they confirm; whether that is often enough."""
     met = True
     print(
-        f"\ncoverage: {SEARCHES} searches of {SEARCH_RUNS} points of one run, {FRESH_RUNS} fresh runs of the best, 95 % intervals"
+        f"\ncoverage: {seeds} searches of {SEARCH_RUNS} points of one run, {FRESH_RUNS} fresh runs of the best, 95 % intervals"
     )
     for name in ("random", "optuna"):
         covered, found_rates, true_rates = 0, [], []
-        for seed in range(SEARCHES):
+        for seed in range(seeds):
             draws, space = np.random.default_rng([seed, RUNS]), cube(2)
             strategy = strategy_of(name, Problem(space, "maximize", seed, PER_BATCH))
             told = []
@@ -245,24 +260,29 @@ def coverage(seeds: int) -> bool:
             covered += bounds.low <= truth <= bounds.high
             found_rates.append(best.objective)
             true_rates.append(truth)
-        least = 0.95 - 1.96 * np.sqrt(0.95 * 0.05 / SEARCHES)
-        met &= covered / SEARCHES >= least
+        least = 0.95 - 1.96 * np.sqrt(0.95 * 0.05 / seeds)
+        met &= covered / seeds >= least
         said = f"found at {np.mean(found_rates):.0%} on average, in truth {np.mean(true_rates):.0%}"
-        print(f"{name:10} {covered} of {SEARCHES} intervals cover; {said}", flush=True)
+        print(f"{name:10} {covered} of {seeds} intervals cover; {said}", flush=True)
     return met
 
 
-PROOFS: Final[dict[str, Callable[[int], bool]]] = {"pockets": pockets, "boundary": boundary, "coverage": coverage}
+PROOFS: Final[dict[str, tuple[Callable[[int], bool], int]]] = {
+    "pockets": (pockets, 100),
+    "boundary": (boundary, 20),
+    "coverage": (coverage, SEARCHES),
+}
+"""Name to proof and its seeds."""
 
 
-def main(names: Sequence[str], seeds: int) -> int:
-    met = [PROOFS[name](seeds) for name in names or PROOFS]
+def main(names: Sequence[str], seeds: int | None) -> int:
+    met = [proof(seeds or its_own) for proof, its_own in (PROOFS[name] for name in names or PROOFS)]
     return 0 if all(met) else 1
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("proofs", nargs="*", metavar="PROOF", help=f"of {', '.join(PROOFS)}; else all")
-    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--seeds", type=int, help="else as many as each proof needs")
     asked = parser.parse_args()
     sys.exit(main(asked.proofs, asked.seeds))
