@@ -22,6 +22,7 @@ from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.scenario import Scenario
 from vastflow.sim.scenario_error import ScenarioError
 from vastflow.tasks.evaluation import FRAGMENTS, PackedProducer, write_evaluation
+from vastflow.tasks.garbage import few_collections
 from vastflow.tasks.store import Lost, Store, StoreError
 from vastflow.tasks.surroundings import check_temporary
 
@@ -106,7 +107,7 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
     from vastflow.sim.reading.map_file import map_content
     from vastflow.sim.run import run
 
-    with tempfile.TemporaryDirectory() as folder:
+    with few_collections(), tempfile.TemporaryDirectory() as folder:
         room = Path(folder, "room.yaml")
         cells = bytes(0 if x in (0, 59) or y in (0, 59) else 254 for y in range(60) for x in range(60))
         Path(folder, "room.pgm").write_bytes(b"P5 60 60 255\n" + cells)
