@@ -282,7 +282,9 @@ class BehaviorChecker:
             self.expressions.fault(call.place, "found elapsed without one duration", "elapsed(3s)")
             return None
         wanted = Type("time", "physical")
-        duration = self.expressions.assigned(call.arguments[0].value, wanted, self.names, "a duration")
+        text = call.arguments[0].value
+        take = self.expressions.given if isinstance(text, CallText) else self.expressions.assigned
+        duration = take(text, wanted, self.names, "a duration")
         return None if duration is None else Elapsed(duration, call.place)
 
 

@@ -19,6 +19,7 @@ from vastflow.sim.osc.definition import (
     Place,
     Struct,
     Type,
+    below_of,
 )
 from vastflow.sim.osc.faults import OscFault, TypeHint
 from vastflow.sim.osc.operators import BOOL, FLOAT, INT, OPERANDS, STRING, is_number, result_of
@@ -101,15 +102,21 @@ class ExpressionChecker:
             items = [self.assigned(part, item, names, f"an item of {whose}") for part in text.items]
             return None if None in items else ListOf(tuple(cast(list[Expression], items)), text.place)
         typed = self.value(text, names)
+        return None if typed is None else self._fitted(text, typed, wanted, whose)
+
+    def given(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression | None:
+        """As `assigned`, with what calls and `keep` take beyond it: numbers for a number with a unit, in SI units, and for a text."""
+        if wanted == VARIABLE or isinstance(text, ListText):
+            return self.assigned(text, wanted, names, whose)
+        typed = self.value(text, names)
         if typed is None:
             return None
-        value, found = typed
-        if self._fits(value, found, wanted):
-            return value
-        if wanted == STRING and isinstance(value, Name) and _has_text(found):
-            return Operation("+", (Constant("", text.place), value), text.place)
-        self.fault(text.place, f"found {_shown(text, found)} for {whose}, {_a(wanted)}", self._such_as(wanted, text))
-        return None
+        takes_numbers = wanted == FLOAT or (wanted.kind == "physical" and not wanted.is_list)
+        if takes_numbers and is_number(typed[1]):
+            return typed[0]
+        if wanted == STRING and isinstance(text, Constant):
+            return Constant(text_of(text.value), text.place)
+        return self._fitted(text, typed, wanted, whose)
 
     def value(self, text: ExpressionText, names: Visible) -> Typed | None:
         """What an expression is, and its type."""
@@ -157,7 +164,7 @@ class ExpressionChecker:
                 name, place = order[position], argument.value.place
             if name in given:
                 self.fault(place, f"{name!r} of {whose} is given twice", "one value")
-            given[name] = self._argument(argument.value, parameters[name].type, names, f"{name!r} of {whose}")
+            given[name] = self.given(argument.value, parameters[name].type, names, f"{name!r} of {whose}")
         if None in given.values():
             return None
         return {name: cast(Expression, given[name]) for name in order if name in given}
@@ -173,17 +180,14 @@ class ExpressionChecker:
             return None
         return values
 
-    def _argument(self, text: ExpressionText, wanted: Type, names: Visible, whose: str) -> Expression | None:
-        """As `assigned`, with what calls take beyond it: numbers for a number with a unit, in SI units, and for a text."""
-        before = len(self._faults)
-        typed = self.value(text, names) if isinstance(text, Constant | PathText | OperationText) else None
-        takes_numbers = wanted == FLOAT or (wanted.kind == "physical" and not wanted.is_list)
-        if typed is not None and takes_numbers and is_number(typed[1]):
-            return typed[0]
-        if typed is not None and wanted == STRING and isinstance(text, Constant):
-            return Constant(text_of(text.value), text.place)
-        del self._faults[before:]
-        return self.assigned(text, wanted, names, whose)
+    def _fitted(self, text: ExpressionText, typed: Typed, wanted: Type, whose: str) -> Expression | None:
+        value, found = typed
+        if self._fits(value, found, wanted):
+            return value
+        if wanted == STRING and isinstance(value, Name) and _has_text(found):
+            return Operation("+", (Constant("", text.place), value), text.place)
+        self.fault(text.place, f"found {_shown(text, found)} for {whose}, {_a(wanted)}", self._such_as(wanted, text))
+        return None
 
     def _refuse_empty(self, text: ListText) -> None:
         if not text.items and not self.of_library:
@@ -243,10 +247,14 @@ class ExpressionChecker:
 
     def _name(self, text: PathText, names: Visible) -> Typed | None:
         first, *rest = text.words
-        type_ = names.types.get(first.text)
         if first.text in names.faulty:
             return None
-        if type_ is None:
+        type_ = names.types.get(first.text)
+        value: Expression | None = Name((first.text,), first.place)
+        if type_ is None and rest:
+            type_ = self._declared.type_named(first.text)
+            value = None if type_ is None else self._defaults(type_, first.place)
+        if type_ is None or value is None:
             right = did_you_mean(first.text, names.types, "a value; no name can be used here")
             self.fault(first.place, f"unknown name {first.text!r}", right)
             return None
@@ -257,7 +265,12 @@ class ExpressionChecker:
                 self.fault(word.place, what, did_you_mean(word.text, members, "the name alone"))
                 return None
             type_ = members[word.text].type
-        return Name(tuple(word.text for word in text.words), text.place), type_
+        return below_of(value, [word.text for word in rest]), type_
+
+    def _defaults(self, type_: Type, place: Place) -> Expression | None:
+        """What the members of a struct or an actor have that nothing gives another value; its name has them too."""
+        members, missing = self._declared.filled({}, self._declared.members_of(type_), place)
+        return Struct(type_.name, members, place) if members and not missing else None
 
     def _call(self, text: CallText, names: Visible) -> Typed | None:
         if len(text.path.words) == 1:

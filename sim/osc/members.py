@@ -120,7 +120,7 @@ class MemberChecker:
             default = self._with_value(member.default, member.type, tuple(rest), value, names)
             kept[first.text] = replace(member, default=default)
         else:
-            given = self._expressions.assigned(value, member.type, names, repr(first.text))
+            given = self._expressions.given(value, member.type, names, repr(first.text))
             if given is not None:
                 kept[first.text] = replace(member, default=given, unit=unit_of(value))
         return kept
@@ -160,7 +160,7 @@ class MemberChecker:
         if rest:
             below = self._with_value(whole.members[first.text], member.type, tuple(rest), value, names)
         else:
-            below = self._expressions.assigned(value, member.type, names, repr(first.text))
+            below = self._expressions.given(value, member.type, names, repr(first.text))
         if below is None:
             return default
         return Struct(whole.type, {**whole.members, first.text: below}, whole.place)

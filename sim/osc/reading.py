@@ -28,6 +28,7 @@ ABSENT: Final[Mapping[str, str]] = {
     "osc.kubernetes": "clusters",
     "osc.moveit2": "robot arms",
     "osc.pybullet": "another simulator",
+    "osc.rosbridge": "ROS nodes behind a websocket",
 }
 """Libraries that other tools have."""
 

@@ -320,7 +320,7 @@ def _made_up(parameter: Field) -> Any:
     if kind.is_list:
         return []
     by_name: dict[str, Any] = {"string": "1", "bool": True, "float": 1.0, "position_3d": {"x": 1.0, "y": 0.0}}
-    return by_name.get(kind.name, 1)
+    return by_name.get(kind.name, {} if kind.kind == "struct" else 1)
 
 
 def _pose(x_m: float, y_m: float) -> dict[str, Any]:

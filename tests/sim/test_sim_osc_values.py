@@ -174,6 +174,42 @@ def test_in_the_brackets_of_a_call_plain_numbers_stand_for_si_units_and_for_text
         assert found.value == value and type(found.value) is type(value)
 
 
+@pytest.mark.parametrize("duration", ["random.get_int(1, 2)", "random.get_float(0.1, 0.3)"])
+def test_a_function_that_gives_a_number_gives_the_seconds_of_a_wait_and_of_a_timeout(duration):
+    assert logged(f"do serial:\n    wait elapsed({duration})\n    log('waited')") == ["waited"]
+    assert logged(f"do log('in time') with:\n    timeout({duration})") == ["in time"]
+
+
+def test_a_plain_number_that_keep_gives_is_in_si_units():
+    body = """\
+g: pose_3d with:
+    keep(it.position.x == 2)
+bot: differential_drive_robot
+do serial:
+    log(g.position.x)
+    log('') with:
+        keep(it.msg == 5)
+    bot.odometry_distance_traveled() with:
+        keep(it.distance == 3)
+"""
+    definition = read(body)
+    (parameter,) = definition.parameters
+    travel = definition.root.children[2]
+    assert parameter.default.members["position"].members["x"].value == 2
+    assert travel.arguments["distance"].value == 3
+
+
+@pytest.mark.parametrize("kind", ["struct", "actor"])
+def test_the_name_of_a_type_has_the_defaults_of_its_members(kind):
+    before = f"struct load:\n    n: int = 3\n    w: length = 2km\n{kind} truck:\n    wheels: int = 6\n    cargo: load = load(n: 4)\n"
+    body = "do serial:\n    log(truck.wheels)\n    log(truck.cargo.n)\n    log(load.n)\n    log(load.w)"
+    assert logged(body, before) == ["6", "4", "3", "2000.0"]
+
+
+def test_a_parameter_hides_a_type_of_its_name():
+    assert logged("load: string = 'mine'\ndo log(load)", "struct load:\n    n: int = 3\n") == ["mine"]
+
+
 def test_a_list_and_a_pose_that_are_left_out_are_empty_and_at_the_origin():
     body = "bot: differential_drive_robot\ndo serial:\n    bot.init_nav2()\n    bag_record()"
     init, bag = read(body).root.children
