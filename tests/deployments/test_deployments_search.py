@@ -1,0 +1,118 @@
+"""A search on a schedule, and one that is canceled on its page: a real API, a real worker in a process pool.
+
+`VASTFLOW_DEPLOYMENTS=all` runs them: the schedule has a flow run each minute.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import pyarrow.parquet as pq
+import pytest
+from prefect.states import Cancelling
+from typer.testing import CliRunner
+
+from vastflow.flows.__main__ import app
+
+pytestmark = [
+    pytest.mark.timeout(580),
+    pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it"),
+]
+
+END_S = 240
+SEARCH = """
+version: 1
+metadata: {name: asleep}
+search:
+  strategy: random
+  search_space: {x: {type: float, low: 2, high: 3}}
+  per_batch: 4
+  budget: [{batches: 2}]
+  confirm: 0
+execution: {scenario_file: sleep.osc, runs: 1, timeout: 60}
+"""
+SLEEP_OSC = """
+import osc.helpers
+
+scenario sleep_x:
+    x: string
+    do serial:
+        run_process('sleep ' + x)
+"""
+PLAN = "import asyncio\nfrom prefect.server.services.scheduler import schedule_deployments as s\nasyncio.run(s())"
+"""What Prefect's own scheduler does every minute."""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with the search; Prefect's home and the store are beside it."""
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "sleep.osc").write_text(SLEEP_OSC)
+    (folder / "asleep.vast").write_text(SEARCH)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def api(started_api, place):
+    """A client of an API of its own."""
+    with started_api(place / "prefect", place / "server.log") as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def nights(api, place, started_worker):
+    """Flow runs of the schedule: one that was canceled in its second batch, and the next, which came to an end."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        options = ("--pool", "lab", "--workers", "1", "--store", str(place / "store"), "--schedule", "* * * * *")
+        deployed = CliRunner().invoke(app, ["deploy", "asleep.vast", *options])
+    assert deployed.exit_code == 0, deployed.output
+    environment = {**os.environ, "PREFECT_HOME": str(place / "prefect")}
+    subprocess.run([sys.executable, "-c", PLAN], env=environment, timeout=END_S, check=True)
+    with started_worker(api, place / "worker", limit=1):
+        wait_until(lambda: any("batch 2" in each.name for each in batches(api)))
+        (canceled,) = of_schedule(api, "RUNNING")
+        api.set_flow_run_state(canceled.id, Cancelling())
+        wait_until(lambda: of_schedule(api, "CANCELLED"))
+        wait_until(lambda: of_schedule(api, "COMPLETED"))
+        yield of_schedule(api, "CANCELLED")[0], of_schedule(api, "COMPLETED")[0]
+
+
+def of_schedule(api, state):
+    deployment = api.read_deployment_by_name("campaign/asleep")
+    found = (each for each in api.read_flow_runs() if each.deployment_id == deployment.id and each.auto_scheduled)
+    return [each for each in found if each.state.type.value == state]
+
+
+def batches(api):
+    return [each for each in api.read_flow_runs() if each.name.startswith("asleep, batch")]
+
+
+def wait_until(condition):
+    deadline_s = time.monotonic() + END_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.3)
+
+
+def test_the_next_flow_run_of_the_schedule_takes_up_a_search_that_was_canceled(nights, place):
+    canceled, completed = nights
+    assert (canceled.state.name, completed.state.name) == ("Cancelled", "Completed")
+    directory = min((place / "results").glob("asleep-*"))
+    found = json.loads((directory / "metadata.json").read_text())
+    assert found["search"]["ended_by"] == "batches 2 of 2"
+    assert len(pq.read_table(directory / "evaluations.parquet")) == 8
+    assert 4 <= 8 - found["counts"]["executed"] < 8
+    assert completed.state.message.endswith("from the store")
+
+
+def test_no_batch_of_a_search_that_was_canceled_stays_open(nights, api):
+    _, completed = nights
+    of_both = [each for each in batches(api) if each.start_time and each.start_time <= completed.end_time]
+    assert {each.name for each in of_both} == {
+        "asleep, batch 1, point-0001 to point-0004",
+        "asleep, batch 2, point-0005 to point-0008",
+    }
+    assert [each.name for each in of_both if not each.state.is_final()] == []
