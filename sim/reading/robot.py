@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
+from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER
 from vastflow.sim.nav.parameters.latency import IDEAL, Latency
 from vastflow.sim.nav.parameters.mppi import MotionModel, MppiParameters
@@ -48,7 +49,8 @@ def robot_of(parameters: NavParameters) -> Robot:
 
     What the section `robot` gives counts. Else its body is the local costmap's polygon without padding, or a disc of `robot_radius`;
     of the radius in Nav2's default file it is the TurtleBot 4 that this file is for. Its actuators are the TurtleBot 4's, and
-    stronger where the velocity smoother allows more than it does in the default file. Its drive is that of MPPI's motion model.
+    stronger where the velocity smoother allows more than it does in the default file. Its drive is that of MPPI's motion model, and
+    omni where DWB samples motion to the side.
     """
     given = parameters.robot
     vertices, radius_m = _body(parameters)
@@ -122,6 +124,8 @@ def _drive(parameters: NavParameters) -> tuple[Drive, float]:
     """The drive, and the least turning radius (m) of one that has such: what is given, or else what MPPI or Hybrid-A* reckon with."""
     given, controller, planner = parameters.robot, parameters.controller, parameters.planner
     modeled = controller.motion_model if isinstance(controller, MppiParameters) else "DiffDrive"
+    if isinstance(controller, DwbParameters) and controller.is_omni:
+        modeled = "Omni"
     assumed = "ackermann" if given.min_turning_radius is not None else _DRIVES[modeled]
     drive = given.drive or assumed
     if drive != "ackermann":

@@ -159,7 +159,7 @@ def _with_noise(memory: Any, parameters: Any, seed: int) -> Any:
 @njit
 def _dwb(records: Any, memory: Any, window: Any, pose: Any, twist: Any, plan: Any, goal: Any) -> Any:
     given = ControllerInput(window, OUTLINE, 0.2255, pose, twist, plan, 0.0, goal, DT_S, 0.0)
-    return dwb.compute_velocity(records[0], memory, given)
+    return dwb.compute_velocity(records[0], memory, given)[:3]
 
 
 @njit
@@ -171,9 +171,10 @@ def _dwb_scores(records: Any, memory: Any, window: Any, pose: Any, twist: Any, p
     scores = memory.scores[:n_speeds, :n_turns].copy()
     for i in range(n_speeds):
         for j in range(n_turns):
-            steps, first = step_count(q, memory.speeds[i], memory.turns[j]), memory.first[i, j]
+            target = (memory.speeds[i], memory.sideways[i])
+            steps, first = step_count(q, target[0], target[1], memory.turns[j]), memory.first[i, j]
             sums, ground = memory.sums[first : first + steps + 1], (window.costs, OUTLINE, 1.0 / window.place[2])
-            if not along(q, setting, memory.speeds[i], steps, sums, memory.ends[i, j], ground)[0]:
+            if not along(q, setting, target, steps, sums, memory.ends[i, j], ground)[0]:
                 scores[i, j] = np.inf
     return scores
 
@@ -231,7 +232,7 @@ def _with_one_critic(parameters: dwb.Dwb, name: str) -> dwb.Dwb:
 def _dwb_state(answers: Mapping[str, Any], case: int, parameters: dwb.Dwb, plan: str = "local_plan_odom") -> Any:
     window = _window(answers, case)
     memory = dwb.new_memory(parameters, *window.costs.shape)
-    memory.trends.signs[:] = answers["osc_before"][case]
+    memory.trends.signs[:2] = answers["osc_before"][case]
     memory.trends.stood[:] = answers["osc_stationary_pose"][case]
     memory.trends.latched[:] = answers["rotate_latched_before"][case]
     pose, twist, goal = (tuple(answers[name][case].tolist()) for name in ("pose_odom", "twist", "goal_odom"))

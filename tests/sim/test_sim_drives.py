@@ -151,10 +151,6 @@ def test_a_robot_may_be_another_than_mppi_reckons_with():
         ({"FollowPath.motion_model": "Tracked"}, r"motion_model.*'Tracked'.*'DiffDrive'"),
         ({"robot.drive": "tracked"}, r"robot.drive: found 'tracked'.*'differential'"),
         (
-            {"robot.drive": "omni", "controller": "dwb", "controller_server.ros__parameters.FollowPath.max_vel_y": 0.2},
-            "max_vel_y: found 0.2, which is not modeled",
-        ),
-        (
             {"robot_model_type": "nav2_amcl::Tracked"},
             "robot_model_type: found .*Tracked'; one of nav2_amcl::Differential",
         ),

@@ -28,7 +28,7 @@ FAST = HUMBLE.with_values(max_vel_x=0.5, max_speed_xy=0.5, min_vel_x=-0.1)
 @njit
 def commanded(records, memory, window, outline, pose, twist, plan, n, goal):
     situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05, 0.0)
-    return dwb.compute_velocity(records[0], memory, situation)
+    return dwb.compute_velocity(records[0], memory, situation)[:3]
 
 
 @njit

@@ -23,7 +23,7 @@ HUMBLE = DwbParameters()
 @njit
 def commanded(records, memory, window, outline, pose, twist, plan, n, goal):
     situation = ControllerInput(window, outline, 0.2255, pose, twist, plan[:n], 0.0, goal, 0.05, 0.0)
-    return dwb.compute_velocity(records[0], memory, situation)
+    return dwb.compute_velocity(records[0], memory, situation)[:3]
 
 
 @njit

@@ -26,7 +26,7 @@ DWB = DwbParameters().with_values(max_vel_x=0.5, max_speed_xy=0.5)
 @njit
 def dwb_command(records, memory, window, outline, inscribed, pose, twist, plan, n, end_yaw, goal):
     situation = ControllerInput(window, outline, inscribed, pose, twist, plan[:n], end_yaw, goal, 0.05, 0.0)
-    return dwb.compute_velocity(records[0], memory, situation)
+    return dwb.compute_velocity(records[0], memory, situation)[:3]
 
 
 @njit

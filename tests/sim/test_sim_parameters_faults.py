@@ -65,7 +65,6 @@ PLUGIN_FAULTS = [
     ("planner_server: {ros__parameters: {planner_plugins: [G], G.plugin: 'nav2_smac_planner/SmacPlannerLattice'}}", "G.plugin: nav2_smac_planner::SmacPlannerLattice is not modeled; a planner that is: nav2_navfn_planner::NavfnPlanner"),
     ("planner_server: {ros__parameters: {planner_plugins: []}}", "planner_plugins: found an empty list; the name of a planner"),
     ("planner_server: {ros__parameters: {planner_plugins: 3}}", "planner_plugins: found 3; a list of names"),
-    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [PathDist], max_vel_y: 0.5"), "C.max_vel_y: found 0.5, which is not modeled; 0.0"),
     (controller("plugin: graceful_controller/GracefulControllerROS"), "C.plugin: graceful_controller::GracefulControllerROS is not modeled; a controller that is: dwb_core::DWBLocalPlanner, "),
     ("local_costmap: {local_costmap: {ros__parameters: {plugins: [i, o], i.plugin: nav2_costmap_2d::InflationLayer, o.plugin: nav2_costmap_2d::ObstacleLayer}}}", "o.plugin: o comes after the inflation: Nav2 does not inflate what it marks, which is not modeled; 'o' before 'i' in the list 'plugins'"),
     ("slam_toolbox: {ros__parameters: {resolution: 0.05}}", "nav2.yaml:1:1: file: none of its nodes is modeled; one that is, beside others: amcl, controller_server, "),

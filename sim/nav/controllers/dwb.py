@@ -46,7 +46,9 @@ class DwbMemory(NamedTuple):
     """State and working space of the controller.
 
     Attributes:
-        speeds, turns: (V,), (W,) samples of the last call.
+        ahead, aside: Samples of the last call, ahead and to the left (m/s).
+        speeds, sideways: (V,) all pairs of them, of each speed ahead those to the left in turn.
+        turns: (W,) samples of the last call.
         order: (C,) int64, the critics of `raw` and `scales` as the file lists them.
         raw, scales: (C,) what each critic says of an end, and what a point of it counts.
         scores: (V, W) of the ends, infinite where a critic forbids it.
@@ -56,7 +58,10 @@ class DwbMemory(NamedTuple):
             yaw rate and number of steps.
     """
 
+    ahead: Any
+    aside: Any
     speeds: Any
+    sideways: Any
     turns: Any
     order: Any
     raw: Any
@@ -73,7 +78,7 @@ class _Setting(NamedTuple):
     """What a call's samples have in common; positions are in cells from the window's corner.
 
     Attributes:
-        v_mps, w_radps: Measured.
+        v_mps, vy_mps, w_radps: Measured.
         goal_state: Of `at_goal`.
         goal, nose: Cells of GoalDist and GoalAlign.
         bounded: Whether a trajectory may not leave the window.
@@ -85,6 +90,7 @@ class _Setting(NamedTuple):
     y: float
     yaw_rad: float
     v_mps: float
+    vy_mps: float
     w_radps: float
     goal_state: int
     goal: int
@@ -98,14 +104,24 @@ class _Setting(NamedTuple):
 def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
     """Memory for a local costmap of `rows` × `columns` cells."""
     # Zero comes on top of the samples where they change sign without it.
-    speeds, turns = max(2, parameters.vx_samples) + 1, max(2, parameters.vtheta_samples) + 1
-    fastest_mps = max(abs(parameters.min_vel_x), abs(parameters.max_vel_x))
+    ahead, turns = max(2, parameters.vx_samples) + 1, max(2, parameters.vtheta_samples) + 1
+    aside = max(2, parameters.vy_samples) + 1 if parameters.is_omni else 1
+    speeds = ahead * aside
+    fastest_mps = math.hypot(
+        max(abs(parameters.min_vel_x), abs(parameters.max_vel_x)),
+        max(abs(parameters.min_vel_y), abs(parameters.max_vel_y)),
+    )
     steps_v = math.ceil(fastest_mps * parameters.sim_time / parameters.linear_granularity) + 1
     steps_w = math.ceil(parameters.max_vel_theta * parameters.sim_time / parameters.angular_granularity) + 1
     # Of a yaw rate's samples those have a stretch of their own whose speed asks for more steps than the yaw rate.
     sums = turns * (steps_w + 1) + speeds * turns * (steps_v + 1)
+    if parameters.is_omni:  # and they may take turns
+        sums = speeds * turns * (max(steps_v, steps_w) + 1)
     return DwbMemory(
+        ahead=np.zeros(ahead),
+        aside=np.zeros(aside),
         speeds=np.zeros(speeds),
+        sideways=np.zeros(speeds),
         turns=np.zeros(turns),
         order=np.argsort([critic.place for critic in parameters.critics()]),
         raw=np.zeros(FOOTPRINT + 1),
@@ -128,15 +144,15 @@ def reset(memory: DwbMemory) -> None:
 
 @addressed
 def compute_velocity(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
-    """Command (valid, v, ω) of the legal sample with the lowest score; not valid when none is legal."""
+    """Command (valid, v, ω, vy) of the legal sample with the lowest score; not valid when none is legal."""
     setting, n_speeds, n_turns = score(q, memory, given)
     i, j = _choose(
         q, memory, (given.window.costs, given.outline, 1.0 / given.window.place[2]), setting, n_speeds, n_turns
     )
-    v, w = (memory.speeds[i], memory.turns[j]) if i >= 0 else (0.0, 0.0)
+    v, w, vy = (memory.speeds[i], memory.turns[j], memory.sideways[i]) if i >= 0 else (0.0, 0.0, 0.0)
     if q.Oscillation.enabled != 0:
-        debrief(q.Oscillation, memory.trends, given.pose, v, w)
-    return i >= 0, v, w
+        debrief(q.Oscillation, memory.trends, given.pose, v, w, vy)
+    return i >= 0, v, w, vy
 
 
 @inner
@@ -145,7 +161,12 @@ def score(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
     window, twist, goal = given.window, given.twist, given.goal
     setting = _prepare(q, memory, given)
     v, w, time_s = twist[0], twist[1], q.sim_time
-    n_speeds = sample(memory.speeds, v, q.min_vel_x, q.max_vel_x, q.acc_lim_x, q.decel_lim_x, time_s, q.vx_samples)
+    n_ahead = sample(memory.ahead, v, q.min_vel_x, q.max_vel_x, q.acc_lim_x, q.decel_lim_x, time_s, q.vx_samples)
+    vy = given.lateral_mps
+    n_aside = sample(memory.aside, vy, q.min_vel_y, q.max_vel_y, q.acc_lim_y, q.decel_lim_y, time_s, q.vy_samples)
+    n_speeds = n_ahead * n_aside
+    for i in range(n_speeds):
+        memory.speeds[i], memory.sideways[i] = memory.ahead[i // n_aside], memory.aside[i % n_aside]
     limit = q.max_vel_theta
     n_turns = sample(memory.turns, w, -limit, limit, q.acc_lim_theta, q.decel_lim_theta, time_s, q.vtheta_samples)
     cells_per_m = 1.0 / window.place[2]
@@ -153,6 +174,7 @@ def score(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
         q,
         setting,
         memory.speeds[:n_speeds],
+        memory.sideways[:n_speeds],
         memory.turns[:n_turns],
         memory.first,
         memory.sums,
@@ -198,8 +220,9 @@ def _prepare(q: Any, memory: DwbMemory, given: ControllerInput) -> _Setting:
         (pose[1] - window.place[1]) / window.place[2],
         pose[2],
         twist[0],
+        given.lateral_mps,
         twist[1],
-        at_goal(q, memory.trends.latched, pose[0], pose[1], twist[0], goal),
+        at_goal(q, memory.trends.latched, pose[0], pose[1], math.hypot(twist[0], given.lateral_mps), goal),
         goal_cell,
         nose_cell,
         obstructed or outlined or scales[PATH_DIST] != 0.0 or scales[GOAL_DIST] != 0.0,
@@ -225,18 +248,21 @@ def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_spe
     free = scales[OSCILLATION] == 0.0
     forward, backward = free or signs[0, 2] == 0, free or signs[0, 1] == 0
     to_left, to_right = free or signs[1, 2] == 0, free or signs[1, 1] == 0
+    leftward, rightward = free or signs[2, 2] == 0, free or signs[2, 1] == 0
+    square = setting.v_mps * setting.v_mps + setting.vy_mps * setting.vy_mps
     rotating = scales[ROTATE] != 0.0 and setting.goal_state == 2
     slowing = scales[ROTATE] != 0.0 and setting.goal_state == 1
     for k in range(raw.shape[0]):
         raw[k] = 0.0
     for i in range(n_speeds):
-        v = speeds[i]
-        excluded = (v > 0.0 and not forward) or (v < 0.0 and not backward) or (rotating and v != 0.0)
-        excluded = excluded or (slowing and v * v >= setting.v_mps * setting.v_mps)
+        v, vy = speeds[i], memory.sideways[i]
+        excluded = (v > 0.0 and not forward) or (v < 0.0 and not backward)
+        excluded = excluded or (vy > 0.0 and not leftward) or (vy < 0.0 and not rightward)
+        excluded = excluded or (rotating and (v != 0.0 or vy != 0.0)) or (slowing and v * v + vy * vy >= square)
         for j in range(n_turns):
             w = turns[j]
             scores[i, j] = math.inf
-            if excluded or (w > 0.0 and not to_left) or (w < 0.0 and not to_right) or not possible(q, v, w):
+            if excluded or (w > 0.0 and not to_left) or (w < 0.0 and not to_right) or not possible(q, v, vy, w):
                 continue
             x, y, c, s = ends[i, j, 0], ends[i, j, 1], ends[i, j, 2], ends[i, j, 3]
             inside = x >= 0.0 and y >= 0.0 and x < columns and y < rows
@@ -245,7 +271,7 @@ def _score_ends(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, n_spe
             if rotating:
                 raw[ROTATE] = ends[i, j, 4]
             elif slowing:
-                raw[ROTATE] = v * v * q.RotateToGoal.slowing_factor + ends[i, j, 4]
+                raw[ROTATE] = (v * v + vy * vy) * q.RotateToGoal.slowing_factor + ends[i, j, 4]
             if setting.obstructed:
                 raw[OBSTACLE] = costs[int(y), int(x)]
                 if raw[OBSTACLE] >= INSCRIBED:
@@ -303,10 +329,11 @@ def _sum_up(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, j
 @inner
 def _followed(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int, j: int) -> Any:
     """See `along`."""
-    steps = step_count(q, memory.speeds[i], memory.turns[j])
+    target = (memory.speeds[i], memory.sideways[i])
+    steps = step_count(q, target[0], target[1], memory.turns[j])
     base = memory.first[i, j]
     sums = memory.sums[base : base + steps + 1]
-    return along(q, setting, memory.speeds[i], steps, sums, memory.ends[i, j], ground)
+    return along(q, setting, target, steps, sums, memory.ends[i, j], ground)
 
 
 @inner
@@ -344,7 +371,9 @@ class Dwb(DwbParameters, Controller):
 
     def speed_limits(self) -> SpeedLimits:
         """Its greatest speeds; a limit in m/s only if it is below `max_speed_xy`."""
-        return SpeedLimits(("max_speed_xy", "max_vel_x", "max_vel_theta"), self.max_speed_xy, only_lower=True)
+        return SpeedLimits(
+            ("max_speed_xy", "max_vel_x", "max_vel_y", "max_vel_theta"), self.max_speed_xy, only_lower=True
+        )
 
     def plan_cut(self, setting: Setting) -> PlanCut:
         """All points round the robot that have not been left behind: it keeps path behind the robot."""

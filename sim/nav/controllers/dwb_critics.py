@@ -44,7 +44,7 @@ class Trends(NamedTuple):
     """What the stateful critics remember.
 
     Attributes:
-        signs: (2, 3) int64, for forward speed and yaw rate: last sign, only positive allowed, only negative allowed.
+        signs: (3, 3) int64, for forward speed, yaw rate, and speed to the left: last sign, only positive allowed, only negative allowed.
         stood: (3,) float64, pose at the last change of sign.
         latched: (2,) int64, within the goal's tolerance, slow enough to rotate there.
     """
@@ -69,7 +69,7 @@ def new_path_grid(rows: int, columns: int) -> PathGrid:
 def new_trends() -> Trends:
     """No restriction, not at the goal."""
     return Trends(
-        signs=np.zeros((2, 3), dtype=np.int64),
+        signs=np.zeros((3, 3), dtype=np.int64),
         stood=np.zeros(3),
         latched=np.zeros(2, dtype=np.int64),
     )
@@ -199,12 +199,13 @@ def at_goal(q: Any, latched: Any, x_m: float, y_m: float, speed_mps: float, goal
 
 
 @inner
-def debrief(critic: Any, trends: Trends, pose: Any, v_mps: float, w_radps: float) -> None:
-    """Let Oscillation know the command that was chosen, (0, 0) where none was."""
+def debrief(critic: Any, trends: Trends, pose: Any, v_mps: float, w_radps: float, vy_mps: float) -> None:
+    """Let Oscillation know the command that was chosen, (0, 0, 0) where none was."""
     signs, stood = trends.signs, trends.stood
     flipped = _flips(signs, 0, v_mps)
     if critic.x_only_threshold < 0.0 or abs(v_mps) <= critic.x_only_threshold:
         flipped = _flips(signs, 1, w_radps) or flipped
+        flipped = _flips(signs, 2, vy_mps) or flipped
     if flipped:
         stood[0], stood[1], stood[2] = pose[0], pose[1], pose[2]
     dx, dy = pose[0] - stood[0], pose[1] - stood[1]
@@ -212,7 +213,7 @@ def debrief(critic: Any, trends: Trends, pose: Any, v_mps: float, w_radps: float
     moved = reset_m >= 0.0 and dx * dx + dy * dy > reset_m * reset_m
     # Nav2 takes the plain difference of two yaws in (-π, π]: to pass ±π lifts the restriction at once.
     turned = reset_rad >= 0.0 and abs(wrapped(pose[2]) - wrapped(stood[2])) > reset_rad
-    restricted = signs[0, 1] + signs[0, 2] + signs[1, 1] + signs[1, 2] > 0
+    restricted = signs[0, 1] + signs[0, 2] + signs[1, 1] + signs[1, 2] + signs[2, 1] + signs[2, 2] > 0
     if restricted and (moved or turned):
         clear(signs)
 
@@ -220,7 +221,7 @@ def debrief(critic: Any, trends: Trends, pose: Any, v_mps: float, w_radps: float
 @inner
 def clear(signs: Any) -> None:
     """Lift all restrictions."""
-    for axis in range(2):
+    for axis in range(3):
         for k in range(3):
             signs[axis, k] = 0
 

@@ -50,9 +50,9 @@ def sample(
 
 
 @inner
-def possible(q: Any, v_mps: float, w_radps: float) -> bool:
+def possible(q: Any, v_mps: float, vy_mps: float, w_radps: float) -> bool:
     """Whether the robot can move like that: not too fast, not too slow, not at rest (`isValidSpeed`)."""
-    square = v_mps * v_mps
+    square = v_mps * v_mps + vy_mps * vy_mps
     if q.max_speed_xy >= 0.0 and square > q.max_speed_xy * q.max_speed_xy + SAME_VELOCITY:
         return False
     slow = q.min_speed_xy >= 0.0 and square + SAME_VELOCITY < q.min_speed_xy * q.min_speed_xy
@@ -62,9 +62,10 @@ def possible(q: Any, v_mps: float, w_radps: float) -> bool:
 
 
 @inner
-def step_count(q: Any, v_mps: float, w_radps: float) -> int:
+def step_count(q: Any, v_mps: float, vy_mps: float, w_radps: float) -> int:
     """Steps of a sample's roll-out, fine enough for both granularities at the sample's own velocities."""
-    by_length = abs(v_mps) * q.sim_time / q.linear_granularity
+    speed = math.hypot(v_mps, vy_mps) if vy_mps != 0.0 else abs(v_mps)
+    by_length = speed * q.sim_time / q.linear_granularity
     by_turn = abs(w_radps) * q.sim_time / q.angular_granularity
     longer = max(by_length, by_turn)
     steps = int(longer)
@@ -84,6 +85,7 @@ def roll_out(
     q: Any,
     setting: Any,
     speeds: Any,
+    sideways: Any,
     turns: Any,
     first: Any,
     sums: Any,
@@ -99,7 +101,7 @@ def roll_out(
     for j in range(turns.shape[0]):
         steps, base, c, s, heading_error = 0, 0, 0.0, 0.0, 0.0
         for i in range(speeds.shape[0]):
-            n = step_count(q, speeds[i], turns[j])
+            n = step_count(q, speeds[i], sideways[i], turns[j])
             if n != steps:
                 steps, base = n, free
                 c, s, end_rad = _turn(q, sums[base : base + steps + 1], setting.yaw_rad, setting.w_radps, turns[j])
@@ -108,14 +110,17 @@ def roll_out(
             # Euler steps while the speed changes, then all the rest at once.
             dt_s = q.sim_time / steps
             cells = dt_s * cells_per_m
-            x, y, v, k = setting.x, setting.y, setting.v_mps, 0
-            while k < steps and v != speeds[i]:
+            x, y, v, vy, k = setting.x, setting.y, setting.v_mps, setting.vy_mps, 0
+            while k < steps and (v != speeds[i] or vy != sideways[i]):
                 v = approach(v, speeds[i], q.acc_lim_x, q.decel_lim_x, dt_s)
-                x += v * cells * (sums[base + k + 1, 0] - sums[base + k, 0])
-                y += v * cells * (sums[base + k + 1, 1] - sums[base + k, 1])
+                vy = approach(vy, sideways[i], q.acc_lim_y, q.decel_lim_y, dt_s)
+                dx, dy = sums[base + k + 1, 0] - sums[base + k, 0], sums[base + k + 1, 1] - sums[base + k, 1]
+                x += v * cells * dx - vy * cells * dy
+                y += v * cells * dy + vy * cells * dx
                 k += 1
-            ends[i, j, 0] = x + v * cells * (sums[base + steps, 0] - sums[base + k, 0])
-            ends[i, j, 1] = y + v * cells * (sums[base + steps, 1] - sums[base + k, 1])
+            dx, dy = sums[base + steps, 0] - sums[base + k, 0], sums[base + steps, 1] - sums[base + k, 1]
+            ends[i, j, 0] = x + (v * cells * dx - vy * cells * dy)
+            ends[i, j, 1] = y + (v * cells * dy + vy * cells * dx)
             ends[i, j, 2], ends[i, j, 3], ends[i, j, 4] = c, s, heading_error
             first[i, j] = base
 
@@ -142,10 +147,11 @@ def _turn(q: Any, sums: Any, yaw_rad: float, w_radps: float, target_radps: float
 
 
 @inner
-def along(q: Any, setting: Any, target_mps: float, steps: int, sums: Any, end: Any, ground: Any) -> Any:
+def along(q: Any, setting: Any, target: Any, steps: int, sums: Any, end: Any, ground: Any) -> Any:
     """What a sample's roll-out meets, from the robot's own pose on.
 
     Args:
+        target: The sample's speeds, ahead and to the left.
         sums: Of the sample's headings, as `_turn` writes them.
         end: (5,) of the sample, see `DwbMemory.ends`.
         ground: Costs of the window, the robot's outline, cells per meter.
@@ -158,7 +164,7 @@ def along(q: Any, setting: Any, target_mps: float, steps: int, sums: Any, end: A
     rows, columns = costs.shape
     dt_s = q.sim_time / steps
     cells = dt_s * cells_per_m
-    x, y, v = setting.x, setting.y, setting.v_mps
+    x, y, v, vy = setting.x, setting.y, setting.v_mps, setting.vy_mps
     center_cost, outline_costs, here, under = 0, 0, 0, 0
     for k in range(steps + 1):
         # A heading is what the next step adds to the sums.
@@ -179,8 +185,9 @@ def along(q: Any, setting: Any, target_mps: float, steps: int, sums: Any, end: A
                 return False, 0, 0
             outline_costs += under
         if k < steps:
-            v = approach(v, target_mps, q.acc_lim_x, q.decel_lim_x, dt_s)
-            x += v * cells * c
-            y += v * cells * s
+            v = approach(v, target[0], q.acc_lim_x, q.decel_lim_x, dt_s)
+            vy = approach(vy, target[1], q.acc_lim_y, q.decel_lim_y, dt_s)
+            x += v * cells * c - vy * cells * s
+            y += v * cells * s + vy * cells * c
     # Nav2's trajectories have their last pose twice.
     return True, center_cost + here, outline_costs + under

@@ -267,7 +267,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
     },
     "DWB": {
         **_any("transform_tolerance", "debug_trajectory_details", "short_circuit_trajectory_evaluation", "stateful"),
-        **_any("vy_samples", "acc_lim_y", "decel_lim_y", "default_critic_namespaces", "time_granularity"),
+        **_any("default_critic_namespaces", "time_granularity"),
         **_any("publish_evaluation", "publish_global_plan", "publish_transformed_plan", "publish_local_plan"),
         **_any("publish_trajectories", "publish_cost_grid_pc", "marker_lifetime"),
         "trajectory_generator_name": only("dwb_plugins::StandardTrajectoryGenerator", "StandardTrajectoryGenerator"),

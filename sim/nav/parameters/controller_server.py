@@ -50,9 +50,6 @@ _MOTION_MODELS: Final[Mapping[str, str]] = {
 }
 """Plug-ins of MPPI's to what its parameter calls them before Lyrical."""
 
-_TO_THE_SIDE: Final = ("min_vel_y", "max_vel_y")
-"""Limits of DWB's samples to the side, which are not modeled: a robot that is to have some would drive otherwise."""
-
 _NOT_OF_THE_SHIM: Final = ("use_path_orientations",)
 """Flags of the Rotation Shim that are not modeled."""
 
@@ -109,8 +106,6 @@ def _of_nav2(reader: Reader, kind: type[ParameterGroup], place: ParameterLocatio
     """A controller of Nav2's with its critics."""
     reader.kinds[place] = algorithm
     given = dict(_critics(reader, place, algorithm, kind()))
-    for name in _TO_THE_SIDE if algorithm == "DWB" else ():
-        reader.only((*place, name), 0.0)
     if algorithm == "MPPI":
         given |= _motion_model(reader, place)
         _check_obstacles(reader, place, given)

@@ -95,7 +95,7 @@ class ObstacleFootprintCritic(DwbCritic):
 
 
 class DwbParameters(ParameterGroup):
-    """dwb_core with StandardTrajectoryGenerator on a differential drive: meters, seconds, radians.
+    """dwb_core with StandardTrajectoryGenerator: meters, seconds, radians.
 
     Nav2's code defaults of the kinematic limits are 0: a file that leaves one of them out has a robot that does not
     move that way.
@@ -103,15 +103,20 @@ class DwbParameters(ParameterGroup):
 
     min_vel_x: float = parameter(0.0, -5.0, 5.0)
     max_vel_x: float = parameter(0.26, -5.0, 5.0, code=0.0)
+    min_vel_y: float = parameter(0.0, -5.0, 5.0)
+    max_vel_y: float = parameter(0.0, -5.0, 5.0)
     max_vel_theta: float = parameter(1.0, 0.0, 100.0, code=0.0)
     min_speed_xy: float = parameter(0.0, -100.0, 100.0)
     max_speed_xy: float = parameter(0.26, -100.0, 100.0, code=0.0)
     min_speed_theta: float = parameter(0.0, -100.0, 100.0)
     acc_lim_x: float = parameter(2.5, 0.0, 100.0, code=0.0)
+    acc_lim_y: float = parameter(0.0, 0.0, 100.0)
     acc_lim_theta: float = parameter(3.2, 0.0, 100.0, code=0.0)
     decel_lim_x: float = parameter(-2.5, -100.0, 0.0, code=0.0)
+    decel_lim_y: float = parameter(0.0, -100.0, 0.0)
     decel_lim_theta: float = parameter(-3.2, -100.0, 0.0, code=0.0)
     vx_samples: int = parameter(20, 0, 100)
+    vy_samples: int = parameter(5, 0, 100)
     vtheta_samples: int = parameter(20, 0, 100)
     sim_time: float = parameter(1.7, 0.05, 5.0)
     linear_granularity: float = parameter(0.05, 0.01, 10.0, code=0.5)
@@ -130,6 +135,11 @@ class DwbParameters(ParameterGroup):
     PreferForward: PreferForwardCritic = PreferForwardCritic()
     Twirling: TwirlingCritic = TwirlingCritic()
     ObstacleFootprint: ObstacleFootprintCritic = ObstacleFootprintCritic()
+
+    @property
+    def is_omni(self) -> bool:
+        """Whether it samples motion to the side."""
+        return self.min_vel_y != 0.0 or self.max_vel_y != 0.0
 
     def critics(self) -> tuple[DwbCritic, ...]:
         """The groups of the critics, as they stand above."""

@@ -14,6 +14,7 @@ from vastflow.sim.nav.parameters.document import (
     ParameterFault,
     ParameterLocation,
 )
+from vastflow.sim.nav.parameters.dwb import DwbParameters
 from vastflow.sim.nav.parameters.filters import check_speed_filter
 from vastflow.sim.nav.parameters.latency import IDEAL, LATENCY_KEY, PRESET_KEY, PRESETS, Latency
 from vastflow.sim.nav.parameters.monitor import collision_monitor
@@ -129,7 +130,7 @@ def _body_of_the_other_costmap(parts: Parts) -> Parts:
 def _localization_of_an_omni_robot(parts: Parts) -> Parts:
     """A file without AMCL has that of Jazzy's file, whose motion model is differential: strafing would lose an omni robot."""
     controller, robot = parts.get("controller"), parts["robot"]
-    is_omni = isinstance(controller, MppiParameters) and controller.motion_model == "Omni"
+    is_omni = isinstance(controller, MppiParameters | DwbParameters) and controller.is_omni
     if "amcl" in parts or not (robot.drive == "omni" or (robot.drive is None and is_omni)):
         return {}
     return {"amcl": AmclParameters(omni=True)}
