@@ -53,6 +53,16 @@ BARE: Final = (CAPITALS - {"DEFAULTS"}) | {
 
 MOST_EXPECTED: Final = 6
 
+VERSION_1: Final[Mapping[str, str]] = {
+    "from:": "'wrt:'",
+    "to:": "'of:'",
+    "pose:": "'translation:' and 'rotation:' by themselves",
+    "wall thickness:": "'walls:' with 'thickness:'",
+    "wall height:": "'walls:' with 'height:'",
+}
+"""Words of the FloorPlan DSL's version 1, and what stands in their place in version 2."""
+WORD_OF_VERSION_1: Final = re.compile("|".join(word.replace(" ", r"\s+").replace(":", r"\s*:") for word in VERSION_1))
+
 
 def parsed(parser: Lark, text: str, file: str) -> Any:
     """What `parser` makes of `text`.
@@ -67,9 +77,13 @@ def parsed(parser: Lark, text: str, file: str) -> Any:
     except UnexpectedToken as error:
         at = len(text.rstrip()) if error.token.type == "$END" else error.token.start_pos or 0
         expected = error.accepts or error.expected
-    found = WORD.match(text, at)
     before = text[:at]
     place = before.count("\n") + 1, at - (before.rfind("\n") + 1) + 1
+    if old := WORD_OF_VERSION_1.match(text, at):
+        word = " ".join(old[0].removesuffix(":").split()) + ":"
+        right = f"{VERSION_1[word]} in version 2, the only one that is read; this is the language's version 1"
+        complain(file, place, "syntax", f"found {word!r}", right)
+    found = WORD.match(text, at)
     what = f"found {found[0][:40]!r}" if found else "the file ends here"
     complain(file, place, "syntax", what, _right(found[0] if found else "", before.rstrip(), set(expected)))
 

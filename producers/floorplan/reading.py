@@ -407,8 +407,10 @@ class _Reader:
         if len(texts) > 2:
             self._fault(texts[2].token, where, f"found {len(texts)} walls", "one wall, or two with 'and'")
         for text in texts:
-            if text.wall is None:
-                right = f"one of its walls, such as {text.name}.walls[0]"
+            if text.wall is None and text.name in (WORLD, *self._corners):
+                right = (
+                    "the wall of a space" if text.name == WORLD else f"one of its walls, such as {text.name}.walls[0]"
+                )
                 self._fault(text.token, where, f"found {text.name!r}", right)
         frames = tuple(self._frame(text, f"{where}: location", None) for text in texts)
         if len(set(frames)) < len(frames) and not self.faults:

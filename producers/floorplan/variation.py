@@ -135,6 +135,8 @@ class _Numbers:
         """The number of an attribute of a space, feature or opening."""
         name, wanted = ".".join(path), ".".join(attribute)
         section = self._sections.get(name)
+        if section is None and name in self._variables:
+            return _Wrong(path[0], f"{name!r} is a variable", f"{name} : with its distribution, without braces")
         if section is None:
             what = f"the plan has no space, feature or opening {name!r}"
             return _Wrong(path[0], what, did_you_mean(name, self._sections))

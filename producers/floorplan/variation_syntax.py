@@ -12,7 +12,7 @@ from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.parsing import parsed
 
 GRAMMAR: Final = r"""
-variation: IMPORT STRING item*
+variation: IMPORT STRING item+
 item: path ":" (distribution | "{" attribute* "}")
 attribute: path ":" distribution
 path: NAME ("." NAME)*

@@ -222,6 +222,9 @@ def test_a_text_outside_of_the_language_is_refused_at_its_first_wrong_word(text,
         ),
         (ROOM + DOOR.replace("in: a.walls[0]", ""), "p.fpm:4:10: Entryway d: no 'in' in its location; in: space.walls[...]"),
         (ROOM + DOOR.replace("a.walls[0]", "a"), "p.fpm:4:70: Entryway d: found 'a'; one of its walls, such as a.walls[0]"),
+        (ROOM + DOOR.replace("a.walls[0]", "world"), "p.fpm:4:70: Entryway d: found 'world'; the wall of a space"),
+        (ROOM + POST.format(location="wrt: a") + DOOR.replace("a.walls[0]", "c"),
+         "p.fpm:5:70: Entryway d: location: no space 'c'; known: a"),
         (ROOM + DOOR.replace("in: a.walls[0]", "in: a.walls[0] and a.walls[1] and a.walls[2]"),
          "p.fpm:4:100: Entryway d: found 3 walls; one wall, or two with 'and'"),
         (ROOM + DOOR.replace("in: a.walls[0]", "in: a.walls[0] and a.walls[0]"),
@@ -270,6 +273,25 @@ def test_a_text_outside_of_the_language_is_refused_at_its_first_wrong_word(text,
 )  # fmt: skip
 def test_a_mistake_is_said_once_with_its_place_and_what_would_be_right(text, message):
     assert complaint(text) == message
+
+
+@pytest.mark.parametrize(
+    ("old", "written", "found", "today"),
+    [
+        ("wrt: world", "from : world", "from:", "'wrt:'"),
+        ("of: this", "to: this", "to:", "'of:'"),
+        ("of: this", "of: this pose: translation: x: 1.0 m", "pose:", "'translation:' and 'rotation:' by themselves"),
+        ("of: this", "of: this wall  thickness: 0.4 m", "wall thickness:", "'walls:' with 'thickness:'"),
+        ("of: this", "of: this wall height: 3 m", "wall height:", "'walls:' with 'height:'"),
+    ],
+)
+def test_a_word_of_version_1_is_said_to_be_one_with_what_stands_in_its_place(old, written, found, today):
+    right = f"{today} in version 2, the only one that is read; this is the language's version 1"
+    assert complaint(changed(old, written)).partition(": ")[2] == f"syntax: found {found!r}; {right}"
+
+
+def test_what_has_the_name_of_a_word_of_version_1_may_have_it():
+    assert room(ROOM.replace("Space a", "Space from"), "from")[0] == (-2, 1.5)
 
 
 def test_all_mistakes_of_a_file_are_said_at_once_in_its_order():

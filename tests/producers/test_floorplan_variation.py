@@ -103,6 +103,9 @@ def test_probabilities_that_add_up_to_one_but_for_rounding_are_accepted():
     [
         ("gapp : uniform([1])", "v.variation:2:1: gapp: the plan has no variable 'gapp'; did you mean 'gap'?"),
         ("study : uniform([1])", "v.variation:2:1: study: 'study' is no variable; study: { ... } with attributes of it"),
+        ("gap: { value : uniform([1]) }", ("v.variation:2:1: gap.value: 'gap' is a variable; "
+         "gap : with its distribution, without braces")),
+        ("// nothing", "v.variation:2:11: syntax: the file ends here; a name"),
         (
             "studio: { shape.width : uniform([1]) }",
             "v.variation:2:1: studio.shape.width: the plan has no space, feature or opening 'studio'; did you mean 'study'?",
@@ -161,7 +164,7 @@ def test_all_mistakes_are_said_at_once():
 
 
 def test_an_import_that_is_not_there_is_a_fault_of_the_variation_file(tmp_path):
-    (tmp_path / "v.variation").write_text('// a comment\nimport "none.fpm"\n')
+    (tmp_path / "v.variation").write_text('// a comment\nimport "none.fpm"\ngap : uniform([1])\n')
     with pytest.raises(
         FloorplanError, match=r"v\.variation:2:8: import: '.*none\.fpm': no such file; a floor plan, by its"
     ):
@@ -170,7 +173,7 @@ def test_an_import_that_is_not_there_is_a_fault_of_the_variation_file(tmp_path):
 
 def test_a_fault_of_the_imported_plan_is_said_of_the_plan(tmp_path):
     (tmp_path / "flat.fpm").write_text(PLAN.replace("width=gap", "width=gab"))
-    (tmp_path / "v.variation").write_text(HEAD)
+    (tmp_path / "v.variation").write_text(f"{HEAD}gap : uniform([1])")
     with pytest.raises(
         FloorplanError, match=r"flat\.fpm:41:32: Entryway door: no variable 'gab'; did you mean 'gap'\?"
     ):
