@@ -4,6 +4,7 @@ import json
 import math
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -73,9 +74,11 @@ def variations(
 ) -> None:
     """Draw variations of a floor plan.
 
-    Each is written as PLAN_SEED.fpm. One whose numbers make no building is reported and left out.
+    Each is written as PLAN_SEED.fpm. One whose numbers make no building is reported and left out; what there is to note
+    of the others, such as a door that the numbers put beside its wall, is said.
     """
     check_writable(out, "--out")
+    from vastflow.flows.request.notes import terminal_lines
     from vastflow.producers.floorplan.faults import FloorplanError
     from vastflow.producers.floorplan.files import PlanFile, read_variation_file
     from vastflow.producers.floorplan.variation import GREATEST_SEED
@@ -88,11 +91,13 @@ def variations(
         sample = variation.sample(number)
         name = f"{variation.plan.token}_{number}.fpm"
         try:
-            PlanFile(name, sample.text).building()
+            building = PlanFile(name, sample.text).building()
         except FloorplanError as error:
             print(f"{file}: not written: {error.brief}", file=sys.stderr)
             continue
         _write(out, {name: sample.text.encode()})
+        for line in terminal_lines([replace(note, file=str(out / name)) for note in building.notes]):
+            print(line, file=sys.stderr)
         written += 1
     if not written:
         raise typer.Exit(BAD_INPUT)

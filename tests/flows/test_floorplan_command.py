@@ -111,6 +111,16 @@ def test_a_variation_that_makes_no_building_is_reported_and_the_others_are_writt
     assert re.search(r"\.variation: not written: flat_\d.fpm:\d+:\d+: Entryway door: the width is -7 m", reports[0])
 
 
+def test_a_door_that_is_drawn_beside_its_wall_is_said_of_the_plan_that_is_written(plan, tmp_path):
+    file = plan.with_suffix(".variation")
+    door = "door: {\n    location.translation.x : "
+    assert door in file.read_text()
+    file.write_text(file.read_text().replace(f"{door}normal(mean=0.0, std=0.1)", f"{door}uniform([9.0])"))
+    result = run("variations", file, "--seed", 7, "--out", tmp_path / "v")
+    assert (result.exit_code, result.stdout.strip()) == (0, str(tmp_path / "v" / "flat_7.fpm"))
+    assert re.match(rf"{tmp_path}/v/flat_7.fpm:\d+:\d+: warning: Entryway door: it cuts nothing: ", result.stderr)
+
+
 @pytest.mark.parametrize("command", ["render", "geometry"])
 def test_a_fault_of_a_plan_is_said_with_its_place(plan, tmp_path, command):
     plan.write_text(plan.read_text().replace("width=gap", "width=gab"))
