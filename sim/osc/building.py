@@ -267,8 +267,8 @@ REFUSED_CALLS: Final[Mapping[str, str]] = {
 
 REFUSED_FUNCTIONS: Final[Mapping[str, str]] = {
     "every": "'repeat()' round a serial that begins with 'wait elapsed(…)'",
-    "rise": "the condition alone",
-    "fall": "'not' before the condition",
+    "rise": "a serial of 'wait not (…)' and 'wait …'",
+    "fall": "a serial of 'wait …' and 'wait not (…)'",
     "range": "a value; ranges are for the campaign file to draw from",
     "sample": "a 'var', which holds what was measured last",
 }

@@ -44,6 +44,9 @@ class EnumValue:
     member: str
     number: int
 
+    def __str__(self) -> str:
+        return f"{self.type}!{self.member}"
+
 
 @dataclass(frozen=True, slots=True)
 class Constant:

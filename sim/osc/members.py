@@ -137,6 +137,10 @@ class MemberChecker:
         match text.condition:
             case OperationText(operator="==", operands=(PathText(words=(Word(text="it"), *path)), value)) if path:
                 return tuple(path), value
+            case OperationText(operator="in"):
+                right = "'keep(it.member == parameter)', and a ParameterVariationList of the parameter in the campaign"
+                self._expressions.fault(text.place, "found a 'keep' with several values", right)
+                return None
         self._expressions.fault(text.place, "found a 'keep' that gives no value", "'keep(it.member == value)'")
         return None
 

@@ -73,6 +73,10 @@ def fault_of(body, before=""):
         ("log('x') with:\n    keep(it.x == 3)", "no member 'x'; known: msg"),
         ("log('x') with:\n    keep(it.msg != 'y')", "found a 'keep' that gives no value"),
         ("log('x') with:\n    keep(msg == 'y')", "found a 'keep' that gives no value"),
+        (
+            "log('x') with:\n    keep(it.msg in ['y', 'z'])",
+            "and a ParameterVariationList of the parameter in the campaign",
+        ),
         ("serial:\n    log('x')\nwith:\n    keep(it.x == 3)", "found 'keep' where nothing has members"),
         ("log([])", "found an empty list, which the language does not have; one item or more"),
         ("visit()", "unknown action 'visit'; an action; a scenario can be inherited from and not be called"),
@@ -200,6 +204,11 @@ def test_a_construct_that_is_not_executed_is_refused_by_name_with_what_to_write_
 )
 def test_declarations_are_checked(declaration, words):
     assert words in fault_of("do log('x')", declaration)
+
+
+def test_a_change_of_a_condition_is_awaited_as_two_waits():
+    assert fault_of("do wait rise(1 == 2)").endswith("a serial of 'wait not (…)' and 'wait …'")
+    assert fault_of("do wait fall(1 == 2)").endswith("a serial of 'wait …' and 'wait not (…)'")
 
 
 def test_an_external_function_of_ones_own_is_not_run():

@@ -206,6 +206,13 @@ def test_the_name_of_a_type_has_the_defaults_of_its_members(kind):
     assert logged(body, before) == ["6", "4", "3", "2000.0"]
 
 
+def test_a_member_of_an_enumeration_is_logged_as_it_is_written():
+    assert logged("how: signal = signal!sigint\ndo serial:\n    log(how)\n    log(signal!sigterm)") == [
+        "signal!sigint",
+        "signal!sigterm",
+    ]
+
+
 def test_a_parameter_hides_a_type_of_its_name():
     assert logged("load: string = 'mine'\ndo log(load)", "struct load:\n    n: int = 3\n") == ["mine"]
 
