@@ -5,7 +5,7 @@ They read nothing, so that their values are drawn once and shared by every paren
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
@@ -19,6 +19,7 @@ from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Count, NotNegative, Number, Seed
 from vastflow.sim.digest import Value, digest
 from vastflow.sim.scenario import Dimension
+from vastflow.sim.world.obstacle_values import lists_obstacles
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
 ParameterKind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]
@@ -78,9 +79,10 @@ class ParameterVariationList(Producer[ListParameters]):
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
-        """The named keys."""
-        name = self.parameters.name
-        return dict.fromkeys([name] if isinstance(name, str) else name, self.parameters.dimension)
+        """The named keys; those with lists of obstacles are of the environment."""
+        name, values = self.parameters.name, self.parameters.values
+        columns = {name: values} if isinstance(name, str) else dict(zip(name, zip(*values, strict=True), strict=True))
+        return {key: self.parameters.dimension or _dimension(column) for key, column in columns.items()}
 
     @property
     def most_choices(self) -> int:
@@ -92,6 +94,10 @@ class ParameterVariationList(Producer[ListParameters]):
         name = self.parameters.name
         for value in self.parameters.values:
             yield Fragment({name: value} if isinstance(name, str) else dict(zip(name, value, strict=True)))
+
+
+def _dimension(values: Sequence[Value]) -> Dimension | None:
+    return "environment" if any(map(lists_obstacles, values)) else None
 
 
 class DistributionParameters(producer.Parameters):

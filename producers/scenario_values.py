@@ -14,7 +14,7 @@ from vastflow.sim.nav.parameters.filters import MASK_KEYS, filtered_by, missing_
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.sim.pose import pose_of
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.world.obstacle_values import obstacle_of
+from vastflow.sim.world.obstacle_values import lists_obstacles, obstacle_of
 
 LOOPS_KEY = "number_of_loops"
 
@@ -48,9 +48,7 @@ def dimension_of(key: str, value: Value, given: Dimension | None) -> Dimension:
     """The dimension of a fixed parameter: as given, by its key, or the environment's for a list of obstacles."""
     if given or key in DIMENSION_OF_KEY:
         return given or DIMENSION_OF_KEY[key]
-    if isinstance(value, Sequence) and any(isinstance(item, Mapping) and "spawn_pose" in item for item in value):
-        return "environment"
-    return "system"
+    return "environment" if lists_obstacles(value) else "system"
 
 
 def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[str, ...]:

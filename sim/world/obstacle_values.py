@@ -22,6 +22,11 @@ TRIGGER_POINT_KEY: Final = "spawn_trigger_point"
 TRIGGER_THRESHOLD_KEY: Final = "spawn_trigger_threshold"
 
 
+def lists_obstacles(value: object) -> bool:
+    """Whether a value is a list with obstacles in it, whatever its key."""
+    return isinstance(value, Sequence) and any(isinstance(item, Mapping) and "spawn_pose" in item for item in value)
+
+
 def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
     """Every obstacle in the environment dimension: entries with a `spawn_pose` of any list-valued key, in key order.
 

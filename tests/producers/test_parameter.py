@@ -48,6 +48,14 @@ def test_several_names_vary_in_lockstep():
     assert [fragment.values for fragment in fragments] == [{"a": 1, "b": 2}, {"a": 3, "b": 4}]
 
 
+def test_listed_obstacles_are_of_the_environment_whatever_their_key():
+    boxes = [{"spawn_pose": {"position": {"x": 1.0, "y": 2.0}}, "model": "box"}]
+    one = listed(name="boxes", values=[[], boxes])
+    assert one.writes == {"boxes": "environment"}
+    both = listed(name=["boxes", "robot_radius"], values=[[boxes, 0.2], [[], 0.3]])
+    assert both.writes == {"boxes": "environment", "robot_radius": None}
+
+
 def test_a_lockstep_value_of_the_wrong_length_is_named_with_its_place():
     with pytest.raises(ValidationError, match=r"values\.1\n.*found \[3\]; a list of 2, one for each of a, b"):
         listed(name=["a", "b"], values=[[1, 2], [3]])
