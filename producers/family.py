@@ -15,6 +15,7 @@ from vastflow.producers.constraints.constraint import NOWHERE, Constraint, Const
 from vastflow.producers.constraints.reading import fault_of, read_constraints, unknown_names
 from vastflow.producers.dataflow import DataFlow, Link
 from vastflow.producers.faults import NOT_EXECUTED, Fault, Location, Note, path_text, shown
+from vastflow.producers.parameter import ParameterVariationList
 from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY
 from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.places.start_check import room_m
@@ -305,7 +306,8 @@ class FamilyReader:
     def _check_produced(self, location: Location, producer: Producer[Any], system: Mapping[str, Value]) -> None:
         """Look at the values of a producer that depends on nothing, such as a list of them."""
         tags = {key: tag or DIMENSION_OF_KEY.get(key, "system") for key, tag in producer.writes.items()}
-        if producer.reads or "environment" in tags.values():
+        is_listed = isinstance(producer, ParameterVariationList)
+        if producer.reads or ("environment" in tags.values() and not is_listed):  # a floor plan is not built for a look
             return
         fragments = itertools.islice(producer.produce({}, draws_of(producer, {})), MAX_CHECKED_VALUES)
         reported: set[tuple[Location, str]] = set()

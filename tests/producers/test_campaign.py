@@ -163,6 +163,12 @@ def test_lists_of_obstacles_among_the_parameters_belong_to_the_environment(load:
     assert campaign.families[0].dimensions == {"crates": "environment"}
 
 
+def test_a_listed_obstacle_is_checked_as_one_among_the_parameters_is(faults: Faults) -> None:
+    said = faults(varied("ParameterVariationList: {name: crates, values: [[], [{spawn_pose: {x: 1}}]]}"))
+    at_the_second = "ParameterVariationList.values[1]: obstacle.spawn_pose: found {'x': 1}; a pose is {x, y, yaw}"
+    assert any(at_the_second in fault for fault in said)
+
+
 def test_the_file_overrides_a_dimension(load: Load) -> None:
     campaign = load(FIXED + "  - color: red\n  dimensions: {color: environment}\n")
     assert campaign.families[0].dimensions == {"color": "environment"}
