@@ -47,13 +47,15 @@ def prefect_log(log: Path) -> Iterator[None]:
     """Import Prefect and send what it and its services say to `log`.
 
     Where the user had imported Prefect, all is as before afterwards. Otherwise Prefect has just put its console
-    handler on the root logger, of which the user knows nothing: it goes, and Prefect stays silent to the end
-    of the process.
+    handler on the root logger, of which the user knows nothing: it goes, and what Prefect says goes to `log` to the end
+    of the process, or until the next log begins.
     """
     imported_before = import_prefect()
     handler = _handler(log)
     root = logging.getLogger()
     known = [logger for logger in logging.Logger.manager.loggerDict.values() if isinstance(logger, logging.Logger)]
+    for logger in [root, *known]:
+        _end_earlier(logger)
     before = {logger: (list(logger.handlers), logger.propagate) for logger in [root, *known]}
     for logger in before:
         for console in console_handlers(logger):
@@ -82,6 +84,15 @@ def prefect_log(log: Path) -> Iterator[None]:
                 logger.handlers[:], logger.propagate = handlers, propagate
             logging.raiseExceptions = raises
             handler.close()
+        handler.is_left = True
+
+
+def _end_earlier(logger: logging.Logger) -> None:
+    """End a log that an earlier campaign of this process left to Prefect; nothing takes its place, not even the terminal."""
+    for handler in [each for each in logger.handlers if isinstance(each, _LogFile) and each.is_left]:
+        logger.removeHandler(handler)
+        logger.addHandler(logging.NullHandler())
+        handler.close()
 
 
 def hush() -> None:
@@ -100,7 +111,17 @@ def _logged_warning(
     logging.getLogger(WARNINGS).warning("%s", warnings.formatwarning(message, category, filename, lineno))
 
 
-def _handler(log: Path) -> logging.Handler:
-    handler = logging.FileHandler(log, encoding="utf-8", delay=True)
+class _LogFile(logging.FileHandler):
+    """Writes a campaign's log.
+
+    Attributes:
+        is_left: Whether the campaign has ended, and only Prefect may have something to say yet.
+    """
+
+    is_left = False
+
+
+def _handler(log: Path) -> _LogFile:
+    handler = _LogFile(log, encoding="utf-8", delay=True)
     handler.setFormatter(logging.Formatter(FORMAT))
     return handler

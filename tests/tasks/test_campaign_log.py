@@ -55,6 +55,24 @@ def test_nothing_that_prefect_or_a_library_says_reaches_the_terminal(tmp_path):
         assert said.count(f"{words}\n") == 1
 
 
+def test_the_next_campaign_of_a_process_has_a_log_of_its_own(tmp_path):
+    script = textwrap.dedent(f"""
+        import logging, pathlib
+        from vastflow.tasks.campaign_log import own_log, prefect_log
+        for name in ("first", "second"):
+            log = pathlib.Path({str(tmp_path)!r}, name)
+            with own_log(log), prefect_log(log):
+                logging.getLogger("prefect.flow_runs").warning("from %s", name)
+                logging.getLogger("vastflow.store").warning("of %s", name)
+        logging.getLogger("prefect.events").error("after both")
+    """)
+    done = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True, text=True, timeout=240)
+    assert (done.stdout, done.stderr) == ("", "")
+    assert "from first\n" in (tmp_path / "first").read_text() and "from second" not in (tmp_path / "first").read_text()
+    second = (tmp_path / "second").read_text()
+    assert "from second\n" in second and "of second\n" in second
+
+
 def test_a_program_that_uses_prefect_gets_its_logging_back(tmp_path):
     import prefect.main  # noqa: F401
 
