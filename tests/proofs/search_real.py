@@ -216,7 +216,7 @@ def distance(curve: Floats, reference: Floats) -> float:
 
 def boundary(place: Place, seeds: int) -> bool:
     """Print how far the curve of 50 % is from that of the grid, as a share of the range of passages; whether the goal is met."""
-    rates, budget, draws = grid_rates(place), GRID * GRID * GRID_RUNS // 10, np.random.default_rng(0)
+    rates, budget, draws = grid_rates(place), GRID * GRID * GRID_RUNS // 5, np.random.default_rng(0)
     reference = passage_of(rates)
     redrawn = [passage_of(draws.binomial(GRID_RUNS, rates) / GRID_RUNS) for _ in range(REDRAWN)]
     said = f"{budget} runs against the grid's {rates.size * GRID_RUNS}"
