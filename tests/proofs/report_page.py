@@ -85,40 +85,26 @@ class Browser:
 
 @contextmanager
 def chromium(profile: Path) -> Iterator[str]:
-    """Where a Chromium listens, with its files in `profile`; one that does not start is started once more."""
-    for last in (False, True):
-        process = _started(profile)
-        try:
-            listens = _listens(process, profile / "DevToolsActivePort")
-            assert listens or not last, f"Chromium did not listen within a minute, and ended with {process.poll()}"
-            if listens:
-                yield _page(profile / "DevToolsActivePort")
-                return
-        finally:
-            process.terminate()
-            process.wait(60)
-
-
-def _started(profile: Path) -> subprocess.Popen[bytes]:
+    """Where a Chromium listens, with its files in `profile`."""
     assert CHROMIUM is not None
-    command = [CHROMIUM, *QUIET, f"--user-data-dir={profile}", "about:blank"]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-
-def _listens(process: subprocess.Popen[bytes], port: Path) -> bool:
-    """Whether the process says within a minute where it listens."""
-    until = time.monotonic() + 60
-    while process.poll() is None and time.monotonic() < until:
-        if port.is_file() and port.read_text().count("\n"):
-            return True
-        time.sleep(0.05)
-    return False
-
-
-def _page(port: Path) -> str:
-    """The address of the page that a Chromium opens with."""
-    with urllib.request.urlopen(f"http://127.0.0.1:{port.read_text().splitlines()[0]}/json", timeout=60) as answer:
-        return next(page["webSocketDebuggerUrl"] for page in json.load(answer) if page["type"] == "page")
+    process = subprocess.Popen(
+        [CHROMIUM, *QUIET, f"--user-data-dir={profile}", "about:blank"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        port = profile / "DevToolsActivePort"
+        until = time.monotonic() + 120
+        while not (port.is_file() and port.read_text().count("\n")):
+            assert process.poll() is None, f"Chromium ended with {process.poll()} before it listened"
+            assert time.monotonic() < until, "Chromium did not listen within two minutes"
+            time.sleep(0.05)
+        with urllib.request.urlopen(f"http://127.0.0.1:{port.read_text().splitlines()[0]}/json") as answer:
+            pages = [page for page in json.load(answer) if page["type"] == "page"]
+        yield pages[0]["webSocketDebuggerUrl"]
+    finally:
+        process.terminate()
+        process.wait(60)
 
 
 def opened(address: str) -> Browser:
