@@ -5,8 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER
+from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, is_omni
 from vastflow.sim.nav.parameters.latency import IDEAL, Latency
 from vastflow.sim.nav.parameters.mppi import MotionModel, MppiParameters
 from vastflow.sim.nav.parameters.robot import LidarParameters
@@ -123,9 +122,9 @@ def _body(parameters: NavParameters) -> tuple[Vertices, float]:
 def _drive(parameters: NavParameters) -> tuple[Drive, float]:
     """The drive, and the least turning radius (m) of one that has such: what is given, or else what MPPI or Hybrid-A* reckon with."""
     given, controller, planner = parameters.robot, parameters.controller, parameters.planner
-    modeled = controller.motion_model if isinstance(controller, MppiParameters) else "DiffDrive"
-    if isinstance(controller, DwbParameters) and controller.is_omni:
-        modeled = "Omni"
+    modeled: MotionModel = "Omni" if is_omni(controller) else "DiffDrive"
+    if isinstance(controller, MppiParameters):
+        modeled = controller.motion_model
     assumed = "ackermann" if given.min_turning_radius is not None else _DRIVES[modeled]
     drive = given.drive or assumed
     if drive != "ackermann":

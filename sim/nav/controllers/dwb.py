@@ -105,7 +105,8 @@ def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
     """Memory for a local costmap of `rows` × `columns` cells."""
     # Zero comes on top of the samples where they change sign without it.
     ahead, turns = max(2, parameters.vx_samples) + 1, max(2, parameters.vtheta_samples) + 1
-    aside = max(2, parameters.vy_samples) + 1 if parameters.is_omni else 1
+    strafes = parameters.min_vel_y != 0.0 or parameters.max_vel_y != 0.0
+    aside = max(2, parameters.vy_samples) + 1 if strafes else 1
     speeds = ahead * aside
     fastest_mps = math.hypot(
         max(abs(parameters.min_vel_x), abs(parameters.max_vel_x)),
@@ -115,7 +116,7 @@ def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
     steps_w = math.ceil(parameters.max_vel_theta * parameters.sim_time / parameters.angular_granularity) + 1
     # Of a yaw rate's samples those have a stretch of their own whose speed asks for more steps than the yaw rate.
     sums = turns * (steps_w + 1) + speeds * turns * (steps_v + 1)
-    if parameters.is_omni:  # and they may take turns
+    if strafes:  # and they may take turns
         sums = speeds * turns * (max(steps_v, steps_w) + 1)
     return DwbMemory(
         ahead=np.zeros(ahead),

@@ -136,11 +136,6 @@ class DwbParameters(ParameterGroup):
     Twirling: TwirlingCritic = TwirlingCritic()
     ObstacleFootprint: ObstacleFootprintCritic = ObstacleFootprintCritic()
 
-    @property
-    def is_omni(self) -> bool:
-        """Whether it samples motion to the side."""
-        return self.min_vel_y != 0.0 or self.max_vel_y != 0.0
-
     def critics(self) -> tuple[DwbCritic, ...]:
         """The groups of the critics, as they stand above."""
         return tuple(value for _, value in self if isinstance(value, DwbCritic))

@@ -127,11 +127,17 @@ def _body_of_the_other_costmap(parts: Parts) -> Parts:
     return {}
 
 
+def is_omni(controller: object) -> bool:
+    """Whether a controller samples motion to the side."""
+    if isinstance(controller, DwbParameters):
+        return controller.min_vel_y != 0.0 or controller.max_vel_y != 0.0
+    return isinstance(controller, MppiParameters) and controller.motion_model == "Omni"
+
+
 def _localization_of_an_omni_robot(parts: Parts) -> Parts:
     """A file without AMCL has that of Jazzy's file, whose motion model is differential: strafing would lose an omni robot."""
-    controller, robot = parts.get("controller"), parts["robot"]
-    is_omni = isinstance(controller, MppiParameters | DwbParameters) and controller.is_omni
-    if "amcl" in parts or not (robot.drive == "omni" or (robot.drive is None and is_omni)):
+    robot = parts["robot"]
+    if "amcl" in parts or not (robot.drive == "omni" or (robot.drive is None and is_omni(parts.get("controller")))):
         return {}
     return {"amcl": AmclParameters(omni=True)}
 

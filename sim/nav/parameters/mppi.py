@@ -171,8 +171,3 @@ class MppiParameters(ParameterGroup):
     PreferForwardCritic: PreferForwardParameters = PreferForwardParameters()
     TwirlingCritic: TwirlingParameters = TwirlingParameters()
     VelocityDeadbandCritic: VelocityDeadbandParameters = VelocityDeadbandParameters()
-
-    @property
-    def is_omni(self) -> bool:
-        """Whether it samples motion to the side."""
-        return self.motion_model == "Omni"
