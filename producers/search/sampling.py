@@ -1,11 +1,17 @@
 """Strategies that look at nothing that was found: `random`, `sobol`, and `halton`."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vastflow.producers.search.evaluation import Evaluation
 from vastflow.producers.search.space import Point
-from vastflow.producers.search.strategy import Parameters, Strategy
+from vastflow.producers.search.strategy import Parameters, Problem, Strategy
+
+P = TypeVar("P", bound=Parameters)
 
 
 class SamplingParameters(Parameters):
@@ -26,28 +32,38 @@ class Random(Strategy[SamplingParameters]):
         """See `Strategy`."""
 
 
-class Sobol(Strategy[SamplingParameters]):
-    """Points of Sobol's sequence, scrambled by Owen's method: they fill the space more evenly than random ones, best where their
-    number is a power of two."""
+class _Sequence(Strategy[P]):
+    """Points of a sequence that fills the space more evenly than random ones, and goes on from batch to batch."""
 
-    Parameters: ClassVar[type[Parameters]] = SamplingParameters
-
-    def __init__(self, parameters: Any, problem: Any) -> None:
+    def __init__(self, parameters: P, problem: Problem) -> None:
         super().__init__(parameters, problem)
         self._asked = 0
 
+    @abstractmethod
+    def _units(self, first: int, last: int) -> NDArray[np.float64]:
+        """(last - first, d) points of the unit cube."""
+
     def ask(self, batch: int, count: int) -> Sequence[Point]:
         """See `Strategy`."""
-        from scipy.stats.qmc import Sobol as Sequence_  # takes a third of a second
-
-        space, last = self.problem.space, self._asked + count
-        sequence = Sequence_(len(space.dimensions), scramble=True, rng=self.problem.draws(0))
-        units = sequence.random_base2(max(0, (last - 1).bit_length()))[self._asked : last]
-        self._asked = last
-        return [space.decoded(unit) for unit in units]
+        units = self._units(self._asked, self._asked + count)
+        self._asked += count
+        return [self.problem.space.decoded(unit) for unit in units]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
         """See `Strategy`."""
+
+
+class Sobol(_Sequence[SamplingParameters]):
+    """Sobol's sequence, scrambled by Owen's method: best where the number of points is a power of two."""
+
+    Parameters: ClassVar[type[Parameters]] = SamplingParameters
+
+    def _units(self, first: int, last: int) -> NDArray[np.float64]:
+        from scipy.stats.qmc import Sobol as Points  # takes a third of a second
+
+        points = Points(len(self.problem.space.dimensions), scramble=True, rng=self.problem.draws(0))
+        units: NDArray[np.float64] = points.random_base2(max(0, (last - 1).bit_length()))[first:last]
+        return units
 
 
 class HaltonParameters(Parameters):
@@ -57,24 +73,15 @@ class HaltonParameters(Parameters):
     """Whether the sequence depends on the seed; else it is the textbook's."""
 
 
-class Halton(Strategy[HaltonParameters]):
-    """Points of Halton's sequence: they fill the space more evenly than random ones, whatever their number."""
+class Halton(_Sequence[HaltonParameters]):
+    """Halton's sequence: even whatever the number of points."""
 
     Parameters: ClassVar[type[Parameters]] = HaltonParameters
 
-    def __init__(self, parameters: Any, problem: Any) -> None:
-        super().__init__(parameters, problem)
-        self._asked = 0
+    def _units(self, first: int, last: int) -> NDArray[np.float64]:
+        from scipy.stats.qmc import Halton as Points  # takes a third of a second
 
-    def ask(self, batch: int, count: int) -> Sequence[Point]:
-        """See `Strategy`."""
-        from scipy.stats.qmc import Halton as Sequence_  # takes a third of a second
-
-        space = self.problem.space
-        sequence = Sequence_(len(space.dimensions), scramble=self.parameters.scramble, rng=self.problem.draws(0))
-        units = sequence.fast_forward(self._asked).random(count)
-        self._asked += count
-        return [space.decoded(unit) for unit in units]
-
-    def tell(self, evaluations: Sequence[Evaluation]) -> None:
-        """See `Strategy`."""
+        scramble, dimensions = self.parameters.scramble, len(self.problem.space.dimensions)
+        points = Points(dimensions, scramble=scramble, rng=self.problem.draws(0))
+        units: NDArray[np.float64] = points.fast_forward(first).random(last - first)
+        return units

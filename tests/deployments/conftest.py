@@ -72,3 +72,10 @@ def described(campaign_file) -> Callable[..., RunDescription]:
         return describe(load_campaign(campaign_file(execution)), "Two_rooms", context)
 
     return description
+
+
+@pytest.fixture(scope="module")
+def api(started_api, place):
+    """A client of an API of its own, in the folder that a module's `place` is."""
+    with started_api(place / "prefect", place / "server.log") as client:
+        yield client

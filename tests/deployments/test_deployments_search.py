@@ -55,13 +55,6 @@ def place(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def api(started_api, place):
-    """A client of an API of its own."""
-    with started_api(place / "prefect", place / "server.log") as client:
-        yield client
-
-
-@pytest.fixture(scope="module")
 def nights(api, place, started_worker):
     """Flow runs of the schedule: one that was canceled in its second batch, and the next, which came to an end."""
     with pytest.MonkeyPatch.context() as patch:

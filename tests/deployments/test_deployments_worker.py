@@ -51,13 +51,6 @@ def place(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def api(started_api, place):
-    """A client of an API of its own."""
-    with started_api(place / "prefect", place / "server.log") as client:
-        yield client
-
-
-@pytest.fixture(scope="module")
 def deployed(api, place):
     """What the command said of the deployment."""
     with pytest.MonkeyPatch.context() as patch:
