@@ -48,8 +48,12 @@ def _imported(root: Path, text: str) -> Iterator[Path]:
 
 
 def kernel_cache_dir() -> Path:
-    """Folder of compiled kernels for exactly this source of theirs, this numba and this LLVM, wherever the source lies."""
-    content = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}".encode())
+    """Folder of compiled kernels for exactly this source of theirs, this numba and this LLVM, wherever the source lies.
+
+    Those that check indices (`NUMBA_BOUNDSCHECK=1`) have one of their own: numba does not tell them from others.
+    """
+    checks = " with checked indices" if numba.config.BOUNDSCHECK else ""
+    content = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__}{checks}".encode())
     root = Path(__file__).parents[1]
     for module in kernel_sources():
         content.update(module.relative_to(root).as_posix().encode() + b"\0" + module.read_bytes() + b"\0")

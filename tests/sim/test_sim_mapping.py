@@ -5,7 +5,7 @@ import pytest
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.loop.closed_loop import obstacle_rows
+from vastflow.sim.loop.closed_loop import obstacle_rows, trigger_rows
 from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.nav.costmap import MARKED, SEEN_FREE, UNSEEN
 from vastflow.sim.nav.mapping import update_global, update_local
@@ -37,13 +37,14 @@ def after_a_tick(prepared, scenario):
 
     def tick(before=UNSEEN, obstacles=(CRATE,), parameters=NavParameters(), **start):  # noqa: B008
         here = pose_of({**START, **start})
-        rows = obstacle_rows(tuple(obstacle_of(entry) for entry in obstacles))
+        standing = tuple(obstacle_of(entry) for entry in obstacles)
+        rows = obstacle_rows(standing)
         stack = new_stack(prepared, parameters, Lidar(), Robot(), here, rows, streams_of([1]), 60.0)
         set_pose(stack, here)
         stack = give(stack, Mission("navigate_to_pose", (Pose(7.0, 4.0),)))
         stack.local.layer[:] = before
         stack.grids.layer[:] = before
-        body = new_body(here, Robot().radius_m, rows, np.full((len(rows), 3), -1.0))
+        body = new_body(here, Robot().radius_m, rows, trigger_rows(standing))
         advance(
             stack.p,
             stack.m,

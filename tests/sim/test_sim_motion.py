@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from shapely.geometry import Point
 
-from vastflow.sim.loop.closed_loop import obstacle_rows
+from vastflow.sim.loop.closed_loop import obstacle_rows, trigger_rows
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
 from vastflow.sim.world.motion import FREE, MARGIN_M, MOVING, TOUCHING, move_freely, new_body
@@ -33,8 +33,7 @@ POSES = st.tuples(st.floats(-1.2, 1.4), st.floats(1.8, 4.2), st.floats(-4, 4))
 
 def free_motion(occupancy, pose, velocities, obstacles=(), hold=FREE):
     """Whether the kernel moves the body, and where it then is."""
-    rows = obstacle_rows(obstacles)
-    body = new_body(Pose(*pose), ROBOT.radius_m, rows, np.full((len(rows), 3), -1.0))
+    body = new_body(Pose(*pose), ROBOT.radius_m, obstacle_rows(obstacles), trigger_rows(obstacles))
     skips = skip_table_of(occupancy.occupied)
     free = move_freely(skips, occupancy.resolution_m, *occupancy.origin_xy_m, body, velocities, DT_S, hold)
     return free, body.pose
