@@ -7,6 +7,7 @@ from vastflow.producers.configuration import Fragment, Rejection, restricted_dig
 from vastflow.producers.producer import Parameters, Producer, draws_of, evaluate
 from vastflow.sim.digest import Value, digest
 from vastflow.sim.plug_ins.conformance import must, watched_generators
+from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.scenario import Dimension
 
 Inputs = Sequence[Mapping[str, Value]]
@@ -50,8 +51,6 @@ def check_items(producer: Producer[Any], inputs: Inputs) -> None:
         else:
             what = f"{name} must yield Fragment or Rejection, not {type(item).__name__}"
             must(isinstance(item, Fragment), what)
-            undeclared = {key for key in item.values if not key.startswith("_")} - set(producer.writes)
-            must(not undeclared, f"{name} must declare {sorted(undeclared)} in `writes`")
             digest(dict(item.values))
 
 
@@ -125,7 +124,10 @@ def _restricted(producer: Producer[Any], values: Mapping[str, Value]) -> dict[st
 
 
 def _evaluated(producer: Producer[Any], values: Mapping[str, Value]) -> list[Fragment | Rejection]:
-    return evaluate(producer, _restricted(producer, values))
+    try:
+        return evaluate(producer, _restricted(producer, values))
+    except PlugInError as error:
+        raise AssertionError(str(error)) from None
 
 
 def _digest(items: Sequence[Fragment | Rejection]) -> list[str]:

@@ -199,11 +199,15 @@ def _contents(configurations: Iterable[Configuration], texts: Texts) -> _Content
 def _dimensions(family: FamilyCount, contents: _Contents, levels: NDArray[np.int64]) -> dict[str, dict[str, Any]]:
     labels = _labels(family.producers)
     found: dict[str, dict[str, Any]] = {}
+    of_environment = {key for content in contents["environment"] for key, _ in content}
     for dimension, distinct in contents.items():
         factors = tuple(
             i
             for i, producer in enumerate(family.producers)
-            if any((tag or DIMENSION_OF_KEY.get(key, "system")) == dimension for key, tag in producer.writes.items())
+            if any(
+                (tag or DIMENSION_OF_KEY.get(key, "environment" if key in of_environment else "system")) == dimension
+                for key, tag in producer.writes.items()
+            )
         )
         counted = _counted(family, levels, factors)
         found[dimension] = {"factors": [labels[i] for i in factors], "distinct": len(distinct), **counted}

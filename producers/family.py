@@ -20,7 +20,7 @@ from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY
 from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.places.start_check import room_m
 from vastflow.producers.places.stops import GOALS_KEY
-from vastflow.producers.producer import ROOM_KEY, Producer, UnknownProducer, draws_of, find_producer
+from vastflow.producers.producer import ROOM_KEY, Producer, UnknownProducer, draws_of, find_producer, may_list_obstacles
 from vastflow.producers.scenario_values import (
     Complaint,
     combined_complaint,
@@ -305,15 +305,15 @@ class FamilyReader:
 
     def _check_produced(self, location: Location, producer: Producer[Any], system: Mapping[str, Value]) -> None:
         """Look at the values of a producer that depends on nothing, such as a list of them."""
-        tags = {key: tag or DIMENSION_OF_KEY.get(key, "system") for key, tag in producer.writes.items()}
+        tags = (tag or DIMENSION_OF_KEY.get(key) for key, tag in producer.writes.items())
         is_listed = isinstance(producer, ParameterVariationList)
-        if producer.reads or ("environment" in tags.values() and not is_listed):  # a floor plan is not built for a look
+        if producer.reads or ("environment" in tags and not is_listed):  # a floor plan is not built for a look
             return
         fragments = itertools.islice(producer.produce({}, draws_of(producer, {})), MAX_CHECKED_VALUES)
         reported: set[tuple[Location, str]] = set()
         for k, fragment in enumerate(fragments):
             for key, value in fragment.values.items() if isinstance(fragment, Fragment) else ():
-                complaint = self._complaint(key, value, tags.get(key, "system"), system)
+                complaint = self._complaint(key, value, dimension_of(key, value, producer.writes.get(key)), system)
                 where = self._document.known((*location, "values", k))
                 if complaint and (where, complaint[1]) not in reported:
                     reported.add((where, complaint[1]))
@@ -401,10 +401,12 @@ class FamilyReader:
             for key, tag in link.producer.writes.items():
                 if (tag or DIMENSION_OF_KEY.get(key, "system")) == "system":
                     varied.setdefault(key, link.location)
+        untold = {k for link in links for k, tag in link.producer.writes.items() if may_list_obstacles(k, tag)}
         written = {**varied, **{key: places[key] for key, tag in tags.items() if tag == "system"}}
         for key in unread_keys(system, varied):
             if key not in read:
-                what = f"nothing in this version's simulator reads {key!r}"
+                unless = ", unless it lists obstacles" if key in untold else ""
+                what = f"nothing in this version's simulator reads {key!r}{unless}"
                 self.notes.append(self._document.note("warning", written[key], what))
         if "mesh_file" in places:
             where, consequence = places["mesh_file"], "the map alone is the world"

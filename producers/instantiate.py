@@ -5,6 +5,7 @@ tasks over those inputs: a family's `Growth` gives the inputs of the next produc
 `instantiation_of` makes configurations of all families that are grown. `instantiate` does all of it in this process.
 """
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -26,7 +27,7 @@ from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.growth import Grown, Growth, InstantiableFamily
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
-from vastflow.producers.producer import Producer, evaluate
+from vastflow.producers.producer import Producer, evaluate, tags_of
 from vastflow.sim.digest import FileContent, Texts, Value
 from vastflow.sim.process.setup import ProcessSetup
 from vastflow.sim.scenario import Dimension, scenario_of
@@ -224,7 +225,8 @@ def join(
     rejected: list[RejectedInstance] = []
     label = type(producer).__name__
     reads, digest_of = producer.reads, _Digests()
-    offered = {digest: _offered(producer, items) for digest, items in results.items()}
+    written = tags_of(producer, itertools.chain.from_iterable(results.values()))
+    offered = {digest: _offered(label, items, written) for digest, items in results.items()}
     for parent in partials:
         inputs = parent.restricted(reads)
         digest = digest_of(inputs)
@@ -244,10 +246,10 @@ def join(
 _Offered = list[tuple[str, Mapping[str, Value], Mapping[str, Dimension], Step]]
 
 
-def _offered(producer: Producer[Any], items: Sequence[Fragment | Rejection]) -> tuple[_Offered, list[Rejection]]:
+def _offered(
+    label: str, items: Sequence[Fragment | Rejection], tags: Mapping[str, Dimension]
+) -> tuple[_Offered, list[Rejection]]:
     """What every parent of one input gets: end of the name, values, their tags and the step of each fragment."""
-    label = type(producer).__name__
-    tags = {key: tag for key, tag in producer.writes.items() if tag is not None}
     fragments: _Offered = []
     for place, item in enumerate(items, 1):
         if isinstance(item, Fragment):

@@ -17,6 +17,8 @@ from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.scenario import Dimension
 
 PYDANTICS_OWN: Final = frozenset(get_args(ErrorType))
+PRECEDENCE: Final[tuple[Dimension | None, ...]] = ("environment", "task", None, "system")
+"""Of the dimensions that children give one key: a list without obstacles is of the environment beside one that has some."""
 
 
 def _child(value: Any, info: ValidationInfo) -> Producer[Any]:
@@ -108,12 +110,12 @@ class OneOfVariation(Producer[OneOfParameters]):
 
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
-        """What any child writes; of different dimensions for one key, the first child's."""
-        writes: dict[str, Dimension | None] = {}
+        """What any child writes; of different dimensions for one key the first of `PRECEDENCE`."""
+        tags: dict[str, list[Dimension | None]] = {}
         for child in self.children:
             for key, tag in child.writes.items():
-                writes.setdefault(key, self.parameters.dimension or tag)
-        return writes
+                tags.setdefault(key, []).append(tag)
+        return {key: self.parameters.dimension or min(found, key=PRECEDENCE.index) for key, found in tags.items()}
 
     @property
     def most_choices(self) -> int | None:

@@ -18,7 +18,7 @@ from vastflow.producers.places.ground import MAP_FILE_KEYS, map_value, serializa
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Count, NotNegative, Number, Seed
 from vastflow.sim.digest import Value, digest
-from vastflow.sim.scenario import Dimension
+from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.world.obstacle_values import lists_obstacles
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
@@ -82,7 +82,7 @@ class ParameterVariationList(Producer[ListParameters]):
         """The named keys; those with lists of obstacles are of the environment."""
         name, values = self.parameters.name, self.parameters.values
         columns = {name: values} if isinstance(name, str) else dict(zip(name, zip(*values, strict=True), strict=True))
-        return {key: self.parameters.dimension or _dimension(column) for key, column in columns.items()}
+        return {key: self.parameters.dimension or _dimension(key, column) for key, column in columns.items()}
 
     @property
     def most_choices(self) -> int:
@@ -96,8 +96,8 @@ class ParameterVariationList(Producer[ListParameters]):
             yield Fragment({name: value} if isinstance(name, str) else dict(zip(name, value, strict=True)))
 
 
-def _dimension(values: Sequence[Value]) -> Dimension | None:
-    return "environment" if any(map(lists_obstacles, values)) else None
+def _dimension(key: str, values: Sequence[Value] = ()) -> Dimension:
+    return DIMENSION_OF_KEY.get(key) or ("environment" if any(map(lists_obstacles, values)) else "system")
 
 
 class DistributionParameters(producer.Parameters):
@@ -123,7 +123,8 @@ class DistributionProducer(Producer[D]):
     @property
     def writes(self) -> Mapping[str, Dimension | None]:
         """The named key."""
-        return {self.parameters.name: self.parameters.dimension}
+        name = self.parameters.name
+        return {name: self.parameters.dimension or _dimension(name)}
 
     @property
     def most_choices(self) -> int:

@@ -2,7 +2,7 @@
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, TypeVar
 
@@ -15,9 +15,11 @@ from vastflow.sim.digest import FileContent, Value, digest
 from vastflow.sim.files import Unreadable, read_text, yaml_value
 from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins, plug_in_of_file
 from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.plug_ins.watch import watched
-from vastflow.sim.scenario import Dimension
+from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.world.obstacle_values import lists_obstacles
 
 GROUP: Final = "vastflow.producers"
 ROOM_KEY: Final = "_room_m"
@@ -87,7 +89,10 @@ class Producer(ABC, Generic[P]):
     @property
     @abstractmethod
     def writes(self) -> Mapping[str, Dimension | None]:
-        """Keys it may write, with their dimension (None: decided by the key), without provenance."""
+        """Keys it may write, with their dimension, without provenance.
+
+        None: decided by the key, or by its values where these list obstacles.
+        """
 
     @property
     def notes(self) -> tuple[Note, ...]:
@@ -123,7 +128,7 @@ def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragm
 
     Raises:
         TooManyChoices: more than the producer says, or more than `MOST_UNTOLD` where it says nothing.
-        PlugInError: a plug-in read a file that it does not declare.
+        PlugInError: a plug-in read a file, or wrote a key, that it does not declare.
     """
     most = producer.most_choices or MOST_UNTOLD
     snapshot = snapshot_behind(type(producer))
@@ -132,7 +137,31 @@ def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragm
         items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), most + 1))
     if len(items) > most:
         raise TooManyChoices(f"{type(producer).__name__} yields more than {most:,} choices for one input")
+    written = {key for item in items if isinstance(item, Fragment) for key in item.values if not key.startswith("_")}
+    if undeclared := sorted(written.difference(producer.writes)):
+        what = f"{type(producer).__name__} writes {', '.join(undeclared)}, which it does not declare"
+        raise PlugInError(what, "every key in `writes`, or one that begins with _ for provenance")
     return items
+
+
+def tags_of(producer: Producer[Any], items: Iterable[Fragment | Rejection]) -> dict[str, Dimension]:
+    """Dimension of each key that differs from the usual one: as the producer declares it, or by what it wrote.
+
+    Args:
+        items: All that it yielded, for whatever input: a key under which one of them lists obstacles is of the
+            environment in all, in those with an empty list too.
+    """
+    tags = {key: tag for key, tag in producer.writes.items() if tag is not None}
+    for item in items:
+        for key, value in item.values.items() if isinstance(item, Fragment) else ():
+            if key not in tags and key not in DIMENSION_OF_KEY and lists_obstacles(value):
+                tags[key] = "environment"
+    return tags
+
+
+def may_list_obstacles(key: str, tag: Dimension | None) -> bool:
+    """Whether what a producer declares leaves it to the values of a key whether they are obstacles."""
+    return tag is None and key not in DIMENSION_OF_KEY
 
 
 def _files(value: object) -> Iterator[str]:

@@ -22,7 +22,7 @@ from vastflow.producers.places.stops import (
     given_goals,
     given_start,
 )
-from vastflow.producers.producer import Producer
+from vastflow.producers.producer import Producer, may_list_obstacles
 from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M
 from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.maps.occupancy import OccupancyMap
@@ -173,16 +173,21 @@ QUANTITIES: Final[Mapping[str, str]] = {
     "straight_distance": "distance from the start to the last goal (m)",
 }
 """Name to meaning."""
+OF_OBSTACLES: Final = ("obstacle_density", "number_of_obstacles")
 
 
 def may_write_for(name: str, producer: Producer[Any]) -> bool:
     """Whether the quantity called `name` can depend on what a producer writes."""
-    return any(_bears_on(name, key, tag or DIMENSION_OF_KEY.get(key)) for key, tag in producer.writes.items())
+    return any(
+        (name in OF_OBSTACLES and may_list_obstacles(key, tag))
+        or _bears_on(name, key, tag or DIMENSION_OF_KEY.get(key))
+        for key, tag in producer.writes.items()
+    )
 
 
 def _bears_on(name: str, key: str, dimension: Dimension | None) -> bool:
     if dimension == "environment" and key != MAP_KEY:
-        return name in ("obstacle_density", "number_of_obstacles")  # lists of obstacles have any key
+        return name in OF_OBSTACLES  # lists of obstacles have any key
     if name == "number_of_obstacles":
         return False
     if name == "number_of_goals":

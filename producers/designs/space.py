@@ -26,7 +26,7 @@ from vastflow.producers.configuration import (
 )
 from vastflow.producers.constraints.constraint import Checker, Constraint
 from vastflow.producers.places.start_check import StartCheck
-from vastflow.producers.producer import Producer
+from vastflow.producers.producer import Producer, tags_of
 from vastflow.sim.digest import Value
 from vastflow.sim.scenario import Dimension
 
@@ -63,6 +63,7 @@ class _Factor:
     choices: dict[Levels, Sequence[Fragment | Rejection]] = field(default_factory=dict)
     digests: dict[Levels, str] = field(default_factory=dict)
     written: set[str] = field(default_factory=set)
+    tags: dict[str, Dimension] = field(default_factory=dict)
 
 
 class DesignSpace:
@@ -130,6 +131,7 @@ class DesignSpace:
                     )
                 else:
                     factor.written |= item.values.keys()
+        factor.tags = tags_of(factor.producer, itertools.chain.from_iterable(factor.choices.values()))
         self._grown += 1
 
     @property
@@ -230,8 +232,7 @@ class DesignSpace:
             fragment = items[level]
             assert isinstance(fragment, Fragment)
             values.update(fragment.values)
-            tags = factor.producer.writes
-            dimensions.update({key: tag for key in fragment.values if (tag := tags.get(key)) is not None})
+            dimensions.update({key: factor.tags[key] for key in fragment.values if key in factor.tags})
             steps.append(Step(type(factor.producer).__name__, tuple(fragment.values), level + 1))
             numbers.append(str(1 + sum(isinstance(item, Fragment) for item in items[:level])))
         return Partial("-".join([root.name, *numbers]), values, dimensions, tuple(steps))

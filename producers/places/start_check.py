@@ -14,7 +14,7 @@ from vastflow.producers.configuration import Fragment, Partial, RejectedInstance
 from vastflow.producers.places.cells import touched_cells
 from vastflow.producers.places.ground import MAP_KEY, occupancy_of
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
-from vastflow.producers.producer import ROOM_KEY, Producer, draws_of
+from vastflow.producers.producer import ROOM_KEY, Producer, draws_of, may_list_obstacles
 from vastflow.sim.digest import FileContent, Value, canonical
 from vastflow.sim.nav.outline import circumscribed_radius_m
 from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY
@@ -49,7 +49,10 @@ class StartCheck:
 
     def touched_by(self, producer: Producer[Any]) -> bool:
         """Whether what it looks at can depend on what a producer writes."""
-        return any(_bears_on(key, tag or DIMENSION_OF_KEY.get(key)) for key, tag in producer.writes.items())
+        return any(
+            may_list_obstacles(key, tag) or _bears_on(key, tag or DIMENSION_OF_KEY.get(key))
+            for key, tag in producer.writes.items()
+        )
 
     def rejected(self, partial: Partial) -> RejectedInstance | None:
         """Why the robot can't begin or end there; None where it can."""

@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
+from vastflow.producers.instantiate import instantiate
 from vastflow.sim.digest import FileContent
 from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.world.obstacle_values import obstacles_of
 
 FIXED = """\
 configuration:
@@ -59,6 +61,20 @@ class Own(producer.Producer[OwnParameters]):
         yield Fragment({"goal_pose": {"x": 1.0, "y": 1.0}})
 """
 
+BOXES = """\
+from vastflow.producers import producer
+from vastflow.producers.configuration import Fragment
+
+class Boxes(producer.Producer[producer.Parameters]):
+    Parameters = producer.Parameters
+    reads = ("count",)
+    writes = {"boxes": None}
+
+    def produce(self, inputs, draws):
+        places = [{"x": 0.5 + 0.5 * k, "y": 0.5} for k in range(inputs["count"])]
+        yield Fragment({"boxes": [{"spawn_pose": place, "xacro_arguments": "width:=0.2"} for place in places]})
+"""
+
 Load = Callable[[str], Campaign]
 Faults = Callable[[str], list[str]]
 
@@ -73,6 +89,7 @@ def folder(tmp_path: Path) -> Path:
     (maps / "room.pgm").write_bytes(b"P5\n40 20\n255\n" + bytes([255]) * 800)
     (maps / "blind.yaml").write_text(f"image: none.pgm\n{header}")
     (tmp_path / "own.py").write_text(OWN)
+    (tmp_path / "boxes.py").write_text(BOXES)
     (tmp_path / "broken.py").write_text("import nothing_of_this_name\n")
     return tmp_path
 
@@ -167,6 +184,36 @@ def test_a_listed_obstacle_is_checked_as_one_among_the_parameters_is(faults: Fau
     said = faults(varied("ParameterVariationList: {name: crates, values: [[], [{spawn_pose: {x: 1}}]]}"))
     at_the_second = "ParameterVariationList.values[1]: obstacle.spawn_pose: found {'x': 1}; a pose is {x, y, yaw}"
     assert any(at_the_second in fault for fault in said)
+
+
+COUNTED_BOXES = """\
+  variations:
+  - ParameterVariationList: {name: count, values: [0, 2, 3]}
+  - boxes.py:Boxes: {}
+"""
+
+
+@pytest.mark.parametrize("design", ["", "  design: {t_way: {strength: 2}}\n"])
+def test_obstacles_of_a_plug_in_that_names_no_dimension_stand_on_the_floor(load: Load, design: str) -> None:
+    found = instantiate(load(FIXED.replace("x: 0.5", "x: 0.1") + COUNTED_BOXES + design)).configurations
+    assert [len(obstacles_of(each.scenario.environment)) for each in found] == [0, 2, 3]
+    assert ["boxes" in each.scenario.environment for each in found] == [True, True, True]
+    assert not any("boxes" in each.scenario.system for each in found)
+
+
+def test_constraints_and_the_start_check_see_obstacles_of_a_plug_in_that_names_no_dimension(load: Load) -> None:
+    few = instantiate(
+        load(FIXED.replace("x: 0.5", "x: 0.1") + COUNTED_BOXES + "  constraints: [few: number_of_obstacles < 3]\n")
+    )
+    assert [len(each.scenario.environment["boxes"]) for each in few.configurations] == [0, 2]
+    on_the_start = instantiate(load(FIXED + COUNTED_BOXES))
+    assert [len(each.scenario.environment["boxes"]) for each in on_the_start.configurations] == [0]
+    assert [each.reason.rpartition(", ")[2] for each in on_the_start.rejections] == ["into boxes[0]", "into boxes[0]"]
+
+
+def test_of_a_plug_in_that_names_no_dimension_nothing_is_said_that_its_values_may_refute(load: Load) -> None:
+    said = [note.what for note in load(FIXED + COUNTED_BOXES).notes]
+    assert "nothing in this version's simulator reads 'boxes', unless it lists obstacles" in said
 
 
 def test_the_file_overrides_a_dimension(load: Load) -> None:

@@ -18,6 +18,7 @@ from vastflow.producers.instantiate import (
     start,
 )
 from vastflow.producers.producer import Producer, evaluate, find_producer
+from vastflow.sim.plug_ins.neighbors import PlugInError
 
 
 def made(name, parameters):
@@ -223,3 +224,11 @@ def test_a_drawn_configuration_is_pinned(hall):
     obstacles = {"ObstacleVariation": {"obstacle_configs": [{"amount": 2, "max_distance": 0.5}], "seed": 4}}
     (only,) = configurations(family(paths(seed=42), obstacles, values={"map_file": hall}))
     assert only.scenario.digest == "d31ad8fdd3c288853e8416dede4b1a6b94e35915d3f36381090f2e157e2aef27"
+
+
+def test_a_key_that_a_producer_does_not_declare_is_a_fault_of_it():
+    class Loose(Picky):
+        writes = {"loss": None}  # noqa: RUF012 - never changed
+
+    with pytest.raises(PlugInError, match="Loose writes gain, which it does not declare; every key in `writes`"):
+        evaluate(Loose(producer_module.Parameters()), {"noise": 1})

@@ -53,7 +53,7 @@ def test_listed_obstacles_are_of_the_environment_whatever_their_key():
     one = listed(name="boxes", values=[[], boxes])
     assert one.writes == {"boxes": "environment"}
     both = listed(name=["boxes", "robot_radius"], values=[[boxes, 0.2], [[], 0.3]])
-    assert both.writes == {"boxes": "environment", "robot_radius": None}
+    assert both.writes == {"boxes": "environment", "robot_radius": "system"}
 
 
 def test_a_lockstep_value_of_the_wrong_length_is_named_with_its_place():
