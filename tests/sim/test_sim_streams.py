@@ -1,7 +1,10 @@
 """Random streams and the cache of compiled kernels."""
 
 import math
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -120,3 +123,19 @@ def test_another_numba_has_another_folder_of_compiled_kernels(monkeypatch):
     before = numeric.kernel_cache_dir()
     monkeypatch.setattr(numeric.numba, "__version__", "0.0.0")
     assert numeric.kernel_cache_dir() != before
+
+
+def test_where_indices_are_to_be_checked_no_kernel_is_taken_that_does_not_check_them(tmp_path):
+    file = tmp_path / "beyond.py"
+    file.write_text(
+        "import numpy as np\nfrom vastflow.sim.kernels.numeric import njit\n\n"
+        "@njit\ndef read(values, index):\n    return values[index]\n\nread(np.zeros(3), 3)\n"
+    )
+    said = []
+    for checked in ("0", "1", "0"):
+        environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_BOUNDSCHECK": checked}
+        ended = subprocess.run(
+            [sys.executable, file], check=False, env=environment, capture_output=True, text=True, timeout=120
+        )
+        said.append(ended.stderr.splitlines()[-1:])
+    assert said == [[], ["IndexError: index is out of bounds"], []]
