@@ -12,6 +12,8 @@ Location: TypeAlias = tuple[str | int, ...]
 MISSING_FILE: Final = "missing_file"
 """Type of the pydantic error of a parameter that names a file which is not there."""
 NOT_EXECUTED = "not executed by this version"
+AS_DRAWN: Final = "as drawn with seed"
+"""How a note begins that is not of a floor plan as it is written."""
 
 
 @dataclass(frozen=True, slots=True)

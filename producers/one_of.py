@@ -10,6 +10,7 @@ from pydantic_core.core_schema import ErrorType
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.faults import Note
 from vastflow.producers.producer import Draws, Producer, UnknownProducer, evaluate, find_producer
 from vastflow.sim.digest import Value
 from vastflow.sim.plug_ins.neighbors import PlugInError
@@ -116,6 +117,11 @@ class OneOfVariation(Producer[OneOfParameters]):
             for key, tag in child.writes.items():
                 tags.setdefault(key, []).append(tag)
         return {key: self.parameters.dimension or min(found, key=PRECEDENCE.index) for key, found in tags.items()}
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Of the files that any child names."""
+        return tuple(dict.fromkeys(note for child in self.children for note in child.notes))
 
     @property
     def most_choices(self) -> int | None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from vastflow.producers.faults import Note
+from vastflow.producers.faults import AS_DRAWN, Note
 
 MOST_OF_A_FILE: Final = 4
 
@@ -27,6 +27,8 @@ def _rest(note: Note) -> str:
     """What those are that are not shown, and which command shows them; empty for a note that is shown in any case."""
     if note.kind == "not modeled":
         return f"that are not modeled; `vastflow params {note.file}` shows them all"
+    if note.file.endswith((".fpm", ".fpm2")) and note.what.startswith(AS_DRAWN):
+        return "warnings of its variations; `vastflow floorplan variations` shows them all"
     if note.file.endswith((".fpm", ".fpm2")):
         return f"warnings; `vastflow floorplan geometry {note.file}` shows them all"
     return ""

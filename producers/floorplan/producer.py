@@ -1,5 +1,6 @@
 """The producers of environments: floor plans as they are written, and with drawn dimensions."""
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeAlias, TypeVar
@@ -18,6 +19,7 @@ from pydantic_core import PydanticCustomError
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.faults import MISSING_FILE, Note
+from vastflow.producers.floorplan.drawn_notes import drawn_notes
 from vastflow.producers.floorplan.environment import environment_of, keep
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import PlanFile, VariationFile, read_plan_file, read_variation_file
@@ -210,9 +212,12 @@ class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """Of the plans that its files vary, as these are written."""
-        plans = dict.fromkeys(file.plan for file in self.parameters.variation_files)
-        return tuple(note for plan in plans for note in plan.building().notes)
+        """Of the plans that its files vary, as these are written and as they are drawn."""
+        seeds = range(self.parameters.seed, self.parameters.seed + self.parameters.num_variations)
+        files = dict.fromkeys(self.parameters.variation_files)
+        written = {file.plan: file.plan.building().notes for file in files}
+        drawn = (drawn_notes(file.variation(), seeds, written[file.plan]) for file in files)
+        return (*itertools.chain.from_iterable(written.values()), *itertools.chain.from_iterable(drawn))
 
     @property
     def most_choices(self) -> int:

@@ -12,8 +12,12 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
 from vastflow.producers.floorplan import environment, files
+from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.environment import environments_folder, environments_in
+from vastflow.producers.floorplan.files import PlanFile, read_variation_file
 from vastflow.producers.floorplan.producer import FloorplanGeneration, FloorplanVariation
+from vastflow.producers.floorplan.reading import plan_of
+from vastflow.producers.one_of import OneOfVariation
 from vastflow.producers.producer import evaluate, find_producer
 from vastflow.sim.digest import FileContent
 from vastflow.sim.reading.map_file import load_map, map_content
@@ -138,6 +142,37 @@ def test_what_is_worth_knowing_of_a_plan_is_noted_by_both(base):
         assert str(note).startswith(
             f"{name}:40:14: warning: Entryway door: it reaches from -4.6 m to 4.4 m along study."
         )
+
+
+def test_what_is_worth_knowing_of_a_plan_as_it_is_drawn_is_noted_with_its_seeds(base):
+    file = base / "test_floorplan_example.variation"
+    door = "door: {\n    location.translation.x : "
+    assert door in file.read_text()
+    file.write_text(file.read_text().replace(f"{door}normal(mean=0.0, std=0.1)", f"{door}uniform([0.0, 9.0])"))
+    (note,) = variation(base, num_variations=6, seed=3).notes
+    beside = [
+        seed for seed in range(3, 9)
+        if "9.0" in read_variation_file(file).variation().sample(seed).text.partition("Entryway")[2]
+    ]  # fmt: skip
+    assert 1 < len(beside) < 6
+    assert str(note).startswith(
+        f"test_floorplan_example.fpm:40:14: warning: Entryway door: as drawn with seed {beside[0]} and in "
+        f"{len(beside) - 1} more of the first 6 variations: it cuts nothing: it reaches from "
+    )
+    alternatives = {
+        "variations": [{"FloorplanVariation": {"variation_files": [file.name], "num_variations": 6, "seed": 3}}]
+    }
+    one_of = OneOfVariation(OneOfVariation.Parameters.model_validate(alternatives, context={"base": base}))
+    assert one_of.notes == (note,)
+
+
+def test_a_drawn_plan_is_noted_as_its_text_is(base):
+    found = read_variation_file(base / "test_floorplan_example.variation").variation()
+    for seed in range(4):
+        sample = found.sample(seed)
+        as_text = PlanFile("p.fpm", sample.text).building()
+        as_drawn = build(plan_of(found.drawn(sample)))
+        assert (as_drawn.walls, as_drawn.obstacles, as_drawn.holes) == (as_text.walls, as_text.obstacles, as_text.holes)
 
 
 def test_a_campaign_warns_of_what_is_cut_in_its_plans_once(base):
