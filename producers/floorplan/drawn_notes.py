@@ -30,7 +30,7 @@ def drawn_notes(variation: Variation, seeds: Collection[int], known: Collection[
     said = {_kind(note) for note in known}
     for seed in islice(seeds, MOST_LOOKED_AT):
         try:
-            notes = build(plan_of(variation.drawn(variation.sample(seed)))).notes
+            notes = build(plan_of(variation.plan, variation.numbers(variation.sample(seed)))).notes
         except FloorplanError:
             continue
         for kind, note in {_kind(note): note for note in notes if _kind(note) not in said}.items():

@@ -62,13 +62,16 @@ def read_plan(text: str, file: str) -> FloorPlan:
     return plan_of(parse(text, file))
 
 
-def plan_of(text: PlanText) -> FloorPlan:
+def plan_of(text: PlanText, drawn: Mapping[int, float] | None = None) -> FloorPlan:
     """The floor plan of a parsed text.
+
+    Args:
+        drawn: Numbers that take the place of those in the text, by where these begin.
 
     Raises:
         FloorplanError: every fault in it.
     """
-    reader = _Reader(text)
+    reader = _Reader(text, drawn or {})
     plan = reader.plan()
     if reader.faults:
         raise FloorplanError(reader.faults)
@@ -78,10 +81,11 @@ def plan_of(text: PlanText) -> FloorPlan:
 class _Reader:
     """Reads one plan. A value that is wrong is NaN or a stand-in; with a fault, no plan leaves this module."""
 
-    def __init__(self, text: PlanText) -> None:
+    def __init__(self, text: PlanText, drawn: Mapping[int, float]) -> None:
         self.faults: list[Fault] = []
         self.notes: list[Note] = []
         self._text = text
+        self._drawn = drawn
         self._variables = self._read_variables()
         self._corners: dict[str, int | None] = {}
 
@@ -147,14 +151,18 @@ class _Reader:
             if not unit:
                 where = f"variable {variable.token}"
                 self._fault(variable.number.token, where, "no unit", "m for a length, rad or deg for an angle")
-            values.setdefault(str(variable.token), (float(variable.number.text), unit or "m"))
+            values.setdefault(str(variable.token), (self._number(variable.number), unit or "m"))
         return values
+
+    def _number(self, quantity: Quantity) -> float:
+        drawn = self._drawn.get(quantity.span[0])
+        return float(quantity.text) if drawn is None else drawn
 
     def _value(self, quantity: Quantity, where: str, unit: str, what: str) -> tuple[float, str]:
         """A number and its unit, NaN where a variable is unknown."""
         token = quantity.token
         if not quantity.is_variable:
-            return float(quantity.text), quantity.unit or unit
+            return self._number(quantity), quantity.unit or unit
         if token not in self._variables:
             right = did_you_mean(str(token), self._variables) if self._variables else f"'var {token} = ...' declares it"
             self._fault(token, where, f"no variable {str(token)!r}", right)

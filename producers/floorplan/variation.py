@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -76,10 +76,9 @@ class Variation:
         values = {varied.name: value for varied, value in drawn}
         return PlanSample(seed, values, "".join([*text, self.plan.text[behind:]]))
 
-    def drawn(self, sample: PlanSample) -> PlanText:
-        """The parts of a sample's plan, each with its place in the plan as it is written; parsing the text takes longer."""
-        drawn: PlanText = _redrawn(self.plan, {each.start: repr(sample.values[each.name]) for each in self.varied})
-        return drawn
+    def numbers(self, sample: PlanSample) -> dict[int, float]:
+        """What a sample drew, by the place of each number in the plan's text; as `plan_of` takes them."""
+        return {each.start: sample.values[each.name] for each in self.varied}
 
 
 def variation_of(text: VariationText, plan: PlanText) -> Variation:
@@ -106,19 +105,6 @@ def variation_of(text: VariationText, plan: PlanText) -> Variation:
     if faults:
         raise FloorplanError(faults)
     return Variation(text.file, plan, tuple(varied))
-
-
-def _redrawn(part: Any, texts: Mapping[int, str]) -> Any:
-    """A part of a plan's text with other numbers where `texts` has one for their place."""
-    if isinstance(part, Quantity):
-        return replace(part, text=texts.get(part.span[0], part.text))
-    if isinstance(part, tuple):
-        return tuple(_redrawn(each, texts) for each in part)
-    if isinstance(part, Mapping):
-        return {key: _redrawn(each, texts) for key, each in part.items()}
-    if is_dataclass(part) and not isinstance(part, type):
-        return replace(part, **{each.name: _redrawn(getattr(part, each.name), texts) for each in fields(part)})
-    return part
 
 
 @dataclass(frozen=True, slots=True)

@@ -171,7 +171,7 @@ def test_a_drawn_plan_is_noted_as_its_text_is(base):
     for seed in range(4):
         sample = found.sample(seed)
         as_text = PlanFile("p.fpm", sample.text).building()
-        as_drawn = build(plan_of(found.drawn(sample)))
+        as_drawn = build(plan_of(found.plan, found.numbers(sample)))
         assert (as_drawn.walls, as_drawn.obstacles, as_drawn.holes) == (as_text.walls, as_text.obstacles, as_text.holes)
 
 
