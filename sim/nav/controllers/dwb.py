@@ -31,7 +31,7 @@ from vastflow.sim.nav.controllers.dwb_critics import (
     new_path_grid,
     new_trends,
 )
-from vastflow.sim.nav.controllers.dwb_rollout import along, possible, roll_out, sample, step_count
+from vastflow.sim.nav.controllers.dwb_rollout import along, possible, roll_out, sample, step_count, sum_headings
 from vastflow.sim.nav.footprint import outline_cost
 from vastflow.sim.nav.inflation import INSCRIBED
 from vastflow.sim.nav.parameters.dwb import DwbParameters
@@ -53,9 +53,7 @@ class DwbMemory(NamedTuple):
         raw, scales: (C,) what each critic says of an end, and what a point of it counts.
         scores: (V, W) of the ends, infinite where a critic forbids it.
         ends: (V, W, 5): x, y in cells, cosine and sine of the heading, its distance from the goal's.
-        first: (V, W) int64, where a sample's sums begin.
-        sums: (P, 2) of the cosine and sine of the headings before each step, beginning with 0; one stretch for each
-            yaw rate and number of steps.
+        sums: (P, 2) of the cosine and sine of the headings before each step, beginning with 0, of the sample at hand.
     """
 
     ahead: Any
@@ -68,7 +66,6 @@ class DwbMemory(NamedTuple):
     scales: Any
     scores: Any
     ends: Any
-    first: Any
     sums: Any
     grid: PathGrid
     trends: Trends
@@ -114,10 +111,6 @@ def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
     )
     steps_v = math.ceil(fastest_mps * parameters.sim_time / parameters.linear_granularity) + 1
     steps_w = math.ceil(parameters.max_vel_theta * parameters.sim_time / parameters.angular_granularity) + 1
-    # Of a yaw rate's samples those have a stretch of their own whose speed asks for more steps than the yaw rate.
-    sums = turns * (steps_w + 1) + speeds * turns * (steps_v + 1)
-    if strafes:  # and they may take turns
-        sums = speeds * turns * (max(steps_v, steps_w) + 1)
     return DwbMemory(
         ahead=np.zeros(ahead),
         aside=np.zeros(aside),
@@ -129,8 +122,7 @@ def new_memory(parameters: DwbParameters, rows: int, columns: int) -> DwbMemory:
         scales=np.zeros(FOOTPRINT + 1),
         scores=np.zeros((speeds, turns)),
         ends=np.zeros((speeds, turns, 5)),
-        first=np.zeros((speeds, turns), dtype=np.int64),
-        sums=np.zeros((sums, 2)),
+        sums=np.zeros((max(steps_v, steps_w) + 1, 2)),
         grid=new_path_grid(rows, columns),
         trends=new_trends(),
     )
@@ -177,7 +169,6 @@ def score(q: Any, memory: DwbMemory, given: ControllerInput) -> Any:
         memory.speeds[:n_speeds],
         memory.sideways[:n_speeds],
         memory.turns[:n_turns],
-        memory.first,
         memory.sums,
         memory.ends,
         cells_per_m,
@@ -332,8 +323,8 @@ def _followed(q: Any, setting: _Setting, memory: DwbMemory, ground: Any, i: int,
     """See `along`."""
     target = (memory.speeds[i], memory.sideways[i])
     steps = step_count(q, target[0], target[1], memory.turns[j])
-    base = memory.first[i, j]
-    sums = memory.sums[base : base + steps + 1]
+    sums = memory.sums[: steps + 1]
+    sum_headings(q, sums, setting.yaw_rad, setting.w_radps, memory.turns[j])
     return along(q, setting, target, steps, sums, memory.ends[i, j], ground)
 
 

@@ -87,7 +87,6 @@ def roll_out(
     speeds: Any,
     sideways: Any,
     turns: Any,
-    first: Any,
     sums: Any,
     ends: Any,
     cells_per_m: float,
@@ -95,18 +94,16 @@ def roll_out(
 ) -> None:
     """Where every sample ends.
 
-    Headings depend on the yaw rate and the number of steps alone, so their sums are shared by nearly all speeds.
+    Headings depend on the yaw rate and the number of steps alone, so their sums serve nearly all speeds.
     """
-    free = 0
     for j in range(turns.shape[0]):
-        steps, base, c, s, heading_error = 0, 0, 0.0, 0.0, 0.0
+        steps, c, s, heading_error = 0, 0.0, 0.0, 0.0
         for i in range(speeds.shape[0]):
             n = step_count(q, speeds[i], sideways[i], turns[j])
             if n != steps:
-                steps, base = n, free
-                c, s, end_rad = _turn(q, sums[base : base + steps + 1], setting.yaw_rad, setting.w_radps, turns[j])
+                steps = n
+                c, s, end_rad = sum_headings(q, sums[: steps + 1], setting.yaw_rad, setting.w_radps, turns[j])
                 heading_error = abs(wrapped(goal_yaw_rad - end_rad))
-                free += steps + 1
             # Euler steps while the speed changes, then all the rest at once.
             dt_s = q.sim_time / steps
             cells = dt_s * cells_per_m
@@ -114,19 +111,18 @@ def roll_out(
             while k < steps and (v != speeds[i] or vy != sideways[i]):
                 v = approach(v, speeds[i], q.acc_lim_x, q.decel_lim_x, dt_s)
                 vy = approach(vy, sideways[i], q.acc_lim_y, q.decel_lim_y, dt_s)
-                dx, dy = sums[base + k + 1, 0] - sums[base + k, 0], sums[base + k + 1, 1] - sums[base + k, 1]
+                dx, dy = sums[k + 1, 0] - sums[k, 0], sums[k + 1, 1] - sums[k, 1]
                 x += v * cells * dx - vy * cells * dy
                 y += v * cells * dy + vy * cells * dx
                 k += 1
-            dx, dy = sums[base + steps, 0] - sums[base + k, 0], sums[base + steps, 1] - sums[base + k, 1]
+            dx, dy = sums[steps, 0] - sums[k, 0], sums[steps, 1] - sums[k, 1]
             ends[i, j, 0] = x + (v * cells * dx - vy * cells * dy)
             ends[i, j, 1] = y + (v * cells * dy + vy * cells * dx)
             ends[i, j, 2], ends[i, j, 3], ends[i, j, 4] = c, s, heading_error
-            first[i, j] = base
 
 
 @inner
-def _turn(q: Any, sums: Any, yaw_rad: float, w_radps: float, target_radps: float) -> Any:
+def sum_headings(q: Any, sums: Any, yaw_rad: float, w_radps: float, target_radps: float) -> Any:
     """Write the sums (steps + 1, 2) of a roll-out: cosine, sine and angle of its last heading."""
     steps = sums.shape[0] - 1
     dt_s = q.sim_time / steps
@@ -152,7 +148,7 @@ def along(q: Any, setting: Any, target: Any, steps: int, sums: Any, end: Any, gr
 
     Args:
         target: The sample's speeds, ahead and to the left.
-        sums: Of the sample's headings, as `_turn` writes them.
+        sums: Of the sample's headings, as `sum_headings` writes them.
         end: (5,) of the sample, see `DwbMemory.ends`.
         ground: Costs of the window, the robot's outline, cells per meter.
 
