@@ -52,9 +52,12 @@ def turn(p: Any, m: Any, window: Window, path: Any, w_radps: float, dt_s: float)
 
 @inner
 def _bearing(q: Any, m: Any, path: Any) -> Any:
-    """(found, angle): where the path's first point `forward_sampling_distance` from its start lies; a shorter path has none."""
+    """(found, angle): where the path's first pose `forward_sampling_distance` from its start lies, or heads; a shorter path has none."""
     for i in range(1, m.path_n):
         if math.hypot(path[i, 0] - path[0, 0], path[i, 1] - path[0, 1]) >= q.forward_sampling_distance:
+            if q.use_path_orientations != 0:
+                # Nav2 compares a heading on the map with one of odometry's.
+                return True, wrapped(path[i, 2] - m.odom_yaw)
             return True, wrapped(math.atan2(path[i, 1] - m.y, path[i, 0] - m.x) - m.yaw)
     return False, 0.0
 

@@ -195,3 +195,25 @@ def test_a_period_longer_than_mppis_step_is_a_fault_as_nav2_does_not_start():
     text = "controller_server: {ros__parameters: {controller_frequency: 10.0, FollowPath: {plugin: nav2_mppi_controller::MPPIController}}}"
     with pytest.raises(DocumentError, match=r"found 10; 20 or more for a model_dt of 0.05 s, as Nav2 does not start"):
         parameters(text)
+
+
+@pytest.mark.parametrize(
+    ("own", "handler", "fault"),
+    [
+        ("plugin: nav2_mppi_controller::MPPIController", "enforce_path_rotation: true", "enforce_path_rotation"),
+        (
+            "plugin: nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController",
+            "enforce_path_inversion: true",
+            "enforce_path_inversion",
+        ),
+    ],
+)
+def test_what_a_path_handler_of_lyrical_can_do_and_the_controllers_here_can_not_is_refused(own, handler, fault):
+    (line,) = faults(controller(f"{own}}}, path_handler: {{plugin: nav2_controller::FeasiblePathHandler, {handler}"))
+    assert f"path_handler.{fault}: found true, which is not modeled; false" in line
+
+
+def test_a_path_handler_of_an_unknown_class_is_refused_where_it_is_named():
+    own = "plugin: nav2_mppi_controller::MPPIController"
+    (line,) = faults(controller(f"{own}}}, path_handler_plugins: [P], P: {{plugin: mine::Handler"))
+    assert "P.plugin: no path handler 'mine::Handler' is known; known: nav2_controller::FeasiblePathHandler" in line

@@ -263,6 +263,19 @@ def test_mppis_motion_model_is_a_plug_in_with_parameters_since_lyrical():
     )
 
 
+def test_since_lyrical_the_path_handler_has_what_mppi_had():
+    own = "plugin: nav2_mppi_controller::MPPIController, prune_distance: 1.1"
+    given = "plugin: nav2_controller::FeasiblePathHandler, enforce_path_inversion: true, inversion_xy_tolerance: 0.3"
+    text = controller(f"{own}}}, path_handler_plugins: [P], P: {{{given}")
+    found = parameters(text).controller
+    assert (found.prune_distance, found.enforce_path_inversion) == (2.0, True)
+    assert (found.inversion_xy_tolerance, found.inversion_yaw_tolerance) == (0.3, 0.4)
+    assert statuses(text)["C.prune_distance"] == "not modeled"
+    assert statuses(text)["P.inversion_xy_tolerance"] == "modeled"
+    shorter = parameters(text.replace("P: {", "P: {prune_distance: 1.3, ")).controller
+    assert shorter == found.with_values(prune_distance=1.3)
+
+
 def test_dwb_with_few_samples_or_for_a_fast_robot_is_read():
     text = "plugin: dwb_core::DWBLocalPlanner, critics: [PathDist], vtheta_samples: 0, max_vel_theta: 12.0, min_speed_xy: -8.0, max_speed_xy: 8.0, min_speed_theta: -12.0"
     found = parameters(controller(text)).controller

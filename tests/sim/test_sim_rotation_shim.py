@@ -11,6 +11,7 @@ from vastflow.sim.nav.parameters.findings import findings
 from vastflow.sim.nav.parameters.interpretation import interpretation
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
 from vastflow.sim.nav.parameters.servers import RotationShim
+from vastflow.sim.nav.parameters.smac import SmacPlannerHybrid
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.parameters.written import document_of
 
@@ -91,13 +92,9 @@ def test_a_stack_with_a_shim_is_the_same_read_from_its_document(name):
         (f"plugin: {SHIM}", "no 'primary_controller' below 'FollowPath'"),
         (f"plugin: {SHIM}, primary_controller: {SHIM}", "RotationShimController is not modeled"),
         (f"plugin: {SHIM}, primary_controller: mine::Own", "no controller 'mine::Own' is known"),
-        (
-            f"plugin: {SHIM}, primary_controller: {CLASSES['rpp']}, use_path_orientations: true",
-            "use_path_orientations: found true, which is not modeled",
-        ),
     ],
 )
-def test_a_shim_without_a_controller_or_with_what_is_not_modeled_is_refused(text, fault):
+def test_a_shim_without_a_controller_is_refused(text, fault):
     with pytest.raises(DocumentError, match=fault):
         read(text)
 
@@ -178,6 +175,24 @@ def test_a_robot_that_can_not_turn_in_place_leaves_the_path_to_the_controller(ov
 
 def test_without_a_shim_the_stack_has_none():
     assert not NavParameters().rotation_shim.enabled
+
+
+def test_with_use_path_orientations_the_robot_turns_to_the_headings_of_its_path_and_not_to_where_that_leads(
+    over_a_floor,
+):
+    """To a goal behind it that it shall reach backward, by Reeds–Shepp arcs; it starts where map and odometry head alike."""
+    moves = {}
+    for oriented in (True, False):
+        stack = shimmed("rpp", use_path_orientations=oriented, forward_sampling_distance=0.3)
+        stack = stack.with_values(
+            planner=SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP"),
+            controller=stack.controller.with_values(allow_reversing=True),
+        )
+        moves[oriented] = over_a_floor(stack, -0.6).columns
+    assert moves[True]["command_speed_mmps"][:10].min() < -100
+    assert np.abs(moves[True]["command_yaw_rate_mradps"][:10]).max() < 200
+    assert not moves[False]["command_speed_mmps"][:10].any()
+    assert np.abs(moves[False]["command_yaw_rate_mradps"][:10]).max() > 1000
 
 
 def turns_in_place(found):

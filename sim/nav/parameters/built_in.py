@@ -193,6 +193,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         "costmap_update_timeout": only(0.30),
         "publish_zero_velocity": only(True),
     },
+    "path handler": {**_any("minimum_rotation_angle"), "reject_unit_path": only(False)},
     "local_costmap": {**_COSTMAP, "global_frame": _frame("odom"), "rolling_window": only(True)},
     "global_costmap": {
         **_COSTMAP,

@@ -20,6 +20,7 @@ from vastflow.sim.nav.parameters.plugins import (
     CONTROLLERS,
     FOREIGN_CRITICS,
     GOAL_CHECKERS,
+    PATH_HANDLERS,
     PROGRESS_CHECKERS,
     ROTATION_SHIM,
     class_name,
@@ -45,13 +46,16 @@ _OF_OMNI: Final = ("ay_max", "ay_min", "vy_std")
 _OF_INVERSIONS: Final = ("inversion_xy_tolerance", "inversion_yaw_tolerance")
 """Parameters of MPPI that its `enforce_path_inversion` alone reads."""
 
+_OF_THE_PATH: Final = ("prune_distance", "enforce_path_inversion", *_OF_INVERSIONS)
+"""Parameters of MPPI that since Lyrical the path handler has."""
+
+_HANDLED_M: Final = 2.0
+"""A path handler's `prune_distance` in Nav2's code."""
+
 _MOTION_MODELS: Final[Mapping[str, str]] = {
     f"mppi::{name}MotionModel": name for name in ("DiffDrive", "Ackermann", "Omni")
 }
 """Plug-ins of MPPI's to what its parameter calls them before Lyrical."""
-
-_NOT_OF_THE_SHIM: Final = ("use_path_orientations",)
-"""Flags of the Rotation Shim that are not modeled."""
 
 
 def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
@@ -71,9 +75,19 @@ def read_controller_server(reader: Reader, node: ParameterLocation) -> Parts:
     return parts
 
 
+def _path_handler(reader: Reader, node: ParameterLocation) -> ParameterLocation | None:
+    """Where the node has the parameters of its path handler, None where controllers have them; what it can't do is a fault."""
+    named = [(*node, *PATH_HANDLERS.lists), *((*node, name, "plugin") for name in PATH_HANDLERS.defaults)]
+    found = reader.plugin(node, PATH_HANDLERS) if any(path in reader.document.values for path in named) else None
+    if found is None:
+        return None
+    reader.only((*node, found.name, "enforce_path_rotation"), False)
+    return (*node, found.name)
+
+
 def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocation) -> Parts:
     """The controller with the parameters at `place`; one that can't be found is a fault."""
-    document, path = reader.document, (*place, "plugin")
+    document, node, path = reader.document, place[:-1], (*place, "plugin")
     text = reader.text(path, CONTROLLERS.defaults.get(place[-1], ""))
     name = text if FILE in text else class_name(text)
     parts: Parts = {}
@@ -99,24 +113,43 @@ def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocat
         return {}
     if not kind.__module__.startswith("vastflow."):
         return {**parts, "controller": _own_parameters(reader, kind, place, {(*place, "plugin"), path, *shimmed})}
-    return {**parts, "controller": _of_nav2(reader, kind, place, short_name(name).upper())}
+    return {**parts, "controller": _of_nav2(reader, kind, node, place, short_name(name).upper())}
 
 
-def _of_nav2(reader: Reader, kind: type[ParameterGroup], place: ParameterLocation, algorithm: str) -> ParameterGroup:
+def _of_nav2(
+    reader: Reader, kind: type[ParameterGroup], node: ParameterLocation, place: ParameterLocation, algorithm: str
+) -> ParameterGroup:
     """A controller of Nav2's with its critics."""
     reader.kinds[place] = algorithm
     given = dict(_critics(reader, place, algorithm, kind()))
     if algorithm == "MPPI":
         given |= _motion_model(reader, place)
         _check_obstacles(reader, place, given)
-    found = reader.group(kind, place, given=given)
+    elsewhere = _handled(reader, _path_handler(reader, node), algorithm, given)
+    found = reader.group(kind, place, elsewhere, given)
     if isinstance(found, MppiParameters) and found.motion_model != "Omni":
         for name in _OF_OMNI:
             reader.leave((*place, name), "the motion model is not Omni")
     if isinstance(found, MppiParameters) and not found.enforce_path_inversion:
         for name in _OF_INVERSIONS:
-            reader.leave((*place, name), "enforce_path_inversion is not set")
+            reader.leave(elsewhere.get(name, (*place, name)), "enforce_path_inversion is not set")
     return found
+
+
+def _handled(
+    reader: Reader, handler: ParameterLocation | None, algorithm: str, given: dict[str, Any]
+) -> Mapping[str, ParameterLocation]:
+    """Which of a controller's parameters the path handler has; DWB and RPP cut the path as those of Jazzy do."""
+    if handler is None:
+        return {}
+    if algorithm != "MPPI":
+        reader.only((*handler, "enforce_path_inversion"), False)
+        return {}
+    elsewhere = {name: (*handler, name) for name in _OF_THE_PATH}
+    if elsewhere["prune_distance"] not in reader.document.values:
+        del elsewhere["prune_distance"]
+        given["prune_distance"] = _HANDLED_M
+    return elsewhere
 
 
 def _check_obstacles(reader: Reader, place: ParameterLocation, critics: Parts) -> None:
@@ -163,11 +196,8 @@ def primary_controller(values: Mapping[ParameterLocation, Value], shim: Paramete
 
 def _rotation_shim(reader: Reader, place: ParameterLocation) -> tuple[Parts, tuple[ParameterLocation, ...]]:
     """The Rotation Shim, and where its parameters may be: the controller in it has its own beside them."""
-    for name in _NOT_OF_THE_SHIM:
-        reader.only((*place, name), False)
     shim = reader.group(RotationShim, place, given={"enabled": True})
-    names = (*RotationShim.model_fields, *_NOT_OF_THE_SHIM)
-    return {"rotation_shim": shim}, tuple((*place, name) for name in names)
+    return {"rotation_shim": shim}, tuple((*place, name) for name in RotationShim.model_fields)
 
 
 def _own_parameters(

@@ -82,6 +82,13 @@ GOAL_CHECKERS: Final = Plugins(
     defaults={"goal_checker": "nav2_controller::SimpleGoalChecker"},
     used="general_goal_checker",
 )
+PATH_HANDLERS: Final = Plugins(
+    what="path handler",
+    lists=("path_handler_plugins",),
+    modeled={"nav2_controller::FeasiblePathHandler": "path handler"},
+    defaults={"path_handler": "nav2_controller::FeasiblePathHandler"},
+)
+"""Since Lyrical, in place of parameters that each controller had."""
 LAYERS: Final = Plugins(
     what="costmap layer",
     lists=("plugins",),

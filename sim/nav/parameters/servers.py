@@ -64,6 +64,7 @@ class RotationShim(ParameterGroup):
 
     Attributes:
         enabled: Whether there is one.
+        use_path_orientations: Whether it turns to the path's heading ahead, and not to where the path leads.
     """
 
     enabled: bool = False
@@ -74,6 +75,7 @@ class RotationShim(ParameterGroup):
     max_angular_accel: float = parameter(3.2, 0.01, 100.0)
     simulate_ahead_time: float = parameter(1.0, 0.0, 100.0)
     rotate_to_heading_once: bool = parameter(False)
+    use_path_orientations: bool = parameter(False)
     rotate_to_goal_heading: bool = parameter(False)
     closed_loop: bool = parameter(True)
 
