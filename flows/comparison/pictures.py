@@ -12,6 +12,7 @@ from vastflow.oracles.directory.verdict_table import CODES
 from vastflow.oracles.directory.walk import read_walks
 from vastflow.oracles.figures.pair_figure import Side, pair_figure
 from vastflow.oracles.figures.picture import png
+from vastflow.oracles.figures.zones import zones_of
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.statistics.comparison import Change
 from vastflow.sim.reading.map_file import load_map
@@ -60,7 +61,7 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
         walks = read_walks(tables.directory, name)
         scenario = executed_scenario(found.abstracts[k], 0.0, found.contents[k], KeptFiles(tables.directory))
         occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
-        situation = situation_of(scenario)
+        situation, zones = situation_of(scenario), zones_of([scenario])
     except (OSError, ValueError, KeyError) as error:
         raise NotDrawn(" ".join(str(error).split())) from None
     if walks is None:
@@ -72,4 +73,4 @@ def _side(tables: Tables, name: str, title: str, judged: dict[int, int], strong:
     ]
     indices = [int(walks.run_index[run]) for run in shown]
     chosen = indices.index(strong) if strong in indices else None
-    return Side(title, occupancy, situation, [*situation.obstacles, *walks.spawned], paths, chosen)
+    return Side(title, occupancy, situation, [*situation.obstacles, *walks.spawned], paths, chosen, zones)

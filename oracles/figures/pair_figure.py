@@ -18,8 +18,10 @@ from vastflow.oracles.figures.floor import (
     draw_obstacles,
     legend,
     obstacle_handle,
+    zone_handles,
 )
 from vastflow.oracles.figures.palette import COLORS, INK
+from vastflow.oracles.figures.zones import NO_ZONES, Zones
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.verdict import Judgement
 from vastflow.sim.maps.occupancy import OccupancyMap
@@ -40,6 +42,7 @@ class Side:
 
     Attributes:
         paths: (N, 2) true trajectories with their judgement; the one at `chosen` is drawn strong.
+        zones: Where masks of costmap filters are.
     """
 
     title: str
@@ -48,6 +51,7 @@ class Side:
     obstacles: Sequence[Obstacle]
     paths: Sequence[tuple[Judgement, NDArray[np.float64]]] = field(repr=False)
     chosen: int | None = None
+    zones: Zones = NO_ZONES
 
 
 def pair_figure(title: str, sides: tuple[Side, Side]) -> Figure:
@@ -69,7 +73,7 @@ def pair_figure(title: str, sides: tuple[Side, Side]) -> Figure:
 
 
 def _draw(axes: Axes, side: Side) -> list[Line2D]:
-    draw_floor(axes, side.occupancy)
+    draw_floor(axes, side.occupancy, side.zones)
     axes.set_xticks([])
     axes.set_yticks([])
     draw_obstacles(axes, side.obstacles, alpha=0.7)
@@ -127,4 +131,6 @@ def _handles(sides: Sequence[Side]) -> list[Any]:
             handles.append(Line2D([], [], color=COLORS[judgement], linewidth=2.5, label=words[judgement]))
     if any(said == "fail" for side in sides for said, _ in side.paths):
         handles.append(Line2D([], [], label="where it failed", **_cross()))
-    return handles + obstacle_handle(max(len(side.obstacles) for side in sides))
+    before, after = (side.zones for side in sides)
+    zones = Zones(before.keepout + after.keepout, before.speed + after.speed)
+    return [*handles, *obstacle_handle(max(len(side.obstacles) for side in sides)), *zone_handles(zones)]

@@ -6,11 +6,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from vastflow.oracles.figures.floor import zone_handles
+from vastflow.oracles.figures.pair_figure import Side, pair_figure
 from vastflow.oracles.figures.plan_view import PlanView, plan_view_figure
 from vastflow.oracles.figures.zones import NO_ZONES, Zones, zones_of
 from vastflow.oracles.situation import Situation
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.pose import Pose
 from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.scenario import Scenario
 
@@ -71,6 +73,19 @@ def test_a_turned_mask_is_drawn_turned(occupancy):
     inside, outside = colors_at(figure, axes, (2.0, 1.2), (2.9, 0.6))
     assert sum(inside) < 550
     assert outside == (255, 255, 255)
+
+
+def test_the_zones_of_both_campaigns_are_on_their_sides_of_a_comparison(occupancy):
+    situation = Situation(Pose(0.5, 2.0, 0.0), (Pose(3.5, 2.0, 0.0),), ())
+    masks = Zones(keepout=(zone(0.5, 0.5, 100),)), Zones(speed=(zone(2.5, 2.5, 100),))
+    before, after = (Side("", occupancy, situation, (), (), zones=zones) for zones in masks)
+    figure = pair_figure("room", (before, after))
+    points = (1.0, 1.0), (3.0, 3.0)
+    (kept_out, plain), (as_plain, slower) = (colors_at(figure, axes, *points) for axes in figure.axes)
+    assert plain == as_plain == (255, 255, 255)
+    assert sum(kept_out) < 550 < sum(slower) < 700
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words[-2:] == ["kept out by a mask", "slower by a mask"]
 
 
 def test_without_zones_there_is_nothing_to_say(occupancy):

@@ -25,7 +25,7 @@ from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav import navfn
 from vastflow.sim.nav.controllers import dwb, mppi, rpp
 from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting
-from vastflow.sim.nav.controllers.dwb_rollout import along, step_count
+from vastflow.sim.nav.controllers.dwb_rollout import along, step_count, sum_headings
 from vastflow.sim.nav.controllers.local_plan import local_plan
 from vastflow.sim.nav.controllers.mppi_samples import ROW, next_noise, words_of
 from vastflow.sim.nav.inflation import inflate
@@ -172,8 +172,9 @@ def _dwb_scores(records: Any, memory: Any, window: Any, pose: Any, twist: Any, p
     for i in range(n_speeds):
         for j in range(n_turns):
             target = (memory.speeds[i], memory.sideways[i])
-            steps, first = step_count(q, target[0], target[1], memory.turns[j]), memory.first[i, j]
-            sums, ground = memory.sums[first : first + steps + 1], (window.costs, OUTLINE, 1.0 / window.place[2])
+            steps, ground = step_count(q, *target, memory.turns[j]), (window.costs, OUTLINE, 1.0 / window.place[2])
+            sums = memory.sums[: steps + 1]
+            sum_headings(q, sums, setting.yaw_rad, setting.w_radps, memory.turns[j])
             if not along(q, setting, target, steps, sums, memory.ends[i, j], ground)[0]:
                 scores[i, j] = np.inf
     return scores
