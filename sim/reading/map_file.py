@@ -8,9 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from yaml.nodes import MappingNode
 
 from vastflow.sim.digest import FileContent
-from vastflow.sim.files import Missing, Unreadable, read_picture, read_text, yaml_value
+from vastflow.sim.files import Missing, Unreadable, read_picture, read_text, yaml_node, yaml_value
 from vastflow.sim.maps.grid_frame import DECIMALS, GridFrame
 from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
@@ -50,8 +51,8 @@ def load_map(path: str | Path) -> OccupancyMap:
     if not LEAST_CELL_M <= resolution_m <= LARGEST_CELL_M:
         right = f"meters per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
         raise MapError(f"{path}: resolution: found {resolution_m!r}; {right}")
-    occupied_threshold = _number(header, "occupied_thresh", path, default=0.65)
-    free_threshold = _number(header, "free_thresh", path, default=0.25)
+    occupied_threshold = _share(header, "occupied_thresh", path, default=0.65)
+    free_threshold = _share(header, "free_thresh", path, default=0.25)
     mode = str(header.get("mode", "trinary"))
     if mode.lower() not in MODES:
         raise MapError(f"{path}: mode: found {mode!r}; trinary, scale or raw")
@@ -68,7 +69,8 @@ def map_content(path: str | Path) -> FileContent:
 
 def _header(path: Path) -> Mapping[str, Any]:
     try:
-        header = yaml_value(read_text(path, "a map_server YAML file", MOST_HEADER_BYTES))
+        text = read_text(path, "a map_server YAML file", MOST_HEADER_BYTES)
+        header, node = yaml_value(text), yaml_node(text)
     except Missing:
         raise MissingMap(f"{path}: no such file; a map is a map_server YAML file") from None
     except Unreadable as error:
@@ -76,6 +78,9 @@ def _header(path: Path) -> Mapping[str, Any]:
         raise MapError(f"{path}:{line}:{column}: {error}") from None
     if not isinstance(header, dict):
         raise MapError(f"{path}: found {type(header).__name__}; a map is a mapping with image, resolution and origin")
+    written = [key.value for key, _ in node.value] if isinstance(node, MappingNode) else []
+    if twice := [key for key in header if written.count(key) > 1]:
+        raise MapError(f"{path}: {twice[0]}: found {written.count(twice[0])} times; one")
     for key in ("image", "resolution", "origin"):
         if key not in header:
             raise MapError(f"{path}: no key {key!r}; a map has image, resolution and origin")
@@ -87,6 +92,14 @@ def _number(header: Mapping[str, Any], key: str, path: Path, default: float | No
     number = _finite(value)
     if number is None:
         raise MapError(f"{path}: {key}: found {value!r}; a number")
+    return number
+
+
+def _share(header: Mapping[str, Any], key: str, path: Path, default: float) -> float:
+    """A threshold; map_server takes 65 for one too, above which nothing is a wall."""
+    number = _number(header, key, path, default)
+    if not 0.0 <= number <= 1.0:
+        raise MapError(f"{path}: {key}: found {number:g}; a share of black, 0 to 1")
     return number
 
 
