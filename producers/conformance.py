@@ -49,8 +49,6 @@ def check_items(producer: Producer[Any], inputs: Inputs) -> None:
             must(told, f"{name} must say why it rejects, in `Rejection.reason`")
             digest(dict(item.requested))
         else:
-            what = f"{name} must yield Fragment or Rejection, not {type(item).__name__}"
-            must(isinstance(item, Fragment), what)
             digest(dict(item.values))
 
 

@@ -20,7 +20,15 @@ from vastflow.producers.places.ground import MAP_FILE_KEYS, MAP_KEY
 from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.places.start_check import room_m
 from vastflow.producers.places.stops import GOALS_KEY
-from vastflow.producers.producer import ROOM_KEY, Producer, UnknownProducer, draws_of, find_producer, may_list_obstacles
+from vastflow.producers.producer import (
+    ROOM_KEY,
+    Producer,
+    UnknownProducer,
+    check_declared,
+    draws_of,
+    find_producer,
+    may_list_obstacles,
+)
 from vastflow.producers.scenario_values import (
     Complaint,
     combined_complaint,
@@ -291,11 +299,14 @@ class FamilyReader:
         try:
             with plug_in_code():
                 producer = kind(kind.Parameters.model_validate(given or {}, context=self._context))
+                check_declared(producer)
                 self._check_produced(location, producer, system)
                 self.notes += producer.notes
-                _ = (*producer.needs, producer.most_choices)  # what a property of a user's class raises is said here
         except ValidationError as error:
             self.faults += faults_of(self._document, location, kind.Parameters, error)
+            return None
+        except PlugInError as error:
+            self._fault(location, error.what, error.right, at="key")
             return None
         except Exception as error:  # noqa: BLE001 - a user's class
             what = f"{name!r} raised {type(error).__name__}: {error}"

@@ -4,7 +4,7 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Final, Generic, TypeVar
+from typing import Any, ClassVar, Final, Generic, TypeVar, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -119,6 +119,22 @@ class Producer(ABC, Generic[P]):
         """
 
 
+def check_declared(producer: Producer[Any]) -> None:
+    """Look at what a producer says of itself, before it is evaluated.
+
+    Raises:
+        PlugInError: what instantiation would mistake; and whatever a property of a user's class raises.
+    """
+    name = type(producer).__name__
+    for what, keys in (("reads", producer.reads), ("needs", producer.needs)):
+        if isinstance(keys, str):
+            raise PlugInError(f"{name} {what} the text {keys!r}", f"a tuple of keys, ({keys!r},)")
+    for key, tag in producer.writes.items():
+        if tag not in (None, *get_args(Dimension)):
+            raise PlugInError(f"{name} writes {key!r} as {tag!r}", f"one of {', '.join(get_args(Dimension))}, or None")
+    _ = producer.most_choices
+
+
 class TooManyChoices(ValueError):
     """A producer that yields without end, or more than anybody asked for."""
 
@@ -137,11 +153,24 @@ def evaluate(producer: Producer[Any], inputs: Mapping[str, Value]) -> list[Fragm
         items = list(itertools.islice(producer.produce(inputs, draws_of(producer, inputs)), most + 1))
     if len(items) > most:
         raise TooManyChoices(f"{type(producer).__name__} yields more than {most:,} choices for one input")
-    written = {key for item in items if isinstance(item, Fragment) for key in item.values if not key.startswith("_")}
-    if undeclared := sorted(written.difference(producer.writes)):
-        what = f"{type(producer).__name__} writes {', '.join(undeclared)}, which it does not declare"
-        raise PlugInError(what, "every key in `writes`, or one that begins with _ for provenance")
+    _check(type(producer).__name__, items, producer.writes)
     return items
+
+
+def _check(name: str, items: Sequence[object], writes: Mapping[str, Dimension | None]) -> None:
+    """Raise PlugInError where a producer yields what instantiation would drop, or mistake."""
+    for item in items:
+        if not isinstance(item, Fragment | Rejection):
+            raise PlugInError(f"{name} yields a {type(item).__name__}", "Fragment({key: value}) or Rejection(reason)")
+        for key, value in item.values.items() if isinstance(item, Fragment) else ():
+            if key.startswith("_"):
+                continue
+            if key not in writes:
+                what = f"{name} writes {key!r}, which it does not declare"
+                raise PlugInError(what, "every key in `writes`, or one that begins with _ for provenance")
+            if writes[key] not in (None, "environment") and lists_obstacles(value):
+                what = f"{name} writes obstacles under {key!r} as {writes[key]}, where no simulator looks for them"
+                raise PlugInError(what, "environment")
 
 
 def tags_of(producer: Producer[Any], items: Iterable[Fragment | Rejection]) -> dict[str, Dimension]:

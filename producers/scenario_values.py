@@ -12,7 +12,7 @@ from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, check_key, parame
 from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.filters import MASK_KEYS, filtered_by, missing_mask
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
-from vastflow.sim.pose import pose_of
+from vastflow.sim.pose import written_pose_of
 from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
 from vastflow.sim.world.obstacle_values import lists_obstacles, obstacle_of
 
@@ -84,10 +84,13 @@ def mask_complaints(system: Mapping[str, Value], written: Collection[str]) -> It
 
 
 def _pose_complaint(value: Value) -> Complaint | None:
-    try:
-        pose_of(value)
-    except ValueError:
+    if not isinstance(value, Mapping):
         return f"found {shown(value)}", "a pose, {x, y, yaw} or {position: {x, y}, orientation: {yaw}}"
+    try:
+        written_pose_of(value, "")
+    except ValueError as error:
+        what, _, right = str(error).removeprefix(": ").partition("; ")
+        return what, right
     return None
 
 
@@ -96,6 +99,7 @@ def _obstacle_complaint(value: Value) -> Complaint | None:
         return f"found {shown(value)}", "an obstacle, {entity_name, model, spawn_pose, xacro_arguments}"
     try:
         obstacle_of(value)
+        written_pose_of(value["spawn_pose"], "obstacle.spawn_pose")
     except ValueError as error:
         what, _, right = str(error).partition("; ")
         return what, right

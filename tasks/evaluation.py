@@ -97,7 +97,7 @@ def write_evaluation(results: Sequence[Fragment | Rejection]) -> bytes:
         else {"reason": result.reason, "requested": _written(result.requested)}
         for result in results
     ]
-    return json.dumps(rows, separators=(",", ":")).encode()
+    return json.dumps(rows, separators=(",", ":"), allow_nan=False).encode()
 
 
 def read_evaluation(content: bytes, files: Mapping[str, str]) -> list[Fragment | Rejection]:

@@ -1,6 +1,7 @@
 """Scenes: what happened in one environment, ready to be drawn."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -14,7 +15,7 @@ from vastflow.oracles.directory.walk import Walks, read_walks
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.figures.zones import NO_ZONES, Zones, zones_of
 from vastflow.oracles.oracle import SUCCESS
-from vastflow.oracles.situation import situation_of
+from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.reading.map_file import load_map
@@ -104,7 +105,7 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
     found = tables.configurations
     members = np.array([k for k in found.distinct if found.environments[k] == environment], dtype=np.int64)
     scenarios = [scenario_at(tables, int(k), files) for k in members]
-    situations = [situation_of(scenario) for scenario in scenarios]
+    situations = list(_readable(scenarios))
     occupancy = load_map(tables.directory / "environments" / environment / "map.yaml")
     grid = _grid_over(occupancy)
     visitors = _Visitors(grid)
@@ -133,6 +134,13 @@ def _scene(tables: Tables, environment: str, runs: Counts, files: KeptFiles) -> 
         visitors.failures(),
         zones_of(scenarios),
     )
+
+
+def _readable(scenarios: Sequence[Scenario]) -> Iterator[Situation]:
+    """The situations of scenarios, but for those that nothing could run: their faults say what is wrong with them."""
+    for scenario in scenarios:
+        with suppress(ValueError):
+            yield situation_of(scenario)
 
 
 class _Visitors:

@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
 from vastflow.sim.digest import Value
-from vastflow.sim.pose import Pose, pose_of
+from vastflow.sim.pose import Pose, pose_of, written_pose_of
 
 START_KEY: Final = "start_pose"
 GOAL_KEY: Final = "goal_pose"
@@ -45,7 +45,7 @@ def _pose(value: Any) -> Pose:
     if isinstance(value, Pose):
         return value
     try:
-        return pose_of(value)
+        return written_pose_of(value)
     except ValueError as error:
         raise PydanticCustomError("pose", "{error}", {"error": str(error)}) from None
 

@@ -14,6 +14,7 @@ from vastflow.sim.digest import FileContent
 from vastflow.sim.files import Missing, Unreadable, read_picture, read_text, yaml_node, yaml_value
 from vastflow.sim.maps.grid_frame import DECIMALS, GridFrame
 from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.sim.pose import MOST_YAW_RAD
 
 MOST_HEADER_BYTES: Final = 1_000_000
 LEAST_CELL_M: Final = 1e-4
@@ -23,7 +24,6 @@ FARTHEST_M: Final = 1e7
 
 MODES: Final = ("trinary", "scale", "raw")
 
-MOST_YAW_RAD: Final = 6.2832
 QUARTER_TURN_ROUNDING_RAD: Final = 1e-5
 """What a yaw may miss a quarter turn by and mean it all the same, such as 1.5708."""
 

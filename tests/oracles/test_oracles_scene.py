@@ -53,6 +53,17 @@ def test_a_scene_has_where_failed_runs_ended_and_how_many_there_were(directory):
     assert len(scene.obstacles) == 1
 
 
+def test_a_configuration_that_nothing_could_run_leaves_the_others_their_scene(synthetic_campaign, tmp_path, build):
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+    broken = {**build.box_at(3.0, 3.0), "xacro_arguments": "size:=0.4"}
+    synthetic_campaign.add("a-1", "a", room, TASK, recordings=[build.a_recording(WAY)])
+    synthetic_campaign.add(
+        "a-2", "a", room, TASK, fault="ValueError: a box has no argument 'size'", runs=1, obstacles=[broken]
+    )
+    (scene,) = scenes_of(read_tables(synthetic_campaign.write()))
+    assert (scene.runs.passed, scene.runs.not_judged, len(scene.obstacles)) == (1, 1, 0)
+
+
 def test_failures_are_counted_over_the_runs_that_came_by(directory):
     failures = scenes_of(read_tables(directory))[0].failures
 

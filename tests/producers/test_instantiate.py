@@ -17,7 +17,7 @@ from vastflow.producers.instantiate import (
     mark_duplicates,
     start,
 )
-from vastflow.producers.producer import Producer, evaluate, find_producer
+from vastflow.producers.producer import Producer, check_declared, evaluate, find_producer
 from vastflow.sim.plug_ins.neighbors import PlugInError
 
 
@@ -226,9 +226,39 @@ def test_a_drawn_configuration_is_pinned(hall):
     assert only.scenario.digest == "d31ad8fdd3c288853e8416dede4b1a6b94e35915d3f36381090f2e157e2aef27"
 
 
-def test_a_key_that_a_producer_does_not_declare_is_a_fault_of_it():
+@pytest.mark.parametrize(
+    ("item", "tag", "message"),
+    [
+        ({"gain": 1}, None, r"Loose yields a dict; Fragment\(\{key: value\}\) or Rejection\(reason\)"),
+        (Fragment({"loss": 1}), None, "Loose writes 'loss', which it does not declare; every key in `writes`"),
+        (
+            Fragment({"gain": [{"spawn_pose": {"x": 1, "y": 1}}]}),
+            "task",
+            "Loose writes obstacles under 'gain' as task, where no simulator looks for them; environment",
+        ),
+    ],
+)
+def test_what_instantiation_would_drop_or_mistake_is_a_fault_of_its_producer(item, tag, message):
     class Loose(Picky):
-        writes = {"loss": None}  # noqa: RUF012 - never changed
+        @property
+        def writes(self):
+            return {"gain": tag}
 
-    with pytest.raises(PlugInError, match="Loose writes gain, which it does not declare; every key in `writes`"):
+        def produce(self, inputs, draws):
+            yield item
+
+    with pytest.raises(PlugInError, match=message):
         evaluate(Loose(producer_module.Parameters()), {"noise": 1})
+
+
+@pytest.mark.parametrize(
+    ("declared", "message"),
+    [
+        ({"writes": {"gain": "world"}}, "Odd writes 'gain' as 'world'; one of environment, task, system, or None"),
+        ({"reads": "noise"}, r"Odd reads the text 'noise'; a tuple of keys, \('noise',\)"),
+    ],
+)
+def test_what_a_producer_says_of_itself_must_make_sense(declared, message):
+    odd = type("Odd", (Picky,), declared)(producer_module.Parameters())
+    with pytest.raises(PlugInError, match=message):
+        check_declared(odd)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from vastflow.sim.pose import Pose, pose_of
+from vastflow.sim.pose import Pose, pose_of, written_pose_of
 
 
 @pytest.mark.parametrize(
@@ -24,3 +24,23 @@ def test_a_pose_may_be_short_without_a_yaw_or_of_numbers_in_quotes(value, pose):
 def test_what_is_no_number_makes_no_pose(x):
     with pytest.raises(ValueError, match=r"^goal_pose: found .*; a pose is \{x, y, yaw\} or"):
         pose_of({"x": x, "y": 1.0}, "goal_pose")
+
+
+@pytest.mark.parametrize(
+    ("pose", "unread"),
+    [
+        ({"position": {"x": 1, "y": 2}, "orientation": {"x": 0, "y": 0, "z": 0.7, "w": 0.7}}, "orientation.x"),
+        ({"position": {"x": 1, "y": 2}, "orientation": {"z": 0.7, "w": 0.7}}, "orientation.z"),
+        ({"x": 1, "y": 2, "theta": 1.5}, "theta"),
+        ({"position": {"x": 1, "y": 2, "yaw": 1.5}}, "position.yaw"),
+    ],
+)
+def test_a_heading_in_other_words_is_not_read_over(pose, unread):
+    with pytest.raises(ValueError, match=rf"^goal_pose: found '{unread}'; a pose has x, y and yaw"):
+        pose_of(pose, "goal_pose")
+
+
+def test_a_person_s_yaw_of_90_is_not_taken_for_radians():
+    with pytest.raises(ValueError, match=r"^goal_pose: found yaw 90; radians, one turn \(6\.2832\) at most"):
+        written_pose_of({"x": 1, "y": 2, "yaw": 90}, "goal_pose")
+    assert pose_of({"x": 1, "y": 2, "yaw": 7.0}).yaw_rad == 7.0
