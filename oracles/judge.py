@@ -58,6 +58,8 @@ def judge_block(
         trace_of(replace(recording, outputs=written.get(recording.run.run_index, Outputs())), row, columns)
         for recording, (row, columns) in zip(recordings, observed, strict=True)
     ]
+    for trace in traces:
+        _keep_as_it_is(trace)
     said = list(zip(*(_said(oracle, traces, situation) for oracle in oracles), strict=True))
     causes = {
         trace.run.run_index: cause
@@ -65,6 +67,13 @@ def judge_block(
         if (cause := cause_of(trace, verdicts)) is not None
     }
     return JudgedBlock([verdict for verdicts in said for verdict in verdicts], causes)
+
+
+def _keep_as_it_is(trace: Trace) -> None:
+    """Let an oracle that changes a column in place fail there: the next oracle reads the same one."""
+    for columns in (trace.columns, *trace.tables.values()):
+        for column in columns.values():
+            column.setflags(write=False)
 
 
 def _said(oracle: Oracle[Any], traces: Sequence[Trace], situation: Situation) -> list[Verdict]:

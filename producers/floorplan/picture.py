@@ -106,6 +106,8 @@ def _label(
     room: Room, floor: shapely.Geometry, scale_pt_a_m: float
 ) -> tuple[tuple[float, float], str, float, float] | None:
     """Place, text, size and turn of a room's name and measures, as large as fits; None where nothing does."""
+    if floor.is_empty:  # another room covers it
+        return None
     sides = [math.dist(*edge) for edge in edges(room.outline)]
     area_m2 = shapely.Polygon(room.outline).area
     rectangular = len(sides) == 4 and math.isclose(area_m2, sides[0] * sides[1], rel_tol=1e-6)

@@ -190,6 +190,9 @@ class _Reader:
         value, unit = self._value(quantity, where, "rad", "an angle")
         if unit == "m" and not quantity.is_variable:
             self._fault(quantity.token, where, f"found {quantity.token}", "an angle, in rad or deg")
+        if not quantity.is_variable and not quantity.unit and abs(value) > math.tau:
+            right = f"{quantity.text} deg, or at most one turn"
+            self._note(quantity.token, where, f"found {quantity.text}, which is in radians without a unit", right)
         if math.isinf(value):
             self._fault(quantity.token, where, f"found {quantity.token}", "a finite number")
             return math.nan

@@ -318,6 +318,28 @@ def test_a_block_is_judged_run_by_run_in_the_order_of_the_oracles(scenario_on, r
     ]
 
 
+def test_an_oracle_that_changes_a_column_fails_there_and_the_next_one_reads_what_was_recorded(
+    scenario_on, room, build, tmp_path
+) -> None:
+    (tmp_path / "shifts.py").write_text(SHIFTS)
+    block = write_recordings([build.a_recording([(1.0, 2.0), (5.0, 2.0)])])
+    oracles = oracles_of([("shifts.py:Shifts", {})], tmp_path)
+    with pytest.raises(ValueError, match="read-only"):
+        judge_block(scenario_on(room), block, observe_block(scenario_on(room), block), oracles)
+
+
+SHIFTS = """\
+from vastflow.oracles.oracle import Oracle, Parameters
+
+class Shifts(Oracle[Parameters]):
+    Parameters = Parameters
+
+    def judge(self, trace, situation):
+        trace["x_m"][:] -= trace["x_m"][0]
+        return self.passed(trace)
+"""
+
+
 def test_recordings_and_traces_of_different_runs_are_not_judged_together(scenario_on, room, build) -> None:
     blocks = [write_recordings([build.a_recording([(1, 2), (2, 2)], run_index=i)]) for i in (0, 1)]
     with pytest.raises(ValueError, match=r"runs \[0\] and traces of runs \[1\] do not belong together"):

@@ -8,6 +8,7 @@ import pytest
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.files import read_plan_file
+from vastflow.producers.floorplan.picture import picture_of
 from vastflow.producers.floorplan.reading import read_plan
 
 EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
@@ -400,3 +401,14 @@ def test_a_missing_file_is_a_fault_and_so_is_one_that_is_no_text(tmp_path):
         read_plan_file(tmp_path / "binary.fpm")
     with pytest.raises(FloorplanError, match="can't be read"):
         read_plan_file(tmp_path)
+
+
+def test_of_two_rooms_in_one_place_there_is_a_picture_too():
+    plan = building(ROOM + ROOM.partition("\n")[2].partition("\n")[2].replace("Space a", "Space b"))
+    assert picture_of(plan).startswith(b"\x89PNG")
+
+
+def test_an_angle_of_many_turns_without_a_unit_is_warned_of():
+    (note,) = building(changed("of: this", "of: this rotation: z: 45")).notes
+    assert (note.what, note.right) == ("found 45, which is in radians without a unit", "45 deg, or at most one turn")
+    assert building(changed("of: this", "of: this rotation: z: 45 deg")).notes == ()
