@@ -115,12 +115,12 @@ class Untold:
     """A producer as users write them: it does not say how many choices there are."""
 
     reads: tuple[str, ...] = ()
-    writes = {"a": None}  # noqa: RUF012
     seed = 0
     most_choices: int | None = None
 
     def __init__(self, n: int) -> None:
         self.n = n
+        self.writes = {f"a{n}": None}
 
     def produce(self, inputs, draws):
         yield from (Fragment({f"a{self.n}": k}) for k in range(self.n))
