@@ -18,7 +18,7 @@ from vastflow.producers.instantiate import Instantiation
 from vastflow.producers.search.criteria import Criterion, best_of, criteria
 from vastflow.producers.search.evaluation import FAMILY, Evaluation, Proposal
 from vastflow.producers.search.search import Search
-from vastflow.producers.search.strategy import Strategy
+from vastflow.producers.search.strategy import Strategy, asked
 from vastflow.tasks.index import FoundMember, Index
 from vastflow.tasks.instantiation import Instantiated
 from vastflow.tasks.progress import Tally
@@ -168,7 +168,7 @@ class SearchProgress:
     def _ask(self) -> bool:
         batch, first = len(self.batches), sum(map(len, self.batches)) + 1
         count = min(self.search.spec.per_batch, self.search.spec.max_proposals - first + 1)
-        points = self.strategy.ask(batch, count)
+        points = asked(self.strategy, batch, count)
         proposals = [Proposal(first + k, batch, point) for k, point in enumerate(points)]
         self.proposals = [*proposals, *self.search.baseline(proposals)]
         return bool(points) or self._end("the strategy proposes nothing more")

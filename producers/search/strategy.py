@@ -109,6 +109,27 @@ class Strategy(ABC, Generic[P]):
         return ()
 
 
+class ProposalError(UserError):
+    """A strategy that proposes what it was not asked for; says what that is."""
+
+
+def asked(strategy: Strategy[Any], batch: int, count: int) -> list[Point]:
+    """What a strategy proposes, looked at: what was found outside of the space would be reported as found in it.
+
+    Raises:
+        ProposalError: a point that is not in the space, or more points than asked for; and whatever the strategy's code raises.
+    """
+    name = type(strategy).__name__
+    points = list(strategy.ask(batch, count))
+    if len(points) > count:
+        raise ProposalError(f"strategy {name} proposes {len(points)} points in batch {batch}; at most {count}")
+    for point in points:
+        if not (isinstance(point, Mapping) and strategy.problem.space.contains(point)):
+            what = f"strategy {name} proposes {point!r} in batch {batch}, which is not in the search space"
+            raise ProposalError(f"{what}; a value of each dimension, of its type and within its bounds")
+    return points
+
+
 class UnknownStrategy(LookupError):
     """No strategy of this name; `known` lists those there are."""
 

@@ -11,7 +11,7 @@ from vastflow.producers.search.criteria import best_of, criteria, plan_text, run
 from vastflow.producers.search.evaluation import Evaluation, Proposal
 from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Space
-from vastflow.producers.search.strategy import Problem, UnknownStrategy, find_strategy
+from vastflow.producers.search.strategy import Problem, ProposalError, UnknownStrategy, asked, find_strategy
 from vastflow.producers.vast.search import SearchDimension, SearchSpec
 
 MIXED = {
@@ -217,3 +217,23 @@ def test_a_plan_names_each_end_with_its_unit():
         "20 judged points or 60 runs or 2 simulated hours or 90 s or failure_rate >= 0.9 or no improvement in 3 batches or "
         "coverage > 0.3 or 1000 proposals, then 60 fresh runs of the best"
     )
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (
+            [{"x": 2.5, "y": 0.0}],
+            r"strategy Odd proposes \{'x': 2\.5, 'y': 0\.0\} in batch 1, which is not in the search space",
+        ),
+        (
+            [{"x": 0.0}],
+            "which is not in the search space; a value of each dimension, of its type and within its bounds",
+        ),
+        ([{"x": 0.0, "y": 0.0}] * 3, "strategy Odd proposes 3 points in batch 1; at most 2"),
+    ],
+)
+def test_what_a_strategy_was_not_asked_for_is_not_run(points, message):
+    odd = type("Odd", (Random,), {"ask": lambda self, batch, count: points})
+    with pytest.raises(ProposalError, match=message):
+        asked(odd(SamplingParameters(), Problem(Space(PLANE))), 1, 2)
