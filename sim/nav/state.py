@@ -207,7 +207,7 @@ class Route(NamedTuple):
 
     Attributes:
         bounds: Of NavFn's legs of a path.
-        ahead: (A, 2) the part of the path that the controller follows, in the odom frame.
+        ahead: (A, 3) the part of the path that the controller follows: poses in the odom frame.
     """
 
     goals: Any
@@ -346,7 +346,7 @@ def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int, planner: 
         path=np.zeros((path_points, 3)),
         leg=np.zeros((leg_points, 2)),
         draft=np.zeros((path_points, 3)),
-        ahead=np.zeros((AHEAD_POINTS, 2)),
+        ahead=np.zeros((AHEAD_POINTS, 3)),
         bounds=new_bounds(legs, least),
         planner=planner,
     )

@@ -379,9 +379,9 @@ def _cut(answers: Mapping[str, Any], case: int, controller: Controller) -> tuple
     m["path_n"] = m["path_end"] = len(path)
     poses = np.column_stack([path[:, :2], np.zeros(len(path))])
     poses[-1, 2] = answers["goal_yaw_map"][case]
-    out = np.zeros((AHEAD_POINTS, 2))
+    out = np.zeros((AHEAD_POINTS, 3))
     n, end_yaw_rad = _local_plan(parameters, memory, window, poses, out)
-    return out[:n].copy(), end_yaw_rad
+    return out[:n, :2].copy(), end_yaw_rad
 
 
 def _apart_m(one: Any, other: Any) -> float:

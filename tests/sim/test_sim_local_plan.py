@@ -37,7 +37,7 @@ class Follower:
         m["path_n"] = len(self.path)
         renewed(self.parameters, self.memory, self.path)
         m["map_odom_x"], m["map_odom_y"], m["map_odom_yaw"] = map_odom
-        self.out = np.zeros((AHEAD_POINTS, 2))
+        self.out = np.zeros((AHEAD_POINTS, 3))
         self.move(x_m, y_m)
 
     def move(self, x_m, y_m):
@@ -50,7 +50,7 @@ class Follower:
 
     def plan(self):
         n, end_yaw_rad = cut(self.parameters, self.memory, self.window, self.path, self.out)
-        return self.out[:n].copy(), end_yaw_rad
+        return self.out[:n, :2].copy(), end_yaw_rad
 
 
 def straight(length_m=5.0):

@@ -108,6 +108,9 @@ def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
         inside = (column >= 0) & (row >= 0) & (column < 60) & (row < 60)
         return np.where(inside, win.costs[np.clip(row, 0, 59), np.clip(column, 0, 59)], 255).astype(int)
 
+    # Without headings of their own the plan's points have the map's.
+    headings, plan = plan[:, 2] if plan.shape[1] == 3 else np.zeros(len(plan)), plan[:, :2]
+
     def off(angle):
         return np.abs((angle + np.pi) % (2 * np.pi) - np.pi)
 
@@ -143,6 +146,8 @@ def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
         lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plan[:furthest], axis=0).T))])
         nearest = np.abs(lengths[None, None] - along[..., None]).argmin(2)
         away = np.hypot(xs[:, 1:] - plan[nearest, 0], ys[:, 1:] - plan[nearest, 1])
+        if align.use_path_orientations:
+            away = np.hypot(away, off(headings[nearest] - yaw[:, marks]))
         good = free[nearest]
         costs += align.cost_weight * (away * good).sum(1) / np.maximum(good.sum(1), 1)
     follow = q.PathFollowCritic
@@ -153,9 +158,11 @@ def plain(q, sequence, numbers, win, pose, twist, plan, end_yaw_rad, goal):
         costs += follow.cost_weight * np.hypot(x[:, -1] - plan[at, 0], y[:, -1] - plan[at, 1])
     angle = q.PathAngleCritic
     at = min(furthest + angle.offset_from_furthest, len(plan) - 1)
-    bearing = off(math.atan2(plan[at, 1] - pose[1], plan[at, 0] - pose[0]) - pose[2])
-    if goal_m >= angle.threshold_to_consider and bearing >= angle.max_angle_to_furthest:
-        costs += angle.cost_weight * off(yaw[:, -1] - np.arctan2(plan[at, 1] - y[:, -1], plan[at, 0] - x[:, -1]))
+    towards = np.arctan2(plan[at, 1] - np.r_[pose[1], y[:, -1]], plan[at, 0] - np.r_[pose[0], x[:, -1]])
+    if angle.mode == 2:
+        towards += np.pi * (off(towards - headings[at]) > np.pi / 2)
+    if goal_m >= angle.threshold_to_consider and off(towards[0] - pose[2]) >= angle.max_angle_to_furthest:
+        costs += angle.cost_weight * off(yaw[:, -1] - towards[1:])
     if goal_m >= q.PreferForwardCritic.threshold_to_consider:
         costs += q.PreferForwardCritic.cost_weight * dt * np.maximum(-vs, 0).sum(1)
     if q.TwirlingCritic.enabled and goal_m >= TOLERANCE_M:
@@ -273,6 +280,44 @@ def test_what_a_critic_of_speeds_adds_to_the_samples_is_what_the_plain_reading_a
     added = np.subtract(*expected)
     assert np.ptp(added) > 0.1 or (name == "at the goal") == (critic is TURNING_LITTLE)
     np.testing.assert_allclose(np.subtract(*found), added, rtol=1e-3, atol=1e-2)
+
+
+def judged_by_headings(q, pose, twist, heading_rad):
+    """Costs of a cycle that goes on at the measured speed along a straight plan whose poses all head elsewhere: ours, and the plain ones."""
+    plan, win, memory = np.column_stack([straight(), np.full(len(straight()), heading_rad)]), window(), memory_of(q)
+    sequence = np.column_stack([np.full(56, twist[0]), np.zeros(56)])
+    memory.sequence[:] = sequence.T
+    command_of(record_of(q), memory, win, OUTLINE, pose, twist, plan, len(plan), 0.0, AHEAD)
+    expected, _ = plain(q, sequence, numbers_of(memory, q), win, pose, twist, plan, 0.0, AHEAD)
+    return np.asarray(memory.costs)[: q.batch_size], expected
+
+
+@pytest.mark.parametrize(
+    ("name", "changed", "pose", "twist", "heading_rad"),
+    [
+        ("PathAlignCritic", {"use_path_orientations": True}, (0.0, 0.1, 0.3), (0.4, 0.1), 0.8),
+        ("PathAngleCritic", {"mode": 2}, (0.0, 0.0, 2.0), (-0.3, 0.1), math.pi),
+        ("PathAngleCritic", {"mode": 2}, (0.0, 0.0, 2.0), (0.3, 0.1), 0.2),
+    ],
+)
+def test_a_critic_that_is_told_to_looks_at_the_plan_s_headings(name, changed, pose, twist, heading_rad):
+    q = SMALL.with_values(**{name: getattr(SMALL, name).with_values(**changed)})
+    found, expected = judged_by_headings(q, pose, twist, heading_rad)
+    # What the sequence itself costs by γ is the same for all samples.
+    apart = np.abs(found - expected - np.median(found - expected))
+    assert np.median(apart) < 2e-3
+    assert np.mean(apart > 0.1) < 0.02
+    usual, _ = judged_by_headings(SMALL, pose, twist, heading_rad)
+    assert (np.ptp(found - usual) > 0.1) == (heading_rad != 0.2)
+
+
+@pytest.mark.parametrize(("vx_min", "alike"), [(0.0, True), (-0.35, False)])
+def test_a_robot_that_can_not_reverse_has_its_front_toward_the_path_where_it_might_choose(vx_min, alike):
+    found = []
+    for mode in (0, 1):
+        q = SMALL.with_values(vx_min=vx_min, PathAngleCritic=SMALL.PathAngleCritic.with_values(mode=mode))
+        found.append(judged_by_headings(q, (0.0, 0.0, 2.0), (0.1, 0.1), 0.0)[0])
+    assert np.array_equal(*found) == alike
 
 
 @pytest.mark.parametrize(

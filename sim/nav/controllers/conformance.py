@@ -67,7 +67,8 @@ class PathMoment:
         pose, twist = pose or self.pose, twist or self.twist
         window = _window(self, pose)
         first = int(np.argmin(np.hypot(*(self.plan - pose[:2]).T)))
-        plan = np.ascontiguousarray(self.plan[first:])
+        plan = np.column_stack([self.plan[first:], np.zeros(len(self.plan) - first)])
+        plan[-1, 2] = self.goal_yaw_rad
         goal = (*self.plan[-1].tolist(), self.goal_yaw_rad)
         radius_m = inscribed_radius_m(OUTLINE)
         return ControllerInput(window, OUTLINE, radius_m, pose, twist, plan, self.goal_yaw_rad, goal, PERIOD_S, 0.0)

@@ -35,7 +35,8 @@ class ControllerInput(NamedTuple):
         inscribed_radius_m: Of the footprint.
         pose: (x, y, yaw) by odometry.
         twist: (v, ω) by odometry, m/s and rad/s.
-        plan: (N, 2) float64, N >= 1: the part of the path that `plan_cut` says.
+        plan: (N, 3) float64, N >= 1, x, y, and yaw: the part of the path that `plan_cut` says. NavFn gives every pose but the
+            goal's the map's own heading.
         plan_end_yaw_rad: Yaw of its last point.
         goal: (x, y, yaw) of the whole path's end.
         dt_s: Time to the next cycle.

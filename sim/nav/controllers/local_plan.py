@@ -16,7 +16,7 @@ def renew(p: Any, m: Any, path: Any) -> None:
 
 @inner
 def local_plan(p: Any, m: Any, window: Window, path: Any, out: Any) -> Any:
-    """Write the local plan into `out` (A, 2) as `p.plan_cut` says: (number of points, yaw of the last one).
+    """Write the local plan into `out` (A, 3), poses of the odom frame, as `p.plan_cut` says: (number of points, yaw of the last one).
 
     No point left is Nav2's INVALID_PATH.
 
@@ -39,7 +39,7 @@ def local_plan(p: Any, m: Any, window: Window, path: Any, out: Any) -> Any:
         column, row = (x - window.place[0]) / window.place[2], (y - window.place[1]) / window.place[2]
         if q.in_window != 0 and (row < 0.0 or column < 0.0 or row >= rows or column >= columns):
             break
-        out[n, 0], out[n, 1] = x, y
+        out[n, 0], out[n, 1], out[n, 2] = x, y, wrapped(path[i, 2] - m.map_odom_yaw)
         n += 1
     end_yaw_rad = path[m.path_i + n - 1, 2] if n > 0 else 0.0
     # Nav2 goes on behind a reversal only after the plan up to it is cut once more.

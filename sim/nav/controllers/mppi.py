@@ -26,6 +26,7 @@ from vastflow.sim.nav.controllers.mppi_critics import (
     lay_plan,
     lay_table,
     mark,
+    mark_headings,
     obstacle_values,
 )
 from vastflow.sim.nav.controllers.mppi_memory import MppiMemory, new_memory
@@ -91,6 +92,8 @@ def compute_velocity(q: Any, memory: MppiMemory, given: ControllerInput) -> Any:
         data_of(memory.lateral_noise),
         data_of(memory.lateral_center),
         data_of(memory.lateral_sums),
+        data_of(memory.headings),
+        data_of(memory.table_yaw),
     )
     goal_m = math.hypot(goal[0] - pose[0], goal[1] - pose[1])
     twirling = q.TwirlingCritic.enabled != 0 and goal_m >= memory.goal_tolerance_m[0]
@@ -217,6 +220,8 @@ def _sample(
             judge_slowness(space, first, missing, slowness.cost_weight * dt_s, slowness.cost_power)
         if aligned:
             mark(space, first, marks, mark_stride)
+            if q.PathAlignCritic.use_path_orientations != 0:
+                mark_headings(space, first, marks, mark_stride, yaw_rad, dt_s)
     if priced:
         for sample in range(q.batch_size):
             if space.touched[sample] < COLLISION:
@@ -247,26 +252,36 @@ def _judge_plan(
         return
     lay_plan(space.plan, free, window, frame, plan, n)
     furthest = furthest_point(space, q.batch_size, n)
-    scale = lay_table(q.PathAlignCritic, space, free, lengths, furthest) if aligned else 0.0
+    scale = lay_table(q.PathAlignCritic, space, plan, free, lengths, furthest) if aligned else 0.0
     point = followed_point(q.PathFollowCritic, free, furthest, n)
     ahead = min(furthest + q.PathAngleCritic.offset_from_furthest, n - 1)
-    mode = q.PathAngleCritic.mode
+    mode, facing_rad = _angle_mode(q), plan[ahead, 2] if q.PathAngleCritic.mode == 2 else 0.0
     if faced:
-        bearing = abs(wrapped(math.atan2(plan[ahead, 1] - pose[1], plan[ahead, 0] - pose[0]) - pose[2]))
+        towards_rad = math.atan2(plan[ahead, 1] - pose[1], plan[ahead, 0] - pose[0])
+        bearing = abs(wrapped(towards_rad - pose[2]))
         if mode == 1:
             bearing = min(bearing, math.pi - bearing)
+        elif mode == 2 and abs(wrapped(towards_rad - facing_rad)) > 0.5 * math.pi:
+            bearing = math.pi - bearing
         faced = bearing >= q.PathAngleCritic.max_angle_to_furthest
     marks = (steps - 1) // q.PathAlignCritic.trajectory_point_step
     align_weight = q.PathAlignCritic.cost_weight * frame.resolution_m
     follow_weight = q.PathFollowCritic.cost_weight * frame.resolution_m
     angle_weight = q.PathAngleCritic.cost_weight
+    per_rad = 1.0 / frame.resolution_m if q.PathAlignCritic.use_path_orientations != 0 else 0.0
     for first in range(0, q.batch_size, ROW):
         if scale > 0.0:
-            judge_alignment(space, first, marks, furthest, scale, align_weight)
+            judge_alignment(space, first, marks, furthest, scale, align_weight, per_rad)
         if followed:
             judge_following(space, first, point, follow_weight)
         if faced:
-            judge_bearing(space, first, ahead, mode, angle_weight)
+            judge_bearing(space, first, ahead, mode, facing_rad, angle_weight)
+
+
+@inner
+def _angle_mode(q: Any) -> int:
+    """PathAngleCritic's `mode`; a robot that can't reverse has the front towards the path where 1 lets it choose."""
+    return 0 if q.PathAngleCritic.mode == 1 and abs(q.vx_min) < 1e-6 else int(q.PathAngleCritic.mode)
 
 
 @inner

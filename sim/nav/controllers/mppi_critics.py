@@ -160,16 +160,20 @@ def judge_goal(space: Space, first: int, steps: int, goal: Any, weight: float) -
 def judge_goal_angle(space: Space, first: int, steps: int, dt_s: float, off_rad: float, weight: float) -> None:
     """GoalAngleCritic: the angles between the samples' headings and the goal's, the first of them `off_rad`."""
     turns, costs = space.turns, space.costs
-    dt, turn, per_turn = splat(dt_s), splat(2.0 * math.pi), splat(0.5 / math.pi)
-    # A whole number of turns is added before rounding, which is towards zero; no robot turns 1000 times in a horizon.
-    shift, unshift = splat(1000.5), splat(1000.0)
-    off = splat(off_rad)
+    dt, off = splat(dt_s), splat(off_rad)
     total = size(off)
     for k in range(0, (steps - 1) * ROW, ROW):
         off = off + load(turns, k) * dt
-        rounds = whole(off * per_turn + shift) - unshift
-        total = total + size(off - rounds * turn)
+        total = total + size(_wrapped(off))
     store(costs, first, load(costs, first) + total * splat(weight))
+
+
+@inner
+def _wrapped(angle_rad: Any) -> Any:
+    """Angles within half a turn; no robot turns 1000 times in a horizon."""
+    # A whole number of turns is added before rounding, which is towards zero.
+    rounds = whole(angle_rad * splat(0.5 / math.pi) + splat(1000.5)) - splat(1000.0)
+    return angle_rad - rounds * splat(2.0 * math.pi)
 
 
 @inner
@@ -217,6 +221,16 @@ def mark(space: Space, first: int, points: int, stride: int) -> None:
 
 
 @inner
+def mark_headings(space: Space, first: int, points: int, stride: int, yaw_rad: float, dt_s: float) -> None:
+    """Keep the headings of the points of `mark`; the track's first one is `yaw_rad`."""
+    out, heading, dt = rows_of(first, points), splat(yaw_rad), splat(dt_s)
+    for p in range(points):
+        for t in range(p * stride, (p + 1) * stride):
+            heading = heading + load(space.turns, t * ROW) * dt
+        store(space.headings, out + p * ROW, heading)
+
+
+@inner
 def lay_plan(out: Any, free: Any, window: Window, frame: Frame, plan: Any, n: int) -> None:
     """The local plan in cells, and which of its points but the last are free."""
     for i in range(n):
@@ -261,7 +275,7 @@ def _nearest(space: Space, sample: int, begin: int, n: int) -> int:
 
 
 @inner
-def lay_table(q: Any, space: Space, free: Any, lengths: Any, furthest: int) -> float:
+def lay_table(q: Any, space: Space, poses: Any, free: Any, lengths: Any, furthest: int) -> float:
     """The plan's first `furthest` points by the length along it, for PathAlignCritic: entries per cell, 0 for no judgement.
 
     It is off where too much of the plan is not free.
@@ -288,12 +302,20 @@ def lay_table(q: Any, space: Space, free: Any, lengths: Any, furthest: int) -> f
             i += 1
         space.table_x[entry] = plan[2 * i] if free[i] else FAR
         space.table_y[entry] = plan[2 * i + 1]
+        if q.use_path_orientations != 0:
+            space.table_yaw[entry] = poses[i, 2]
     return float(scale)
 
 
 @inner
-def judge_alignment(space: Space, first: int, points: int, furthest: int, scale: float, weight: float) -> None:
-    """PathAlignCritic: the mean distance of the samples' marks to the plan's free points as far along it."""
+def judge_alignment(
+    space: Space, first: int, points: int, furthest: int, scale: float, weight: float, per_rad: float
+) -> None:
+    """PathAlignCritic: the mean distance of the samples' marks to the plan's free points as far along it.
+
+    Args:
+        per_rad: Cells that a radian between their headings counts as; 0 where headings do not count.
+    """
     marks, entries, costs = space.marks, space.cells, space.costs
     at = rows_of(first, 3 * points)
     per_cell, last = splat(scale), splat(float(BINS * (furthest - 1)))
@@ -304,7 +326,13 @@ def judge_alignment(space: Space, first: int, points: int, furthest: int, scale:
     for p in range(points):
         dx = load(marks, at + 3 * p * ROW) - gather(space.table_x, entries, p * WIDTH)
         dy = load(marks, at + (3 * p + 1) * ROW) - gather(space.table_y, entries, p * WIDTH)
-        away = root(dx * dx + dy * dy)
+        square = dx * dx + dy * dy
+        if per_rad > 0.0:
+            headings = rows_of(first, points) + p * ROW
+            turned = _wrapped(load(space.headings, headings) - gather(space.table_yaw, entries, p * WIDTH))
+            turned = turned * splat(per_rad)
+            square = square + turned * turned
+        away = root(square)
         total = total + either(away, far, away, none)
         count = count + either(away, far, one, none)
     cost = total / higher(count, one) * splat(weight)
@@ -332,13 +360,20 @@ def judge_following(space: Space, first: int, point: int, weight: float) -> None
 
 
 @inner
-def judge_bearing(space: Space, first: int, point: int, mode: int, weight: float) -> None:
-    """PathAngleCritic: the angle between the samples' last headings and the bearing of a point of the plan."""
+def judge_bearing(space: Space, first: int, point: int, mode: int, facing_rad: float, weight: float) -> None:
+    """PathAngleCritic: the angle between the samples' last headings and the bearing of a point of the plan.
+
+    Args:
+        facing_rad: The plan's heading there: with mode 2 the bearing or its opposite counts, whichever is nearer to that.
+    """
     ends, costs = space.ends, space.costs
     end = rows_of(first, 4)
     dx = splat(space.plan[2 * point]) - load(ends, end)
     dy = splat(space.plan[2 * point + 1]) - load(ends, end + ROW)
     c, s = load(ends, end + 2 * ROW), load(ends, end + 3 * ROW)
+    if mode == 2:
+        along = dx * splat(math.cos(facing_rad)) + dy * splat(math.sin(facing_rad))
+        dx, dy = either(along, splat(0.0), splat(0.0) - dx, dx), either(along, splat(0.0), splat(0.0) - dy, dy)
     ahead, aside = c * dx + s * dy, size(c * dy - s * dx)
     if mode == 1:
         ahead = size(ahead)

@@ -67,6 +67,8 @@ class MppiMemory(NamedTuple):
     table_x: Any
     table_y: Any
     sums: Any
+    headings: Any
+    table_yaw: Any
 
 
 def new_memory(
@@ -88,6 +90,7 @@ def new_memory(
     frame_cells = SIDE * SIDE if parameters.CostCritic.consider_footprint else 0
     axes, lateral_steps = (3, steps) if is_omni else (2, 0)
     marks = (steps - 1) // parameters.PathAlignCritic.trajectory_point_step
+    oriented = int(parameters.PathAlignCritic.use_path_orientations)
     stride = 1 if parameters.ObstaclesCritic.enabled else parameters.CostCritic.trajectory_point_step
     cells = (steps - 1) // stride + 1
 
@@ -128,4 +131,6 @@ def new_memory(
         table_x=aligned(BINS * PLAN_POINTS, np.float32),
         table_y=aligned(BINS * PLAN_POINTS, np.float32),
         sums=rows(2 * steps),
+        headings=rows(oriented * marks * groups),
+        table_yaw=aligned(oriented * BINS * PLAN_POINTS, np.float32),
     )

@@ -52,6 +52,8 @@ class Space(NamedTuple):
         plan: n times x and y.
         table_x, table_y: Points of the plan by the length along it.
         sums: T times a row for v, one for ω.
+        headings: G times P times a row, of the marks where their headings count.
+        table_yaw: Headings of the table's points.
         lateral_noise: Normal numbers for vy of an omni model, see `lateral_noise`.
         lateral_center: T times vy of the sequence, and what 1 m/s costs by γ.
         lateral_sums: T times a row for vy.
@@ -75,6 +77,8 @@ class Space(NamedTuple):
     lateral_noise: Any
     lateral_center: Any
     lateral_sums: Any
+    headings: Any
+    table_yaw: Any
 
 
 class Draw(NamedTuple):

@@ -262,9 +262,7 @@ TABLES: Final[Mapping[str, Mapping[str, BuiltIn]]] = {
         # A disc collides where its center is inscribed, so the costs short of a collision never come to count.
         **_any("near_collision_cost", "critical_cost", "inflation_layer_name"),
         "cost_power": only(1),
-        "use_path_orientations": only(False),
         "symmetric_yaw_tolerance": only(False),
-        "mode": only(0),
     },
     "DWB": {
         **_any("transform_tolerance", "debug_trajectory_details", "short_circuit_trajectory_evaluation", "stateful"),

@@ -69,7 +69,10 @@ class GoalAngleParameters(ParameterGroup):
 
 
 class PathAlignParameters(ParameterGroup):
-    """Distance of every `trajectory_point_step`-th point to the plan's point as far along; offsets count its points."""
+    """Distance of every `trajectory_point_step`-th point to the plan's point as far along; offsets count its points.
+
+    With `use_path_orientations` 1 rad between their headings counts as 1 m.
+    """
 
     enabled: bool = parameter(True)
     cost_weight: float = parameter(14.0, 0.0, 1e6, code=10.0)
@@ -77,6 +80,7 @@ class PathAlignParameters(ParameterGroup):
     trajectory_point_step: int = parameter(4, 1, 1000)
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
     offset_from_furthest: int = parameter(20, 0, 1000)
+    use_path_orientations: bool = parameter(False)
 
 
 class PathFollowParameters(ParameterGroup):
@@ -91,7 +95,7 @@ class PathFollowParameters(ParameterGroup):
 class PathAngleParameters(ParameterGroup):
     """Last heading against the bearing of such a point, when the robot faces elsewhere (rad).
 
-    `mode` 0 wants the front towards the point, 1 front or back; 2, by the plan's orientations, is not modeled.
+    `mode` 0 wants the front towards the point, 1 front or back, and 2 whichever the plan's heading there says.
     """
 
     enabled: bool = parameter(True)
@@ -99,7 +103,7 @@ class PathAngleParameters(ParameterGroup):
     offset_from_furthest: int = parameter(4, 0, 1000)
     threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
     max_angle_to_furthest: float = parameter(1.0, 0.0, 4.0, code=0.785398)
-    mode: int = parameter(0, 0, 1)
+    mode: int = parameter(0, 0, 2)
 
 
 class PreferForwardParameters(ParameterGroup):
