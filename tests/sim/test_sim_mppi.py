@@ -1,4 +1,4 @@
-"""MPPI against a plain reading of it in NumPy, and what it makes a robot do."""
+"""MPPI against a plain reading of it in NumPy."""
 
 import math
 
@@ -10,7 +10,6 @@ from vastflow.sim.nav.controllers import mppi
 from vastflow.sim.nav.controllers.controller import ControllerInput
 from vastflow.sim.nav.controllers.mppi_samples import noise
 from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.nav.parameters.mppi import (
     CostParameters,
     MppiParameters,
@@ -20,7 +19,6 @@ from vastflow.sim.nav.parameters.mppi import (
 )
 from vastflow.sim.nav.record import record_of
 from vastflow.sim.nav.window import Window
-from vastflow.sim.world.robot import arc
 
 PARAMETERS = MppiParameters()
 SMALL = PARAMETERS.with_values(batch_size=400)
@@ -32,7 +30,6 @@ BY_DISTANCE = {
 }
 TURNING_LITTLE = {"TwirlingCritic": TwirlingParameters(enabled=True, cost_weight=20.0)}
 TURNING_FAST = {"VelocityDeadbandCritic": VelocityDeadbandParameters(enabled=True, deadband_velocities=(0.1, 0.0, 0.4))}
-NEVER_SLOW = {"VelocityDeadbandCritic": VelocityDeadbandParameters(enabled=True, deadband_velocities=(0.45, 0.0, 0.0))}
 
 
 @njit
@@ -391,84 +388,6 @@ def test_a_reset_controller_is_as_new_but_for_its_noise():
         command_of(record_of(SMALL), memory, window(), OUTLINE, (0.0, 0.0, 0.0), (0.2, 0.0), straight(), 56, 0.0, AHEAD)
     forgotten(memory)
     assert not np.asarray(memory.sequence).any() and not np.asarray(memory.history).any()
-
-
-def driven(parameters, pose=(0.0, 0.0, 0.0), length_m=10.0, seconds=20.0):
-    """A unicycle without limits of its own on a straight path along x; its track (N, 4) of x, y, yaw, v."""
-    memory, record = memory_of(parameters), record_of(parameters)
-    path = straight(length_m)
-    twist, track = (0.0, 0.0), []
-    goal = (length_m, 0.0, 0.0)
-    for _ in range(int(seconds / 0.05)):
-        begin = int(np.argmin(np.hypot(*(path - pose[:2]).T)))
-        ahead = path[begin : begin + 68]
-        place = np.array([math.floor(pose[0] / 0.05) * 0.05 - 1.5, math.floor(pose[1] / 0.05) * 0.05 - 1.5, 0.05])
-        win = Window(np.zeros((60, 60), dtype=np.uint8), place)
-        ahead = ahead[np.abs(ahead[:, 0] - pose[0]) < 1.45]
-        _, v, w = command_of(record, memory, win, OUTLINE, pose, twist, ahead.copy(), len(ahead), 0.0, goal)
-        pose, twist = arc(*pose, v, w, 0.05), (v, w)
-        track.append((*pose, v))
-        if math.hypot(pose[0] - length_m, pose[1]) < 0.2:
-            break
-    return np.array(track)
-
-
-def test_on_a_straight_path_it_reaches_its_speed_and_keeps_to_the_path():
-    track = driven(PARAMETERS)
-    assert 0.45 <= track[60:200, 3].mean() <= 0.5
-    assert np.abs(track[:, 1]).max() < 0.1
-
-
-def test_with_the_twirling_critic_ten_meters_are_driven_and_none_of_them_with_as_fast_a_turn():
-    beside, askew = (0.0, 0.5, 0.5), [PARAMETERS.with_values(**each) for each in (TURNING_LITTLE, {})]
-    tracks = [driven(each, beside, seconds=40.0) for each in askew]
-    assert [abs(each[-1, 0] - 10.0) < 0.25 for each in tracks] == [True, True]
-    fastest, fastest_by_default = (np.abs(np.diff(each[:, 2])).max() for each in tracks)
-    assert fastest < 0.75 * fastest_by_default
-
-
-def test_with_obstacles_critic_a_robot_passes_a_wall_at_a_distance_that_its_weights_say(over_a_floor):
-    cells = np.zeros((80, 280), dtype=bool)
-    cells[43:80, 120:160] = True
-    stack, nearest = parameters_of({"controller": "mppi"}), []
-    # A plan close to the wall leaves the distance to the critic.
-    close = stack.global_costmap.inflation_layer.with_values(inflation_radius=0.25)
-    stack = stack.with_values(global_costmap=stack.global_costmap.with_values(inflation_layer=close))
-    for weight in (0.0, 30.0):
-        critics = BY_DISTANCE | {"ObstaclesCritic": BY_DISTANCE["ObstaclesCritic"].with_values(repulsion_weight=weight)}
-        found = over_a_floor(stack.with_values(controller=PARAMETERS.with_values(**critics)), cells=cells)
-        assert found.run.outcome == "succeeded"
-        assert not any(event.kind == "contact" for event in found.run.events)
-        beside = (found.columns["x_mm"] > 6000) & (found.columns["x_mm"] < 8000)
-        nearest.append(2.15 - found.columns["y_mm"][beside].max() / 1000)
-    assert nearest[1] > nearest[0] + 0.05
-
-
-def test_with_a_dead_band_of_forward_speed_ten_meters_are_driven_and_the_last_of_them_no_slower():
-    tracks = [driven(PARAMETERS.with_values(**each), seconds=26.0) for each in (NEVER_SLOW, {})]
-    assert [abs(each[-1, 0] - 10.0) < 0.25 for each in tracks] == [True, True]
-    slowest, slowest_by_default = (each[-20:, 3].min() for each in tracks)
-    assert slowest > 0.45
-    assert slowest_by_default < 0.3
-
-
-def test_it_slows_down_at_the_goal():
-    track = driven(PARAMETERS, length_m=4.0)
-    assert track[-1, 3] < 0.3
-    assert abs(track[-1, 0] - 4.0) < 0.25
-
-
-def test_it_turns_towards_a_path_behind_it():
-    track = driven(PARAMETERS, pose=(1.0, 0.0, 2.5), seconds=8.0)
-    assert abs(math.remainder(track[-1, 2], 2 * math.pi)) < 0.2
-    assert track[-1, 3] > 0.4
-
-
-def test_it_backs_along_a_path_that_lies_exactly_behind_it():
-    """Either turn is as good as the other, so the mean of the samples is neither: as with Nav2, it reverses."""
-    track = driven(PARAMETERS, pose=(1.0, 0.0, math.pi), seconds=8.0)
-    assert -0.35 <= track[-1, 3] < -0.1
-    assert track[-1, 0] > 2.0
 
 
 def test_the_shared_noise_is_normal_and_no_number_follows_from_another():
