@@ -31,8 +31,8 @@ NAV2 = """\
 controller_server:
   ros__parameters:
     controller_frequency: 20.0
-    controller_plugins: [Drive]
-    Drive:
+    controller_plugins: [FollowPath]
+    FollowPath:
       plugin: "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
       desired_linear_vel: 0.4
 local_costmap:
@@ -193,9 +193,9 @@ def test_a_name_that_is_no_text_is_one_fault(load: Load, folder: Path) -> None:
 
 
 def test_a_fixed_parameter_is_checked_against_the_file(load: Load) -> None:
-    (found,) = faults(load, NAV2, "  - Drive.plugin: 'x::Y'\n")
+    (found,) = faults(load, NAV2, "  - FollowPath.plugin: 'x::Y'\n")
     assert found.startswith(
-        "c.vast:7:19: configuration[0].parameters[3].Drive.plugin: found 'x::Y'; known: dwb_core::DWB"
+        "c.vast:7:24: configuration[0].parameters[3].FollowPath.plugin: found 'x::Y'; known: dwb_core::DWB"
     )
 
 

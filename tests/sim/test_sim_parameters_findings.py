@@ -94,6 +94,28 @@ def test_another_behavior_tree_is_not_the_one_built_in():
     ) == {"default_nav_to_pose_bt_xml": "differs"}
 
 
+@pytest.mark.parametrize(
+    ("text", "asked_for"),
+    [
+        (
+            "controller_server: {ros__parameters: {controller_plugins: [Drive], Drive: {plugin: 'dwb_core/DWBLocalPlanner', critics: []}}}",
+            "FollowPath",
+        ),
+        (
+            "planner_server: {ros__parameters: {planner_plugins: [Drive], Drive.plugin: nav2_navfn_planner/NavfnPlanner}}",
+            "GridBased",
+        ),
+    ],
+)
+def test_a_name_that_the_default_trees_do_not_ask_for_is_spoken_of(text, asked_for):
+    """With them Nav2 fails at every goal; a tree of the robot's own may ask for it."""
+    said, *others = findings(read(text))
+    why = f"the default behavior trees ask for {asked_for}, which Nav2 would not find; Drive is used"
+    assert (said.status, said.why) == ("not modeled", why)
+    assert {found.status for found in others} == {"modeled"}
+    assert statuses(text.replace("Drive", asked_for)).popitem()[1] == "modeled"
+
+
 def test_plug_ins_that_no_list_has_are_without_effect():
     text = "planner_server: {ros__parameters: {planner_plugins: [GridBased], GridBased.plugin: nav2_navfn_planner::NavfnPlanner, Old: {plugin: x::Y, a: 1}}}"
     assert statuses(text)["Old.a"] == "no effect"

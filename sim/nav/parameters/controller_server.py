@@ -88,7 +88,7 @@ def _path_handler(reader: Reader, node: ParameterLocation) -> ParameterLocation 
 def _controller(reader: Reader, place: ParameterLocation, listed: ParameterLocation) -> Parts:
     """The controller with the parameters at `place`; one that can't be found is a fault."""
     document, node, path = reader.document, place[:-1], (*place, "plugin")
-    text = reader.text(path, CONTROLLERS.defaults.get(place[-1], ""))
+    text = reader.text(path, reader.default_class(place[-1], listed, CONTROLLERS))
     name = text if FILE in text else class_name(text)
     parts: Parts = {}
     shimmed: tuple[ParameterLocation, ...] = ()

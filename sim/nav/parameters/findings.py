@@ -55,7 +55,7 @@ def left_out(found: Interpretation) -> Mapping[ParameterLocation, Value]:
 
 def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocation) -> Finding:
     value, place = document.values[path], document.place(path)
-    if path in reader.asked:
+    if path in reader.asked and path not in reader.unmodeled:
         used = reader.asked[path]
         return Finding(path, place, value, "modeled", list(used) if isinstance(used, tuple) else used, "", path)
     if group := _nearest(path, reader.unused):

@@ -15,7 +15,8 @@ class Plugins:
         modeled: Class to what it is called here.
         foreign: Other classes of Nav2's, which are known and not modeled.
         defaults: Names to classes where a document has no list.
-        used: The name that the default behavior trees ask for, where there are several.
+        used: The one that counts of several.
+        is_asked_for: Whether the default behavior trees ask for `used` by its name, so that Nav2 finds no other.
     """
 
     what: str
@@ -24,6 +25,7 @@ class Plugins:
     foreign: tuple[str, ...] = ()
     defaults: Mapping[str, str] = field(default_factory=dict)
     used: str = ""
+    is_asked_for: bool = False
 
 
 def class_name(text: str) -> str:
@@ -49,6 +51,7 @@ CONTROLLERS: Final = Plugins(
     ),
     defaults={"FollowPath": "dwb_core::DWBLocalPlanner"},
     used="FollowPath",
+    is_asked_for=True,
 )
 PLANNERS: Final = Plugins(
     what="planner",
@@ -64,6 +67,7 @@ PLANNERS: Final = Plugins(
     ),
     defaults={"GridBased": "nav2_navfn_planner::NavfnPlanner"},
     used="GridBased",
+    is_asked_for=True,
 )
 PROGRESS_CHECKERS: Final = Plugins(
     what="progress checker",

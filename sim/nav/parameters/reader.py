@@ -171,7 +171,15 @@ class Reader:
         for name in names:
             if name != used:
                 self.unused[(*prefix, name)] = f"the default behavior trees use {used}"
+        if plugins.is_asked_for and used != plugins.used:
+            why = f"the default behavior trees ask for {plugins.used}, which Nav2 would not find; {used} is used"
+            self.unmodeled[path] = why
         return used, (*path, str(names.index(used)))
+
+    def default_class(self, name: str, listed: ParameterLocation, plugins: Plugins) -> str:
+        """What `name` of a list is without a class of its own; Nav2 has one only where the list is that of its code."""
+        defaults = plugins.defaults
+        return defaults.get(name, "") if self.names(listed[:-1], tuple(defaults)) == list(defaults) else ""
 
     def _list_of(self, prefix: ParameterLocation, plugins: Plugins) -> ParameterLocation:
         paths = [(*prefix, name) for name in plugins.lists]
@@ -179,8 +187,7 @@ class Reader:
 
     def _kind(self, prefix: ParameterLocation, name: str, listed: ParameterLocation, plugins: Plugins) -> str | None:
         path = (*prefix, name, "plugin")
-        default = plugins.defaults.get(name, "")
-        found = class_name(self.text(path, default))
+        found = class_name(self.text(path, self.default_class(name, listed, plugins)))
         if kind := plugins.modeled.get(found):
             self.kinds[path[:-1]] = kind
             return kind
