@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -55,6 +56,12 @@ class S3Server:
         if self._process is not None:
             self._process.kill()
             self._process.wait(10)
+
+    @property
+    def lost(self) -> set[str]:
+        """Addresses of artifacts of which it lost a file: of two that write one file at the same moment rclone renames neither."""
+        log = (self._folder / "log").read_text()
+        return {f"s3://{path}" for path in re.findall(r"ERROR : (\S+)/\.rclone_temp_put_\S+: Dir\.Rename error", log)}
 
 
 def forget_connections() -> None:
