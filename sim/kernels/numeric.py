@@ -15,6 +15,7 @@ import numba
 import platformdirs
 
 from vastflow.sim.kernels.kernel_cache import KernelCache
+from vastflow.sim.kernels.pipeline import Pipeline
 from vastflow.sim.kernels.target import TARGET, part
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -63,8 +64,11 @@ def kernel_cache_dir() -> Path:
 _FOLDER: Final = kernel_cache_dir()
 
 OPTIONS: Final = {"error_model": "numpy", "fastmath": False}
-_compile = numba.njit(**OPTIONS, _target=TARGET)
-_compile_inner = numba.njit(**OPTIONS, _target=TARGET, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_compile = numba.njit(**OPTIONS, _target=TARGET, pipeline_class=Pipeline, no_cfunc_wrapper=True)
+_compile_inner = numba.njit(
+    **OPTIONS, _target=TARGET, pipeline_class=Pipeline, no_cpython_wrapper=True, no_cfunc_wrapper=True
+)
+_compile_any = numba.njit(**OPTIONS, _target=TARGET, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def njit(function: Function) -> Function:
@@ -84,8 +88,8 @@ def addressed(function: Function) -> Function:
 
 
 def unkept(function: Function) -> Function:
-    """Compile like `inner`, anew in each process: of what others wrote no file says when a compiled form is out of date."""
-    dispatcher: Function = _compile_inner(function)
+    """Compile what others wrote, by all of numba's passes, anew in each process: no file says when a compiled form is out of date."""
+    dispatcher: Function = _compile_any(function)
     return dispatcher
 
 

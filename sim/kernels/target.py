@@ -8,12 +8,14 @@ the same recordings, and the same functions.
 import importlib
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Final
 
 import numba
 from llvmlite import binding
 from numba import _dynfunc
+from numba.core import types
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.cpu import CPUContext
@@ -22,7 +24,11 @@ from numba.core.environment import lookup_environment
 from numba.core.registry import CPUTarget, cpu_target
 from numba.core.runtime import rtsys
 from numba.core.target_extension import CPU, dispatcher_registry, jit_registry, target_override, target_registry
+from numba.core.types.misc import unliteral
 from numba.core.utils import threadsafe_cached_property
+
+from vastflow.sim.kernels.pipeline import Pipeline
+from vastflow.sim.kernels.typing_context import TypingContext
 
 TARGET: Final = "vastflow"
 """numba's name of the target: what is decorated with `jit(_target=TARGET)` is compiled for it."""
@@ -56,6 +62,18 @@ def widest(host: Mapping[str, bool]) -> str:
     return AVX2 if host.get("avx2") else ""
 
 
+class _NoColors:
+    """What numba asks how its errors are to be colored."""
+
+    def code(self, message: str) -> str:
+        return message
+
+    errmsg = filename = indicate = highlight = reset = code
+
+
+_NO_COLORS: Final = _NoColors()
+
+
 class _Processor(CPU):  # type: ignore[misc]  # numba has no types
     """A CPU, so that what numba and its extensions define for CPUs counts here as well."""
 
@@ -70,6 +88,14 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
     def __init__(self, codegen: Any, name: str) -> None:
         super().__init__(codegen, name)
         self.is_part = codegen.compiles_part
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        """numba makes a pass manager for each function, and for those that are only declared as well."""
+        ll_module.data_layout = self._codegen._data_layout
+        passes, builder = self._codegen._function_pass_manager()
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                passes.run(function, builder)
 
     def _optimize_final_module(self) -> None:
         if not self.is_part:
@@ -122,11 +148,19 @@ class _Context(CPUContext):  # type: ignore[misc]
     def init(self) -> None:
         super().init()
         self._internal_codegen = _Codegen("vastflow.kernels")
+        self._sizes: dict[str, int] = {}
 
     def load_additional_registries(self) -> None:
         rtsys.initialize(cpu_target.target_context)  # whoever is first compiles numba's runtime for all targets
         _import_array_functions()
         super().load_additional_registries()
+
+    def get_abi_sizeof(self, ty: Any) -> int:
+        """Bytes of an LLVM type, for which it parses a module each time."""
+        name = str(ty)
+        if name not in self._sizes:
+            self._sizes[name] = super().get_abi_sizeof(ty)
+        return self._sizes[name]
 
     def get_executable(self, library: Any, fndesc: Any, env: Any) -> Any:
         """What Python calls: nothing of a part; what else is compiled is given the environments of its parts."""
@@ -144,8 +178,13 @@ def _context_of(target: CPUTarget) -> _Context:
     return _Context(target.typing_context, TARGET)
 
 
+def _typing_context_of(_target: CPUTarget) -> TypingContext:
+    return TypingContext()
+
+
 class _Target(CPUTarget):  # type: ignore[misc]
     _toplevel_target_context = threadsafe_cached_property(_context_of)
+    _toplevel_typing_context = threadsafe_cached_property(_typing_context_of)
 
 
 class _Dispatcher(Dispatcher):
@@ -157,18 +196,38 @@ class _Dispatcher(Dispatcher):
 
     targetdescr = _Target(TARGET)
     is_part = False
+    _compiler: Any
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """A call by a function that is compiled: of a kernel for whole numbers, not for each number that is written in a call."""
+        if self._compiler.pipeline_class is Pipeline:
+            args = [unliteral(each) if isinstance(each, types.IntegerLiteral) else each for each in args]
+        return super().get_call_template(args, kws)
 
     def compile(self, sig: Any) -> Any:
         """Compile for these types; what numba defines with `overload` and first meets while it lowers is so ours as well."""
+        if isinstance(sig, tuple) and (known := self.overloads.get(sig)) is not None:
+            return known.entry_point
         codegen = self.targetdescr.target_context.codegen()
         # numba's own lock, taken before what is compiled is noted: another thread notes something else.
         with global_compiler_lock:
             outer, codegen.compiles_part = codegen.compiles_part, self.is_part
             try:
-                with target_override(TARGET):
+                with target_override(TARGET), _plain_errors():
                     return super().compile(sig)
             finally:
                 codegen.compiles_part = outer
+
+
+@contextmanager
+def _plain_errors() -> Iterator[None]:
+    """numba's errors without colors: it raises hundreds that it catches itself, and asks the terminal for its colors at each."""
+    errors: Any = importlib.import_module("numba.core.errors")
+    before, errors._termcolor_inst = errors._termcolor_inst, _NO_COLORS
+    try:
+        yield
+    finally:
+        errors._termcolor_inst = before
 
 
 def part(dispatcher: Any) -> Any:
@@ -178,7 +237,7 @@ def part(dispatcher: Any) -> Any:
 
 
 def _jit_of_overload(**options: Any) -> Any:
-    decorate = numba.jit(**options, _target=TARGET)
+    decorate = numba.jit(**options, _target=TARGET, no_cfunc_wrapper=True)
     return lambda function: part(decorate(function))
 
 

@@ -189,7 +189,8 @@ def merge_window(
     if row0 >= row1 or col0 >= col1:
         return 0, 0, 0, 0  # the robot is, or takes itself to be, far off the map
     for row in range(row0, row1):
-        costs[row, col0:col1] = static_costs[row, col0:col1]
+        for column in range(col0, col1):
+            costs[row, column] = static_costs[row, column]
     # Inflation is the maximum over lethal cells, so the walls' share need not be made again.
     for row in range(max(0, row0 - margin), min(rows, row1 + margin)):
         marks = layer[row]
