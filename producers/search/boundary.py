@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vastflow.producers.quantities import Number, Positive
 from vastflow.producers.search.evaluation import Evaluation
+from vastflow.producers.search.gaussian_process import Floats, likelihood, predicted
 from vastflow.producers.search.space import Point, levels_of
 from vastflow.producers.search.strategy import Parameters, Strategy
 
@@ -25,9 +25,6 @@ _FIRST: Final = 8
 """Points that fill the space first, for each dimension."""
 _SCALES: Final = (0.08, 0.15, 0.3, 0.6, 1.2)
 """Correlation lengths of which each dimension has one, as a share of its range."""
-_JITTER: Final = 1e-6
-
-Floats = NDArray[np.float64]
 
 
 class BoundaryParameters(Parameters):
@@ -62,7 +59,7 @@ class Boundary(Strategy[BoundaryParameters]):
         units, values, variances = list(self._units), list(self._values), list(self._variances)
         scales, chosen = self._scales(), []
         for _ in range(count):
-            mean, deviation = _predicted(np.array(units), np.array(values), np.array(variances), scales, candidates)
+            mean, deviation = predicted(np.array(units), np.array(values), np.array(variances), scales, candidates)
             best = int(np.argmax(BAND * deviation - np.abs(mean)))
             chosen.append(candidates[best])
             units, values = [*units, candidates[best]], [*values, float(mean[best])]
@@ -88,7 +85,7 @@ class Boundary(Strategy[BoundaryParameters]):
     def surface(self, units: Floats) -> tuple[Floats, Floats]:
         """What is expected of the objective less the level at (n, d) coordinates of the unit cube, and its standard deviation."""
         known = np.array(self._units), np.array(self._values), np.array(self._variances)
-        return _predicted(*known, self._scales(), units)
+        return predicted(*known, self._scales(), units)
 
     def lattice(self) -> Floats:
         """(n, d) coordinates of a lattice over the space."""
@@ -101,7 +98,7 @@ class Boundary(Strategy[BoundaryParameters]):
         """The correlation lengths of greatest marginal likelihood."""
         d, known = len(self._units[0]), (np.array(self._units), np.array(self._values), np.array(self._variances))
         found = [np.array(scales) for scales in itertools.product(_SCALES, repeat=d)]
-        return max(found, key=lambda scales: _likelihood(*known, scales))
+        return max(found, key=lambda scales: likelihood(*known, scales))
 
 
 def boundary_complaint(dimensions: Mapping[str, Any]) -> str | None:
@@ -110,30 +107,3 @@ def boundary_complaint(dimensions: Mapping[str, Any]) -> str | None:
         return f"{len(dimensions)} dimensions; one to {MOST_DIMENSIONS} for boundary"
     unordered = [name for name, each in dimensions.items() if each.type in ("choice", "bool") or levels_of(each) == 1]
     return f"{unordered[0]!r} is no range of numbers; ranges for boundary" if unordered else None
-
-
-def _kernel(left: Floats, right: Floats, scales: Floats) -> Floats:
-    """Matérn's covariance with ν = 5/2 of standard deviation 1/2, the range of a rate round its middle."""
-    distance = np.sqrt(np.maximum((((left[:, None] - right[None]) / scales) ** 2).sum(axis=-1), 0.0)) * np.sqrt(5.0)
-    kernel: Floats = 0.25 * (1 + distance + distance**2 / 3) * np.exp(-distance)
-    return kernel
-
-
-def _factor(units: Floats, variances: Floats, scales: Floats) -> Floats:
-    factor: Floats = np.asarray(
-        np.linalg.cholesky(_kernel(units, units, scales) + np.diag(variances + _JITTER)), np.float64
-    )
-    return factor
-
-
-def _likelihood(units: Floats, values: Floats, variances: Floats, scales: Floats) -> float:
-    factor = _factor(units, variances, scales)
-    white = np.linalg.solve(factor, values)
-    return float(-0.5 * white @ white - np.log(np.diag(factor)).sum())
-
-
-def _predicted(units: Floats, values: Floats, variances: Floats, scales: Floats, at: Floats) -> tuple[Floats, Floats]:
-    factor = _factor(units, variances, scales)
-    cross = np.linalg.solve(factor, _kernel(units, at, scales))
-    mean = cross.T @ np.linalg.solve(factor, values)
-    return mean, np.sqrt(np.maximum(0.25 - (cross**2).sum(axis=0), 0.0))

@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers.quantities import Count, Number, Positive
 from vastflow.producers.search.evaluation import Evaluation
+from vastflow.producers.search.gaussian_process import promise
 from vastflow.producers.search.space import Point
 from vastflow.producers.search.strategy import Cell, Parameters, Strategy, missing_library
 
@@ -19,10 +20,16 @@ if TYPE_CHECKING:
 _SEEDS: Final = 2**31
 _CELLS: Final = 256
 _BINS: Final = 10
+_FIRST: Final = 8
+"""Points that are random in any case."""
 _DRAWN: Final = 8
 """Cells of which the best is stepped from, or toward."""
 _ALONG: Final = 0.5
 """Standard deviation of the part of the line to another cell that a step goes from a cell drawn evenly."""
+_TRIED: Final = 64
+"""Steps toward the best of which that of most promise is taken."""
+_KNOWN: Final = 256
+"""Points found last, by which a step promises something."""
 _CVT_SAMPLES: Final = 10_000
 """Points in the space of measures of which the cells of a CVT archive are the clusters; (Vassiliades et al., 2018)."""
 
@@ -72,8 +79,9 @@ class QdParameters(Parameters):
 
 class QualityDiversity(Strategy[QdParameters]):
     """Steps from points of the archive, each along the line to another (V. Vassiliades and J.-B. Mouret, GECCO 2018, 149): every other step
-    from a cell drawn evenly, back and forth, so that all kinds go on; those between from the best of several to the best of others, which
-    leads to what is looked for. At random as long as all have the same objective."""
+    from a cell drawn evenly, back and forth, so that all kinds go on; those between from the best of several to the best of others, and of
+    many such the one of most promise (A. Gaier et al., Evol. Comput. 26 (2018) 381), which leads to what is looked for. At random at first, and as
+    long as all have the same objective."""
 
     Parameters: ClassVar[type[Parameters]] = QdParameters
     library: ClassVar[str] = "ribs"
@@ -84,6 +92,7 @@ class QualityDiversity(Strategy[QdParameters]):
         self._dimensions = len(problem.space.dimensions)
         self._archive = self._empty()
         self._found: list[Evaluation] = []
+        self._steps = 0
         self._names = self.measures(self.parameters)
 
     @classmethod
@@ -100,10 +109,14 @@ class QualityDiversity(Strategy[QdParameters]):
     def ask(self, batch: int, count: int) -> Sequence[Point]:
         """See `Strategy`."""
         draws = self.problem.draws(batch)
-        if self._is_flat:
+        if len(self._found) < _FIRST or self._is_flat:
             units = draws.random((count, self._dimensions))
         else:
-            units = np.concatenate([self._emitted(share, int(draws.integers(_SEEDS))) for share in self._shares(count)])
+            shares = self._shares(count)
+            firsts = self._steps + np.cumsum([0, *shares[:-1]])
+            emitted = zip(firsts.tolist(), shares, strict=True)
+            units = np.concatenate([self._emitted(*each, int(draws.integers(_SEEDS))) for each in emitted])
+            self._steps += count
         return [self.problem.space.decoded(unit) for unit in units]
 
     def tell(self, evaluations: Sequence[Evaluation]) -> None:
@@ -134,19 +147,33 @@ class QualityDiversity(Strategy[QdParameters]):
             (Cell(tuple(index), self._found[int(place)]) for index, place in rows), key=lambda cell: cell.index
         )
 
-    def _emitted(self, count: int, seed: int) -> NDArray[np.float64]:
-        """Steps from the archive: in turn along a line of two cells drawn evenly, and from the best of several toward that of others."""
+    def _emitted(self, first: int, count: int, seed: int) -> NDArray[np.float64]:
+        """Steps from the archive: in turn along a line of two cells drawn evenly, and from the best of several toward that of others.
+
+        Args:
+            first: Which of all steps the first one is.
+        """
         draws, found = np.random.default_rng(seed), self._archive.data(["solution", "objective"])
         points, gains = np.asarray(found["solution"], dtype=np.float64), np.asarray(found["objective"])
         cells = draws.integers(len(gains), size=(2, count, _DRAWN))
         chosen, others = (each[np.arange(count), np.argmax(gains[each], axis=1)] for each in cells)
-        parts = draws.random(count)
-        chosen[::2], others[::2] = cells[:, ::2, 0]
-        parts[::2] = _ALONG * draws.normal(size=len(parts[::2]))
-        steps = self.parameters.sigma * draws.normal(size=(count, self._dimensions))
-        along = parts[:, None] * (points[others] - points[chosen])
-        units: NDArray[np.float64] = np.clip(points[chosen] + along + steps, 0.0, 1.0)
-        return units
+        evenly = (first + np.arange(count)) % 2 == 1
+        chosen[evenly], others[evenly] = cells[:, evenly, 0]
+        parts = draws.random((count, _TRIED))
+        parts[evenly] = _ALONG * draws.normal(size=parts[evenly].shape)
+        steps = self.parameters.sigma * draws.normal(size=(count, _TRIED, self._dimensions))
+        along = parts[..., None] * (points[others] - points[chosen])[:, None]
+        units: NDArray[np.float64] = np.clip(points[chosen][:, None] + along + steps, 0.0, 1.0)
+        taken = np.zeros(count, dtype=np.int64)
+        taken[~evenly] = np.argmax(self._promise(units[~evenly]), axis=1)
+        return units[np.arange(count), taken]
+
+    def _promise(self, units: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, m) what may be gained at (n, m, d) coordinates, by the points found last."""
+        last = [each for each in self._found[-_KNOWN:] if each.objective is not None]
+        known = np.array([self.problem.space.encoded(each.proposal.point) for each in last])
+        gains = np.array([self.problem.gain(each.objective) for each in last if each.objective is not None])
+        return promise(known, gains, units.reshape(-1, self._dimensions)).reshape(units.shape[:2])
 
     @property
     def _is_flat(self) -> bool:

@@ -9,6 +9,7 @@ from vastflow.producers.search.boundary import Boundary, BoundaryParameters
 from vastflow.producers.search.conformance import CHECKS, check_strategy
 from vastflow.producers.search.criteria import best_of, criteria, plan_text, runs_until
 from vastflow.producers.search.evaluation import Evaluation, Proposal
+from vastflow.producers.search.gaussian_process import promise
 from vastflow.producers.search.sampling import Random, SamplingParameters
 from vastflow.producers.search.space import Space
 from vastflow.producers.search.strategy import Problem, ProposalError, UnknownStrategy, asked, find_strategy
@@ -135,6 +136,25 @@ def test_a_search_by_qd_comes_nearer_than_one_at_random_and_finds_most_kinds():
     _, drawn = searched(*strategy("random", {}, PLANE), lambda point: -((point["x"] - 1) ** 2) - point["y"] ** 2, 20)
     assert best_of(told, "maximize").objective > best_of(drawn, "maximize").objective
     assert len(found.archive) >= 18
+
+
+def test_qd_that_is_asked_for_one_point_at_a_time_comes_nearer_than_random_too():
+    def objective(point):
+        return -((point["x"] - 1) ** 2) - point["y"] ** 2
+
+    space, best = Space(PLANE), {}
+    for name, given in (("qd", PLACES), ("random", {})):
+        kind, parameters, _ = strategy(name, given, PLANE)
+        problems = [Problem(space, seed=seed, per_batch=1) for seed in range(5)]
+        told = [searched(kind, parameters, problem, objective, 40)[1] for problem in problems]
+        best[name] = np.median([best_of(each, "maximize").objective for each in told])
+    assert best["qd"] > best["random"] / 4
+
+
+def test_what_was_found_promises_most_beside_the_best_and_little_beside_the_worst():
+    units = np.array([[0.1], [0.3], [0.5], [0.7], [0.9]])
+    least, most = promise(units, -units[:, 0], np.array([[0.85], [0.15]]))
+    assert least < most
 
 
 def test_a_least_value_is_looked_for_where_it_is_asked_for():

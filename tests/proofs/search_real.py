@@ -7,7 +7,7 @@ A robot drives through a door from one room to another, which takes 7 s where no
 - `door`: a box that is not on the map stands somewhere in front of the door. It blocks the door in about 2 % of the space; near there,
   the robot needs longer.
 - `passage`: a box leaves a passage in the door, which is wide enough unless the lidar has much noise.
-- `boundary`: which passages are too narrow with how much noise, against a grid of ten times the runs.
+- `boundary`: which passages are too narrow with how much noise, against a grid of five times the runs.
 
 The first two look for the longest time to the goal, in at most `--batches` of 16 runs, until both runs of a point take as long as a run
 may. It counts where most fresh runs of it fail. With `--store`, what was run is kept: so the proof can be run in parts. The exit code is 1
@@ -41,8 +41,9 @@ RUNS, PER_BATCH = 2, 8
 CONFIRMING_RUNS, CONFIRMING_FAILURES = 5, 3
 AGAIN: Final = 1000
 """From the seed of a search to that of the one that goes on after it."""
-GRID, GRID_RUNS = 9, 24
-"""Points of the reference grid along each parameter, and runs of each."""
+NOISES, PASSAGES, GRID_RUNS = 9, 27, 8
+"""Points of the reference grid along each parameter, and runs of each: passages lie closer than the cells of the costmap, at whose edges
+the rate jumps."""
 BOUNDARY_RUNS, BOUNDARY_BATCH = 2, 8
 REDRAWN: Final = 200
 """Grids that are drawn from the rates of the reference, which say how well it is known itself."""
@@ -167,8 +168,9 @@ def found(place: Place, name: str, asked: argparse.Namespace) -> None:
 
 
 def grid_rates(place: Place) -> Floats:
-    """(GRID, GRID) failure rates over noise and passage."""
-    noises, ys = (np.linspace(*each, GRID).tolist() for each in NARROW_AND_WIDE.values())
+    """(NOISES, PASSAGES) failure rates over noise and passage."""
+    sides = zip(NARROW_AND_WIDE.values(), (NOISES, PASSAGES), strict=True)
+    noises, ys = (np.linspace(*ends, count).tolist() for ends, count in sides)
     boxes = [[box("box", 3.0, y, BOX_M)] for y in ys]
     variations = [
         {"ParameterVariationList": {"name": NOISE, "values": noises}},
@@ -180,7 +182,7 @@ def grid_rates(place: Place) -> Floats:
     failed: dict[str, int] = {}
     for row in rows:
         failed[row["configuration"]] = failed.get(row["configuration"], 0) + (row["outcome"] != "succeeded")
-    return np.array(list(failed.values())).reshape(GRID, GRID) / GRID_RUNS
+    return np.array(list(failed.values())).reshape(NOISES, PASSAGES) / GRID_RUNS
 
 
 def searched_rates(place: Place, seed: int, runs: int) -> Floats:
@@ -198,13 +200,13 @@ def searched_rates(place: Place, seed: int, runs: int) -> Floats:
 
 
 def passage_of(rates: Floats) -> Floats:
-    """(GRID,) the passage at which half of the runs fail, for each noise of the grid, as a share of the range; NaN where it is none.
+    """(NOISES,) the passage at which half of the runs fail, for each noise of the grid, as a share of the range; NaN where it is none.
 
     A wider passage fails no more often: of rates the nearest that fall count, for of few runs one or the other crosses 50 % early.
     """
     falling = np.stack([isotonic_regression(each, increasing=False).x for each in rates])
     curve = curve_of(falling - 0.5, np.linspace(0.0, 1.0, rates.shape[1]))
-    return curve[:: (len(curve) - 1) // (GRID - 1)]
+    return curve[:: (len(curve) - 1) // (NOISES - 1)]
 
 
 def distance(curve: Floats, reference: Floats) -> float:
@@ -215,7 +217,7 @@ def distance(curve: Floats, reference: Floats) -> float:
 
 def boundary(place: Place, seeds: int) -> bool:
     """Print how far the curve of 50 % is from that of the grid, as a share of the range of passages; whether the goal is met."""
-    rates, budget, draws = grid_rates(place), GRID * GRID * GRID_RUNS // 10, np.random.default_rng(0)
+    rates, budget, draws = grid_rates(place), NOISES * PASSAGES * GRID_RUNS // 5, np.random.default_rng(0)
     reference = passage_of(rates)
     redrawn = [passage_of(draws.binomial(GRID_RUNS, rates) / GRID_RUNS) for _ in range(REDRAWN)]
     said = f"{budget} runs against the grid's {rates.size * GRID_RUNS}"
