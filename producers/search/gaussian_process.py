@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+_VARIANCE: Final = 0.25
+"""Of what nothing is known of: the standard deviation 1/2 is the range of a rate round its middle."""
 _JITTER: Final = 1e-6
 _SCALES: Final = (0.15, 0.3, 0.6, 1.2, 2.4)
 _NOISES: Final = (0.001, 0.01, 0.1)
@@ -23,8 +25,8 @@ def promise(units: Floats, gains: Floats, at: Floats) -> Floats:
         gains: (n,) what was found there, more is better.
     """
     n, d = units.shape
-    values = (gains - gains.mean()) / (2.0 * max(float(gains.std()), _JITTER))
-    tried = [(np.full(n, 0.25 * noise), np.full(d, scale)) for noise, scale in itertools.product(_NOISES, _SCALES)]
+    values = (gains - gains.mean()) * (np.sqrt(_VARIANCE) / (gains.std() or 1.0))
+    tried = [(np.full(n, _VARIANCE * noise), np.full(d, scale)) for noise, scale in itertools.product(_NOISES, _SCALES)]
     likeliest = max(tried, key=lambda each: likelihood(units, values, *each))
     mean, deviation = predicted(units, values, *likeliest, at)
     return mean + deviation
@@ -49,13 +51,15 @@ def predicted(units: Floats, values: Floats, variances: Floats, scales: Floats, 
     factor = _factor(units, variances, scales)
     cross = np.linalg.solve(factor, _kernel(units, at, scales))
     mean = cross.T @ np.linalg.solve(factor, values)
-    return mean, np.sqrt(np.maximum(0.25 - (cross**2).sum(axis=0), 0.0))
+    return mean, np.sqrt(np.maximum(_VARIANCE - (cross**2).sum(axis=0), 0.0))
 
 
 def _kernel(left: Floats, right: Floats, scales: Floats) -> Floats:
-    """Matérn's covariance with ν = 5/2 of standard deviation 1/2, the range of a rate round its middle."""
-    distance = np.sqrt(np.maximum((((left[:, None] - right[None]) / scales) ** 2).sum(axis=-1), 0.0)) * np.sqrt(5.0)
-    kernel: Floats = 0.25 * (1 + distance + distance**2 / 3) * np.exp(-distance)
+    """Matérn's covariance with ν = 5/2."""
+    from scipy.spatial.distance import cdist
+
+    distance = np.sqrt(5.0) * cdist(left / scales, right / scales)
+    kernel: Floats = _VARIANCE * (1 + distance + distance**2 / 3) * np.exp(-distance)
     return kernel
 
 

@@ -165,7 +165,8 @@ class QualityDiversity(Strategy[QdParameters]):
         along = parts[..., None] * (points[others] - points[chosen])[:, None]
         units: NDArray[np.float64] = np.clip(points[chosen][:, None] + along + steps, 0.0, 1.0)
         taken = np.zeros(count, dtype=np.int64)
-        taken[~evenly] = np.argmax(self._promise(units[~evenly]), axis=1)
+        if not evenly.all():
+            taken[~evenly] = np.argmax(self._promise(units[~evenly]), axis=1)
         return units[np.arange(count), taken]
 
     def _promise(self, units: NDArray[np.float64]) -> NDArray[np.float64]:

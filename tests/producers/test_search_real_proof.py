@@ -20,7 +20,13 @@ def proof(one_server, tmp_path_factory):
 
         for name, value in {"PER_BATCH": 2, "RUNS": 1, "CONFIRMING_RUNS": 1, "CONFIRMING_FAILURES": 1}.items():
             patch.setattr(search_real, name, value)
-        for name, value in {"GRID": 3, "GRID_RUNS": 1, "BOUNDARY_BATCH": 2, "BOUNDARY_RUNS": 1}.items():
+        for name, value in {
+            "NOISES": 3,
+            "PASSAGES": 3,
+            "GRID_RUNS": 1,
+            "BOUNDARY_BATCH": 2,
+            "BOUNDARY_RUNS": 1,
+        }.items():
             patch.setattr(search_real, name, value)
         yield search_real
 

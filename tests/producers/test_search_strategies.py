@@ -157,6 +157,14 @@ def test_what_was_found_promises_most_beside_the_best_and_little_beside_the_wors
     assert least < most
 
 
+def test_what_is_promised_depends_on_no_unit_and_where_all_is_equal_on_distance_alone():
+    units, at = np.array([[0.1], [0.3], [0.9]]), np.array([[0.2], [0.6]])
+    gains = np.array([3.0, 1.0, 2.0])
+    assert promise(units, 1e-9 * gains + 5e-9, at) == pytest.approx(promise(units, gains, at))
+    near, far = promise(units, np.ones(3), at)
+    assert near < far
+
+
 def test_a_least_value_is_looked_for_where_it_is_asked_for():
     kind, parameters, problem = strategy("optuna", {}, PLANE, direction="minimize")
     _, told = searched(kind, parameters, problem, lambda point: abs(point["x"] - 1), 12)
