@@ -316,7 +316,7 @@ def test_the_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
 
 
 def test_the_readme_installs_what_the_tests_need():
-    line = readme_line("python3 -m venv .venv && .venv/bin/pip install -e ", ".venv/bin/pytest -n 2 --dist loadfile")
+    line = readme_line("python3 -m venv .venv && .venv/bin/pip install -e ", ".venv/bin/pytest -n 3 --dist loadfile")
     extra = re.search(r"'\.\[(\w+)\]'", line)[1]
     assert {"pytest", "pytest-xdist", "ruff", "mypy", "import-linter"} <= set(declared(extra))
 
