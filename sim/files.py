@@ -141,6 +141,8 @@ def yaml_node(text: str) -> Node | None:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = (mark.line + 1, mark.column + 1) if mark else START
+        if error.problem == "exceeded maximum nesting depth":  # PyYAML since 6.0.4, which scans ahead of the events
+            raise Unreadable(f"more than {MOST_LEVELS} levels deep", "fewer levels", place) from None
         what = ", ".join(filter(None, (error.context, error.problem)))
         raise Unreadable(f"not YAML: {what}", NOT_YAML, place) from None
     except yaml.YAMLError as error:  # ReaderError: a character that YAML has not
