@@ -14,6 +14,7 @@ import grimp
 import pytest
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
+from packaging.version import Version
 
 from vastflow.sim.reading.abstract import SHIPPED
 
@@ -21,6 +22,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / ".package" / "vastflow"
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 README = (ROOT / "README.md").read_text()
+CONSTRAINTS = (ROOT / "deployments" / "constraints.txt").read_text()
+DOCKERFILE = (ROOT / "deployments" / "Dockerfile").read_text()
 LAYERS = ("deployments", "flows", "oracles", "producers", "sim", "tasks")
 LAYOUT = {*LAYERS, "campaigns", "docs", "tests", "pyproject.toml", "README.md"}
 MADE_HERE = {"build", "dist", "results"}
@@ -307,7 +310,9 @@ def test_what_a_wheel_installs_has_the_keys_of_the_checkout(wheel, tmp_path, mon
 
 
 def test_the_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
-    line = readme_line("python3 -m venv .venv && .venv/bin/pip install -e . && ", "quickstart.vast")
+    line = readme_line(
+        "python3 -m venv .venv && .venv/bin/pip install -c deployments/constraints.txt -e . && ", "quickstart.vast"
+    )
     *_, command = line.split(" && ")
     program, verb, campaign = command.split()
     assert Path(program).name in PYPROJECT["project"]["scripts"]
@@ -316,9 +321,30 @@ def test_the_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
 
 
 def test_the_readme_installs_what_the_tests_need():
-    line = readme_line("python3 -m venv .venv && .venv/bin/pip install -e ", ".venv/bin/pytest -n 3 --dist loadfile")
+    line = readme_line(
+        "python3 -m venv .venv && .venv/bin/pip install -c deployments/constraints.txt -e ",
+        ".venv/bin/pytest -n 3 --dist loadfile",
+    )
     extra = re.search(r"'\.\[(\w+)\]'", line)[1]
     assert {"pytest", "pytest-xdist", "ruff", "mypy", "import-linter"} <= set(declared(extra))
+
+
+def test_every_installation_from_a_checkout_takes_the_tested_versions():
+    commands = [line for line in README.splitlines() + DOCKERFILE.splitlines() if "pip install" in line]
+    assert len(commands) == 4
+    assert all(" -c deployments/constraints.txt " in command for command in commands)
+
+
+@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
+def test_tested_versions_are_within_the_ranges_of_the_distribution(python):
+    tested = {
+        canonical(line.name): Version(next(iter(line.specifier)).version)
+        for line in map(Requirement, re.findall(r"^[^\s#].*$", CONSTRAINTS, re.MULTILINE))
+        if line.marker is None or line.marker.evaluate({"python_full_version": f"{python}.9", "python_version": python})
+    }
+    for extra in ("", *PYPROJECT["project"]["optional-dependencies"]):
+        for name, needed in declared(extra).items():
+            assert tested[name] in needed.specifier, f"{name}: {tested[name]} tested, {needed} declared"
 
 
 @pytest.fixture
@@ -327,9 +353,9 @@ def checkout(tmp_path):
     (tmp_path / ".ci").mkdir()
     shutil.copy(ROOT / ".ci" / "run", tmp_path / ".ci")
 
-    def ci_run(readme: str):
+    def ci_run(readme: str, *options: str):
         (tmp_path / "README.md").write_text(readme)
-        return run(tmp_path / ".ci" / "run")
+        return run(tmp_path / ".ci" / "run", *options)
 
     return ci_run
 
@@ -345,6 +371,12 @@ def test_ci_runs_the_readmes_line_and_its_output_comes_last(checkout):
 def test_ci_takes_the_line_with_its_options_for_pytest(checkout):
     done = checkout(f"```sh\n{TEST_LINE} -n 2\n```\n")
     assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "tested with .venv/bin/pytest -n 2"), done.stderr
+
+
+def test_ci_drops_the_tested_versions_when_asked_for_the_newest(checkout):
+    line = "python3 -m venv --without-pip .venv && echo -c deployments/constraints.txt .venv/bin/pytest"
+    done = checkout(f"```sh\n{line}\n```\n", "--newest")
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, ".venv/bin/pytest"), done.stderr
 
 
 def test_ci_fails_where_the_line_fails(checkout):
