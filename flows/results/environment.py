@@ -44,7 +44,7 @@ def write_map(directory: Path, occupancy: OccupancyMap) -> None:
     if trinary:
         gray = np.select([cells == value for value in _GRAY], list(_GRAY.values()))
     else:
-        gray = np.where(cells == UNKNOWN, 255, cells)
+        gray = np.where(cells == UNKNOWN, 255, cells.astype(np.int16))
     Image.fromarray(gray.astype(np.uint8)).save(directory / "map.pgm")
     header = {
         "image": "map.pgm",
