@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from vastflow.sim.digest import digest
@@ -17,6 +19,10 @@ EARLIER: Final = "an earlier version of vastflow wrote it, without its key; it i
 
 class StoreError(UserError, OSError):
     """The store's place can't be used."""
+
+
+class OutsideFolder(ValueError):
+    """A name from elsewhere leads out of the folder that it belongs in."""
 
 
 class Lost(Exception):
@@ -36,7 +42,7 @@ class Artifact:
     """What a manifest promises.
 
     Attributes:
-        info: Small facts of the content, there without reading it.
+        info: Small facts of the content, there without reading it. `places` are those where files belong in a campaign directory.
     """
 
     key: str
@@ -70,6 +76,18 @@ class Holding:
         return self.key.partition("/")[0]
 
 
+def inside(folder: Path, name: str) -> Path:
+    """The path of `name` in `folder`. Names from a store, a bundle, or a campaign directory are not trusted.
+
+    Raises:
+        OutsideFolder: it leads out, or to the folder itself.
+    """
+    parts = name.replace(os.sep, "/").split("/")
+    if ".." in parts or parts[0] == "" or parts[-1] in ("", ".") or "\0" in name or os.path.splitdrive(name)[0]:
+        raise OutsideFolder(f"expected a path inside the folder, got {name!r}")
+    return folder / name
+
+
 def entry_of(content: bytes) -> FileEntry:
     """What a manifest says of a file."""
     return FileEntry(hashlib.sha256(content).hexdigest(), len(content))
@@ -96,7 +114,10 @@ def artifact_of(key: str, manifest: bytes) -> Artifact:
         raise ValueError(EARLIER)
     if body["key"] != key:
         raise ValueError(f"it is a copy of {body['key']}")
-    return Artifact(key, {name: FileEntry(**entry) for name, entry in body["files"].items()}, body["info"])
+    files, info = dict(body["files"]), dict(body["info"])
+    for name in (*files, *dict(info.get("places", {})).values()):
+        inside(Path(), str(name))
+    return Artifact(key, {name: FileEntry(**entry) for name, entry in files.items()}, info)
 
 
 def present(key: str, manifest: bytes, size_bytes: Callable[[str, FileEntry], int]) -> Artifact:

@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Final
 
 from vastflow.oracles.oracle import Oracle, oracle_of
@@ -21,10 +21,11 @@ from vastflow.sim.osc.faults import OscError
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.process.setup import ProcessSetup, setup_of
 from vastflow.sim.scenario import Scenario
+from vastflow.tasks.artifact import inside
 from vastflow.tasks.bundle_files import needed_files
 from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys
-from vastflow.tasks.store import Store
+from vastflow.tasks.store import Lost, Store
 
 STAGE: Final = "bundle"
 LAYOUT: Final = 1
@@ -181,12 +182,12 @@ def unpacked(store: Store, key: str, folder: Path) -> Bundle:
     """The bundle of this key, its files below `folder`.
 
     Raises:
-        Lost: the bundle or a file of it is not in the store.
+        Lost: the bundle or a file of it is not in the store, or not the content of its key.
         BundleError: what was unpacked is not what was packed.
         OracleError: an oracle is not installed here.
         StoreError: the store can't be used.
     """
-    content = json.loads(store.read(key, _CONTENT))
+    content = json.loads(_content(store, key, _CONTENT))
     if content["layout"] != LAYOUT:
         raise BundleError(f"found a bundle of layout {content['layout']}; {LAYOUT}, with this version of vastflow")
     _unpack_files(store, content["files"], folder)
@@ -299,7 +300,7 @@ def _unpack_files(store: Store, files: Sequence[Sequence[Any]], folder: Path) ->
         place, sha256, executable = file
         target = _placed(folder, place)
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(store.read(_key(sha256), _FILE))
+        target.write_bytes(_content(store, _key(sha256), _FILE))
         target.chmod(0o755 if executable else 0o644)
 
     with ThreadPoolExecutor(_AT_A_TIME) as readers:
@@ -307,11 +308,17 @@ def _unpack_files(store: Store, files: Sequence[Sequence[Any]], folder: Path) ->
             pass
 
 
+def _content(store: Store, key: str, name: str) -> bytes:
+    """A file by the digest in its key: a store's manifest may be anybody's."""
+    content = store.read(key, name)
+    if _key(hashlib.sha256(content).hexdigest()) != key:
+        store.discard(key, said := f"{name} is not the content of its key")
+        raise Lost(f"{key}: {said}")
+    return content
+
+
 def _placed(folder: Path, place: str) -> Path:
-    path = PurePosixPath(place)
-    if path.is_absolute() or ".." in path.parts:
-        raise BundleError(f"found the place {place!r} in a bundle; one below its folder")
-    return folder.joinpath(*path.parts)
+    return folder if place == "." else inside(folder, place)
 
 
 def _inside(root: Path, path: Path) -> str:

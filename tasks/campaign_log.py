@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final, TextIO
 
 from vastflow.tasks.prefect_adapter import console_handlers, import_prefect
+from vastflow.tasks.server import redacted
 
 FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 KEPT: Final = 50
@@ -123,5 +124,12 @@ class _LogFile(logging.FileHandler):
 
 def _handler(log: Path) -> _LogFile:
     handler = _LogFile(log, encoding="utf-8", delay=True)
-    handler.setFormatter(logging.Formatter(FORMAT))
+    handler.setFormatter(_Redacted(FORMAT))
     return handler
+
+
+class _Redacted(logging.Formatter):
+    """Keeps passwords in addresses out of a log, which campaign directories have copies of."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return redacted(super().format(record))

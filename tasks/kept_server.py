@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any, Final
@@ -23,8 +23,8 @@ import psutil
 
 from vastflow.sim.digest import digest
 from vastflow.sim.user_error import UserError
-from vastflow.tasks.prefect_adapter import SERVER_SETTINGS, settings_of_user
-from vastflow.tasks.server import STARTUP_S, ApiServer, PrefectUnavailable, answers
+from vastflow.tasks.prefect_adapter import settings_of_user
+from vastflow.tasks.server import AUTH, STARTUP_S, ApiServer, PrefectUnavailable, answers, new_auth, server_environment
 
 IDLE_S: Final = "VASTFLOW_SERVER_IDLE_S"
 """Variable: seconds that a server stays without use. Unset, empty or 0: each call has a server of its own."""
@@ -42,12 +42,14 @@ class Record:
     Attributes:
         began_s: When the process began, which tells it from a later one of the same number.
         notices: What it said that a user should hear.
+        auth: User and password that it asks for.
     """
 
     port: int
     pid: int
     began_s: float
     notices: list[str]
+    auth: str = field(repr=False)
 
     @property
     def process(self) -> psutil.Process | None:
@@ -103,8 +105,9 @@ def read_record(file: Path) -> Record | None:
 
 def write_record(file: Path, port: int, notices: list[str]) -> None:
     """Say that this process is the server, and listens on `port`."""
-    record = Record(port, os.getpid(), psutil.Process().create_time(), notices)
+    record = Record(port, os.getpid(), psutil.Process().create_time(), notices, os.environ[AUTH])
     prepared = file.with_suffix(f".{os.getpid()}")
+    prepared.touch(0o600)
     prepared.write_text(json.dumps(asdict(record)), encoding="utf-8")
     os.replace(prepared, file)
 
@@ -176,6 +179,12 @@ class KeptServer:
         return self._record is not None or (self._own is not None and self._own.answers)
 
     @property
+    def auth(self) -> str:
+        """User and password that it asks for, once it has answered."""
+        found = self._own or self._record
+        return found.auth if found else ""
+
+    @property
     def notices(self) -> list[str]:
         """What it said that a user should hear."""
         return self._own.notices if self._own is not None else []
@@ -214,7 +223,8 @@ class KeptServer:
         except OSError:  # a home that can't be written: a container's, say
             pass
         if not self._stopping.is_set():
-            self._own = ApiServer(self._log, 0 if self._record is None else self._record.port)
+            before = self._record
+            self._own = ApiServer(self._log, before.port, before.auth) if before else ApiServer(self._log)
         self._found.set()
 
     def _had(self, file: Path, lock: IO[Any]) -> Record | None:
@@ -241,7 +251,7 @@ def _start(file: Path, idle_s: float) -> None:
             stdin=subprocess.DEVNULL,
             stdout=sink,
             stderr=sink,
-            env={**SERVER_SETTINGS, **os.environ},
+            env=server_environment(new_auth()),
             start_new_session=True,
             cwd=file.parent,  # not a folder that somebody wants to delete
         )

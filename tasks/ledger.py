@@ -22,6 +22,7 @@ import platformdirs
 import psutil
 
 from vastflow.tasks.prefect_adapter import ApiRoute, current_tags, exact_tags, post
+from vastflow.tasks.server import redacted
 
 if TYPE_CHECKING:
     from prefect.client.orchestration import SyncPrefectClient
@@ -57,7 +58,7 @@ class Entry:
 
     Attributes:
         flow_run_id: Its identity, or the tag of one that is to begin.
-        api: Address of Prefect's API, or for an embedded one the folder of its database.
+        api: Address of Prefect's API without a password, or for an embedded one the folder of its database.
         host: Name of the host, and of the space in which its process numbers hold.
         began_s: When the process began, which tells it from a later one of the same number.
     """
@@ -80,9 +81,10 @@ class Entry:
 def enter(flow_run_id: str, api: str) -> None:
     """Say that this process runs a flow run."""
     pid = os.getpid()
-    entry = Entry(flow_run_id, api, _host(), pid, _began_s(pid) or 0.0)
+    entry = Entry(flow_run_id, redacted(api), _host(), pid, _began_s(pid) or 0.0)
     with contextlib.suppress(OSError):  # a home that can't be written: a container's, say
         folder().mkdir(parents=True, exist_ok=True)
+        _file(flow_run_id).touch(0o600)
         _file(flow_run_id).write_text(json.dumps(asdict(entry)), encoding="utf-8")
 
 
@@ -152,7 +154,7 @@ def end_orphans(api: str) -> int:
     """
     ended = 0
     for entry in orphans():
-        if entry.api == api:
+        if entry.api == redacted(api):
             try:
                 ended += _ended(entry)
             except Exception as error:  # noqa: BLE001 - a campaign does not fail for an earlier one's account

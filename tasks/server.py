@@ -4,6 +4,8 @@ import contextlib
 import contextvars
 import logging
 import os
+import re
+import secrets
 import subprocess
 import sys
 import threading
@@ -33,6 +35,9 @@ _FINAL_STATES: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 
 LOGGER: Final = logging.getLogger("vastflow.server")
 
+AUTH: Final = "PREFECT_SERVER_API_AUTH_STRING"
+"""Variable: user and password that a server asks of its clients."""
+
 _EMBEDDED: Final = contextvars.ContextVar[bool]("vastflow_embedded", default=False)
 
 
@@ -49,6 +54,7 @@ class ApiServer:
     Args:
         log: File that takes what it prints.
         port: Where it listens; 0 for any free port.
+        auth: User and password as Prefect takes them; made where none is given.
 
     Attributes:
         answers: Whether it has ever answered.
@@ -56,8 +62,9 @@ class ApiServer:
         notices: What it said that a user should hear.
     """
 
-    def __init__(self, log: Path, port: int = 0) -> None:
+    def __init__(self, log: Path, port: int = 0, auth: str = "") -> None:
         self._log = log
+        self.auth = auth or new_auth()
         self.answers = False
         self.lost = False
         self.notices: list[str] = []
@@ -103,7 +110,7 @@ class ApiServer:
                 stdin=subprocess.PIPE,  # never written: it ends when this process does
                 stdout=subprocess.PIPE,
                 stderr=sink,
-                env={**SERVER_SETTINGS, **os.environ},
+                env=server_environment(self.auth),
                 start_new_session=True,  # a terminal's Ctrl-C is for the campaign, which then ends in order
             )
 
@@ -124,6 +131,22 @@ class ApiServer:
             if self._process.wait() >= 0:  # by itself: a second one would fare no better
                 break
         self.lost = True
+
+
+def new_auth() -> str:
+    """User and password for a server, which nobody can guess."""
+    return f"vastflow:{secrets.token_urlsafe(32)}"
+
+
+def server_environment(auth: str) -> dict[str, str]:
+    """Environment of an embedded server, which serves the user's own database: with a password, and to no page of another origin."""
+    private = {AUTH: auth, "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
+    return {**SERVER_SETTINGS, **os.environ, **private}
+
+
+def redacted(text: str) -> str:
+    """A text without the user and password of the addresses in it."""
+    return re.sub(r"(?<=://)[^/\s]*@", "…@", text)
 
 
 def answers(address: str) -> bool:
@@ -149,13 +172,14 @@ def prefect_home() -> Path:
 
 
 @contextlib.contextmanager
-def embedded(url: str) -> Iterator[None]:
+def embedded(url: str, auth: str) -> Iterator[None]:
     """Make Prefect use the embedded API at `url` in this context and in the threads it starts."""
     from prefect.settings import temporary_settings
 
     token = _EMBEDDED.set(True)
     try:
-        with temporary_settings({"api.url": url, "logging.to_api.enabled": False, "server.analytics_enabled": False}):
+        api = {"api.url": url, "api.auth_string": auth}
+        with temporary_settings({**api, "logging.to_api.enabled": False, "server.analytics_enabled": False}):
             yield
     finally:
         _EMBEDDED.reset(token)

@@ -139,7 +139,9 @@ def started_api(prefect_home):
                 server.stop(0)
                 pytest.skip(str(error))
             try:
-                with temporary_settings({"api.url": url}), get_client(sync_client=True) as client:
+                patch.setenv("PREFECT_API_AUTH_STRING", server.auth)  # for workers and commands
+                settings = temporary_settings({"api.url": url, "api.auth_string": server.auth})
+                with settings, get_client(sync_client=True) as client:
                     yield client
             finally:
                 server.stop()

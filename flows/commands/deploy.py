@@ -168,11 +168,12 @@ def _register(
     deployment: "Deployment", shards_in: str, shards: "Callable[[PoolType], ShardDeployment]", kind: PoolType
 ) -> None:
     """Make or change everything; the pool of the shards may be there already, and of another type."""
-    from vastflow.tasks.server import configured_url
+    from vastflow.tasks.server import configured_url, redacted
 
     url = configured_url()
     if url is None:
         raise UserError(NO_API)
+    url = redacted(url)
     from prefect.client.orchestration import get_client
     from prefect.exceptions import PrefectHTTPStatusError
 
@@ -182,7 +183,7 @@ def _register(
     try:
         with get_client(sync_client=True) as client:
             if (unhealthy := client.api_healthcheck()) is not None:
-                print(f"Prefect's API at {url} does not answer: {unhealthy}", file=sys.stderr)
+                print(f"Prefect's API at {url} does not answer: {redacted(str(unhealthy))}", file=sys.stderr)
                 raise typer.Exit(FAULT)
             new = {deployment.pool: register_pool(client, deployment.pool, kind)}
             theirs = type_of_pool(client, shards_in) or kind
@@ -193,7 +194,7 @@ def _register(
     except OtherPool as error:
         raise UserError(f"--pool: {error}") from None
     except PrefectHTTPStatusError as error:
-        print(f"Prefect's API at {url} did not take it: {error}", file=sys.stderr)
+        print(f"Prefect's API at {url} did not take it: {redacted(str(error))}", file=sys.stderr)
         raise typer.Exit(FAULT) from None
     for name, is_new in new.items():
         made = "made" if is_new else "found"

@@ -22,6 +22,7 @@ from vastflow.tasks.server import (
     configured_url,
     embedded,
     prefect_home,
+    redacted,
 )
 
 LOGGER: Final = logging.getLogger("vastflow.flow_call")
@@ -100,7 +101,7 @@ class FlowCall:
                 stack.enter_context(bounded())
             else:
                 self._server = self._server or _server(self._log)
-                stack.enter_context(embedded(self._server.url()))
+                stack.enter_context(embedded(self._server.url(), self._server.auth))
                 for notice in self._server.notices:
                     self._tally.notice(notice)
             api = configured or str(prefect_home())
@@ -166,10 +167,10 @@ def end_orphans(log: Path) -> None:
 
 
 def _refusal(configured: str | None, log: Path, error: Exception) -> str:
-    said = " ".join(str(error).split())[:200] or type(error).__name__
+    said = redacted(" ".join(str(error).split()))[:200] or type(error).__name__
     if configured is None:
         return f"Prefect's embedded API failed ({said}); see {log}"
-    return f"Prefect's API at {configured} failed ({said}); start it (`prefect server start`), or unset PREFECT_API_URL"
+    return f"Prefect's API at {redacted(configured)} failed ({said}); start it (`prefect server start`), or unset PREFECT_API_URL"
 
 
 class _Thread:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Final
 
 import yaml
@@ -17,6 +17,7 @@ from vastflow.flows.export.source import ExportSource
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.user_error import UserError
+from vastflow.tasks.artifact import OutsideFolder, inside
 
 SHARED: Final = "_config"
 """Folder of what all configurations share; no configuration may be called so."""
@@ -116,11 +117,11 @@ def _write(place: Path, name: str, content: bytes) -> None:
 
 
 def _below(place: Path, name: str) -> Path:
-    """Where a file called `name` goes, in a folder that is there. Directories come from elsewhere: no name leads out."""
-    path = PurePosixPath(name)
-    if path.is_absolute() or ".." in path.parts or "\0" in name:
-        raise UnusableDirectory(f"damaged campaign directory: {name!r} leads out of the folder")
-    file = place / path
+    """Where a file called `name` goes, in a folder that is there."""
+    try:
+        file = inside(place, name)
+    except OutsideFolder as error:
+        raise UnusableDirectory(f"damaged campaign directory: {error}") from None
     file.parent.mkdir(parents=True, exist_ok=True)
     return file
 

@@ -13,6 +13,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
+import platformdirs
 from prefect import get_run_logger
 from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
@@ -26,6 +27,7 @@ from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.oracles.oracle import OracleError
 from vastflow.tasks import campaign_log
+from vastflow.tasks.artifact import OutsideFolder
 from vastflow.tasks.bundle import Bundle, BundleError, differences, unpacked
 from vastflow.tasks.bundle_report import Report
 from vastflow.tasks.engine import Engine, MemberFault
@@ -61,14 +63,14 @@ def compute_bundle(request: RunRequest, key: str) -> State[Any]:
     place = request.store or ""
     try:
         store = _opened(place)
-        with _folder(store) as folder:
+        with _folder() as folder:
             return _computed(store, unpacked(store, key, folder), request.workers or cores())
     except Lost:
         what = f"{platform.node()} finds no bundle in the store {place!r}"
         return _ended(STORE_AWAY, f"{what}; a folder that all machines share, or an address such as s3://bucket/prefix")
     except StoreError as error:
         return _ended(STORE_AWAY, f"on {platform.node()}: {error}")
-    except (BundleError, OracleError) as error:
+    except (BundleError, OutsideFolder, OracleError) as error:
         return _ended(OTHER_CODE, f"{platform.node()} can't read the bundle: {' '.join(str(error).split())}")
 
 
@@ -118,9 +120,9 @@ def _opened(place: str) -> Store:
 
 
 @contextmanager
-def _folder(kept: Store) -> Iterator[Path]:
-    """A folder for a bundle's files; those that killed flow runs left a day ago go."""
-    root = kept.local / _FOLDER
+def _folder() -> Iterator[Path]:
+    """A folder for a bundle's files that is this user's alone; those that killed flow runs left a day ago go."""
+    root = Path(platformdirs.user_cache_dir("vastflow")) / _FOLDER
     root.mkdir(parents=True, exist_ok=True)
     for old in root.iterdir():
         with suppress(OSError):

@@ -34,7 +34,7 @@ from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.ledger import CALLED_OFF_S, LATE
 from vastflow.tasks.prefect_adapter import post
 from vastflow.tasks.retry import IN_BETWEEN_S, is_away, retried
-from vastflow.tasks.server import PrefectUnavailable
+from vastflow.tasks.server import PrefectUnavailable, redacted
 
 _PAGE: Final = 200
 _AT_A_TIME: Final = 50
@@ -88,12 +88,12 @@ class Asking:
             if not is_away(error):
                 raise
             raise PrefectUnavailable(
-                f"Prefect's API at {self.client.api_url} has not answered for {IN_BETWEEN_S:.0f} s "
+                f"Prefect's API at {redacted(str(self.client.api_url))} has not answered for {IN_BETWEEN_S:.0f} s "
                 f"({type(error).__name__}); start it again"
             ) from None
 
     def _missed(self, error: Exception) -> None:
-        away = f"Prefect's API at {self.client.api_url} does not answer ({type(error).__name__})"
+        away = f"Prefect's API at {redacted(str(self.client.api_url))} does not answer ({type(error).__name__})"
         self.say(f"{away}; the campaign waits {IN_BETWEEN_S:.0f} s for it")
 
 

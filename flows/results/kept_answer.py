@@ -27,6 +27,7 @@ from vastflow.flows.results.summary import Results, Summary
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.sim.plug_ins.neighbors import PlugInError, neighbors_of
 from vastflow.tasks import ledger
+from vastflow.tasks.artifact import inside
 from vastflow.tasks.keys import numeric_class
 from vastflow.tasks.store import is_address, store_address, store_root
 
@@ -101,8 +102,8 @@ def kept_answer(request: RunRequest) -> Results | None:
         return None
     then = answer["state"]
     basis = Basis(then["read"], list(then["plug_ins"]), list(then["libraries"]))
-    directory = _results(request) / answer["directory"]
     try:
+        directory = inside(_results(request), answer["directory"])
         if _state(request, basis) != then or not _is_whole(directory, answer["files"]):
             return None
     except (OSError, ValueError, PlugInError):

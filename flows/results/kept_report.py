@@ -13,6 +13,7 @@ from vastflow.flows.results.report_key import written_by
 from vastflow.flows.results.summary import OutcomeTally
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.page.work_section import with_work
+from vastflow.tasks.artifact import inside
 from vastflow.tasks.source_files import SourceFiles
 from vastflow.tasks.store import Lost, Store, StoreError
 
@@ -61,20 +62,25 @@ class KeptReport:
         artifact = self.store.find(self.key)
         if artifact is None:
             return None
+        said = artifact.info
         try:
-            contents = {file: self.store.load(artifact, name) for name, file in artifact.info["places"].items()}
+            contents = {str(file): self.store.load(artifact, name) for name, file in said["places"].items()}
+            by_oracle = {name: Counts(**each) for name, each in said["by_oracle"].items()}
+            tally = OutcomeTally(Counts(**said["counts"]), by_oracle, said["stood_still"])
         except Lost:  # it is gone now, and made again
             return None
-        for file, content in contents.items():
-            (place / file).parent.mkdir(parents=True, exist_ok=True)
-            (place / file).write_bytes(content)
+        if not _OTHERS.isdisjoint(Path(file.casefold()).parts[0] for file in contents):
+            self.store.discard(self.key, "it has files that no report has")
+            return None
+        for name, content in contents.items():
+            file = inside(place, name)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
         logs = self.store.beside(self.key, _RUN_LOGS)
         if logs is not None:
             (place / LOGS_FILE).parent.mkdir(exist_ok=True)
             (place / LOGS_FILE).write_bytes(logs)
-        said = artifact.info
-        by_oracle = {name: Counts(**each) for name, each in said["by_oracle"].items()}
-        return Restored(OutcomeTally(Counts(**said["counts"]), by_oracle, said["stood_still"]), logs is not None)
+        return Restored(tally, logs is not None)
 
     def keep(self, place: Path, tally: OutcomeTally, parts: Sequence[str]) -> None:
         """Keep what was written into a campaign directory. A store that does not take it costs the next call time, no more.

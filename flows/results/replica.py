@@ -13,6 +13,7 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.producers.faults import CampaignError
+from vastflow.tasks.artifact import OutsideFolder, inside
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ def replica(directory: Path, asked: Asked) -> Iterator[Replica]:
     with TemporaryDirectory(prefix="vastflow-") as folder:
         try:
             laid_out = _laid_out(directory, asked, Path(folder))
-        except OSError as error:
+        except (OSError, OutsideFolder) as error:
             raise UnusableDirectory(f"{directory}: its inputs can't be read: {error}") from None
         kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
         try:
@@ -67,8 +68,9 @@ def _laid_out(directory: Path, asked: Asked, folder: Path) -> Replica:
             _copy(path, base / name)
     for place, name in asked.places.items():
         if (inputs / name).is_file():
-            _copy(inputs / name, Path(os.path.normpath(base / place)))
-    file = base / asked.file
+            target = os.path.relpath(os.path.normpath(base / place), folder)
+            _copy(inside(inputs, name), inside(folder, target))
+    file = inside(base, asked.file)
     _copy(directory / "campaign.vast", file)
     return Replica(file, root)
 

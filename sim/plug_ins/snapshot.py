@@ -3,10 +3,9 @@
 import hashlib
 import os
 import shutil
-import tempfile
 import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -137,27 +136,17 @@ def _digest(entry: str, modules: Mapping[str, str], data: Mapping[str, str]) -> 
 
 def _kept(name: str, contents: Mapping[str, bytes]) -> Path:
     """The folder with these copies, made where there is none or another."""
-    refused: OSError | None = None
-    for root in _roots():
-        folder = root / name[:32]
-        try:
-            if not _is_whole(folder, contents):
-                _write(root, folder, contents)
-                _sweep(root)
-            os.utime(folder)
-        except OSError as error:
-            refused = error
-            continue
-        return folder
-    words = refused.strerror if refused else "no folder"
-    raise PlugInError(
-        f"copies of a plug-in can't be written below {str(root)!r} ({words})", "a folder that can be written"
-    )
-
-
-def _roots() -> Iterator[Path]:
-    yield Path(platformdirs.user_cache_dir("vastflow")) / "plug-ins"
-    yield Path(tempfile.gettempdir()) / f"vastflow-{os.getuid() if hasattr(os, 'getuid') else 'plug-ins'}" / "plug-ins"
+    root = Path(platformdirs.user_cache_dir("vastflow")) / "plug-ins"  # what others can write, they could execute
+    folder = root / name[:32]
+    try:
+        if not _is_whole(folder, contents):
+            _write(root, folder, contents)
+            _sweep(root)
+        os.utime(folder)
+    except OSError as error:
+        what = f"copies of a plug-in can't be written below {str(root)!r} ({error.strerror})"
+        raise PlugInError(what, "set XDG_CACHE_HOME to a folder of yours") from None
+    return folder
 
 
 def _is_whole(folder: Path, contents: Mapping[str, bytes]) -> bool:

@@ -7,6 +7,7 @@ import pytest
 
 from vastflow.flows.computing import flow_call
 from vastflow.flows.computing.flow_call import FLOWS, FlowCall
+from vastflow.tasks import campaign_log, ledger
 from vastflow.tasks.engine import Engine
 from vastflow.tasks.index import Index
 from vastflow.tasks.keys import Keys
@@ -24,6 +25,7 @@ class Server:
 
     answers = True
     notices = ()
+    auth = "vastflow:secret"
 
     def __init__(self, log):
         pass
@@ -108,3 +110,21 @@ def test_a_flow_that_had_done_all_when_its_api_failed_is_not_begun_again_and_tha
     assert flow.begun == 1
     (notice,) = made._tally.progress().notices
     assert notice.startswith("all is computed, but Prefect's pages do not show the end: ")
+
+
+def test_a_password_in_the_address_is_neither_printed_nor_kept(made, monkeypatch, tmp_path):
+    monkeypatch.setattr(flow_call, "configured_url", lambda: "http://me:s3cret@lab:4200/api")
+    entries = []
+
+    def flow():
+        entries.extend((file.stat().st_mode & 0o777, file.read_text()) for file in ledger.folder().iterdir())
+        raise RuntimeError("Client error '401 Unauthorized' for url 'http://me:s3cret@lab:4200/api/flows/'")
+
+    words = r"^Prefect's API at http://…@lab:4200/api failed"
+    with campaign_log.own_log(tmp_path / "log"), pytest.raises(PrefectUnavailable, match=words) as found:
+        made.run(flow)
+    ((mode, entry),) = entries
+    assert mode == 0o600
+    assert "lab:4200" in entry
+    for text in (str(found.value), entry, (tmp_path / "log").read_text()):
+        assert "s3cret" not in text

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from vastflow.flows.results.summary import Work
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
+from vastflow.tasks.artifact import manifest_of
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.store import StoreError, open_store
 
@@ -230,3 +232,28 @@ def test_a_command_that_is_given_again_is_answered_with_the_directory_that_is_th
     (said, _) = command(folder / "work", *asked)
     assert json.loads(said[0])["results"] != made["results"]
     assert len(list((folder / "commands").iterdir())) == 2
+
+
+def forged(store, key, **info):
+    """Rewrite a manifest as somebody who may write the store can: its checksum is right."""
+    artifact = store.find(key)
+    (store.local / key / "manifest").write_bytes(manifest_of(replace(artifact, info={**artifact.info, **info})))
+
+
+@pytest.mark.parametrize("place", ["../../away", "figures/../../../away", "{tmp_path}/away", ""])
+def test_manifest_whose_place_leads_out_is_damaged(written, store, tmp_path, monkeypatch, place):
+    written(second=1)
+    forged(store, KEY, places={"verdicts.parquet": place.format(tmp_path=tmp_path)})
+    assert "expected a path inside the folder, got" in store.fault(KEY)
+    assert written(second=2)[1] == 2
+    assert not list(tmp_path.rglob("away"))
+    assert store.fault(KEY) is None
+
+
+def test_kept_report_replaces_no_input(written, store):
+    first, _ = written(second=1)
+    forged(store, KEY, places={"verdicts.parquet": "campaign.vast", "runs.parquet": "inputs/judge.py"})
+    second, made = written(second=2)
+    assert made == 2
+    assert files(second.directory)["campaign.vast"] == files(first.directory)["campaign.vast"]
+    assert "inputs/judge.py" not in files(second.directory)

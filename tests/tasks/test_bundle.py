@@ -159,6 +159,23 @@ def test_a_bundle_that_lost_a_file_is_lost(store, home, tmp_path):
     unpacked(store, key, tmp_path / "here")
 
 
+def test_nothing_of_a_forged_bundle_is_imported(store, home, tmp_path):
+    key = packed(store, home, [member(home)])
+    sha256 = file_digest(home / "judge.py")
+    forged = {
+        f"bundle/{sha256[:2]}/{sha256}": {"content": f"open({str(tmp_path / 'ran')!r}, 'w')\n{ORACLE}".encode()},
+        key: {"bundle.json": store.read(key, "bundle.json").replace(b"0.25", b"0.75")},
+    }
+    for artifact, files in forged.items():
+        store.remove([artifact])
+        store.put(artifact, files)
+        with pytest.raises(Lost, match="is not the content of its key"):
+            unpacked(store, key, tmp_path / "here")
+        assert not (tmp_path / "ran").exists()
+        assert packed(store, home, [member(home)]) == key
+        unpacked(store, key, tmp_path / f"after {len(artifact)}")
+
+
 def test_a_file_that_changed_since_is_noticed(store, home, tmp_path):
     before = member(home)
     (home / "drive.osc").write_text(OSC.format(library="osc.helpers").replace("done", "changed"))

@@ -372,3 +372,11 @@ def test_an_output_or_prose_of_a_notebook_changes_no_key(home):
 def test_the_plug_ins_own_file_has_one_name_in_every_key(home):
     write(home)
     assert set(installed_tree().plug_in_code(type(oracle(home))).modules) >= {PLUG_IN}
+
+
+def test_copies_lie_in_no_folder_that_others_can_make_first(home, tmp_path, monkeypatch):
+    write(home)
+    (tmp_path / "cache").write_text("no folder")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    with pytest.raises(OracleError, match=r"can't be written below '.*plug-ins' .*; set XDG_CACHE_HOME to a folder"):
+        oracle(home)

@@ -50,8 +50,10 @@ def test_one_server_stays_for_the_next_call_is_not_ended_while_used_and_ends_whe
     first = KeptServer(tmp_path / "log", 4.0)
     url = first.url()
     (record,) = kept_servers()
+    assert record_file().stat().st_mode & 0o777 == 0o600
     second = KeptServer(tmp_path / "log", 4.0)
     assert second.url() == url == record.url
+    assert second.auth == record.auth
     assert kept_servers() == [record]
     first.stop()
     assert end_kept() == [(record, False)], "the second call uses it"
@@ -91,6 +93,7 @@ def test_a_server_that_dies_while_it_is_used_is_replaced_on_its_port_by_one_that
             time.sleep(0.1)
         with urllib.request.urlopen(f"{url}/health", timeout=30) as response:
             assert response.status == 200
+        assert server.auth == record.auth
     finally:
         server.stop(0)
     assert kept_servers() == []
@@ -111,7 +114,7 @@ def test_another_version_of_prefect_or_other_settings_have_another_server(monkey
 
 def test_a_record_of_a_process_that_is_another_by_now_is_not_believed(tmp_path):
     file = tmp_path / "record.json"
-    file.write_text(f'{{"port": 1, "pid": {os.getpid()}, "began_s": 1.0, "notices": []}}')
+    file.write_text(f'{{"port": 1, "pid": {os.getpid()}, "began_s": 1.0, "notices": [], "auth": "a:b"}}')
     assert read_record(file) is None
     file.write_text("damaged")
     assert read_record(file) is None

@@ -4,10 +4,12 @@ import sys
 import textwrap
 import time
 
+import httpx
 import psutil
 import pytest
+from prefect.client.orchestration import get_client
 
-from vastflow.tasks.server import ApiServer, PrefectUnavailable
+from vastflow.tasks.server import ApiServer, PrefectUnavailable, embedded
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -90,3 +92,17 @@ def test_an_api_that_ends_by_itself_is_not_started_again(tmp_path, monkeypatch):
     with pytest.raises(PrefectUnavailable, match="ended while it started"):
         server.url(120)
     assert server.lost
+
+
+def test_an_embedded_api_answers_nobody_else(tmp_path, prefect_home, monkeypatch):
+    monkeypatch.setenv("PREFECT_HOME", str(prefect_home(tmp_path / "prefect")))
+    monkeypatch.setenv("PREFECT_SERVER_CORS_ALLOWED_ORIGINS", "*")
+    server = ApiServer(tmp_path / "log")
+    try:
+        foreign = {"Origin": "http://example.com", "Host": "example.com"}
+        answer = httpx.post(f"{server.url()}/flow_runs/filter", json={}, headers=foreign)
+        assert (answer.status_code, answer.headers.get("access-control-allow-origin")) == (401, None)
+        with embedded(server.url(), server.auth), get_client(sync_client=True) as client:
+            assert client.read_flow_runs() == []
+    finally:
+        server.stop(0)
