@@ -165,7 +165,10 @@ def commanded(kind: Kind, numbers: range, seed: int, folder: Path) -> Count:
             begun_s = time.monotonic()
             child = os.fork()
             if child == 0:
-                _command(arguments, out.fileno(), err.fileno())
+                try:
+                    _command(arguments, out.fileno(), err.fileno())
+                finally:
+                    os._exit(1)  # whatever it raises: what the parent does at its end is not for a child
             code, used = _waited(child, begun_s)
             said, cpu_s = text_of(err), used.ru_utime + used.ru_stime
         wrong = None
@@ -189,7 +192,8 @@ def _command(arguments: list[str], out: int, err: int) -> None:
     """Be `vastflow`; never returns."""
     os.dup2(out, 1)
     os.dup2(err, 2)
-    sys.stdout, sys.stderr = open(1, "w", closefd=False), open(2, "w", closefd=False)  # noqa: SIM115
+    sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+    sys.stderr = open(2, "w", errors="backslashreplace", closefd=False)  # noqa: SIM115 - as Python's own
     used = psutil.Process().memory_info().vms
     resource.setrlimit(resource.RLIMIT_AS, (used + MOST_BYTES, used + MOST_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (15, 20))
