@@ -107,3 +107,19 @@ def test_a_campaign_directory_is_complete_without_the_campaigns_folder(
         replica(directory, Asked("x.vast", 1, (), inputs.places)),
     ):
         pass
+
+
+@pytest.mark.parametrize(
+    ("file", "place", "name"), [("c.vast", "{}/away", "x"), ("{}/away", "x", "x"), ("c", "x", "../x")]
+)
+def test_a_directory_from_elsewhere_is_laid_out_inside_a_folder(tmp_path, file, place, name):
+    (tmp_path / "results" / "inputs").mkdir(parents=True)
+    for path in ("campaign.vast", "x", "inputs/x"):
+        (tmp_path / "results" / path).write_text("")
+    asked = Asked(file.format(tmp_path), 1, places={place.format(tmp_path): name})
+    with (
+        pytest.raises(UnusableDirectory, match="expected a path inside the folder, got"),
+        replica(tmp_path / "results", asked),
+    ):
+        pass
+    assert not (tmp_path / "away").exists()
