@@ -61,7 +61,7 @@ def compare(
             found = compared(*tables, oracle, margin, target)
         folder = out or after / "comparisons" / before.resolve().name
         with writing(folder, "--out"):
-            drawn = _drawn(found, pictures, folder)
+            drawn, undrawn = _drawn(found, pictures, folder)
         if junit is not None:
             from vastflow.flows.comparison.junit import compared_report
 
@@ -73,6 +73,8 @@ def compare(
             from vastflow.flows.terminal.outcome import printed
 
             printed(compared_text(found, drawn))
+        for why, names in undrawn.items():
+            print(f"not drawn: {', '.join(names)}: {why}", file=sys.stderr)
     if gate:
         raise typer.Exit(found.gate.exit_code)
 
@@ -84,22 +86,23 @@ def _tables(directory: Path) -> "Tables":
         return read_tables(directory)
 
 
-def _drawn(found: "Compared", most: int, folder: Path) -> dict[str, Path]:
-    """Pictures by the name of the later configuration; one that can't be drawn is named on standard error."""
+def _drawn(found: "Compared", most: int, folder: Path) -> tuple[dict[str, Path], dict[str, list[str]]]:
+    """Pictures by the name of the later configuration; reasons why others can't be drawn, and their names."""
+    drawn: dict[str, Path] = {}
+    undrawn: dict[str, list[str]] = {}
     chosen = found.changes[:most]
     if not chosen:
-        return {}
+        return drawn, undrawn
     from vastflow.flows.comparison.pictures import NotDrawn, picture_of
 
-    drawn = {}
     for change in chosen:
         name = found.pairing.matches[change.configuration].after
         try:
             content = picture_of(found, change)
         except NotDrawn as error:
-            print(f"not drawn: {name}: {error}", file=sys.stderr)
+            undrawn.setdefault(str(error), []).append(name)
             continue
         folder.mkdir(parents=True, exist_ok=True)
         drawn[name] = folder / f"{name}.png"
         drawn[name].write_bytes(content)
-    return drawn
+    return drawn, undrawn

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from vastflow.flows.comparison.differences import Difference, differences
 from vastflow.flows.comparison.gate import Gate
 from vastflow.flows.request.campaign_keys import recorded_keys
 from vastflow.flows.results.past import recorded_as
@@ -37,6 +38,7 @@ class Compared:
         changes: Configurations whose runs do not all end as before, the most certain first.
         levels: The difference at each level of each factor of the later campaign.
         gate: Whether a loss is ruled out.
+        differences: The parameters, versions, and code that are not the same.
     """
 
     before: Tables = field(repr=False)
@@ -48,6 +50,7 @@ class Compared:
     changes: Sequence[Change]
     levels: Sequence[LevelDifference]
     gate: Gate
+    differences: Sequence[Difference]
 
     def shown(self, *, worse: bool) -> list[Change]:
         """Configurations that are shown to fail newly, or to pass newly."""
@@ -80,7 +83,8 @@ def compared(
     same = same_keys(before, after, pairing)
     gate = Gate(pairing, whole, target, margin, oracle, faults, same)
     levels = by_level(factors, pairs, target)
-    return Compared(before, after, pairing, oracle, whole, each, changes(pairs), levels, gate)
+    different = differences(before, after, pairing)
+    return Compared(before, after, pairing, oracle, whole, each, changes(pairs), levels, gate, different)
 
 
 def same_keys(before: Tables, after: Tables, pairing: Pairing) -> bool:

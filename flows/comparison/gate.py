@@ -10,7 +10,14 @@ from vastflow.oracles.statistics.bounded_mean import needed
 from vastflow.oracles.statistics.comparison import RateDifference, Target
 
 Status: TypeAlias = Literal[
-    "nothing changed", "ruled out", "not ruled out", "too few paths", "unequal", "not judged", "new faults"
+    "nothing changed",
+    "ruled out",
+    "not ruled out",
+    "loss shown",
+    "too few paths",
+    "unequal",
+    "not judged",
+    "new faults",
 ]
 
 HOLDS: Final = 0
@@ -72,7 +79,9 @@ class Gate:
         few = self.needed is None or self.whole.paths < self.needed
         if self.target == "others" and self.whole.difference >= -self.margin and few:
             return "too few paths"
-        return "ruled out" if self.whole.non_inferior(self.margin) else "not ruled out"
+        if self.whole.non_inferior(self.margin):
+            return "ruled out"
+        return "loss shown" if self.whole.interval[1] < 0.0 else "not ruled out"
 
     @property
     def text(self) -> str:
@@ -102,6 +111,9 @@ class Gate:
                 why = (
                     f"of {pairs}, {self.whole.pairs:,} were judged both times and {self._no_longer_judged:,} only in A"
                 )
+            case "loss shown":
+                low, high = (f"{-100 * end:.3g}" for end in reversed(self.whole.interval))
+                why = f"a loss of {low} to {high} points in {about} is shown, the margin is {100 * self.margin:g}"
             case "not ruled out":
                 why = f"{loss} in {about} is not ruled out {end}"
                 if self.target == "these" and self.needed is not None and self.whole.pairs < self.needed:

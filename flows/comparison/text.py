@@ -19,6 +19,7 @@ from vastflow.oracles.statistics.comparison import Change, RateDifference
 MOST_CHANGES: Final = 12
 MOST_NAMES: Final = 4
 MOST_LEVELS: Final = 24
+MOST_DIFFERENT: Final = 16
 
 
 def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[RenderableType]:
@@ -29,6 +30,7 @@ def compared_text(found: Compared, drawn: Mapping[str, Path]) -> Iterator[Render
     yield Text(_paired(found))
     for line in _unpaired(found):
         yield Text(line, "yellow")
+    yield from _different(found)
     yield ""
     yield _differences(found)
     yield from _standstills(found)
@@ -81,6 +83,7 @@ def compared_json(found: Compared, drawn: Mapping[str, Path]) -> dict[str, Any]:
             "runs_before": pairing.lonely_before,
             "runs_after": pairing.lonely_after,
         },
+        "differs": [asdict(one) for one in found.differences],
         "difference": _difference_json(found.whole),
         "oracles": {name: _difference_json(one) for name, one in found.oracles.items()},
         "changes": [_change_json(found, change, drawn) for change in found.changes],
@@ -157,6 +160,16 @@ def _unpaired(found: Compared) -> Iterator[str]:
     for letter, runs in (("A", pairing.lonely_before), ("B", pairing.lonely_after)):
         if runs:
             yield f"not paired: {count_text(runs, 'run')} of {letter} with a seed that the other has not"
+
+
+def _different(found: Compared) -> Iterator[Text]:
+    if not found.differences:
+        yield Text("differs: no parameter, version, or code")
+    for one in found.differences[:MOST_DIFFERENT]:
+        of = "" if one.configurations is None else f", {count_text(one.configurations, 'configuration')}"
+        yield Text(f"differs: {one.parameter}: {one.before} → {one.after}{of}")
+    if rest := found.differences[MOST_DIFFERENT:]:
+        yield Text(f"and {len(rest):,} more; --json lists all", "dim")
 
 
 def _differences(found: Compared) -> Table:

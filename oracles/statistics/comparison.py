@@ -119,7 +119,12 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class LevelDifference:
-    """The difference at one level of a factor; `adjusted` is by Holm over all levels of all factors."""
+    """The difference at one level of a factor.
+
+    Attributes:
+        adjusted: p-value by Holm over all levels of all factors: of McNemar's exact test for these scenarios, with blocks as clusters
+            for others.
+    """
 
     factor: str
     level: str
@@ -244,7 +249,7 @@ def by_level(
         for k, name in enumerate(factor.levels)
         if (found := difference(pairs.of(factor.codes[pairs.configuration] == k), target, level)) is not None
     ]
-    adjusted = holm([one.p_value for _, _, one in found])
+    adjusted = holm([one.mcnemar if target == "these" else one.p_value for _, _, one in found])
     return [LevelDifference(*row, p) for row, p in zip(found, adjusted, strict=True)]
 
 

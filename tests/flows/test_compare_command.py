@@ -1,5 +1,6 @@
 """The command `compare`: pairs, changes, the gate, JUnit and what can't be compared."""
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -15,7 +16,7 @@ from vastflow.flows.__main__ import app
 from vastflow.flows.results.tables import CONFIGURATIONS, REJECTIONS, RUNS, VERDICTS
 
 
-def write(folder, configurations, *, oracles=("success",), seed="", created="2026-11-22T06:00:00"):
+def write(folder, configurations, *, oracles=("success",), seed="", created="2026-11-22T06:00:00", system_key="noise"):
     """A campaign directory without recordings.
 
     Args:
@@ -24,7 +25,7 @@ def write(folder, configurations, *, oracles=("success",), seed="", created="202
     folder.mkdir(parents=True)
     rows, runs, verdicts = [], [], []
     for name, (task, system, said) in configurations.items():
-        content = {"environment": {}, "task": {"goal": task}, "system": {"noise": system}}
+        content = {"environment": {}, "task": {"goal": task}, "system": {system_key: system}}
         row = {
             "name": name,
             "family": "f",
@@ -146,7 +147,7 @@ def test_no_number_of_paths_rules_out_every_loss(before, tmp_path):
 def test_the_json_names_target_and_status_of_the_gate(before, worse):
     assert as_json(before, worse)["gate"] == {
         "target": "these",
-        "status": "not ruled out",
+        "status": "loss shown",
         "holds": False,
         "margin": 0.02,
         "paths": 12,
@@ -200,6 +201,47 @@ def test_a_configuration_that_fails_newly_is_named_and_the_gate_does_not_hold(be
     assert "newly failing: 1 configuration" in result.stdout
     assert "c3" in result.stdout and "10 of 10  0 of 10" in result.stdout
     assert "gate does not hold" in result.stdout
+
+
+def test_shown_loss_is_called_shown(before, tmp_path):
+    after = write(tmp_path / "after", same("pppppppfff"))
+    result = called(before, after, "--gate")
+    assert result.exit_code == 1
+    assert re.search(
+        r"a loss of 2\d\.\d to 3\d(\.\d)? points in these scenarios is shown, the margin is 2\n", result.stdout
+    )
+
+
+def test_differences_are_named_with_their_values_and_lines(before, worse):
+    for folder, noise in ((before, 0), (worse, 1)):
+        (folder / "campaign.vast").write_text(
+            f"version: 1\nconfiguration:\n  - name: f\n    parameters:\n      - noise: {noise}\n"
+        )
+    said = called(before, of_one_code(worse, vastflow="0.2.0")).stdout
+    assert "differs: noise: 0 (campaign.vast:5) → 1 (campaign.vast:5), 12 configurations" in said
+    assert "differs: vastflow: not given → 0.2.0" in said
+    found = as_json(before, worse)["differs"][0]
+    assert found == {
+        "parameter": "noise",
+        "before": {"value": "0", "place": "campaign.vast:5"},
+        "after": {"value": "1", "place": "campaign.vast:5"},
+        "configurations": 12,
+    }
+    assert "differs: no parameter, version, or code" in called(before, before).stdout
+
+
+def test_differences_of_nav2_files_are_those_of_their_parameters(tmp_path):
+    folders = []
+    for name, speed in (("then", 0.5), ("now", 0.3)):
+        text = f"controller_server:\n  ros__parameters:\n    FollowPath:\n      vx_max: {speed}\n"
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        folders.append(write(tmp_path / name, same("pp", system={"file": digest}), system_key="nav2_params"))
+        (folders[-1] / "inputs").mkdir()
+        (folders[-1] / "inputs" / "nav2.yaml").write_text(text)
+    place = "controller_server.ros__parameters.FollowPath.vx_max"
+    words = f"differs: {place}: 0.5 (inputs/nav2.yaml:4) → 0.3 (inputs/nav2.yaml:4), 12 configurations"
+    said = called(*folders).stdout
+    assert words in said and "nav2_params" not in said
 
 
 def test_without_gate_the_exit_code_says_nothing_of_the_result(before, worse):

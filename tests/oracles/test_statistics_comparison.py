@@ -158,6 +158,13 @@ def test_each_level_of_each_factor_has_its_difference() -> None:
     assert loud.adjusted is not None and loud.adjusted < 0.05
 
 
+def test_level_with_one_configuration_has_mcnemars_p_value_for_these_scenarios() -> None:
+    factors, _ = factors_of([{"radius": 0.2}, {"radius": 0.45}])
+    found = pairs((15, 0, 0, 0), (4, 11, 0, 0))
+    assert [one.adjusted for one in by_level(factors, found)] == pytest.approx([1.0, 2 * binomtest(11, 11).pvalue])
+    assert [one.adjusted for one in by_level(factors, found, "others")] == [None, None]
+
+
 def test_a_level_without_pairs_is_left_out() -> None:
     factors, _ = factors_of([{"noise": 0}, {"noise": 1}])
     assert [one.level for one in by_level(factors, pairs((5, 0, 0, 0)))] == ["0"]
