@@ -105,7 +105,7 @@ def _table(first: Sequence[str], rows: Sequence[tuple[Sequence[str], Counts]]) -
 
 
 def _share(counts: Counts) -> str:
-    return f"{counts.passed}/{counts.judged}"
+    return f"{counts.passed}/{counts.judged}" + (f" ({counts.not_judged} not judged)" if counts.not_judged else "")
 
 
 def _faults(tables: Tables) -> Iterator[RenderableType]:

@@ -18,7 +18,7 @@ _FIGURES: Final = ("maps", "final-poses-*", "failure-rate-*", "passed-*")
 
 _PAGE: Final = Markup(
     '<div style="max-width:60rem"><p style="margin:0"><b style="font-size:2em">{rate}</b> of the judged runs passed: '
-    "{passed:,} of {judged:,}, {unjudged:,} not judged.{interval}</p>\n{causes}{figures}"
+    "{passed:,} of {judged:,}, {unjudged:,} not judged overall.{interval}</p>\n{causes}{figures}"
     "<p><code>{report}</code></p></div>"
 )
 _ROW: Final = Markup(

@@ -1,7 +1,7 @@
 """The report: one HTML file that stands alone, from nothing but a campaign directory."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -104,6 +104,10 @@ def write_report(directory: Path) -> None:
     tables = read_tables(directory)
     names = environment_names(directory, dict.fromkeys(filter(None, tables.configurations.environments)))
     evidence, findings = evidence_of(tables), findings_of(tables, names)
+    if tables.metadata.get(
+        "search"
+    ):  # the strategy chose the points by what others came to: no factor can be told from that
+        findings = replace(findings, designs=())
     spreads = spreads_of(tables)
     stood, causes, criteria = standstills_of(tables), causes_of(tables), criteria_of(tables)
     said = {

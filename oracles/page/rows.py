@@ -22,7 +22,7 @@ from vastflow.oracles.oracle import known_oracles, oracle_class
 from vastflow.oracles.page.table import Column, DataTable, configuration_cells, rate_cell
 from vastflow.oracles.page.words import position, short
 from vastflow.oracles.robustness import DEFAULT_BASIS
-from vastflow.oracles.statistics.intervals import thousandths
+from vastflow.oracles.statistics.intervals import thousandths, wilson_intervals
 
 MAX_ROWS: Final = 500
 """Rows of a list; the files beside the report have all."""
@@ -115,7 +115,7 @@ def configuration_table(
         rates = [by_name[found.names[k]] for by_name in cells_of]
         still = [stood.of([found.names[k]])] if stood.runs else []
         rows.append([found.names[k], found.families[k], name, *rates, *still, *cells])
-    rows.sort(key=lambda row: row[3][0] - row[3][1])
+    rows.sort(key=lambda row: (row[3][4], row[3][0] - row[3][1]))  # the success rate's upper bound, then failures
     return DataTable("configurations", columns, rows, "evidence.json")
 
 
@@ -181,9 +181,10 @@ def place_table(scenes: Sequence[Scene], names: Mapping[str, str]) -> DataTable:
 
 
 def cases(tables: Tables, findings: Findings) -> list[int]:
-    """Indices of the worst configurations, few of any one family while there are others."""
+    """Indices of the worst configurations by the lower bound of their failure rates, few of any one family while there are others."""
     failed, judged = findings.counts[:, 1], findings.counts[:, 0] + findings.counts[:, 1]
-    worst = sorted(np.flatnonzero(failed), key=lambda k: (-failed[k] / judged[k], -failed[k], k))
+    low = wilson_intervals(failed, judged)[:, 0]
+    worst = sorted(np.flatnonzero(failed), key=lambda k: (-low[k], k))
     found = tables.configurations
     chosen: list[int] = []
     for most in (_CASES_OF_A_FAMILY, CASES):

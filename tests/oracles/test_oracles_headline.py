@@ -39,7 +39,7 @@ def test_results_show_their_headline_causes_and_figures(synthetic_campaign, tmp_
     html = Results(directory, None, (), ())._repr_html_()
     page = Tags(html)
     assert page.open == []
-    assert "50\N{NO-BREAK SPACE}% of the judged runs passed: 1 of 2, 0 not judged." in page.text
+    assert "50\N{NO-BREAK SPACE}% of the judged runs passed: 1 of 2, 0 not judged overall." in page.text
     assert "Lost" in page.text and "vastflow replay . a-1 1" in page.text
     assert len(page.images) == 2 and all(image.startswith("data:image/png;base64,") for image in page.images)
     assert not re.search(r"<script|https?://", html)

@@ -251,7 +251,8 @@ def test_rejections_are_shown_with_their_reason_and_how_often(page: Page) -> Non
 
 def test_what_was_left_out_is_said_at_the_top(page: Page) -> None:
     summary = " ".join(page.text.split())
-    assert "2 rejected requests, 1 duplicate, 5 runs not judged, 1 fault, 1 note" in summary
+    unjudged = "5 runs not judged overall (5 by success, 5 by performance, 5 by safety)"
+    assert f"2 rejected requests, 1 duplicate, {unjudged}, 1 fault, 1 note" in summary
 
 
 def test_not_judged_faults_duplicates_and_notes_are_named(page: Page) -> None:
