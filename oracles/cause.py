@@ -15,6 +15,7 @@ Cause: TypeAlias = Literal[
     "lost",
     "contact",
     "blocked by an obstacle",
+    "no path to the goal",
     "no path",
     "timed out recovering",
     "gave up recovering",
@@ -48,7 +49,8 @@ CAUSES: Final[Mapping[Cause, str]] = {
     "contact": "the robot touched something and ended there, or safety fails a contact",
     "blocked by an obstacle": f"the mission ended within {BLOCKED_M:g} m of an obstacle that is not on the map, or without a path and "
     f"within {SEEN_M:g} m of one",
-    "no path": "the planner found no path, and no recovery helped",
+    "no path to the goal": "the planner never found a path, from the start to the end of the run",
+    "no path": "the planner found no path any more, and no recovery helped",
     "timed out recovering": f"the time ran out within {RECOVERING_S:g} s of a recovery",
     "gave up recovering": f"Nav2 gave up within {RECOVERING_S:g} s of a recovery",
     "too close": "safety: closer to an obstacle than the robot could stop within",
@@ -81,8 +83,8 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
     """The causes that hold, in the order of `CAUSES`."""
     if not len(trace):
         return
-    end = _end(trace)
-    if trace.events(STOOD_STILL):
+    end, never = _end(trace), _SUCCESS in failed and _never_planned(trace)
+    if trace.events(STOOD_STILL) and not never:
         yield "stood still"
     if _SUCCESS in failed and _path_lost_by_jump(trace):
         yield "jump of the estimate"
@@ -91,7 +93,7 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
     if (_SUCCESS in failed and _touched_at(trace, end)) or (_SAFETY in failed and _fails_contact(failed[_SAFETY])):
         yield "contact"
     if _SUCCESS in failed:
-        yield from _mission_failed(trace, end)
+        yield from _mission_failed(trace, end, never)
     if _SAFETY in failed:
         yield "too close"
     if _ROBUSTNESS in failed:
@@ -100,17 +102,29 @@ def _seen(trace: Trace, failed: Mapping[str, Verdict]) -> Iterator[Cause]:
         yield "left the path"
 
 
-def _mission_failed(trace: Trace, end: int) -> Iterator[Cause]:
-    run, without_path = trace.run, trace.run.outcome == "aborted" and trace.run.error_code >= _NO_PATH
+def _mission_failed(trace: Trace, end: int, never: bool) -> Iterator[Cause]:
+    run, without_path = trace.run, _without_path(trace)
     kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
     apart_m = min((float(trace[name][end]) for name in kinds), default=np.inf)
     if apart_m <= (SEEN_M if without_path else BLOCKED_M):
         yield "blocked by an obstacle"
     if without_path:
-        yield "no path"
+        yield "no path to the goal" if never else "no path"
     ended_s = float(trace["t_s"][end])
     if any(0.0 <= ended_s - event.t_s <= RECOVERING_S for event in trace.events("recovery")):
         yield "timed out recovering" if run.outcome == "timed_out" else "gave up recovering"
+
+
+def _without_path(trace: Trace) -> bool:
+    return trace.run.outcome == "aborted" and trace.run.error_code >= _NO_PATH
+
+
+def _never_planned(trace: Trace) -> bool:
+    """Whether no path was ever followed: a controller commands motion forward or to the side, a recovery neither."""
+    forward, lateral = (trace.columns.get(f"command_{name}mps") for name in ("speed_", "lateral_speed_"))
+    if forward is None or not _without_path(trace):
+        return False
+    return not (forward > 0.0).any() and (lateral is None or not lateral.any())
 
 
 def _end(trace: Trace) -> int:

@@ -231,7 +231,7 @@ def test_the_simulators_robots_fail_of_the_cause_that_was_planted(driven, build)
         "lost": driven(BLIND, [("robustness", {})]),  # no scan, so no correction of odometry
         "contact": driven(BLIND, [SAFETY], [build.box_at(2.0, 2.0)]),  # a box that it can't see
         "blocked by an obstacle": driven(obstacles=[build.box_at(3.0, 0.25 + 0.5 * k) for k in range(8)]),
-        "no path": driven(room="divided"),  # a door that is narrower than the robot
+        "no path to the goal": driven(room="divided"),  # a door that is narrower than the robot
         "timed out recovering": driven(NOISY, timeout_s=20.0),  # points everywhere, and no time to give up
         "gave up recovering": driven(NOISY),
         "too close": driven(oracles=[("safety", {"max_deceleration_mps2": 0.1})], obstacles=[build.box_at(4.5, 2.9)]),
