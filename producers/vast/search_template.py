@@ -12,7 +12,7 @@ from vastflow.sim.reading.names import did_you_mean
 
 SEARCH: Final[Location] = ("search",)
 
-_MARKER: Final = re.compile(r"\$(?:\{(?P<braced>[^{}]*)\}|(?P<bare>[A-Za-z_]\w*))")
+_MARKER: Final = re.compile(r"\$(?:\{(?P<braced>.*)\}|(?P<bare>[A-Za-z_][\w.-]*))", re.DOTALL)
 _ESCAPE: Final = "$$"
 
 

@@ -157,6 +157,8 @@ def test_a_criterion_that_is_a_number_is_short_for_its_main_field() -> None:
     [
         ("$a", "a"),
         ("${a b}", "a b"),
+        ("${a{b}", "a{b"),
+        ("$FollowPath.max_vel-x", "FollowPath.max_vel-x"),
         ("$$a", None),
         ("$a/x", None),
         ("a$b", None),
