@@ -182,3 +182,8 @@ def test_nothing_that_is_modeled_is_called_built_in():
 def test_what_is_built_in_knows_the_values_that_mean_it(rule, agreeing, other):
     assert rule.agrees(agreeing)
     assert not rule.agrees(other)
+
+
+def test_plug_in_group_with_a_value_of_its_own_is_not_modeled():
+    text = "{controller_plugins: [F], F: {plugin: 'nav2_mppi_controller::MPPIController', critics: [GoalCritic], GoalCritic: true}}"
+    assert statuses(f"controller_server: {{ros__parameters: {text}}}")["F.GoalCritic"] == "not modeled"

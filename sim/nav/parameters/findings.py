@@ -66,7 +66,7 @@ def _finding(reader: Reader, document: ParameterDocument, path: ParameterLocatio
     node_name = "".join(node[-2:-1])
     if node_name in UNUSED_NODES:
         return Finding(path, place, value, "no effect", None, UNUSED_NODES[node_name], node)
-    group = _nearest(path, reader.kinds)
+    group = _nearest(path[:-1], reader.kinds)  # a group that has a value of its own is none
     kind = reader.kinds[group] if group else node_name
     name = path[len(group or node) :]
     rule = built_in(kind, name)
