@@ -17,7 +17,7 @@ import fsspec
 import platformdirs
 
 from vastflow.sim.digest import digest
-from vastflow.tasks.artifact import MANIFEST, Artifact, FileEntry, StoreError, present
+from vastflow.tasks.artifact import MANIFEST, Artifact, FileEntry, StoreError, entry_of, present
 from vastflow.tasks.manifest_copies import ManifestCopies
 from vastflow.tasks.store_files import Listed
 
@@ -99,6 +99,10 @@ class RemoteFiles:
         path = self._path(f"{key}/{_object(name, entry) if entry else name}")
         content: bytes = self._asked(self._files.cat_file, path)
         return content
+
+    def measured(self, key: str, name: str, entry: FileEntry) -> FileEntry:
+        """See `StoreFiles.measured`; an object's name has its digest and its size is listed, so it is read whole."""
+        return entry_of(self.read(key, name, entry))
 
     def write(
         self, artifact: Artifact, files: Mapping[str, bytes], sidecar: Mapping[str, bytes], manifest: bytes

@@ -248,7 +248,7 @@ class Store:
         try:
             artifact = artifact_of(key, self._files.read(key, MANIFEST))
             for name, entry in artifact.files.items():
-                if entry_of(self._files.read(key, name, entry)) != entry:
+                if self._files.measured(key, name, entry) != entry:
                     return f"{name} is not what was written"
         except FileNotFoundError:
             return f"{name} is missing"

@@ -56,6 +56,9 @@ class StoreFiles(Protocol):
     def read(self, key: str, name: str, entry: FileEntry | None = None) -> bytes:
         """A file of an artifact; without an entry the manifest or a sidecar."""
 
+    def measured(self, key: str, name: str, entry: FileEntry) -> FileEntry:
+        """What a file is in fact, whose manifest says `entry`; without a digest where it has another size."""
+
     def write(
         self, artifact: Artifact, files: Mapping[str, bytes], sidecar: Mapping[str, bytes], manifest: bytes
     ) -> StoreError | None:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import logging
+import os
 import pickle
 import subprocess
 import sys
@@ -367,3 +368,10 @@ def test_a_listing_that_was_too_early_for_some_files_costs_nothing(memory, monke
     assert store.find(KEY) is not None
     assert store.read(KEY, "a.bin") == b"content"
     assert caplog.records == []
+
+
+def test_verification_reads_no_file_whose_size_is_wrong(tmp_path):
+    store = open_store(tmp_path)
+    store.put(KEY, {"a.bin": b"one"})
+    os.truncate(tmp_path / KEY / "a.bin", 100 * 2**30)
+    assert store.fault(KEY) == "a.bin is not what was written"
