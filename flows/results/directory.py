@@ -57,7 +57,7 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
     hidden `.<name>.partial`, never half a campaign directory; one that was left a day ago is removed first.
 
     Raises:
-        ResultsError: the disk is full or broken, or may not be written.
+        ResultsError: the disk is full or broken, or may not be written, or the folder was deleted meanwhile.
     """
     with _written_to(root):
         directory = _begun(root, f"{directory_name(name)}-{created:%Y-%m-%d-%H%M%S}")
@@ -65,8 +65,14 @@ def new_directory(root: Path, name: str, created: datetime) -> Iterator[NewDirec
             yield directory
             (directory.partial / WRITER).unlink(missing_ok=True)
             directory.partial.rename(directory.final)
-        except BaseException:
+        except BaseException as error:
+            gone = isinstance(error, FileNotFoundError) and not directory.partial.exists()
             shutil.rmtree(directory.partial, ignore_errors=True)
+            if gone:
+                raise ResultsError(
+                    f"results: {str(root)!r} was deleted while it was being written; what was computed is in the store, "
+                    "and the same command writes it again"
+                ) from None
             raise
 
 

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 from datetime import datetime
 
 import pytest
@@ -54,6 +55,13 @@ def test_what_is_not_the_disks_fault_stays_what_it_is(tmp_path, error):
     with pytest.raises(type(error)) as raised, new_directory(tmp_path, "c", CREATED):
         raise error
     assert raised.value is error
+
+
+def test_results_folder_deleted_while_it_is_written_is_reported(tmp_path):
+    words = rf"results: '{tmp_path}' was deleted while it was being written; what was computed is in the store"
+    with pytest.raises(ResultsError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
+        shutil.rmtree(tmp_path)
+        (directory.partial / "runs.parquet").write_text("x")
 
 
 def test_before_the_end_nothing_stands_under_the_final_name(tmp_path):
