@@ -1,5 +1,6 @@
 """The producers of environments: floor plans as they are written, and with drawn dimensions."""
 
+import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -153,6 +154,16 @@ class EnvironmentProducer(Producer[E]):
         return Fragment({map_key: map_file, mesh_key: mesh_file, FLOORPLAN_KEY: {"plan": building.name, **requested}})
 
 
+@functools.lru_cache(maxsize=16)  # hundreds of families may name one plan, and each notes it
+def _plan_notes(plan: PlanFile) -> tuple[Note, ...]:
+    return tuple(plan.building().notes)
+
+
+@functools.lru_cache(maxsize=16)
+def _drawn_notes(file: VariationFile, seeds: range) -> tuple[Note, ...]:
+    return tuple(drawn_notes(file.variation(), seeds, _plan_notes(file.plan)))
+
+
 class FloorplanGenerationParameters(EnvironmentParameters):
     """Of `FloorplanGeneration`."""
 
@@ -168,7 +179,7 @@ class FloorplanGeneration(EnvironmentProducer[FloorplanGenerationParameters]):
     @property
     def notes(self) -> tuple[Note, ...]:
         """Of its plans."""
-        return tuple(note for plan in dict.fromkeys(self.parameters.floorplans) for note in plan.building().notes)
+        return tuple(note for plan in dict.fromkeys(self.parameters.floorplans) for note in _plan_notes(plan))
 
     @property
     def most_choices(self) -> int:
@@ -215,9 +226,10 @@ class FloorplanVariation(EnvironmentProducer[FloorplanVariationParameters]):
         """Of the plans that its files vary, as these are written and as they are drawn."""
         seeds = range(self.parameters.seed, self.parameters.seed + self.parameters.num_variations)
         files = dict.fromkeys(self.parameters.variation_files)
-        written = {file.plan: file.plan.building().notes for file in files}
-        drawn = (drawn_notes(file.variation(), seeds, written[file.plan]) for file in files)
-        return (*itertools.chain.from_iterable(written.values()), *itertools.chain.from_iterable(drawn))
+        written = itertools.chain.from_iterable(
+            _plan_notes(plan) for plan in dict.fromkeys(file.plan for file in files)
+        )
+        return (*written, *itertools.chain.from_iterable(_drawn_notes(file, seeds) for file in files))
 
     @property
     def most_choices(self) -> int:

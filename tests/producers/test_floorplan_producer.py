@@ -197,6 +197,20 @@ execution: {runs: 1}
     assert warning.what.endswith("and is cut to that")
 
 
+def test_plan_is_built_twice_at_most_for_all_families_that_name_it(base, monkeypatch):
+    built = []
+    monkeypatch.setattr(files, "build", lambda *given: built.append(given) or build(*given))
+    (base / "other.fpm").write_text(
+        (base / "test_floorplan_example.fpm").read_text() + "\n"
+    )  # no cache knows this text
+    poses = "parameters: [start_pose: {x: 0, y: 2}, goal_pose: {x: 2, y: 2}]"
+    family = f"{poses}, variations: [{{FloorplanGeneration: {{floorplans: [other.fpm]}}}}]"
+    families = ", ".join(f"{{name: f{k}, {family}}}" for k in range(20))
+    (base / "c.vast").write_text(f"version: 1\nconfiguration: [{families}]\nexecution: {{runs: 1}}\n")
+    load_campaign(base / "c.vast")
+    assert 1 <= len(built) <= 2
+
+
 def test_a_plan_that_a_campaign_names_a_hundred_times_is_built_once(base, monkeypatch):
     built = []
     build = files.build
