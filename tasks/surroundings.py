@@ -1,6 +1,7 @@
 """The surroundings of a computation: what this machine must give before a process of it is started."""
 
 import errno
+import importlib.metadata
 import os
 import sys
 import tempfile
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import platformdirs
+from packaging.requirements import Requirement
 
 from vastflow.tasks.artifact import StoreError
 
@@ -27,6 +29,7 @@ def check_surroundings() -> None:
     Raises:
         SurroundingsError: something can't.
     """
+    check_numba()
     _check_written(Path(platformdirs.user_cache_dir("vastflow")), "set XDG_CACHE_HOME to a folder of yours")
     _check_written(Path(platformdirs.user_state_dir("vastflow")), "set XDG_STATE_HOME to a folder of yours")
     home = Path(os.environ.get("PREFECT_HOME") or "~/.prefect").expanduser()
@@ -42,6 +45,21 @@ def check_surroundings() -> None:
         if not _SHARED_MEMORY.is_dir():
             raise _error(_SHARED_MEMORY, os.strerror(errno.ENOENT), _MOUNT)
         _check_written(_SHARED_MEMORY, _MOUNT)
+
+
+def check_numba() -> None:
+    """Compare numba with the versions that kernels are tested with: another may break every run, minutes later.
+
+    Raises:
+        SurroundingsError: it is none of them.
+    """
+    asked = map(Requirement, importlib.metadata.requires("vastflow") or ())
+    tested = next(each.specifier for each in asked if each.name == "numba")
+    found = importlib.metadata.version("numba")
+    if not tested.contains(found, prereleases=True):
+        raise SurroundingsError(
+            f"numba: expected a tested version ({tested}), got {found}; pip install 'numba{tested}'"
+        )
 
 
 def check_temporary(error: OSError) -> None:

@@ -23,7 +23,9 @@ def validate(
     from vastflow.flows.request.notes import terminal_lines
     from vastflow.producers.search.criteria import plan_text
     from vastflow.sim.plug_ins.effects import looking_only
+    from vastflow.tasks.surroundings import check_numba
 
+    check_numba()
     with looking_only():
         campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1)
     unexecutable = {(fault.file, fault.line, fault.column) for fault in campaign.unexecutable}

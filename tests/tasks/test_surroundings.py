@@ -110,3 +110,11 @@ def test_no_room_in_a_folder_of_a_plug_in_s_own_stays_its_fault(machine, tmp_pat
     assert answered(no_room, str(tmp_path / "elsewhere" / "file")) == Broken(
         f"OSError: [Errno 28] No space left on device: '{tmp_path}/elsewhere/file'"
     )
+
+
+def test_an_untested_numba_is_reported_before_anything_is_computed(machine, monkeypatch):
+    monkeypatch.setattr(surroundings.importlib.metadata, "version", lambda _: "9.0.0")
+    with pytest.raises(
+        SurroundingsError, match=r"numba: expected a tested version \(.*>=0.62.*\), got 9.0.0; pip install"
+    ):
+        check_surroundings()
