@@ -287,7 +287,7 @@ def open_run(request: RunRequest, observer: Observer | None = None) -> Iterator[
     clock, created, tally = CampaignClock(), datetime.now(), Tally()
     with ending.terminable(), few_collections(), Reporter(tally, observer):
         map_dir = None if request.map_dir is None else Path(request.map_dir)
-        campaign, oracles = read_campaign(Path(request.campaign), map_dir, as_v1=request.as_v1)
+        campaign, oracles = read_campaign(Path(request.campaign), map_dir, as_v1=request.as_v1, strict=request.strict)
         if campaign.unexecutable:
             raise CampaignError(campaign.unexecutable)
         inputs = inputs_of(campaign, oracles)

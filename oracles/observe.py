@@ -23,6 +23,7 @@ from vastflow.sim.digest import FileContent
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.reading.map_file import MapError, load_map
+from vastflow.sim.reading.robot import inscribed_radius_of
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.recordings.blocks import read_recordings, write_block
 from vastflow.sim.recordings.recording import Recording, si
@@ -98,7 +99,7 @@ def observer_of(scenario: Scenario) -> ScenarioObserver:
     """Prepare the observation of `scenario`: its map, walls, obstacles and reference path.
 
     Walls are those of the world, which may differ from the map. The reference leads over the map, and is that of a robot of the
-    system's `robot_radius`, by default Nav2's 0.22 m.
+    inscribed radius, by default Nav2's 0.22 m.
 
     Raises:
         MapError: the map can't be read, or is another than when the campaign was read.
@@ -107,7 +108,7 @@ def observer_of(scenario: Scenario) -> ScenarioObserver:
     situation = situation_of(scenario)
     file = scenario.environment.get("map_file")
     occupancy = _map(file) if isinstance(file, FileContent) else None
-    radius_m = parameters_of(scenario.system).local_costmap.robot_radius
+    radius_m = inscribed_radius_of(parameters_of(scenario.system))
 
     @functools.cache
     def reference(obstacles: tuple[Obstacle, ...]) -> MaybeReference:

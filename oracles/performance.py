@@ -17,11 +17,11 @@ class PerformanceParameters(Parameters):
     """Parameters of `performance`.
 
     Attributes:
-        local_robot_radius_m: r, `robot_radius` of Nav2's local costmap (m); the paper varies the global one alone.
+        local_robot_radius_m: r (m); the robot's inscribed radius if not given. The paper's is `robot_radius` of Nav2's local costmap.
         samples: N, points compared.
     """
 
-    local_robot_radius_m: float = Field(default=0.22, gt=0)
+    local_robot_radius_m: float | None = Field(default=None, gt=0)
     samples: int = Field(default=100, ge=2)
 
 
@@ -30,7 +30,7 @@ class Performance(Oracle[PerformanceParameters]):
 
     RMSE = sqrt(1/N Σ |p_i - q_i|²) in m, with p_i on the true trajectory and q_i on the A* reference
     (`vastflow.oracles.reference`), both at fraction i / (N - 1) of their own arc length, i = 0..N-1. L is the reference's
-    octile length in m and r the local costmap's robot radius in m; the paper compares L r (m²) with RMSE (m)
+    octile length in m and r the robot's radius in m; the paper compares L r (m²) with RMSE (m)
     as numbers, which is a lax bound and grows with L. Exactly L r passes.
 
     Every run with a recording is graded, as in the paper. A trajectory that ended early is compared with the
@@ -58,7 +58,7 @@ class Performance(Oracle[PerformanceParameters]):
         if not len(trace):
             return self.not_judged(trace, "the recording has no rows", reference_length=reference.length_m)
         rmse_m = path_rmse_m(trace.xy_m, reference.points_xy_m, self.parameters.samples)
-        threshold = reference.length_m * self.parameters.local_robot_radius_m
+        threshold = reference.length_m * (self.parameters.local_robot_radius_m or situation.inscribed_radius_m)
         metrics: dict[str, float | None] = {
             "rmse": rmse_m,
             "threshold": threshold,

@@ -21,12 +21,12 @@ READINGS: Final[tuple[Reading, ...]] = ("footprint", "cube")
 
 
 class SafetyParameters(Parameters):
-    """Parameters of `safety`; the defaults are the paper's TurtleBot 4.
+    """Parameters of `safety`; the default speed and deceleration are the paper's TurtleBot 4's.
 
     Attributes:
         obstacle_radius: How r_obstacle is read: of the `footprint`, from the center to the outline in the plane, or of the `cube`, from
             its center to a corner in space.
-        robot_radius_m: Radius of the robot (m).
+        robot_radius_m: Radius of the robot (m); its circumscribed radius if not given.
         max_speed_mps: v, its greatest speed (m/s).
         max_deceleration_mps2: a, its greatest deceleration (m/s²).
         fail_on_contact: Contacts that fail a run whatever the separation: `none`, with an `obstacle`, or with `any` thing, walls too.
@@ -37,7 +37,7 @@ class SafetyParameters(Parameters):
     """
 
     obstacle_radius: Reading = "footprint"
-    robot_radius_m: float = Field(default=0.15, ge=0)
+    robot_radius_m: float | None = Field(default=None, ge=0)
     max_speed_mps: float = Field(default=0.5, ge=0)
     max_deceleration_mps2: float = Field(default=2.5, gt=0)
     fail_on_contact: Literal["none", "obstacle", "any"] = "obstacle"
@@ -52,7 +52,8 @@ class Safety(Oracle[SafetyParameters]):
     d_min = r_obstacle + r_robot + v²/(2a), all in m, between centers in the plane. The paper's r_obstacle is "the maximum distance from
     the cube center to a corner", and `obstacle_radius` says which corner:
 
-    - `footprint` (default): of the floor area, √2/2 of a cube's edge. 0.5 m cube: 0.354 + 0.15 + 0.05 = 0.554 m; 0.8 m: 0.766 m.
+    - `footprint` (default): of the floor area, √2/2 of a cube's edge. With r_robot = 0.15 m, 0.5 m cube: 0.354 + 0.15 + 0.05 = 0.554 m;
+      0.8 m: 0.766 m.
     - `cube`: of the cube, √3/2 of its edge, the words as they stand: 0.633 m and 0.893 m. A box counts as the cube of its longer
       edge, since heights are no part of the plane.
 
@@ -69,7 +70,7 @@ class Safety(Oracle[SafetyParameters]):
 
     Metrics: `smallest_separation` (m), between centers; `margin` (m), the smallest of separation - d_min over
     all obstacles; `footprint_margin` and `cube_margin` (m), the same by either reading, whichever judges; `violation_time` (s), for how long any of them was below 0; `violation_clearance` (m), the smallest distance
-    from the robot's rim to the outline of an obstacle during that time, negative where the disc of `robot_radius_m` overlaps it;
+    from the robot's rim to the outline of an obstacle during that time, negative where the disc of r_robot overlaps it;
     `response_time` (s), the longest where several obstacles appeared; `unanswered` (1), those that appeared and that it came nearer
     to without braking; `contacts` and `obstacle_contacts` (1). All but the contacts have no value where no obstacle was
     ever there, `violation_clearance` has none without a violation, and `response_time` none where nothing appeared or the robot
@@ -92,6 +93,8 @@ class Safety(Oracle[SafetyParameters]):
 
     def judge(self, trace: Trace, situation: Situation) -> Verdict:
         tracks = obstacle_tracks_of(situation, trace.run)
+        radius_m = self.parameters.robot_radius_m
+        robot_m = situation.circumscribed_radius_m if radius_m is None else radius_m
         names = {each.obstacle.name for each in tracks}
         touched = [event.what for event in trace.events("contact")]
         obstacles_touched = [what for what in touched if what in names]
@@ -110,7 +113,8 @@ class Safety(Oracle[SafetyParameters]):
             return self._kept(trace, wrong, metrics)
         by_reading = {
             reading: {
-                name: np.round(apart_m - self.required_m(closest[name], reading), 9) for name, apart_m in there.items()
+                name: np.round(apart_m - self.required_m(closest[name], robot_m, reading), 9)
+                for name, apart_m in there.items()
             }
             for reading in READINGS
         }
@@ -125,23 +129,23 @@ class Safety(Oracle[SafetyParameters]):
                 for reading, found in by_reading.items()
             },
             "violation_time": _duration_s(trace["t_s"], violated),
-            "violation_clearance": self._closest_m(trace, violated),
+            "violation_clearance": self._closest_m(trace, robot_m, violated),
         }
         if "speed_mps" in trace.columns:
             metrics |= self._responses(trace, situation)
         if margins_m[worst].min() < 0:
             apart_m = float(there[worst].min())
-            required_m = self.required_m(closest[worst], self.parameters.obstacle_radius)
+            required_m = self.required_m(closest[worst], robot_m, self.parameters.obstacle_radius)
             reason = f"{apart_m:.3f} m from the center of a {worst}, less than {required_m:.3f} m"
             return self.failed(trace, reason, **metrics)
         return self._kept(trace, wrong, metrics)
 
-    def required_m(self, obstacle: Obstacle, reading: Reading) -> float:
-        """d_min (m) between the centers of robot and `obstacle`."""
+    def required_m(self, obstacle: Obstacle, robot_m: float, reading: Reading) -> float:
+        """d_min (m) between the centers of a robot of radius `robot_m` and `obstacle`."""
         p, radius_m = self.parameters, obstacle.circumradius_m
         if reading == "cube" and obstacle.shape == "box":
             radius_m = math.sqrt(3) / 2 * max(obstacle.length_m, obstacle.width_m)
-        return radius_m + p.robot_radius_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
+        return radius_m + robot_m + p.max_speed_mps**2 / (2 * p.max_deceleration_mps2)
 
     def _kept(self, trace: Trace, wrong: list[str], metrics: Mapping[str, float | None]) -> Verdict:
         """The verdict on a run that kept its separation, and that should not have touched what is `wrong`."""
@@ -150,12 +154,12 @@ class Safety(Oracle[SafetyParameters]):
         more = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
         return self.failed(trace, f"touched {wrong[0]!r}{more}", **metrics)
 
-    def _closest_m(self, trace: Trace, violated: NDArray[np.bool_]) -> float | None:
+    def _closest_m(self, trace: Trace, robot_m: float, violated: NDArray[np.bool_]) -> float | None:
         kinds = [name for name in ("static_clearance_m", "appearing_clearance_m") if name in trace.columns]
         if not kinds or not violated.any():
             return None
         clearance_m = min(float(trace[name][violated].min()) for name in kinds)
-        return round(clearance_m - self.parameters.robot_radius_m, 9)
+        return round(clearance_m - robot_m, 9)
 
     def _responses(self, trace: Trace, situation: Situation) -> dict[str, float | None]:
         p = self.parameters

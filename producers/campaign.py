@@ -206,7 +206,8 @@ def _without_tolerated(document: Document) -> tuple[dict[str, Any], list[Note]]:
         tolerated = [key for key in family if is_tolerated_in_family(key)]
         for key in tolerated:
             right = f"execution.{key} is for all families" if key in ExecutionSpec.model_fields else ""
-            notes.append(document.note("warning", ("configuration", i, key), "has no effect in a family", right))
+            kind: Literal["warning", "unknown key"] = "warning" if right else "unknown key"
+            notes.append(document.note(kind, ("configuration", i, key), "has no effect in a family", right))
         kept.append({key: value for key, value in family.items() if key not in tolerated})
     return {**document.data, "configuration": kept}, notes
 

@@ -34,7 +34,9 @@ from vastflow.producers.scenario_values import (
     combined_complaint,
     complaint_of,
     dimension_of,
+    intended,
     mask_complaints,
+    replaced_by,
     unread_keys,
 )
 from vastflow.producers.vast.design import CARTESIAN, Design, DesignSpec
@@ -415,10 +417,17 @@ class FamilyReader:
         untold = {k for link in links for k, tag in link.producer.writes.items() if may_list_obstacles(k, tag)}
         written = {**varied, **{key: places[key] for key, tag in tags.items() if tag == "system"}}
         for key in unread_keys(system, varied):
-            if key not in read:
-                unless = ", unless it lists obstacles" if key in untold else ""
-                what = f"nothing in this version's simulator reads {key!r}{unless}"
-                self.notes.append(self._document.note("warning", written[key], what))
+            if key in read:
+                continue
+            if why := replaced_by(key, system, varied):
+                self.notes.append(self._document.note("warning", written[key], f"{key!r} has no effect", why))
+                continue
+            near = None if key in untold else intended(key, system, varied, read)
+            if near and near not in flow.written:
+                self._fault(written[key], f"unknown key {key!r}", f"did you mean {near!r}?", at="key")
+                continue
+            what = f"unknown key {key!r} is ignored{', unless it lists obstacles' if key in untold else ''}"
+            self.notes.append(self._document.note("unknown key", written[key], what))
         if "mesh_file" in places:
             where, consequence = places["mesh_file"], "the map alone is the world"
             self.notes.append(self._document.note("not executed", where, NOT_EXECUTED, consequence))

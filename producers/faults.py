@@ -46,13 +46,13 @@ class Note:
     """Something a user should know about a file that is valid.
 
     Attributes:
-        kind: `not executed` where the format knows the key and this version does nothing with it, `not modeled` where
+        kind: `unknown key` for a warning that `--strict` makes an error, `not executed` where the format knows the key and this version does nothing with it, `not modeled` where
             a Nav2 parameter file has what the simulator has not.
         what: What was found.
         right: What follows from it or would be right; may be empty.
     """
 
-    kind: Literal["warning", "not executed", "not modeled"]
+    kind: Literal["warning", "unknown key", "not executed", "not modeled"]
     file: str
     line: int
     column: int
@@ -61,7 +61,7 @@ class Note:
     right: str = ""
 
     def __str__(self) -> str:
-        place = f"{self.file}:{self.line}:{self.column}: {'warning: ' if self.kind == 'warning' else ''}{self.where}"
+        place = f"{self.file}:{self.line}:{self.column}: {'warning: ' if self.kind in ('warning', 'unknown key') else ''}{self.where}"
         return f"{place}: {self.what}; {self.right}" if self.right else f"{place}: {self.what}"
 
 

@@ -96,7 +96,7 @@ def instantiation_of(
     """Configurations and coverage of all families, each grown.
 
     Raises:
-        CampaignError: constraints exclude everything there is, and `refuse_empty`.
+        CampaignError: constraints alone exclude everything there is, and `refuse_empty`.
     """
     configurations = mark_duplicates(
         configuration
@@ -104,11 +104,11 @@ def instantiation_of(
         for configuration in finish(family, each.partials, campaign.abstract, campaign.timeout_s, campaign.programs)
     )
     excluded = tuple(instance for each in grown for instance in each.excluded)
-    if refuse_empty and not configurations and excluded:
+    rejections = tuple(instance for each in grown for instance in each.rejections)
+    if refuse_empty and not configurations and excluded and not rejections:
         raise CampaignError(
             fault for family in campaign.families for fault in contradictions(family.constraints, family.name, excluded)
         )
-    rejections = tuple(instance for each in grown for instance in each.rejections)
     coverage = coverage_of([each.count for each in grown], configurations, rejections, excluded)
     return Instantiation(tuple(configurations), rejections, excluded, coverage)
 

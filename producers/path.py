@@ -67,6 +67,10 @@ ARRIVAL_M: Final = 0.5
 """The end of a leg whose direction is the goal's yaw: long enough that a grid step does not decide it."""
 
 
+UNPROVED: Final = "nor proved impossible"
+"""What a rejection says that another draw may contradict."""
+
+
 class PathParameters(producer.Parameters):
     """Of `PathVariationRandom`."""
 
@@ -267,7 +271,7 @@ class _Task:
                 return legs
             if search.gave_up:
                 return (
-                    f"no {what} was found for {self.ground.stopping_robot_text} from {MAX_STARTS} starts, nor proved impossible; "
+                    f"no {what} was found for {self.ground.stopping_robot_text} from {MAX_STARTS} starts, {UNPROVED}; "
                     f"the longest shortest path found is {search.longest_m:.2f} m"
                 )
             return f"this map has no {what} for {self.ground.stopping_robot_text}; the longest shortest path found is {search.longest_m:.2f} m"

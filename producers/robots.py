@@ -9,7 +9,7 @@ from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.local_footprint import FOOTPRINT_NAMES
 from vastflow.sim.nav.parameters.robot import robot_keys
-from vastflow.sim.reading.robot import robot_facts, robot_words
+from vastflow.sim.reading.robot import inscribed_radius_of, robot_facts, robot_of, robot_words
 
 
 def robots_json(families: Sequence[Family]) -> list[dict[str, Any]]:
@@ -29,7 +29,12 @@ def _lines(family: Family) -> Iterator[str]:
         if dimension_of(key, value, family.dimensions.get(key)) == "system" and not key.startswith("_")
     }
     try:
-        yield from robot_words(robot_facts(parameters_of(system)))
+        parameters = parameters_of(system)
+        yield from robot_words(robot_facts(parameters))
+        radii_m = inscribed_radius_of(parameters), robot_of(parameters).radius_m
+        yield "oracles without a radius of their own: performance takes {:.3g} m (inscribed), safety {:.3g} m (circumscribed)".format(
+            *radii_m
+        )
     except DocumentError:  # with what producers write it may be right, and the run says where it isn't
         return
     varied = dict.fromkeys(key for producer in family.producers for key in producer.writes if _is_of_robot(key))

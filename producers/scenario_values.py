@@ -8,7 +8,14 @@ from vastflow.producers.faults import shown
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.sim.digest import Value
 from vastflow.sim.nav.controllers.registry import short_names
-from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, check_key, parameters_of, unread
+from vastflow.sim.nav.parameters.chosen import (
+    CONTROLLER_KEY,
+    check_key,
+    intended_key,
+    parameters_of,
+    unread,
+    unused_because,
+)
 from vastflow.sim.nav.parameters.document import DocumentError
 from vastflow.sim.nav.parameters.filters import MASK_KEYS, filtered_by, missing_mask
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
@@ -62,6 +69,21 @@ def unread_keys(system: Mapping[str, Value], varied: Collection[str]) -> tuple[s
         with suppress(DocumentError):  # another controller than those varied need not suit the rest
             found.append(set(unread(each, varied)))
     return tuple(sorted(set.intersection(*found))) if found else ()
+
+
+def intended(key: str, system: Mapping[str, Value], varied: Collection[str], others: Collection[str]) -> str | None:
+    """The key that one which nothing reads was probably meant to be; None where it resembles none that is known."""
+    with suppress(DocumentError):
+        meant = [intended_key(each, key, {*others, *DIMENSION_OF_KEY}) for each in _contexts(system, varied)]
+        return next(filter(None, meant), None)
+    return None
+
+
+def replaced_by(key: str, system: Mapping[str, Value], varied: Collection[str]) -> str:
+    """Why a parameter has no effect beside others; empty where that is not known."""
+    with suppress(DocumentError):
+        return next(filter(None, (unused_because(each, key) for each in _contexts(system, varied))), "")
+    return ""
 
 
 def combined_complaint(system: Mapping[str, Value]) -> tuple[str, Complaint] | None:

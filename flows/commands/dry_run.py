@@ -22,6 +22,7 @@ def print_dry_run(request: RunRequest, *, since: Path | None, as_json: bool) -> 
             sample=request.sample,
             map_dir=None if request.map_dir is None else Path(request.map_dir),
             as_v1=request.as_v1,
+            strict=request.strict,
             since=since,
         )
     from vastflow.flows.plan.dry_run_text import dry_run_json, dry_run_text

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from typing import Annotated
 
 import typer
 
@@ -14,6 +15,7 @@ def validate(
     file: CampaignFile,
     map_dir: MapDir = None,
     as_v1: AsV1 = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Refuse a file with keys that nothing knows.")] = False,
 ) -> None:
     """Check a campaign file.
 
@@ -21,19 +23,26 @@ def validate(
     """
     from vastflow.flows.request.campaign_file import read_campaign
     from vastflow.flows.request.notes import terminal_lines
+    from vastflow.producers.feasibility import infeasible_lengths
     from vastflow.producers.search.criteria import plan_text
     from vastflow.sim.plug_ins.effects import looking_only
     from vastflow.tasks.surroundings import check_numba
 
     check_numba()
     with looking_only():
-        campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1)
+        campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1, strict=strict)
+        infeasible = infeasible_lengths(campaign)
     unexecutable = {(fault.file, fault.line, fault.column) for fault in campaign.unexecutable}
     notes = [note for note in campaign.notes if (note.file, note.line, note.column) not in unexecutable]
     for line in terminal_lines(notes):
         print(line)
+    for note in infeasible:
+        print(note)
     for fault in campaign.unexecutable:
-        print(fault)
+        print(fault, file=sys.stderr)
+    if campaign.unexecutable:
+        print("not to be run by this version", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT)
     if campaign.missing:
         for fault in campaign.missing:
             print(fault, file=sys.stderr)
@@ -46,8 +55,7 @@ def validate(
     else:
         counts = [plan_text(campaign.spec.search, campaign.runs, at_most=campaign.sequential is not None)]
     counts.append(count_text(len(oracles), "oracle"))
-    verdict = "OK, but not to be run by this version" if campaign.unexecutable else "OK"
-    print(f"{verdict}: {', '.join(counts)}")
+    print(f"OK: {', '.join(counts)}")
 
 
 def schema() -> None:

@@ -104,6 +104,7 @@ def dry_run(
     sample: int | None = None,
     map_dir: Path | None = None,
     as_v1: bool = False,
+    strict: bool = False,
     since: Path | None = None,
 ) -> DryRun:
     """Find out what a run of the campaign at `file` would do with the same arguments.
@@ -118,7 +119,7 @@ def dry_run(
         UnusableDirectory: `since` is no campaign directory.
         StoreError: the store can't be used.
     """
-    campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1)
+    campaign, oracles = read_campaign(file, map_dir, as_v1=as_v1, strict=strict)
     if campaign.unexecutable:
         raise CampaignError(campaign.unexecutable)
     if campaign.search is not None:

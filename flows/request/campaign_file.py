@@ -20,13 +20,14 @@ from vastflow.tasks.evaluation import producers_in
 
 
 def read_campaign(
-    path: Path, map_dir: Path | None = None, *, as_v1: bool = False
+    path: Path, map_dir: Path | None = None, *, as_v1: bool = False, strict: bool = False
 ) -> tuple[Campaign, tuple[Oracle[Any], ...]]:
     """The campaign at `path` and the oracles that judge it, `success` first.
 
     Args:
         map_dir: Folder of maps that are not beside the file.
         as_v1: Whether obstacles are placed as version 1 of RoboVAST does, whatever the file says.
+        strict: Whether keys that nothing knows are faults.
 
     Raises:
         CampaignError: every fault of the file.
@@ -39,7 +40,12 @@ def read_campaign(
         raise CampaignError(faults)
     requests = [(request.name, request.parameters) for request in campaign.oracles]
     oracles = oracles_of(requests, campaign.path.parent)
-    if faults := list(_quantity_faults(campaign, oracles)):
+    unknown = [note for note in campaign.notes if strict and note.kind == "unknown key"]
+    faults = [
+        Fault(note.file, note.line, note.column, note.where, note.what, "no such key, with --strict")
+        for note in unknown
+    ]
+    if faults := [*faults, *_quantity_faults(campaign, oracles)]:
         raise CampaignError(faults)
     return replace(campaign, notes=(*campaign.notes, *_hidden(campaign, oracles))), oracles
 

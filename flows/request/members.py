@@ -1,7 +1,8 @@
 """A campaign's members: what of an instantiation is executed."""
 
-from collections.abc import Mapping
-from typing import TypeAlias
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
+from typing import Final, TypeAlias
 
 from vastflow.flows.request.selection import Selection, sampled
 from vastflow.producers.faults import CampaignError, Fault
@@ -12,6 +13,10 @@ from vastflow.tasks.instantiation import Instantiated, UnknownName, selected
 
 Runs: TypeAlias = int | Mapping[str, int]
 """Runs of each configuration that is no duplicate: indices 0 to this number - 1. The same of all, or by name."""
+
+
+MOST_REASONS: Final = 3
+"""Reasons that are said of one producer; more are counted."""
 
 
 def runs_of(runs: Runs, name: str) -> int:
@@ -28,7 +33,7 @@ def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Ins
         file: The campaign file as the user named it, for the message.
 
     Raises:
-        CampaignError: nothing is called so, or nothing of what is called so could be made.
+        CampaignError: nothing is called so, or there is nothing to run.
     """
     found, faults = instantiated.instantiation, instantiated.faults
     if selection.only:
@@ -41,7 +46,25 @@ def narrowed(instantiated: Instantiated, selection: Selection, file: str) -> Ins
         faults = tuple(fault for fault in faults if any(map(fault.concerns, selection.only)))
     if selection.sample is not None:
         found = sampled(found, selection.sample, selection.seed)
+    if not found.configurations and not faults:
+        raise CampaignError(
+            Fault(file, 1, 1, "configuration", f"nothing to run: {why}", "a requirement that can be met")
+            for why in requirements(found)
+        )
     return Instantiated(found, faults)
+
+
+def requirements(found: Instantiation) -> Iterator[str]:
+    """What leaves out configurations, and how many of each family, the most first."""
+    reasons: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
+    for rejected in found.rejections:
+        reasons[rejected.family, f"{rejected.producer} rejects"][rejected.reason] += 1
+    for excluded in found.excluded:
+        reasons[excluded.family, "constraints exclude"][excluded.constraint] += 1
+    for (family, which), counts in sorted(reasons.items(), key=lambda item: -item[1].total()):
+        said = ", ".join(f"{count} × {reason}" for reason, count in counts.most_common(MOST_REASONS))
+        more = f", and {len(counts) - MOST_REASONS} more reasons" if len(counts) > MOST_REASONS else ""
+        yield f"{which} {counts.total()} of family {family!r}: {said}{more}"
 
 
 def members_of(instantiation: Instantiation, runs: int) -> list[Member]:

@@ -58,6 +58,7 @@ class RunRequest(BaseModel):
     as_v1: bool = Field(
         False, description="Place every obstacle as version 1 of RoboVAST does, whatever the file says."
     )
+    strict: bool = Field(False, description="Refuse a file with keys that nothing knows.")
     pool: Annotated[str | None, OnCommandLine("NAME")] = Field(
         None, description="Work pool of Prefect whose workers compute what is missing; else this machine does."
     )

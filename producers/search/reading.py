@@ -157,7 +157,7 @@ class _Reading:
             self._fault((*SEARCH, "search_space"), what, right, "key")
         if kind.library and importlib.util.find_spec(kind.library) is None:
             what, _, right = str(missing_library(kind.library)).partition("; ")
-            self._not_here(where, what, right)
+            self._fault(where, what, right)
         try:
             return kind, kind.Parameters.model_validate(self._spec.strategy_parameters)
         except ValidationError as error:

@@ -64,7 +64,9 @@ class Document:
         """A fault at a location of this file."""
         return Fault(self.file, *self.place(location, at), path_text(location), what, right)
 
-    def note(self, kind: Literal["warning", "not executed"], location: Location, what: str, right: str = "") -> Note:
+    def note(
+        self, kind: Literal["warning", "unknown key", "not executed"], location: Location, what: str, right: str = ""
+    ) -> Note:
         """A note on the key at a location of this file."""
         return Note(kind, self.file, *self.place(location, "key"), path_text(location), what, right)
 

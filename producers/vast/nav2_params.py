@@ -12,7 +12,7 @@ from vastflow.sim.digest import Value
 from vastflow.sim.files import is_file
 from vastflow.sim.nav.parameters import document as parameters
 from vastflow.sim.nav.parameters.controller_server import critics_of
-from vastflow.sim.nav.parameters.findings import Finding, findings
+from vastflow.sim.nav.parameters.findings import Finding, findings, slips
 from vastflow.sim.nav.parameters.interpretation import Interpretation, interpretation
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, file_value, frozen
 from vastflow.sim.nav.parameters.wildcards import read_nav2_document
@@ -45,7 +45,17 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         found = interpretation(frozen(read_nav2_document(path)))
     except parameters.DocumentError as error:
         return Nav2Params({}, tuple(parameter_faults(error)))
-    return Nav2Params({FILE_KEY: file_value(found.document)}, (), tuple(notes_of(found)))
+    faults = (
+        Fault(
+            found.document.file,
+            *each.place,
+            short(each.path),
+            f"unknown key {each.path[-1]!r}",
+            f"did you mean {near!r}?",
+        )
+        for each, near in slips(found)
+    )
+    return Nav2Params({FILE_KEY: file_value(found.document)}, tuple(faults), tuple(notes_of(found)))
 
 
 def parameter_faults(error: parameters.DocumentError) -> Iterator[Fault]:
@@ -73,6 +83,10 @@ def notes_of(found: Interpretation) -> Iterator[Note]:
         )
     for path in document.repeated:
         yield Note("warning", document.file, *document.place(path), short(path), "a second time; this value counts")
+    for path, why in found.reader.unused.items():
+        if path[-1] == "robot_radius" and path in document.values:
+            what = f"found {shown(document.values[path])}, which has no effect"
+            yield Note("warning", document.file, *document.place(path), short(path), what, why)
     for path, held in found.reader.held.items():
         if path in document.values:
             what = f"found {shown(document.values[path])}, which is no whole number of ticks of 50 ms"

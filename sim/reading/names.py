@@ -7,10 +7,14 @@ from typing import Final
 MOST_LISTED: Final = 40
 
 
-def nearest(found: str, known: Iterable[str]) -> str | None:
+SLIP: Final = 0.8
+"""Likeness from which a name that would be read over counts as a slip."""
+
+
+def nearest(found: str, known: Iterable[str], likeness: float = 0.6) -> str | None:
     """The known name that `found` was meant to be; None if none is near."""
     names = sorted(known)
-    if near := get_close_matches(found, names, n=1):
+    if near := get_close_matches(found, names, n=1, cutoff=likeness):
         return near[0]
     # Upper and lower case are far apart to difflib, and a frequent slip.
     return next((name for name in names if name.casefold() == found.casefold()), None)

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
+from vastflow.sim.nav.outline import inscribed_radius_m
 from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, is_omni
 from vastflow.sim.nav.parameters.latency import IDEAL, Latency
 from vastflow.sim.nav.parameters.mppi import MotionModel, MppiParameters
@@ -12,7 +13,7 @@ from vastflow.sim.nav.parameters.robot import LidarParameters
 from vastflow.sim.nav.parameters.servers import VelocitySmoother
 from vastflow.sim.nav.parameters.smac import SmacPlannerHybrid
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.polygon import Vertices, vertices_of
+from vastflow.sim.nav.polygon import Vertices, as_array, vertices_of
 from vastflow.sim.nav.rates import held_hz
 from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Drive, Robot
@@ -28,7 +29,7 @@ _GREATEST_SPEEDS: Final = ("vx_max", "max_vel_x", "desired_linear_vel")
 _DRIVES: Final[Mapping[MotionModel, Drive]] = {"DiffDrive": "differential", "Ackermann": "ackermann", "Omni": "omni"}
 """MPPI's motion models to the drives that they are of."""
 
-Source: TypeAlias = Literal["given", "from the Nav2 parameters", "a TurtleBot 4's", "no real robot's"]
+Source: TypeAlias = Literal["given", "from the Nav2 parameters", "a TurtleBot 4's", "assumed", "no real robot's"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,7 @@ def lidar_of(parameters: NavParameters) -> Lidar:
     first_rad, last_rad = own.angle_min_rad, own.angle_max_rad
     if given.angle_min is not None and given.angle_max is not None:
         first_rad, last_rad = given.angle_min, given.angle_max
-    mount = zip((given.x, given.y, given.yaw), own.mount_xyt, strict=True)
+    mount = zip((given.x, given.y, given.yaw), _assumed_mount(given), strict=True)
     x_m, y_m, yaw_rad = (usual if each is None else each for each, usual in mount)
     return Lidar(
         beams,
@@ -87,6 +88,15 @@ def lidar_of(parameters: NavParameters) -> Lidar:
         (x_m, y_m, yaw_rad),
         bool(given.sweeps),
     )
+
+
+def inscribed_radius_of(parameters: NavParameters) -> float:
+    """Radius (m) of the largest disc round the center in the body that `robot` gives, else in the local costmap's footprint."""
+    given, costmap = parameters.robot, parameters.local_costmap
+    if given.radius is not None:
+        return given.radius
+    vertices = vertices_of(given.polygon or costmap.footprint)
+    return inscribed_radius_m(as_array(vertices)) if vertices else costmap.robot_radius
 
 
 def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:
@@ -101,6 +111,7 @@ def robot_words(facts: Iterable[RobotFact]) -> Iterator[str]:
         ("given", "the robot"),
         ("from the Nav2 parameters", "the robot, from the Nav2 parameters"),
         ("a TurtleBot 4's", "assumed, as a TurtleBot 4 has it"),
+        ("assumed", "assumed, as angles of its own are given"),
         ("no real robot's", "assumed, as no real robot has it"),
     )
     for source, start in starts:
@@ -117,6 +128,11 @@ def _body(parameters: NavParameters) -> tuple[Vertices, float]:
     if vertices:
         return vertices, max(math.hypot(x_m, y_m) for x_m, y_m in vertices)
     return (), TURTLEBOT_4.radius_m if costmap.robot_radius == TURTLEBOT_4_RADIUS_M else costmap.robot_radius
+
+
+def _assumed_mount(given: LidarParameters) -> tuple[float, float, float]:
+    """Where a scanner is mounted that does not say so: one with angles of its own at the center, looking ahead."""
+    return TURTLEBOT_4_LIDAR.mount_xyt if given.angle_min is None else (0.0, 0.0, 0.0)
 
 
 def _drive(parameters: NavParameters) -> tuple[Drive, float]:
@@ -189,15 +205,19 @@ def _lidar_facts(parameters: NavParameters) -> Iterator[RobotFact]:
     given, lidar = parameters.robot.lidar, lidar_of(parameters)
     x_m, y_m, yaw_rad = lidar.mount_xyt
     held = "" if given.rate in (None, lidar.rate_hz) else f" ({given.rate:g} Hz is no whole number of 50 ms ticks)"
-    for quantity, value, *described in (
-        ("lidar mounted at", f"({x_m:g} m, {y_m:g} m, {yaw_rad:.4g} rad)", given.x, given.y, given.yaw),
-        ("with", f"{lidar.beams} beams", given.beams),
-        ("from", f"{lidar.angle_min_rad:.4g} to {lidar.angle_max_rad:.4g} rad", given.angle_min),
-        ("ranges above", f"{lidar.range_min_m:g} m", given.range_min),
-        ("ranges below", f"{lidar.range_max_m:g} m", given.range_max),
-        ("scans at", f"{lidar.rate_hz:.4g} Hz{held}", given.rate),
+    own: Source = "a TurtleBot 4's"
+    mounted: Source = own if given.angle_min is None else "assumed"
+    for quantity, value, described, assumed in (
+        ("lidar mounted at x", f"{x_m:g} m", given.x, mounted),
+        ("lidar mounted at y", f"{y_m:g} m", given.y, mounted),
+        ("lidar turned by", f"{yaw_rad:.4g} rad", given.yaw, mounted),
+        ("with", f"{lidar.beams} beams", given.beams, own),
+        ("from", f"{lidar.angle_min_rad:.4g} to {lidar.angle_max_rad:.4g} rad", given.angle_min, own),
+        ("ranges above", f"{lidar.range_min_m:g} m", given.range_min, own),
+        ("ranges below", f"{lidar.range_max_m:g} m", given.range_max, own),
+        ("scans at", f"{lidar.rate_hz:.4g} Hz{held}", given.rate, own),
     ):
-        yield RobotFact(quantity, value, _source(any(each is not None for each in described), True))
+        yield RobotFact(quantity, value, assumed if described is None else "given")
     if lidar.sweeps:
         yield RobotFact("beams one after the other over", f"{1.0 / lidar.rate_hz:.4g} s a turn", "given")
 

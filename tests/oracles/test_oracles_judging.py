@@ -40,7 +40,9 @@ def a_trace(
 
 
 def judged(oracle: str, trace: Trace, *obstacles: Obstacle, **parameters: Any) -> Verdict:
-    return oracle_of(oracle, parameters).judge(trace, Situation(Pose(0.0, 0.0), (GOAL,), obstacles))
+    return oracle_of(oracle, parameters).judge(
+        trace, Situation(Pose(0.0, 0.0), (GOAL,), obstacles, circumscribed_radius_m=0.15)
+    )
 
 
 def value(verdict: Verdict, metric: str) -> float | None:

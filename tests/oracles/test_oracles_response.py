@@ -34,7 +34,7 @@ def judged(
         Event(appears_s[o.name], "spawned", o.pose.x_m, o.pose.y_m, o.name) for o in obstacles if o.name in appears_s
     ]
     run = Run(0, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0, (*spawned, *events))
-    situation = Situation(None, (), tuple(obstacles))
+    situation = Situation(None, (), tuple(obstacles), circumscribed_radius_m=0.15)
     t_ms = np.rint(t_s * 1000).astype(np.int32)
     columns = {"t_s": t_s, "x_m": x_m, "y_m": 0 * x_m, "speed_mps": speed}
     for each in obstacle_tracks_of(situation, run):

@@ -213,7 +213,7 @@ def test_constraints_and_the_start_check_see_obstacles_of_a_plug_in_that_names_n
 
 def test_of_a_plug_in_that_names_no_dimension_nothing_is_said_that_its_values_may_refute(load: Load) -> None:
     said = [note.what for note in load(FIXED + COUNTED_BOXES).notes]
-    assert "nothing in this version's simulator reads 'boxes', unless it lists obstacles" in said
+    assert "unknown key 'boxes' is ignored, unless it lists obstacles" in said
 
 
 def test_the_file_overrides_a_dimension(load: Load) -> None:
@@ -234,8 +234,8 @@ def test_keys_that_version_1_read_over_in_a_family_are_warnings(load: Load, fold
 def test_a_key_of_a_family_that_is_near_to_no_other_is_read_over_with_a_warning(load: Load) -> None:
     campaign = load(FIXED + "  priority: high\n  tags: [a, b]\n")
     assert [(note.kind, note.where, note.what) for note in campaign.notes] == [
-        ("warning", "configuration[0].priority", "has no effect in a family"),
-        ("warning", "configuration[0].tags", "has no effect in a family"),
+        ("unknown key", "configuration[0].priority", "has no effect in a family"),
+        ("unknown key", "configuration[0].tags", "has no effect in a family"),
     ]
 
 
@@ -264,9 +264,9 @@ def test_keys_without_effect_are_notes_and_never_silent(load: Load) -> None:
 def test_a_parameter_that_nothing_reads_is_a_warning(load: Load) -> None:
     (note,) = load(FIXED + "  - robot_color: red\n").notes
     assert (note.kind, note.line, note.what) == (
-        "warning",
+        "unknown key",
         7,
-        "nothing in this version's simulator reads 'robot_color'",
+        "unknown key 'robot_color' is ignored",
     )
 
 

@@ -201,7 +201,7 @@ def test_a_fixed_parameter_is_checked_against_the_file(load: Load) -> None:
 
 def test_a_key_that_the_file_does_not_have_is_unread(load: Load) -> None:
     assert notes(load(NAV2, "  - sigma_hit: 0.1\n"))[0] == (
-        "c.vast:7:5: warning: configuration[0].parameters[3].sigma_hit: nothing in this version's simulator reads 'sigma_hit'"
+        "c.vast:7:5: warning: configuration[0].parameters[3].sigma_hit: unknown key 'sigma_hit' is ignored"
     )
 
 

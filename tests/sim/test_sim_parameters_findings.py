@@ -55,7 +55,7 @@ def test_a_polygon_for_a_footprint_is_modeled_and_counts_in_place_of_the_radius(
     text = f"local_costmap: {{local_costmap: {{ros__parameters: {{footprint: '{polygon}', robot_radius: 0.3}}}}}}"
     found, radius = findings(read(text))
     assert (found.status, found.used) == ("modeled", polygon)
-    assert (radius.status, radius.why) == ("no effect", "the polygon footprint counts")
+    assert (radius.status, radius.why) == ("no effect", "the polygon footprint replaces it")
 
 
 def test_without_a_polygon_the_radius_counts():

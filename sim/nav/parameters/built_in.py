@@ -11,6 +11,7 @@ from typing import Final
 
 from vastflow.sim.digest import Value
 from vastflow.sim.nav.parameters.document import ParameterLocation
+from vastflow.sim.nav.parameters.parameter import ParameterGroup
 from vastflow.sim.nav.parameters.plugins import class_name
 
 
@@ -59,6 +60,15 @@ class BuiltIn:
 
 
 ANY: Final = BuiltIn()
+
+
+def nav2_names() -> frozenset[str]:
+    """Last names of all parameters that are modeled or in a table here, whatever node or plug-in has them."""
+    groups = [ParameterGroup]
+    for group in groups:
+        groups += group.__subclasses__()
+    tabled = (name.removesuffix(".*").rpartition(".")[2] for table in TABLES.values() for name in table)
+    return frozenset([*tabled, *IN_EVERY_NODE, *(name for group in groups for name in group.model_fields)])
 
 
 def built_in(kind: str, name: ParameterLocation) -> BuiltIn | None:

@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 from vastflow.sim.digest import FileContent, Value, canonical
 from vastflow.sim.nav.controllers.registry import FILE, find_parameters, known_controllers, short_names
+from vastflow.sim.nav.parameters.built_in import nav2_names
 from vastflow.sim.nav.parameters.controller_server import primary_controller
 from vastflow.sim.nav.parameters.document import (
     PARAMETERS,
@@ -28,7 +29,7 @@ from vastflow.sim.nav.parameters.rewriting import converted, rewritten, targets
 from vastflow.sim.nav.parameters.robot import robot_keys
 from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.parameters.written import controller_block, document_of
-from vastflow.sim.reading.names import nearest
+from vastflow.sim.reading.names import SLIP, nearest
 
 CONTROLLER_KEY: Final = "controller"
 COVARIANCE_KEY: Final = "initial_pose_covariance"
@@ -93,6 +94,44 @@ def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[
     masks = {key for key in MASK_KEYS if key in (*system, *undecided)}
     parameters = chosen.interpretation.parameters
     return tuple(sorted(unread_keys | {key for key in masks if not filtered_by(key, parameters)}))
+
+
+def intended_key(system: Mapping[str, Value], key: str, others: Iterable[str] = ()) -> str | None:
+    """The key that one which nothing reads was meant to be: a known one with a prefix, or spelled alike.
+
+    A parameter that Nav2 has, and this system doesn't, is no slip.
+
+    Args:
+        others: Known keys that are not the system's.
+
+    Raises:
+        DocumentError: as of `parameters_of`.
+    """
+    names, own = tuple(key.split(".")), sorted({*OWN_KEYS, *_NOT_IN_THE_FILE, *others})
+    if prefixed := next((each for mark in "._" for each in own if each.endswith(f"{mark}{key}")), None):
+        return prefixed
+    asked = _chosen(_System(canonical(dict(system)), system)).interpretation.reader.asked
+    paths = (tuple(name for name in path if name != PARAMETERS) for path in asked)
+    known = {*(tuple(each.split(".")) for each in own), *(path[-len(names) :] for path in paths)}
+    for k, name in enumerate(names[:-1] if names[-1] in nav2_names() else names):
+        beside = {
+            path[k]
+            for path in known
+            if len(path) == len(names) and path[:k] + path[k + 1 :] == names[:k] + names[k + 1 :]
+        }
+        if near := nearest(name, beside, SLIP):
+            return ".".join((*names[:k], near, *names[k + 1 :]))
+    return None
+
+
+def unused_because(system: Mapping[str, Value], key: str) -> str:
+    """Why a parameter makes no difference beside others; empty for any other key.
+
+    Raises:
+        DocumentError: as of `parameters_of`.
+    """
+    unused = _chosen(_System(canonical(dict(system)), system)).interpretation.reader.unused
+    return next((why for path, why in unused.items() if targets({path: None}, key) == (path,)), "")
 
 
 def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:

@@ -62,8 +62,8 @@ def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
             given[field] = reader.group(model, place)
     found = reader.group(Costmap, node, given=given)
     radius = (*node, "robot_radius")
-    if radius in reader.document.values and not reader.faults and vertices_of(found.footprint):
-        reader.leave(radius, "the polygon footprint counts")
+    if not reader.faults and vertices_of(found.footprint):
+        reader.leave(radius, "the polygon footprint replaces it")
     return found
 
 

@@ -1,15 +1,16 @@
 """Findings: for each parameter of a file, whether it is modeled, and what is done where it is not."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from vastflow.sim.digest import Value
 from vastflow.sim.files import TextPlace
-from vastflow.sim.nav.parameters.built_in import TABLES, UNUSED_NODES, built_in
+from vastflow.sim.nav.parameters.built_in import TABLES, UNUSED_NODES, built_in, nav2_names
 from vastflow.sim.nav.parameters.document import PARAMETERS, ParameterDocument, ParameterLocation, node_of
 from vastflow.sim.nav.parameters.interpretation import Interpretation
 from vastflow.sim.nav.parameters.reader import Reader
+from vastflow.sim.reading.names import SLIP, nearest
 
 Status: TypeAlias = Literal["modeled", "built in", "no effect", "differs", "not modeled"]
 
@@ -45,6 +46,23 @@ def findings(found: Interpretation) -> tuple[Finding, ...]:
         for path in sorted(document.values, key=document.place)
         if document.values[path] is not None  # `GridBased:` with nothing below it
     )
+
+
+def slips(found: Interpretation) -> Iterator[tuple[Finding, str]]:
+    """Parameters that nothing knows, each with the one beside it that the file lacks and that is spelled almost so."""
+    document, reader = found.document, found.reader
+    known = nav2_names()
+    for each in findings(found):
+        node, name = each.path[:-1], each.path[-1]
+        if each.status != "not modeled" or each.why or name in known:
+            continue
+        beside = {*TABLES.get(reader.kinds.get(node, "".join(node[-2:-1])), {})}
+        beside |= {path[-1] for path in reader.asked if path[:-1] == node}
+        lacking = {
+            other for other in beside if (*node, other) not in document.values and abs(len(other) - len(name)) < 2
+        }
+        if near := nearest(name, lacking, SLIP):
+            yield each, near
 
 
 def left_out(found: Interpretation) -> Mapping[ParameterLocation, Value]:
