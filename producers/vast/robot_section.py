@@ -19,7 +19,7 @@ Flag: TypeAlias = Annotated[Any, WithJsonSchema({"type": ["boolean", "null"]})]
 
 
 class LidarSpec(Section):
-    """A laser scanner; what is not given is a TurtleBot 4's."""
+    """A laser scanner; what is not given is a TurtleBot 4's, but for the mount of one with angles of its own, which is 0."""
 
     x: Quantity = None
     """Of its mount in the robot's frame (m); -0.04 on a TurtleBot 4."""

@@ -2,6 +2,8 @@
 
 import importlib.util
 import json
+from collections import defaultdict
+from string import Template
 
 import pytest
 from typer.testing import CliRunner
@@ -9,11 +11,9 @@ from typer.testing import CliRunner
 from vastflow.flows.__main__ import app
 from vastflow.oracles.situation import situation_of
 from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.robot import robot_keys
 from vastflow.sim.reading.robot import lidar_of, robot_facts
 from vastflow.sim.scenario import Scenario
 
-NAV2 = "local_costmap: {local_costmap: {ros__parameters: {%s}}}\n"
 SQUARE = "[[0.4, 0.3], [0.4, -0.3], [-0.4, -0.3], [-0.4, 0.3]]"
 
 TEMPLATE = """\
@@ -21,48 +21,36 @@ version: 1
 $top
 configuration:
   - name: room
-    parameters: [{map_file: room.yaml}, $parameters]
+    parameters: [map_file: room.yaml, $parameters]
     robot: {$robot}
     variations:
-      - PathVariationRandom: {path_length: 3.0, $path}
+      $producers
+      - PathVariationRandom: {path_length: $lengths, $path}
     $family
 execution: {runs: 1, $execution}
 evaluation: {oracles: [performance: {$performance}, safety: {$safety}, robustness: {$robustness}], $evaluation}
 """
 
-MISSPELLED = [
-    ("top", "metdata: {}", "metadata"),
-    ("top", "serch: {}", "search"),
-    ("family", "varations: []", "variations"),
-    ("family", "constrants: []", "constraints"),
-    ("execution", "timout: 60", "timeout"),
-    ("execution", "scenario_fil: a.osc", "scenario_file"),
-    ("execution", "max_run: 60", "max_runs"),
-    ("evaluation", "visualisation: []", "visualization"),
-    ("path", "path_lenght_tolerance: 1.0", "path_length_tolerance"),
-    ("path", "num_path: 3", "num_paths"),
-    ("path", "min_distanc: 1.0", "min_distance"),
-    ("path", "robot_diametre: 1.0", "robot_diameter"),
-    ("path", "goal_pose: goal_pose", "goal_poses"),
-    ("parameters", "number_of_lops: 2", "number_of_loops"),
-    ("parameters", "laserscan_random_drop_percentge: 0.1", "laserscan_random_drop_percentage"),
-    ("parameters", "odometry_noise_std_devation: 0.1", "odometry_noise_std_deviation"),
-    ("parameters", "contoller: dwb", "controller"),
-    ("parameters", "max_speed: 0.3", "robot.max_speed"),
-    ("parameters", "lidar.beams: 90", "robot.lidar.beams"),
-    ("robot", "mas: 9.0", "mass"),
-    ("robot", "lidar: {rang_max: 9.0}", "range_max"),
-    ("parameters", "inflation_raduis: 0.3", "inflation_radius"),
-    ("parameters", "FollowPath.vx_mx: 0.3", "FollowPath.vx_max"),
-    ("parameters", "FolowPath.vx_max: 0.3", "FollowPath.vx_max"),
-    ("parameters", "global_costmap.robot_raduis: 0.3", "global_costmap.robot_radius"),
-    ("parameters", "xy_goal_tolerence: 0.3", "xy_goal_tolerance"),
-    ("nav2", "robot_raduis: 0.3", "robot_radius"),
-    ("performance", "local_robot_radius: 0.3", "local_robot_radius_m"),
-    ("safety", "max_sped_mps: 0.3", "max_speed_mps"),
-    ("safety", "fail_on_contct: any", "fail_on_contact"),
-    ("robustness", "treshold_m: 0.3", "threshold_m"),
-]
+MISSPELLED = {
+    "top": "metdata=metadata serch=search",
+    "family": "varations=variations constrants=constraints",
+    "execution": "timout=timeout scenario_fil=scenario_file max_run=max_runs",
+    "evaluation": "visualisation=visualization",
+    "path": "path_lenght_tolerance=path_length_tolerance num_path=num_paths min_distanc=min_distance "
+    "robot_diametre=robot_diameter goal_pose=goal_poses",
+    "parameters": "number_of_lops=number_of_loops contoller=controller max_speed=robot.max_speed lidar.beams=robot.lidar.beams "
+    "odometry_noise_std_devation=odometry_noise_std_deviation inflation_raduis=inflation_radius "
+    "FollowPath.vx_mx=FollowPath.vx_max FolowPath.vx_max=FollowPath.vx_max xy_goal_tolerence=xy_goal_tolerance "
+    "global_costmap.robot_raduis=global_costmap.robot_radius "
+    "laserscan_random_drop_percentge=laserscan_random_drop_percentage",
+    "robot": "mas=mass max_yaw_rat=max_yaw_rate",
+    "nav2": "robot_raduis=robot_radius",
+    "performance": "local_robot_radius=local_robot_radius_m",
+    "safety": "max_sped_mps=max_speed_mps fail_on_contct=fail_on_contact",
+    "robustness": "treshold_m=threshold_m",
+}
+"""Place of a campaign to wrong keys and those that were meant."""
+WRONG_KEYS = [(place, *pair.split("=")) for place, pairs in MISSPELLED.items() for pair in pairs.split()]
 
 
 def called(*arguments):
@@ -74,25 +62,13 @@ def campaign(small_room, monkeypatch, tmp_path):
     """Writes the template with some of its places filled, and returns its path."""
     monkeypatch.setenv("VASTFLOW_STORE", str(tmp_path / "store"))
 
-    def written(nav2="", **filled):
-        text = TEMPLATE
-        for place in (
-            "parameters",
-            "performance",
-            "path",
-            "robot",
-            "robustness",
-            "top",
-            "family",
-            "safety",
-            "evaluation",
-        ):
-            value = filled.get(place, "")
-            text = text.replace(f"${place}", f"{{{value}}}" if place == "parameters" and value else value)
+    def written(nav2="", lengths="3.0", **filled):
+        small_room.with_name("nav2.yaml").write_text(
+            f"local_costmap: {{local_costmap: {{ros__parameters: {{{nav2}}}}}}}"
+        )
         if nav2:
-            small_room.with_name("nav2.yaml").write_text(NAV2 % nav2)
             filled["execution"] = "nav2_params: nav2.yaml"
-        small_room.write_text(text.replace("$execution", filled.get("execution", "")).replace("3.0, }", "3.0}"))
+        small_room.write_text(Template(TEMPLATE).substitute(defaultdict(str, filled, lengths=lengths)))
         return small_room
 
     return written
@@ -103,19 +79,17 @@ def test_validate_accepts_template_of_misspelled_keys(campaign):
     assert (result.exit_code, result.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(("place", "entry", "meant"), MISSPELLED, ids=[entry for _, entry, _ in MISSPELLED])
-def test_validate_suggests_known_key_for_misspelled_one(campaign, place, entry, meant):
-    result = called("validate", campaign(**{place: entry}))
+@pytest.mark.parametrize(("place", "wrong", "meant"), WRONG_KEYS)
+def test_validate_suggests_known_key_for_misspelled_one(campaign, place, wrong, meant):
+    result = called("validate", campaign(**{place: f"{wrong}: 1"}))
     assert (result.exit_code, result.stdout) == (2, "")
     (line,) = result.stderr.splitlines()
     assert "unknown key" in line and line.endswith(f"did you mean {meant!r}?")
 
 
 def test_validate_suggests_known_key_for_misspelled_name_of_producer(campaign):
-    varied = "ParameterVariationList: {name: inflation_raduis, values: [0.3, 0.4]}"
-    file = campaign()
-    file.write_text(file.read_text().replace("      - Path", f"      - {varied}\n      - Path"))
-    assert "did you mean 'inflation_radius'?" in called("validate", file).stderr
+    varied = "- ParameterVariationList: {name: inflation_raduis, values: [0.3, 0.4]}"
+    assert "did you mean 'inflation_radius'?" in called("validate", campaign(producers=varied)).stderr
 
 
 @pytest.mark.parametrize("command", ["validate", "run"])
@@ -128,13 +102,12 @@ def test_strict_refuses_unknown_key_that_resembles_none(campaign, command):
 
 
 def test_validate_does_not_take_other_controllers_parameter_for_misspelling(campaign):
-    result = called("validate", campaign(parameters="controller: dwb}, {FollowPath.vx_max: 0.3"))
+    result = called("validate", campaign(parameters="controller: dwb, FollowPath.vx_max: 0.3"))
     assert (result.exit_code, result.stderr) == (0, "")
 
 
 def test_run_without_configurations_exits_with_2_and_counts_rejections(campaign, tmp_path):
-    file = campaign(path="num_paths: 4")
-    file.write_text(file.read_text().replace("path_length: 3.0", "path_length: [400.0, 500.0]"))
+    file = campaign(path="num_paths: 4", lengths="[400.0, 500.0]")
     for command in (("run", file, "--results", tmp_path / "results"), ("run", file, "--dry-run")):
         result = called(*command)
         assert result.exit_code == 2
@@ -145,21 +118,17 @@ def test_run_without_configurations_exits_with_2_and_counts_rejections(campaign,
 
 
 def test_run_without_configurations_counts_constraints_beside_rejections(campaign):
-    file = campaign(path="num_paths: 2", family="constraints: [{short: path_length < 1}]")
-    file.write_text(file.read_text().replace("path_length: 3.0", "path_length: [3.0, 500.0]"))
+    file = campaign(path="num_paths: 2", lengths="[3.0, 500.0]", family="constraints: [short: path_length < 1]")
     result = called("run", file, "--dry-run")
     assert result.exit_code == 2 and "PathVariationRandom rejects 2 of family 'room'" in result.stderr
     assert "constraints exclude 2 of family 'room': 2 × short" in result.stderr
 
 
 def test_validate_proves_path_length_infeasible(campaign):
-    file = campaign(path="num_paths: 4")
-    file.write_text(file.read_text().replace("path_length: 3.0", "path_length: [3.0, 500.0]"))
-    some = called("validate", file)
+    some = called("validate", campaign(path="num_paths: 4", lengths="[3.0, 500.0]"))
     assert some.exit_code == 0 and "warning" in some.stdout
     assert "rejects 4 of family 'room': this map has no path of 500 m" in some.stdout
-    file.write_text(file.read_text().replace("[3.0, 500.0]", "500.0"))
-    none = called("validate", file)
+    none = called("validate", campaign(lengths="500.0"))
     assert (none.exit_code, none.stdout) == (2, "") and "this map has no path of 500 m" in none.stderr
 
 
@@ -195,7 +164,6 @@ def test_dry_run_lists_assumed_mount_and_radii_of_oracles(campaign):
         in said
     )
     assert "performance takes 0.3 m (inscribed), safety 0.5 m (circumscribed)" in said
-    assert "robot.lidar.yaw" in robot_keys()
 
 
 @pytest.mark.parametrize(
