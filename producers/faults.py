@@ -46,7 +46,8 @@ class Note:
     """Something a user should know about a file that is valid.
 
     Attributes:
-        kind: `unknown key` for a warning that `--strict` makes an error, `not executed` where the format knows the key and this version does nothing with it, `not modeled` where
+        kind: `unknown key` for a warning that `--strict` makes an error, `not executed` where the format knows the key and
+            this version does nothing with it, `not modeled` where
             a Nav2 parameter file has what the simulator has not.
         what: What was found.
         right: What follows from it or would be right; may be empty.

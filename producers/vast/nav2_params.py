@@ -45,17 +45,12 @@ def nav2_params_of(document: Document, base: Path) -> Nav2Params:
         found = interpretation(frozen(read_nav2_document(path)))
     except parameters.DocumentError as error:
         return Nav2Params({}, tuple(parameter_faults(error)))
-    faults = (
-        Fault(
-            found.document.file,
-            *each.place,
-            short(each.path),
-            f"unknown key {each.path[-1]!r}",
-            f"did you mean {near!r}?",
-        )
-        for each, near in slips(found)
-    )
-    return Nav2Params({FILE_KEY: file_value(found.document)}, tuple(faults), tuple(notes_of(found)))
+    faults = tuple(_slip(found.document.file, each, near) for each, near in slips(found))
+    return Nav2Params({FILE_KEY: file_value(found.document)}, faults, tuple(notes_of(found)))
+
+
+def _slip(file: str, each: Finding, near: str) -> Fault:
+    return Fault(file, *each.place, short(each.path), f"unknown key {each.path[-1]!r}", f"did you mean {near!r}?")
 
 
 def parameter_faults(error: parameters.DocumentError) -> Iterator[Fault]:
