@@ -21,10 +21,6 @@ class StoreError(UserError, OSError):
     """The store's place can't be used."""
 
 
-class OutsideFolder(ValueError):
-    """A name from elsewhere leads out of the folder that it belongs in."""
-
-
 class Lost(Exception):
     """An artifact is missing or damaged: it has to be computed again."""
 
@@ -80,11 +76,11 @@ def inside(folder: Path, name: str) -> Path:
     """The path of `name` in `folder`. Names from a store, a bundle, or a campaign directory are not trusted.
 
     Raises:
-        OutsideFolder: it leads out, or to the folder itself.
+        ValueError: it leads out, or to the folder itself.
     """
     parts = name.replace(os.sep, "/").split("/")
     if ".." in parts or parts[0] == "" or parts[-1] in ("", ".") or "\0" in name or os.path.splitdrive(name)[0]:
-        raise OutsideFolder(f"expected a path inside the folder, got {name!r}")
+        raise ValueError(f"expected a path inside the folder, got {name!r}")
     return folder / name
 
 

@@ -121,15 +121,12 @@ class _LogFile(logging.FileHandler):
 
     is_left = False
 
+    def format(self, record: logging.LogRecord) -> str:
+        """Leave out passwords in addresses: campaign directories have copies of the log."""
+        return redacted(super().format(record))
+
 
 def _handler(log: Path) -> _LogFile:
     handler = _LogFile(log, encoding="utf-8", delay=True)
-    handler.setFormatter(_Redacted(FORMAT))
+    handler.setFormatter(logging.Formatter(FORMAT))
     return handler
-
-
-class _Redacted(logging.Formatter):
-    """Keeps passwords in addresses out of a log, which campaign directories have copies of."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        return redacted(super().format(record))

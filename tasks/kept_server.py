@@ -24,7 +24,7 @@ import psutil
 from vastflow.sim.digest import digest
 from vastflow.sim.user_error import UserError
 from vastflow.tasks.prefect_adapter import settings_of_user
-from vastflow.tasks.server import AUTH, STARTUP_S, ApiServer, PrefectUnavailable, answers, new_auth, server_environment
+from vastflow.tasks.server import AUTH, STARTUP_S, ApiServer, PrefectUnavailable, answers, server_environment
 
 IDLE_S: Final = "VASTFLOW_SERVER_IDLE_S"
 """Variable: seconds that a server stays without use. Unset, empty or 0: each call has a server of its own."""
@@ -181,8 +181,7 @@ class KeptServer:
     @property
     def auth(self) -> str:
         """User and password that it asks for, once it has answered."""
-        found = self._own or self._record
-        return found.auth if found else ""
+        return found.auth if (found := self._own or self._record) else ""
 
     @property
     def notices(self) -> list[str]:
@@ -251,7 +250,7 @@ def _start(file: Path, idle_s: float) -> None:
             stdin=subprocess.DEVNULL,
             stdout=sink,
             stderr=sink,
-            env=server_environment(new_auth()),
+            env=server_environment(),
             start_new_session=True,
             cwd=file.parent,  # not a folder that somebody wants to delete
         )

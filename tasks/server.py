@@ -34,9 +34,7 @@ _POLL_S: Final = 0.1
 _FINAL_STATES: Final = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
 
 LOGGER: Final = logging.getLogger("vastflow.server")
-
 AUTH: Final = "PREFECT_SERVER_API_AUTH_STRING"
-"""Variable: user and password that a server asks of its clients."""
 
 _EMBEDDED: Final = contextvars.ContextVar[bool]("vastflow_embedded", default=False)
 
@@ -64,7 +62,8 @@ class ApiServer:
 
     def __init__(self, log: Path, port: int = 0, auth: str = "") -> None:
         self._log = log
-        self.auth = auth or new_auth()
+        self._environment = server_environment(auth)
+        self.auth = self._environment[AUTH]
         self.answers = False
         self.lost = False
         self.notices: list[str] = []
@@ -110,7 +109,7 @@ class ApiServer:
                 stdin=subprocess.PIPE,  # never written: it ends when this process does
                 stdout=subprocess.PIPE,
                 stderr=sink,
-                env=server_environment(self.auth),
+                env=self._environment,
                 start_new_session=True,  # a terminal's Ctrl-C is for the campaign, which then ends in order
             )
 
@@ -133,14 +132,9 @@ class ApiServer:
         self.lost = True
 
 
-def new_auth() -> str:
-    """User and password for a server, which nobody can guess."""
-    return f"vastflow:{secrets.token_urlsafe(32)}"
-
-
-def server_environment(auth: str) -> dict[str, str]:
-    """Environment of an embedded server, which serves the user's own database: with a password, and to no page of another origin."""
-    private = {AUTH: auth, "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
+def server_environment(auth: str = "") -> dict[str, str]:
+    """Environment of a server of the user's own database: it asks for `auth`, else a random one, and serves no foreign origin."""
+    private = {AUTH: auth or f"vastflow:{secrets.token_urlsafe(32)}", "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ""}
     return {**SERVER_SETTINGS, **os.environ, **private}
 
 

@@ -17,7 +17,7 @@ from vastflow.flows.export.source import ExportSource
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.sim.reading.names import did_you_mean
 from vastflow.sim.user_error import UserError
-from vastflow.tasks.artifact import OutsideFolder, inside
+from vastflow.tasks.artifact import inside
 
 SHARED: Final = "_config"
 """Folder of what all configurations share; no configuration may be called so."""
@@ -120,7 +120,7 @@ def _below(place: Path, name: str) -> Path:
     """Where a file called `name` goes, in a folder that is there."""
     try:
         file = inside(place, name)
-    except OutsideFolder as error:
+    except ValueError as error:
         raise UnusableDirectory(f"damaged campaign directory: {error}") from None
     file.parent.mkdir(parents=True, exist_ok=True)
     return file

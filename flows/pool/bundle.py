@@ -27,7 +27,6 @@ from vastflow.flows.request.campaign_keys import campaign_keys
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.oracles.oracle import OracleError
 from vastflow.tasks import campaign_log
-from vastflow.tasks.artifact import OutsideFolder
 from vastflow.tasks.bundle import Bundle, BundleError, differences, unpacked
 from vastflow.tasks.bundle_report import Report
 from vastflow.tasks.engine import Engine, MemberFault
@@ -70,7 +69,7 @@ def compute_bundle(request: RunRequest, key: str) -> State[Any]:
         return _ended(STORE_AWAY, f"{what}; a folder that all machines share, or an address such as s3://bucket/prefix")
     except StoreError as error:
         return _ended(STORE_AWAY, f"on {platform.node()}: {error}")
-    except (BundleError, OutsideFolder, OracleError) as error:
+    except (BundleError, OracleError) as error:
         return _ended(OTHER_CODE, f"{platform.node()} can't read the bundle: {' '.join(str(error).split())}")
 
 

@@ -13,7 +13,7 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.producers.faults import CampaignError
-from vastflow.tasks.artifact import OutsideFolder, inside
+from vastflow.tasks.artifact import inside
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def replica(directory: Path, asked: Asked) -> Iterator[Replica]:
     with TemporaryDirectory(prefix="vastflow-") as folder:
         try:
             laid_out = _laid_out(directory, asked, Path(folder))
-        except (OSError, OutsideFolder) as error:
+        except (OSError, ValueError) as error:
             raise UnusableDirectory(f"{directory}: its inputs can't be read: {error}") from None
         kept = {path.read_bytes() for path in (directory / "inputs").rglob("*") if path.is_file()}
         try:

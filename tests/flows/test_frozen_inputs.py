@@ -109,17 +109,12 @@ def test_a_campaign_directory_is_complete_without_the_campaigns_folder(
         pass
 
 
-@pytest.mark.parametrize(
-    ("file", "place", "name"), [("c.vast", "{}/away", "x"), ("{}/away", "x", "x"), ("c", "x", "../x")]
-)
-def test_a_directory_from_elsewhere_is_laid_out_inside_a_folder(tmp_path, file, place, name):
-    (tmp_path / "results" / "inputs").mkdir(parents=True)
-    for path in ("campaign.vast", "x", "inputs/x"):
-        (tmp_path / "results" / path).write_text("")
-    asked = Asked(file.format(tmp_path), 1, places={place.format(tmp_path): name})
-    with (
-        pytest.raises(UnusableDirectory, match="expected a path inside the folder, got"),
-        replica(tmp_path / "results", asked),
-    ):
+@pytest.mark.parametrize(("file", "place"), [("c.vast", "{}/away"), ("{}/away", "x")])
+def test_a_directory_from_elsewhere_is_laid_out_inside_a_folder(tmp_path, file, place):
+    (tmp_path / "inputs").mkdir()
+    for path in ("campaign.vast", "inputs/x"):
+        (tmp_path / path).write_text("")
+    asked = Asked(file.format(tmp_path), 1, places={place.format(tmp_path): "x"})
+    with pytest.raises(UnusableDirectory, match="expected a path inside the folder"), replica(tmp_path, asked):
         pass
     assert not (tmp_path / "away").exists()
