@@ -1,10 +1,12 @@
 """Logs of a campaign: what vastflow, Prefect and its services say goes to one file, not to the user's terminal."""
 
 import logging
+import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Final, TextIO
 
@@ -124,6 +126,12 @@ class _LogFile(logging.FileHandler):
     def format(self, record: logging.LogRecord) -> str:
         """Leave out passwords in addresses: campaign directories have copies of the log."""
         return redacted(super().format(record))
+
+    def _open(self) -> TextIOWrapper:
+        try:
+            return super()._open()
+        except OSError:  # who deleted its folder wants no log
+            return open(os.devnull, "a", encoding="utf-8")
 
 
 def _handler(log: Path) -> _LogFile:

@@ -144,7 +144,7 @@ def notebook_oracle(snapshot: Snapshot) -> type[NotebookOracle]:
             "snapshot": snapshot,
             "__module__": name,
         }
-        module.__dict__["Notebook"] = type("Notebook", (NotebookOracle,), {**content, "__doc__": None})
+        module.__dict__.setdefault("Notebook", type("Notebook", (NotebookOracle,), {**content, "__doc__": None}))
     oracle: type[NotebookOracle] = module.__dict__["Notebook"]
     return oracle
 

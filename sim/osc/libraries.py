@@ -3,6 +3,7 @@
 from collections.abc import Collection
 from functools import cache
 from importlib.resources import files
+from threading import RLock
 from typing import Final
 
 from vastflow.sim.osc.declarations import Declarations
@@ -12,6 +13,8 @@ from vastflow.sim.osc.parsing import parse
 from vastflow.sim.reading.names import did_you_mean, nearest
 
 PREFIX: Final = "osc."
+_READING: Final = RLock()
+"""Two declarations of one name clash unless they are the same object, so two threads may not both read a library."""
 
 
 def library_names() -> tuple[str, ...]:
@@ -21,9 +24,14 @@ def library_names() -> tuple[str, ...]:
     return tuple(sorted(f"{PREFIX}{name.removesuffix('.osc')}" for name in names if name.endswith(".osc")))
 
 
-@cache
 def library(name: str) -> Declarations:
     """What a library and those that it imports declare; `name` is one of `library_names`."""
+    with _READING:
+        return _library(name)
+
+
+@cache
+def _library(name: str) -> Declarations:
     file = files("vastflow.sim.osc") / "library" / f"{name.removeprefix(PREFIX)}.osc"
     text = parse(file.read_text("utf-8"), name)
     imported = Declarations()

@@ -41,12 +41,9 @@ def module_of(snapshot: Snapshot) -> ModuleType:
     Raises:
         PlugInError: the snapshot is damaged, or the code read a file that is not declared.
     """
-    name = module_name(snapshot)
-    if name not in sys.modules:
-        open_package(snapshot)
-        with plug_in_code(), watched(snapshot):
-            importlib.import_module(name)
-    return sys.modules[name]
+    open_package(snapshot)
+    with plug_in_code(), watched(snapshot):
+        return importlib.import_module(module_name(snapshot))  # waits while another thread executes it
 
 
 def open_package(snapshot: Snapshot) -> ModuleType:
@@ -57,8 +54,7 @@ def open_package(snapshot: Snapshot) -> ModuleType:
         if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
             sys.meta_path.insert(0, _Finder())
         spec = importlib.machinery.ModuleSpec(name, SnapshotLoader(name, snapshot.folder, snapshot), is_package=True)
-        package = importlib.util.module_from_spec(spec)
-        sys.modules[name] = package
+        sys.modules.setdefault(name, importlib.util.module_from_spec(spec))  # another thread may have been first
     return sys.modules[name]
 
 
@@ -71,7 +67,7 @@ def empty_module(snapshot: Snapshot) -> ModuleType:
         module = importlib.util.module_from_spec(spec)
         module.__file__ = str(snapshot.file)
         module.__dict__["__builtins__"] = frozen_builtins(snapshot)
-        sys.modules[name] = module
+        sys.modules.setdefault(name, module)
     return sys.modules[name]
 
 

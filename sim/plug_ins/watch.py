@@ -1,7 +1,8 @@
 """The watch: no file of a plug-in's or the campaign's folder is read unnoticed while a plug-in's code runs.
 
-What it reads and has not declared is in no key. Reads by native code that opens files itself pass by; copies of what was
-declared are all that it finds beside the plug-in.
+What it reads and has not declared is in no key. Reads by native code that opens files itself pass by, and reads in threads that the
+plug-in starts; copies of what was declared are all that it finds beside the plug-in. Other threads of the process are not watched: they
+may be reading the same folder for another campaign.
 """
 
 import os
@@ -11,6 +12,7 @@ import sysconfig
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -22,26 +24,23 @@ from vastflow.sim.plug_ins.snapshot import Snapshot
 
 _COMPILED: Final = (".pyc", ".nbi", ".nbc")
 
+_OPEN: Final = ContextVar["tuple[_Watch, ...]"]("vastflow_watches", default=())
+"""Those that are open in this thread."""
 
-class _Watches:
-    """Those that are open in this process; the hook that Python calls asks them, for it can't be taken away again."""
 
-    def __init__(self) -> None:
-        self.open: list[_Watch] = []
-        sys.addaudithook(self._audit)
-
-    def _audit(self, event: str, arguments: tuple[Any, ...]) -> None:
-        if event == "open" and self.open:
-            path, _, flags = arguments
-            reads = not isinstance(flags, int) or flags & os.O_ACCMODE != os.O_WRONLY
-            if reads and isinstance(path, str | bytes | os.PathLike):
-                for watch in tuple(self.open):
-                    watch.look(os.fsdecode(path))
+def _audit(event: str, arguments: tuple[Any, ...]) -> None:
+    if event == "open" and (watches := _OPEN.get()):
+        path, _, flags = arguments
+        reads = not isinstance(flags, int) or flags & os.O_ACCMODE != os.O_WRONLY
+        if reads and isinstance(path, str | bytes | os.PathLike):
+            for watch in watches:
+                watch.look(os.fsdecode(path))
 
 
 @cache
-def _watches() -> _Watches:
-    return _Watches()
+def _install() -> None:
+    """Let Python call the hook, once: it can't be taken away again."""
+    sys.addaudithook(_audit)
 
 
 class _Watch:
@@ -116,8 +115,9 @@ def watched(snapshot: Snapshot | None, allowed: Iterable[str] = ()) -> Iterator[
     if snapshot is None:
         yield
         return
-    watch, watches = _Watch(snapshot, allowed), _watches()
-    watches.open.append(watch)
+    _install()
+    watch = _Watch(snapshot, allowed)
+    token = _OPEN.set((*_OPEN.get(), watch))
     try:
         yield
     except Exception as error:
@@ -127,7 +127,7 @@ def watched(snapshot: Snapshot | None, allowed: Iterable[str] = ()) -> Iterator[
             raise watch.fault from None
         raise
     finally:
-        watches.open.remove(watch)
+        _OPEN.reset(token)
     if watch.fault is not None:
         raise watch.fault
 
