@@ -12,30 +12,36 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from prefect import flow
+from prefect import flow, get_run_logger
 from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run
-from prefect.states import Completed, Failed
+from prefect.states import Cancelled, Completed, Failed
 
 from vastflow.flows.campaign_run import CampaignRun, opened_run, running
-from vastflow.flows.computing.artifacts import outcome_text, publish
-from vastflow.flows.computing.mapped import execute, instantiate, judge, observe
+from vastflow.flows.computing.artifacts import Page, outcome_text, publish
+from vastflow.flows.computing.mapped import compute, instantiate
 from vastflow.flows.computing.task_runs import TaskRuns, task_runs_of
 from vastflow.flows.pool.bundle import compute_bundle
 from vastflow.flows.pool.campaign import CampaignPool, pool_of
 from vastflow.flows.reporting import assess, deliver, report
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import new_directory
+from vastflow.flows.results.summary import Results
 from vastflow.flows.search.batch_flow import compute_batch
 from vastflow.tasks.execution.deployment import FLOW
+from vastflow.tasks.pool import PoolClosed
+from vastflow.tasks.prefect_adapter import is_generated_name
 from vastflow.tasks.store import Lost
 
 
 def _title() -> str:
-    """The campaign's name and when it was asked for; the file's name where the campaign is not read yet."""
-    run, request = opened_run(), flow_run.parameters["request"]
-    if request.bundle is not None:
-        return str(flow_run.name)
+    """The campaign's name and when it was asked for; the file's name where the campaign is not read yet. A name that was given stays."""
+    request, name = flow_run.parameters["request"], str(flow_run.name)
+    return _own_title(request) if request.bundle is None and is_generated_name(name) else name
+
+
+def _own_title(request: RunRequest) -> str:
+    run = opened_run()
     return run.title if run else Path(request.campaign).stem
 
 
@@ -56,23 +62,39 @@ def campaign(request: RunRequest) -> State[Any]:
     """
     if request.bundle is not None:
         return compute_bundle(request, request.bundle)
-    with running(request) as run, task_runs_of(run.name, run.engine, run.tally) as task_runs, pool_of(run) as pool:
-        for _ in run.attempts():
-            with suppress(Lost):  # a damaged artifact is found when it is read, and computed again by the next attempt
-                for _batch in run.batches():
-                    if run.search is None:
-                        _compute(run, pool, task_runs)
-                    elif run.instantiated is None or run.incomplete:
-                        compute_batch(run.name, run.search, run.engine, run.tally, partial(_compute, run, pool))
-                with new_directory(run.delivery.folder, run.name, run.created) as directory:
-                    written = report(run, assess(run, directory))
-                found = deliver(run, written)
-                break
-    publish(found, run.name, request.reports)  # after the last of what the progress tells of
+    try:
+        found, name = _found(request)
+    except PoolClosed as error:
+        return Cancelled(message=str(error))
+    publish(found, name, request.reports)  # after the last of what the progress tells of
     if found.faults:
         first = found.faults[0]
         return Failed(message=f"{len(found.faults)} faults, the first in {first.stage}: {first.error}")
     return Completed(message=outcome_text(found))
+
+
+def _found(request: RunRequest) -> tuple[Results, str]:
+    """What the campaign came to, and its name."""
+    renames = flow_run.name == _own_title(request)
+    with running(request) as run:
+        size = run.asked.runs, run.stopping is not None
+        page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None)
+        with task_runs_of(run.name, run.engine, run.tally, page) as task_runs, pool_of(run) as pool:
+            return _delivered(run, pool, task_runs), run.name
+
+
+def _delivered(run: CampaignRun, pool: CampaignPool | None, task_runs: TaskRuns) -> Results:
+    for _ in run.attempts():
+        with suppress(Lost):  # a damaged artifact is found when it is read, and computed again by the next attempt
+            for _batch in run.batches():
+                if run.search is None:
+                    _compute(run, pool, task_runs)
+                elif run.instantiated is None or run.incomplete:
+                    compute_batch(run.name, run.search, run.engine, run.tally, partial(_compute, run, pool))
+            with new_directory(run.delivery.folder, run.name, run.created) as directory:
+                written = report(run, assess(run, directory))
+            return deliver(run, written)
+    raise AssertionError("attempts end with an error")
 
 
 def _compute(run: CampaignRun, pool: CampaignPool | None, task_runs: TaskRuns) -> None:
@@ -82,12 +104,10 @@ def _compute(run: CampaignRun, pool: CampaignPool | None, task_runs: TaskRuns) -
         Lost: something is missing all the same, and no fault explains it.
     """
     if run.instantiated is None:
+        run.tally.begin("instantiating")
         run.know(instantiate(task_runs, run.instantiator))
     for wave in run.waves():
         if pool is not None:
             pool.compute(wave.members)
             continue
-        recordings = execute(task_runs, wave.shards)
-        traces = observe(task_runs, wave.shards, recordings)
-        verdicts = judge(task_runs, wave.shards, traces)
-        task_runs.wait(wave.shards, recordings, traces, verdicts)
+        compute(task_runs, wave.shards)

@@ -216,6 +216,8 @@ class CampaignRun:
         while wave:
             self.tally.begin("running")
             self.engine.block_runs = block_size(sum(each.missing_runs for each in wave), self.workers)
+            if self.request.pool is None:
+                self.engine.start([each.member for each in wave if each.missing_runs])
             before = {each.member.name: each.member.runs for each in wave}
             yield Wave(cut, missing_shards(cut, before))
             self.engine.check()

@@ -131,6 +131,11 @@ class Engine:
         return frozenset(fault.member for fault in self.faults)
 
     @property
+    def workers(self) -> int:
+        """Worker processes at most."""
+        return self._pool.workers
+
+    @property
     def closed(self) -> bool:
         """Whether it computes nothing any more: somebody ended the campaign, or its store can't be used."""
         return self._pool.closed
@@ -198,11 +203,15 @@ class Engine:
         absent = [each for each in found if each.missing_runs]
         self.warm_up(each.member.scenario.system for each in absent if each.member.drives)
         self.block_runs = block_size(sum(each.missing_runs for each in absent), workers)
+        self.start([each.member for each in absent])
+
+    def start(self, members: Sequence[Member]) -> None:
+        """Hand the missing runs of members to the workers, in their order and in a thread of its own."""
 
         def start() -> None:
             with suppress(PoolClosed, StoreError):  # who waits for it meets the same
-                for each in absent:
-                    self.start_executing(each.member)
+                for member in members:
+                    self.start_executing(member)
 
         threading.Thread(target=start, daemon=True).start()
 

@@ -61,6 +61,9 @@ class WorkerDied(RuntimeError):
 class PoolClosed(RuntimeError):
     """The pool was closed before this job was done."""
 
+    def __init__(self) -> None:
+        super().__init__("the campaign was ended before this was computed")
+
 
 class Pool:
     """Worker processes with priorities; it outlives the death of its workers.
@@ -71,6 +74,7 @@ class Pool:
     """
 
     def __init__(self, workers: int, log: Path | None = None) -> None:
+        self.workers = workers
         self._inbox: queue.SimpleQueue[_Message] = queue.SimpleQueue()
         self._numbers = itertools.count()
         self._closed = threading.Event()

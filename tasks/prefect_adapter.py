@@ -159,6 +159,16 @@ def end_services(timeout_s: float) -> None:
             _forget(instance._queue)
 
 
+def is_generated_name(name: str) -> bool:
+    """Whether Prefect may have made up the name of a flow run, such as `amber-otter`, and nobody has given it."""
+    from coolname.data import config
+
+    rules: Mapping[str, Any] = config
+    known = {word for rule in rules.values() for word in rule.get("words", ())}
+    words = name.split("-")
+    return len(words) == 2 and known.issuperset(words)
+
+
 def flow_schema(flow: "Flow[..., Any]") -> dict[str, Any]:
     """Schema of a flow's parameters, from which Prefect's pages make a form."""
     from prefect.utilities.callables import parameter_schema

@@ -19,6 +19,11 @@ class Shard:
     def __init__(self, members: Sequence[Member]) -> None:
         self.members = members
 
+    @property
+    def families(self) -> frozenset[str]:
+        """Names of the families that the members are of."""
+        return frozenset(member.family for member in self.members)
+
     def __str__(self) -> str:
         """Such as `12–15 of hall`; in a shard of several families `hall 12 – depot 3`."""
         first, last = self.members[0], self.members[-1]
@@ -31,9 +36,10 @@ class Shard:
 class ProducerShard:
     """A producer on some of its distinct restricted inputs."""
 
-    __slots__ = ("evaluations", "name", "packed")
+    __slots__ = ("evaluations", "families", "name", "packed")
 
-    def __init__(self, name: str, packed: PackedProducer, evaluations: Sequence[Evaluation]) -> None:
+    def __init__(self, family: str, name: str, packed: PackedProducer, evaluations: Sequence[Evaluation]) -> None:
+        self.families = frozenset((family,))
         self.name = name
         self.packed = packed
         self.evaluations = evaluations

@@ -167,34 +167,47 @@ def _print(deployment: "Deployment", shards: "ShardDeployment", kind: PoolType) 
 def _register(
     deployment: "Deployment", shards_in: str, shards: "Callable[[PoolType], ShardDeployment]", kind: PoolType
 ) -> None:
-    """Make or change everything; the pool of the shards may be there already, and of another type."""
+    """Make or change everything; the pool of the shards may be there already, and of another type. A busy API is asked again."""
     from vastflow.tasks.server import configured_url, redacted
 
     url = configured_url()
     if url is None:
         raise UserError(NO_API)
     url = redacted(url)
+    import httpx
     from prefect.client.orchestration import get_client
     from prefect.exceptions import PrefectHTTPStatusError
 
     from vastflow.flows.campaign import campaign
     from vastflow.flows.pool.registration import OtherPool, register_flow, register_pool, type_of_pool
+    from vastflow.tasks import retry
 
-    try:
+    def registered() -> tuple[str, dict[str, bool]]:
         with get_client(sync_client=True) as client:
-            if (unhealthy := client.api_healthcheck()) is not None:
-                print(f"Prefect's API at {url} does not answer: {redacted(str(unhealthy))}", file=sys.stderr)
-                raise typer.Exit(FAULT)
             new = {deployment.pool: register_pool(client, deployment.pool, kind)}
             theirs = type_of_pool(client, shards_in) or kind
             if shards_in != deployment.pool:
                 new[shards_in] = register_pool(client, shards_in, theirs)
             found = register_flow(client, deployment.as_yaml(), campaign)
             register_flow(client, shards(theirs).as_yaml(), campaign)
+            return found, new
+
+    def say(text: str) -> None:
+        print(f"Prefect's API at {url} {redacted(text)}", file=sys.stderr)
+
+    patience = f"{retry.IN_BETWEEN_S:.0f} s"
+    try:
+        with retry.bounded():
+            with get_client(sync_client=True) as client:
+                if isinstance(unhealthy := client.api_healthcheck(), httpx.ConnectError):
+                    say(f"does not answer: {unhealthy}")
+                    raise typer.Exit(FAULT)
+            busy = f"is busy; trying again for up to {patience}"
+            found, new = retry.retried(registered, retry.IN_BETWEEN_S, missed=lambda _: say(busy))
     except OtherPool as error:
         raise UserError(f"--pool: {error}") from None
-    except PrefectHTTPStatusError as error:
-        print(f"Prefect's API at {url} did not take it: {redacted(str(error))}", file=sys.stderr)
+    except (httpx.TransportError, PrefectHTTPStatusError) as error:
+        say(f"was busy for {patience}; deploy again later" if retry.is_away(error) else f"did not take it: {error}")
         raise typer.Exit(FAULT) from None
     for name, is_new in new.items():
         made = "made" if is_new else "found"

@@ -81,10 +81,14 @@ class Page:
     Args:
         name: The campaign's.
         say: Writes a line of the flow run's log.
+        asked: Runs of each configuration, and whether these are its most; None keeps the flow run's name.
     """
 
-    def __init__(self, name: str, flow_run_id: str, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, name: str, flow_run_id: str, say: Callable[[str], None], asked: tuple[int, bool] | None = None
+    ) -> None:
         self._name = name
+        self._asked = asked
         self._flow_run_id = flow_run_id
         self._say = say
         self._bar = ProgressBar(f"{key_of(name)}-progress", flow_run_id)
@@ -99,13 +103,18 @@ class Page:
         for notice in progress.notices[self._noticed :]:
             self._say(notice)
         self._noticed = len(progress.notices)
-        if progress.runs_total and progress.configurations_total != self._named:  # a search comes to more and more
-            size = size_text(progress.configurations_total, progress.runs_total, progress.at_most)
-            if not self._sized:
-                self._sized = True
-                self._say(f"{size}; {progress.reused} runs are in the store")
-            if self._sent(lambda: _rename(self._flow_run_id, f"{self._name}, {size}")):
-                self._named = progress.configurations_total
+        count = progress.configurations_total
+        if progress.runs_total and not self._sized:
+            self._sized = True
+            self._say(
+                f"{size_text(count, progress.runs_total, progress.at_most)}; {progress.reused} runs are in the store"
+            )
+        if self._asked and progress.runs_total and count != self._named:  # a search comes to more and more
+            runs, at_most = self._asked
+            if self._sent(
+                lambda: _rename(self._flow_run_id, f"{self._name}, {size_text(count, count * runs, at_most)}")
+            ):
+                self._named = count
         new_phase = progress.phase != self._phase
         if new_phase and progress.phase in _SAID:
             self._say(_SAID[progress.phase])

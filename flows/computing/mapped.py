@@ -49,14 +49,28 @@ def judge(task_runs: TaskRuns, shards: Sequence[Shard], traces: Made) -> "list[P
     return task_runs.map("judge", shards, traces)
 
 
+def compute(task_runs: TaskRuns, shards: Sequence[Shard]) -> None:
+    """Execute, observe and judge shards, each through all stages as soon as it can be, and wait for all."""
+    recordings: list[PrefectFuture[Any]] = []
+    traces: list[PrefectFuture[Any]] = []
+    verdicts: list[PrefectFuture[Any]] = []
+    for shard in shards:
+        recordings += execute(task_runs, [shard])
+        traces += observe(task_runs, [shard], recordings[-1:])
+        verdicts += judge(task_runs, [shard], traces[-1:])
+    task_runs.wait(shards, recordings, traces, verdicts)
+
+
 def _producer_shards(request: EvaluationRequest) -> list[ProducerShard]:
     evaluations, sent = request.evaluations, packed(request.producer)
     name = f"{request.family} by {type(request.producer).__name__}"
     parts = chunks([each.key.rpartition("/")[2] for each in evaluations])
     if len(parts) == 1:
-        return [ProducerShard(name, sent, evaluations)]
+        return [ProducerShard(request.family, name, sent, evaluations)]
     return [
-        ProducerShard(f"{name}, {_places(part)} of {len(evaluations)}", sent, [evaluations[i] for i in part])
+        ProducerShard(
+            request.family, f"{name}, {_places(part)} of {len(evaluations)}", sent, [evaluations[i] for i in part]
+        )
         for part in parts
     ]
 

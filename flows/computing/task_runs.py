@@ -1,12 +1,15 @@
 """Task runs of a flow run: mapped over shards, waited for, and recorded by Prefect's server before the flow returns."""
 
+import threading
+import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final
 
 from vastflow.tasks.engine import Engine, MemberFault
-from vastflow.tasks.progress import Reporter, Tally
-from vastflow.tasks.server import drain
+from vastflow.tasks.pool import PoolClosed
+from vastflow.tasks.progress import Observer, Reporter, Tally
+from vastflow.tasks.server import drain, is_embedded
 from vastflow.tasks.shards import Shard
 
 if TYPE_CHECKING:
@@ -14,6 +17,9 @@ if TYPE_CHECKING:
 
 MOST_UNRECORDED: Final = 1000
 """Task runs that may have ended without Prefect's server having recorded it; of thousands at a time it loses some silently."""
+
+CANCEL_S: Final = 5.0
+"""What it may take to tell Prefect of those that were cancelled."""
 
 
 class TaskRuns:
@@ -29,23 +35,37 @@ class TaskRuns:
         self.engine = engine
         self._flow_run_id = str(flow_run.id)
         self._futures: list[PrefectFuture[Any]] = []
+        self._free: dict[str, threading.Semaphore] = {}
+        self._evaluations: dict[str, list[PrefectFuture[Any]]] = {}
         self._recorded = 0
 
     def map(self, stage: str, shards: Sequence[Any], *upstream: Sequence[Any]) -> "list[PrefectFuture[Any]]":
-        """A task run for each shard.
+        """A task run for each shard. Prefect hears of no more of a stage than there are workers: others would be `Running` and only wait.
 
         Args:
             stage: Name of a task of `vastflow.tasks.stages`.
             upstream: Of each shard what the stage before it made, or a future of that.
+
+        Raises:
+            StoreError, PoolClosed: see `Engine.check`.
         """
         if not shards:
             return []
-        from prefect import unmapped
-
         from vastflow.tasks import stages
 
-        mapped = list(getattr(stages, stage).map(shards, *upstream, engine=unmapped(self.engine)))
-        self._futures += mapped
+        free = self._free.setdefault(stage, threading.Semaphore(self.engine.workers))
+        mapped: list[PrefectFuture[Any]] = []
+        for shard, *made in zip(shards, *upstream, strict=True):
+            free.acquire()
+            self.engine.check()
+            follows = () if made else (each for name in shard.families for each in self._evaluations.get(name, ()))
+            mapped.append(getattr(stages, stage).submit(shard, *made, engine=self.engine, wait_for=list(follows)))
+            self._futures.append(mapped[-1])
+            mapped[-1].add_done_callback(lambda _: free.release())
+        if stage == "evaluate":
+            families = {name for shard in shards for name in shard.families}
+            pairs = list(zip(shards, mapped, strict=True))
+            self._evaluations |= {name: [each for shard, each in pairs if name in shard.families] for name in families}
         return mapped
 
     def wait(self, shards: Sequence[Shard], *stages: "Sequence[PrefectFuture[Any]]") -> None:
@@ -69,9 +89,28 @@ class TaskRuns:
             self.record()
 
     def end(self) -> None:
-        """Wait until all have ended."""
+        """Wait until all have ended; a flow run that is suspended says so at each of them."""
+        from prefect.exceptions import Pause
+
         for future in self._futures:
-            future.wait()
+            with suppress(Pause):
+                future.wait()
+
+    def cancel(self) -> None:
+        """Tell Prefect that task runs which were to follow on others won't begin any more: it would show them as `Pending` for ever."""
+        from prefect.client.orchestration import get_client
+        from prefect.exceptions import ObjectNotFound
+        from prefect.states import Cancelled
+
+        deadline_s = time.monotonic() + CANCEL_S
+        with get_client(sync_client=True) as client:
+            for future in self._futures:
+                while not future.state.is_final() and time.monotonic() < deadline_s:
+                    try:
+                        client.set_task_run_state(future.task_run_id, Cancelled(message=str(PoolClosed())), force=True)
+                        break
+                    except ObjectNotFound:  # not recorded yet
+                        time.sleep(CANCEL_S / 10)
 
     def record(self) -> None:
         """Wait until the server has recorded the task runs that have ended."""
@@ -81,25 +120,25 @@ class TaskRuns:
 
 
 @contextmanager
-def task_runs_of(name: str, engine: Engine, tally: Tally | None = None) -> Iterator[TaskRuns]:
+def task_runs_of(
+    name: str, engine: Engine, tally: Tally | None = None, page: Observer | None = None
+) -> Iterator[TaskRuns]:
     """The task runs of the flow run that this is called from, which is found by the campaign's name and logs faults only.
 
     Args:
         name: The campaign's.
-        tally: Its progress is shown on the flow run's page; None shows none.
+        tally: Its progress is shown on `page`.
     """
-    from prefect import get_run_logger
     from prefect.runtime import flow_run
 
-    from vastflow.flows.computing.artifacts import INTERVAL_S, Page, tag, tolerated
+    from vastflow.flows.computing.artifacts import INTERVAL_S, tag, tolerated
     from vastflow.flows.computing.flow_call import entered
     from vastflow.flows.computing.task_log import quiet_task_runs
 
-    with entered(), quiet_task_runs():
+    with entered(), quiet_task_runs(engine, str(flow_run.id)):
         with tolerated():
             tag(str(flow_run.id), name)
         task_runs = TaskRuns(engine)
-        page = None if tally is None else Page(name, str(flow_run.id), get_run_logger().info)
         with Reporter(tally or Tally(), page, INTERVAL_S):
             try:
                 yield task_runs
@@ -107,5 +146,8 @@ def task_runs_of(name: str, engine: Engine, tally: Tally | None = None) -> Itera
                 if not isinstance(error, Exception):  # an interrupt: else what still waits would be computed first
                     engine.close()
                 task_runs.end()
+                if engine.closed and not is_embedded():
+                    with tolerated():
+                        task_runs.cancel()
                 raise
             task_runs.record()

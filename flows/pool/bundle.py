@@ -20,7 +20,7 @@ from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 
 from vastflow.flows.computing.artifacts import ProgressBar, key_of, tolerated
-from vastflow.flows.computing.mapped import execute, judge, observe
+from vastflow.flows.computing.mapped import compute
 from vastflow.flows.computing.processors import cores
 from vastflow.flows.computing.task_runs import task_runs_of
 from vastflow.flows.request.campaign_keys import campaign_keys
@@ -93,10 +93,7 @@ def _computed(store: Store, bundle: Bundle, workers: int) -> State[Any]:
         with _beating(bundle, tally, report):
             engine.begin(missing.values(), workers)
             shards = missing_shards(bundle.members, missing, TASK_RUNS)
-            recordings = execute(task_runs, shards)
-            traces = observe(task_runs, shards, recordings)
-            verdicts = judge(task_runs, shards, traces)
-            task_runs.wait(shards, recordings, traces, verdicts)
+            compute(task_runs, shards)
         report.add(bundle.members, last=True)
     done = tally.progress()
     verdict_counts = f"{done.passed} passed, {done.failed} failed, {done.not_judged} not judged"

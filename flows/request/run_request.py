@@ -11,6 +11,7 @@ from inspect import Parameter
 from typing import Annotated, Any, Final, Self, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from vastflow.flows.request.work_pool import WorkPool
 
@@ -71,7 +72,7 @@ class RunRequest(BaseModel):
     reports: Annotated[Text | None, OnCommandLine("URL")] = Field(
         None, description="Where the results folder is served, for links to reports."
     )
-    bundle: Text | None = Field(
+    bundle: SkipJsonSchema[Text | None] = Field(
         None, description="Key of configurations in the store that are computed for another run; nobody has to give it."
     )
 

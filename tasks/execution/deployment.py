@@ -96,7 +96,7 @@ class ShardDeployment:
             "tags": [TAG],
             "entrypoint": ENTRYPOINT,
             "parameters": {},
-            "enforce_parameter_schema": True,
+            "enforce_parameter_schema": False,
             "schedules": [],
             "pull": [],
             "work_pool": {"name": self.pool, "job_variables": dict(self.job_variables)},

@@ -1,15 +1,21 @@
 """`vastflow deploy` without Prefect's API: what a dry run prints, and what it says of a wrong option."""
 
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
 import pytest
 import yaml
 from prefect.cli.deploy._models import DeploymentConfig
+from prefect.settings import temporary_settings
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.flows.campaign import campaign as campaign_flow
 from vastflow.flows.commands import deploy as deploy_command
 from vastflow.flows.commands.deploy import NO_API
+from vastflow.tasks import retry
 from vastflow.tasks.execution.job import PoolType, base_job_template
+from vastflow.tasks.prefect_adapter import flow_schema
 
 
 def called(*arguments):
@@ -173,3 +179,38 @@ def test_the_shards_of_a_cluster_have_image_and_queue_whatever_the_campaign(file
     written, _ = yaml.safe_load_all(result.stdout)
     variables = written["deployments"][1]["work_pool"]["job_variables"]
     assert variables == {"image": "ghcr.io/me/vastflow:7", "queue": "nightly"}
+
+
+@pytest.fixture
+def busy_api(monkeypatch):
+    """An API of Prefect that answers every request with 503."""
+
+    class Busy(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(503)
+            self.end_headers()
+
+        do_POST = do_GET
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Busy) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        monkeypatch.setattr(retry, "IN_BETWEEN_S", 4.0)
+        settings = {"api.url": f"http://127.0.0.1:{server.server_port}/api", "client.max_retries": 0}
+        with temporary_settings(settings):
+            yield
+        server.shutdown()
+
+
+def test_a_busy_api_is_asked_again_and_said_to_be_busy(file, busy_api):
+    result = called(file, "--pool", "lab")
+    assert result.exit_code == 3
+    assert "is busy; trying again for up to 4 s" in result.output
+    assert "was busy for 4 s; deploy again later" in result.output
+    assert "503" not in result.output
+
+
+def test_the_form_shows_no_internal_field():
+    assert "bundle" not in str(flow_schema(campaign_flow)["definitions"]["RunRequest"]["properties"])

@@ -109,3 +109,13 @@ def test_no_batch_of_a_search_that_was_canceled_stays_open(nights, api):
         "asleep, batch 2, point-0005 to point-0008",
     }
     assert [each.name for each in of_both if not each.state.is_final()] == []
+
+
+def test_task_runs_of_a_canceled_batch_end_as_cancelled_and_log_no_error(nights, api):
+    canceled, _ = nights
+    ended = [each for each in batches(api) if each.start_time <= canceled.end_time]
+    identities = {"any_": [str(each.id) for each in ended]}
+    states = api.request("POST", "/task_runs/filter", json={"flow_runs": {"id": identities}}).json()
+    assert {each["state_name"] for each in states} == {"Completed", "Cancelled"}
+    logs = api.request("POST", "/logs/filter", json={"logs": {"flow_run_id": identities, "level": {"ge_": 40}}}).json()
+    assert [each["message"] for each in logs] == []

@@ -91,9 +91,9 @@ def test_the_end_is_always_shown_and_only_once(client, clock):
     assert [sent[0] for sent in client.sent] == ["create", "update"]
 
 
-def told(client, *states):
+def told(client, *states, asked=(5, False)):
     lines = []
-    page = Page("Two rooms", str(uuid4()), lines.append)
+    page = Page("Two rooms", str(uuid4()), lines.append, asked)
     for state in states:
         page.update(state)
     return lines
@@ -119,10 +119,21 @@ def test_a_flow_run_is_named_anew_when_a_search_has_come_to_more_configurations(
         Progress("running", configurations_total=4, runs_total=12, runs_done=3, passed=3),
         Progress("running", configurations_total=4, runs_total=12, runs_done=12, passed=12),
         Progress("running", configurations_total=8, runs_total=24, runs_done=12, passed=12),
+        asked=(3, False),
     )
     names = [sent[1] for sent in client.sent if sent[0] == "rename"]
     assert names == ["Two rooms, 4 configurations × 3 runs", "Two rooms, 8 configurations × 3 runs"]
     assert sum("configurations" in line for line in lines) == 1
+
+
+def test_a_flow_run_is_named_after_the_runs_asked_for_and_not_those_that_were_done(client, clock):
+    told(client, Progress("running", configurations_total=24, runs_total=222, runs_done=222), asked=(20, True))
+    assert client.sent[0] == ("rename", "Two rooms, 24 configurations, at most 480 runs")
+
+
+def test_a_name_that_was_given_is_kept(client, clock):
+    told(client, Progress("running", configurations_total=24, runs_total=120), asked=None)
+    assert "rename" not in [sent[0] for sent in client.sent]
 
 
 def test_the_log_has_a_line_for_a_phase_and_none_for_a_run(client, clock):
@@ -150,7 +161,7 @@ def test_an_api_that_refuses_is_said_once_and_left_alone_for_half_a_minute(clien
 
 def test_a_page_is_shown_again_when_its_server_is_back(client, clock):
     lines = []
-    page = Page("Two rooms", str(uuid4()), lines.append)
+    page = Page("Two rooms", str(uuid4()), lines.append, (2, False))
     client.error = RuntimeError("gone")
     page.update(Progress("running", runs_total=4, configurations_total=2))
     client.error = None

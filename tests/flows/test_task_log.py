@@ -1,6 +1,7 @@
 """What of task runs' logs goes to Prefect's API."""
 
 import logging
+from types import SimpleNamespace
 
 import pytest
 from prefect.logging.configuration import setup_logging
@@ -22,16 +23,23 @@ def passes():
 
 
 def test_of_task_runs_only_warnings_are_sent_and_of_flow_runs_everything(passes):
-    with quiet_task_runs():
+    with quiet_task_runs(SimpleNamespace(closed=False), "x"):
         assert not passes(TASK_RUNS, logging.INFO)
         assert passes(TASK_RUNS, logging.WARNING)
         assert passes("prefect.flow_runs", logging.INFO)
 
 
 def test_afterwards_everything_is_sent_again(passes):
-    with quiet_task_runs():
+    with quiet_task_runs(SimpleNamespace(closed=False), "x"):
         pass
     assert passes(TASK_RUNS, logging.INFO)
+
+
+def test_task_runs_of_an_ended_campaign_log_nothing_and_those_of_others_do():
+    logger = logging.getLogger(TASK_RUNS)
+    with quiet_task_runs(SimpleNamespace(closed=True), "x"):
+        said = [bool(logger.filter(logging.makeLogRecord({"flow_run_id": each, "msg": "x"}))) for each in ("x", "y")]
+    assert said == [False, True]
 
 
 def test_prefect_has_its_handler_where_it_is_looked_for():

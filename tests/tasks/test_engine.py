@@ -1,5 +1,6 @@
 import pickle
 from concurrent.futures import Future
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,6 +12,7 @@ from vastflow.tasks.index import Index, Member
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.pool import PoolClosed, WorkerDied
 from vastflow.tasks.progress import Tally
+from vastflow.tasks.shards import Shard
 from vastflow.tasks.store import StoreError, open_store
 from vastflow.tasks.work import Broken, Executed, Gone
 
@@ -174,3 +176,13 @@ def test_a_store_that_cannot_be_used_any_more_ends_everything_and_is_no_members_
     assert str(engine.store_error) == "store: the disk is full"
     assert pool.done[-1] == "closed"
     assert engine.faults == ()
+
+
+def test_a_task_run_that_is_interrupted_ends_as_cancelled():
+    from vastflow.tasks import stages
+
+    def execute(members):
+        raise PoolClosed
+
+    state = stages.execute.fn(Shard([]), SimpleNamespace(execute=execute))
+    assert (state.name, state.message) == ("Cancelled", "the campaign was ended before this was computed")

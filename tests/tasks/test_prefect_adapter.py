@@ -155,3 +155,10 @@ def test_prefect_says_nothing_of_data_it_collects_and_gives_nobody_an_identity(t
     script = "from vastflow.tasks.prefect_adapter import import_prefect; import_prefect()"
     assert said_in_a_terminal(script, tmp_path / "home") == ""
     assert not (tmp_path / "home" / ".sdk_telemetry").exists()
+
+
+def test_generated_names_of_flow_runs_are_told_from_given_ones():
+    from prefect.utilities.names import generate_slug
+
+    assert all(adapter.is_generated_name(generate_slug(2)) for _ in range(200))
+    assert not any(map(adapter.is_generated_name, ("nightly", "my-campaign", "amber-otter-2", "a name", "")))
