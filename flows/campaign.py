@@ -26,7 +26,6 @@ from vastflow.flows.pool.campaign import CampaignPool, pool_of
 from vastflow.flows.reporting import assess, deliver, report
 from vastflow.flows.request.run_request import RunRequest
 from vastflow.flows.results.directory import new_directory
-from vastflow.flows.results.summary import Results
 from vastflow.flows.search.batch_flow import compute_batch
 from vastflow.tasks.execution.deployment import FLOW
 from vastflow.tasks.pool import PoolClosed
@@ -63,38 +62,36 @@ def campaign(request: RunRequest) -> State[Any]:
     if request.bundle is not None:
         return compute_bundle(request, request.bundle)
     try:
-        found, name = _found(request)
-    except PoolClosed as error:
+        return _ended(request)
+    except PoolClosed as error:  # by Ctrl-C
         return Cancelled(message=str(error))
-    publish(found, name, request.reports)  # after the last of what the progress tells of
-    if found.faults:
-        first = found.faults[0]
-        return Failed(message=f"{len(found.faults)} faults, the first in {first.stage}: {first.error}")
-    return Completed(message=outcome_text(found))
 
 
-def _found(request: RunRequest) -> tuple[Results, str]:
-    """What the campaign came to, and its name."""
+def _ended(request: RunRequest) -> State[Any]:
+    """The state in which the flow run ends."""
     renames = flow_run.name == _own_title(request)
     with running(request) as run:
         size = run.asked.runs, run.stopping is not None
         page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None)
         with task_runs_of(run.name, run.engine, run.tally, page) as task_runs, pool_of(run) as pool:
-            return _delivered(run, pool, task_runs), run.name
-
-
-def _delivered(run: CampaignRun, pool: CampaignPool | None, task_runs: TaskRuns) -> Results:
-    for _ in run.attempts():
-        with suppress(Lost):  # a damaged artifact is found when it is read, and computed again by the next attempt
-            for _batch in run.batches():
-                if run.search is None:
-                    _compute(run, pool, task_runs)
-                elif run.instantiated is None or run.incomplete:
-                    compute_batch(run.name, run.search, run.engine, run.tally, partial(_compute, run, pool))
-            with new_directory(run.delivery.folder, run.name, run.created) as directory:
-                written = report(run, assess(run, directory))
-            return deliver(run, written)
-    raise AssertionError("attempts end with an error")
+            for _ in run.attempts():
+                with suppress(
+                    Lost
+                ):  # a damaged artifact is found when it is read, and computed again by the next attempt
+                    for _batch in run.batches():
+                        if run.search is None:
+                            _compute(run, pool, task_runs)
+                        elif run.instantiated is None or run.incomplete:
+                            compute_batch(run.name, run.search, run.engine, run.tally, partial(_compute, run, pool))
+                    with new_directory(run.delivery.folder, run.name, run.created) as directory:
+                        written = report(run, assess(run, directory))
+                    found = deliver(run, written)
+                    break
+    publish(found, run.name, request.reports)  # after the last of what the progress tells of
+    if found.faults:
+        first = found.faults[0]
+        return Failed(message=f"{len(found.faults)} faults, the first in {first.stage}: {first.error}")
+    return Completed(message=outcome_text(found))
 
 
 def _compute(run: CampaignRun, pool: CampaignPool | None, task_runs: TaskRuns) -> None:

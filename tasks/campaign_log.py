@@ -1,4 +1,7 @@
-"""Logs of a campaign: what vastflow, Prefect and its services say goes to one file, not to the user's terminal."""
+"""Logs of a campaign: what vastflow, Prefect and its services say goes to one file, not to the user's terminal.
+
+Of several campaigns at once in one process each takes its own file away when it ends, and the one that began first all else.
+"""
 
 import logging
 import os
@@ -34,14 +37,15 @@ def own_log(log: Path) -> Iterator[None]:
     """Send what vastflow says to `log`; the file is made with the first line."""
     handler = _handler(log)
     logger = logging.getLogger("vastflow")
-    before = logger.propagate
+    before, is_first = logger.propagate, _is_first(logger)
     logger.addHandler(handler)
     logger.propagate = False
     try:
         yield
     finally:
         logger.removeHandler(handler)
-        logger.propagate = before
+        if is_first:
+            logger.propagate = before
         handler.close()
 
 
@@ -59,6 +63,8 @@ def prefect_log(log: Path) -> Iterator[None]:
     known = [logger for logger in logging.Logger.manager.loggerDict.values() if isinstance(logger, logging.Logger)]
     for logger in [root, *known]:
         _end_earlier(logger)
+    prefect_logger = logging.getLogger("prefect")
+    is_first = _is_first(prefect_logger)
     before = {logger: (list(logger.handlers), logger.propagate) for logger in [root, *known]}
     for logger in before:
         for console in console_handlers(logger):
@@ -70,7 +76,6 @@ def prefect_log(log: Path) -> Iterator[None]:
         before.setdefault(logger, (list(logger.handlers), logger.propagate))
         logger.addHandler(handler)
         logger.propagate = False
-    prefect_logger = logging.getLogger("prefect")
     level = prefect_logger.level
     show = warnings.showwarning
     warnings.showwarning = _logged_warning
@@ -80,14 +85,23 @@ def prefect_log(log: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        warnings.showwarning = show
-        prefect_logger.setLevel(level)
+        if is_first:
+            warnings.showwarning = show
+            prefect_logger.setLevel(level)
         if imported_before:
             for logger, (handlers, propagate) in before.items():
-                logger.handlers[:], logger.propagate = handlers, propagate
-            logging.raiseExceptions = raises
+                logger.removeHandler(handler)
+                if is_first:
+                    logger.handlers += [each for each in handlers if each not in logger.handlers]
+                    logger.propagate = propagate
+            if is_first:
+                logging.raiseExceptions = raises
             handler.close()
         handler.is_left = True
+
+
+def _is_first(logger: logging.Logger) -> bool:
+    return not any(isinstance(each, _LogFile) for each in logger.handlers)
 
 
 def _end_earlier(logger: logging.Logger) -> None:

@@ -9,6 +9,7 @@ from datetime import datetime
 import pytest
 
 from vastflow.tasks.campaign_log import new_log, own_log, prefect_log
+from vastflow.tasks.prefect_adapter import import_prefect
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -81,3 +82,16 @@ def test_a_program_that_uses_prefect_gets_its_logging_back(tmp_path):
     with prefect_log(tmp_path / "log"):
         pass
     assert (list(logger.handlers), logger.propagate, logger.level, list(root.handlers), warnings.showwarning) == before
+
+
+@pytest.mark.parametrize("logged", [own_log, prefect_log])
+def test_logs_of_two_campaigns_at_once_leave_the_loggers_as_they_were(tmp_path, logged):
+    import_prefect()
+    loggers = [logging.getLogger(name) for name in ("vastflow", "prefect")]
+    before = [(list(logger.handlers), logger.propagate) for logger in loggers]
+    first, second = logged(tmp_path / "first"), logged(tmp_path / "second")
+    for each in (first, second):
+        each.__enter__()
+    for each in (first, second):  # the one that began first ends first
+        each.__exit__(None, None, None)
+    assert [(list(logger.handlers), logger.propagate) for logger in loggers] == before
