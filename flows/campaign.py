@@ -75,9 +75,8 @@ def _ended(request: RunRequest) -> State[Any]:
         page = Page(run.name, str(flow_run.id), get_run_logger().info, size if renames else None)
         with task_runs_of(run.name, run.engine, run.tally, page) as task_runs, pool_of(run) as pool:
             for _ in run.attempts():
-                with suppress(
-                    Lost
-                ):  # a damaged artifact is found when it is read, and computed again by the next attempt
+                # A damaged artifact is found when it is read, and computed again by the next attempt.
+                with suppress(Lost):
                     for _batch in run.batches():
                         if run.search is None:
                             _compute(run, pool, task_runs)

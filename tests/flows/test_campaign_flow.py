@@ -187,6 +187,19 @@ def test_every_task_run_is_recorded_in_a_final_state_under_a_readable_name(place
     assert sorted(found) == sorted((name, "Completed") for name in expected)
 
 
+def test_the_graph_leads_from_each_producer_to_the_next_and_to_the_runs(place, first):
+    flow_run = "(select id from flow_run order by start_time limit 1)"
+    found = rows(place, f"select id, name, task_inputs from task_run where flow_run_id = {flow_run}")
+    names = {identity: name for identity, name, _ in found}
+    follows = {
+        name: {names[each["id"]] for each in before}
+        for _, name, inputs in found
+        if (before := json.loads(inputs).get("wait_for"))
+    }
+    last = "instantiate room by ParameterVariationList"
+    assert follows == {last: {"instantiate room by Task"}, **{f"execute {k} of room": {last} for k in range(1, 5)}}
+
+
 def test_a_task_run_whose_shard_was_in_the_store_is_shown_as_cached(place, again):
     again(("tiny.vast", "values: [0.0, 0.01]", "values: [0.0, 0.03]"))
     last = "(select id from flow_run order by start_time desc limit 1)"
