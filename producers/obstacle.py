@@ -9,7 +9,7 @@ from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
-from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.configuration import DRAW, Fragment, Rejection
 from vastflow.producers.places.as_v1 import place_as_v1
 from vastflow.producers.places.ground import MapParameter, map_needed
 from vastflow.producers.places.placement import Site, Wanted, place
@@ -217,7 +217,7 @@ class ObstacleVariation(Producer[ObstacleParameters]):
                 if isinstance(site, str) or isinstance(entries, str):
                     yield Rejection(str(entries), requested)
                 else:
-                    yield Fragment(self._request.written(inputs, site, entries))
+                    yield Fragment(self._request.written(inputs, site, entries, asked_for(kinds, number)))
 
     @property
     def _request(self) -> SiteRequest:
@@ -228,6 +228,19 @@ class ObstacleVariation(Producer[ObstacleParameters]):
 def combinations(configs: Sequence[ObstacleConfig]) -> Iterator[tuple[ObstacleConfig, ...]]:
     """Every combination of the configs' listed values, as configs of one value each."""
     return itertools.product(*(config.choices() for config in configs))
+
+
+def asked_for(kinds: Sequence[ObstacleConfig], number: int) -> dict[str, Value]:
+    """The listed values that a placement stands for, each under its name in the file, and its number among equals."""
+    several = len(kinds) > 1
+    return {
+        **{
+            f"{name} of kind {k}" if several else name: value
+            for k, kind in enumerate(kinds, start=1)
+            for name, value in kind.requested().items()
+        },
+        DRAW: number,
+    }
 
 
 def placed(

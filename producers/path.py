@@ -11,7 +11,7 @@ from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
-from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.configuration import REQUESTED, Fragment, Rejection
 from vastflow.producers.places.ground import (
     MAP_KEY,
     Ground,
@@ -181,7 +181,9 @@ class PathVariationRandom(Producer[PathParameters]):
                 if isinstance(legs, str):
                     yield Rejection(legs, requested)
                 else:
-                    yield Fragment(self._values(inputs, task, legs, rng))
+                    size = {name: requested[name] for name in ("path_length", "num_goal_poses")}
+                    note = {REQUESTED + goals_key(self.parameters.goal_poses): size}
+                    yield Fragment({**self._values(inputs, task, legs, rng), **note})
 
     def _requests(self, goals: Sequence[Pose]) -> Iterator[dict[str, Value]]:
         asked = self.parameters

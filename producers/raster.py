@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.producers import producer
-from vastflow.producers.configuration import Fragment, Rejection
+from vastflow.producers.configuration import REQUESTED, Fragment, Rejection
 from vastflow.producers.path import center_m, legs_text, length_text, path_values
 from vastflow.producers.places.ground import (
     MAP_KEY,
@@ -94,7 +94,9 @@ class PathVariationRasterized(Producer[RasterParameters]):
         One rejection for each length counts the pairs, or starts, that it leaves out. Draws nothing.
         """
         asked = self.parameters
-        requests = [{"path_length": m, "num_goal_poses": asked.num_goal_poses} for m in asked.path_length]
+        requests: list[dict[str, Value]] = [
+            {"path_length": m, "num_goal_poses": asked.num_goal_poses} for m in asked.path_length
+        ]
         map_file = map_of(inputs, asked.map_file)
         try:
             start = given_start(inputs, asked.start_pose)
@@ -115,7 +117,7 @@ class PathVariationRasterized(Producer[RasterParameters]):
             n_paths = 0
             for path in _paths(raster.starts, legs[share], n_goals):
                 n_paths += 1
-                yield Fragment(self._values(inputs, ground, start, path))
+                yield Fragment({**self._values(inputs, ground, start, path), REQUESTED + self._goal_key: requested})
             if reason := raster.left_out(share, n_goals, n_paths):
                 yield Rejection(reason, requested)
 

@@ -11,7 +11,7 @@ from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.obstacle import ObstacleConfig, ObstacleParameters, Placement, combinations, placed
+from vastflow.producers.obstacle import ObstacleConfig, ObstacleParameters, Placement, asked_for, combinations, placed
 from vastflow.producers.places.ground import map_needed
 from vastflow.producers.places.placement import Site
 from vastflow.producers.places.site import SiteRequest
@@ -127,7 +127,12 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
                         yield Rejection(str(entries), requested)
                     else:
                         for delay_s in asked.spawn_delay_s:
-                            yield Fragment(self._values(inputs, site, entries[0], distance_m, delay_s))
+                            listed = {
+                                "trigger_distance": distance_m,
+                                "spawn_delay_s": delay_s,
+                                **asked_for(kinds, number),
+                            }
+                            yield Fragment(self._values(inputs, site, entries[0], listed))
 
     def _site(self, inputs: Mapping[str, Value]) -> Site | str:
         asked = self.parameters
@@ -137,18 +142,18 @@ class ObstacleVariationWithDistanceTrigger(Producer[TriggeredObstacleParameters]
         return self._request.site(inputs)
 
     def _values(
-        self, inputs: Mapping[str, Value], site: Site, entry: dict[str, Value], distance_m: float, delay_s: float
+        self, inputs: Mapping[str, Value], site: Site, entry: dict[str, Value], listed: Mapping[str, Value]
     ) -> dict[str, Value]:
         asked = self.parameters
         trigger: dict[str, Value] = {"point": asked.spawn_trigger_point, "threshold": asked.spawn_trigger_threshold}
         delay: dict[str, Value] = {}
         if any(asked.spawn_delay_s):
-            trigger["delay"], delay[asked.delay_key] = asked.delay_key, delay_s
+            trigger["delay"], delay[asked.delay_key] = asked.delay_key, listed["spawn_delay_s"]
         place = pose_of(entry["spawn_pose"])
         return {
-            **self._request.written(inputs, site, [{**entry, "spawn_trigger": trigger}]),
+            **self._request.written(inputs, site, [{**entry, "spawn_trigger": trigger}], listed),
             asked.spawn_trigger_point: {"x": place.x_m, "y": place.y_m, "z": 0.0},
-            asked.spawn_trigger_threshold: distance_m,
+            asked.spawn_trigger_threshold: listed["trigger_distance"],
             **delay,
         }
 

@@ -66,6 +66,11 @@ class ConfigurationTable:
         """What producers noted of each one's making: the path that was drawn, its length."""
         return self._decoded("provenance")
 
+    @cached_property
+    def steps(self) -> list[list[Mapping[str, Any]]]:
+        """Of each producer in turn: its name as `producer`, and the `keys` that it wrote."""
+        return [json.loads(text) for text in texts(self.table["steps"])]
+
     def __len__(self) -> int:
         return len(self.names)
 

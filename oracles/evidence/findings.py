@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.directory.tables import Tables
+from vastflow.oracles.directory.verdict_table import FAIL, PASS
 from vastflow.oracles.evidence.rates import Counts
-from vastflow.oracles.evidence.varied import chosen_values, surroundings_rows, varied_rows
+from vastflow.oracles.evidence.varied import chosen_rows, chosen_values, matched_sets, surroundings_rows
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_rate, weights_of
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.classes import ClassBounds, Classes, TotalFailures, classify, shares, total_failures
@@ -42,7 +43,7 @@ class Design:
     def matters(self) -> bool:
         """Whether any factor, or pair of them, is shown to."""
         found = self.analysis
-        return any(each.significant for each in found.factors) or any(each.significant for each in found.interactions)
+        return any(each.matters for each in found.factors) or any(each.claim.shown for each in found.interactions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,13 +163,34 @@ def _designs(
     for keys, places in by_keys.items():
         at = found.distinct[places]
         families = tuple(dict.fromkeys(found.families[k] for k in at))
-        rows = varied_rows(found, at, environments)
+        rows = chosen_rows(found, at, environments)
         if len(families) > 1:
             rows = [{"family": found.families[k], **row} for k, row in zip(at, rows, strict=True)]
         factors, dropped = factors_of(rows)
         seen, unseen = factors_of(surroundings_rows(found, at))
         blocks = [tables.blocks[found.names[k]] for k in at]
         dropped += unseen
-        analysis = factor_analysis(factors, passed[places], judged[places], blocks, dropped, surroundings=seen)
+        sets = {factor.name: matched_sets(found, at.tolist(), factor.name) for factor in factors}
+        analysis = factor_analysis(
+            factors,
+            passed[places],
+            judged[places],
+            blocks,
+            dropped,
+            surroundings=seen,
+            sets=sets,
+            first=_first(tables, at),
+        )
         if analysis is not None:
             yield Design(families, analysis, tuple(sorted(keys - common)), tuple(sorted(known - keys)))
+
+
+def _first(tables: Tables, at: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(m,) passed and judged, of the runs that every configuration has whatever became of them."""
+    rule, verdicts = stopping_rule(tables.metadata), tables.verdicts
+    counted = verdicts.run_index < rule.min_runs if rule else np.ones(len(verdicts), dtype=np.bool_)
+    passed, failed = (
+        np.bincount(verdicts.configuration[counted & (verdicts.together == code)], minlength=len(verdicts.names))[at]
+        for code in (PASS, FAIL)
+    )
+    return passed, passed + failed

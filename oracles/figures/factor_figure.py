@@ -17,22 +17,21 @@ MAX_INTERACTIONS: Final = 4
 _COLUMNS: Final = 2
 _WIDTH_IN: Final = 10.0
 _DPI: Final = 120
-_ROW_IN: Final = 0.26
+_PANEL_IN: Final = (5.0, 2.1)
+_ASIDE: Final = 0.09
+"""Of a level's place, to both sides."""
 
 
 def factor_figure(factors: Sequence[FactorEffect]) -> Figure:
-    """A panel for each factor, the strongest first: adjusted failure rates with their intervals, plain rates as rings."""
+    """A panel for each factor, the most certain first: the failure rate of each situation at each level, and the mean of all."""
     shown = factors[:MAX_FACTORS]
-    places, whole_in = _packed([0.85 + _ROW_IN * len(factor.levels) for factor in shown])
-    figure = Figure(figsize=(_WIDTH_IN, whole_in), dpi=_DPI)
-    highest = max((level.interval.high for factor in shown for level in factor.levels), default=1.0)
-    width_in = _WIDTH_IN / _COLUMNS - 1.95
-    for factor, (column, top_in) in zip(shown, places, strict=True):
-        inner_in = _ROW_IN * len(factor.levels)
-        bottom_in = whole_in - top_in - 0.35 - inner_in
-        left_in = 0.15 + column * _WIDTH_IN / _COLUMNS + 1.55
-        axes = figure.add_axes((left_in / _WIDTH_IN, bottom_in / whole_in, width_in / _WIDTH_IN, inner_in / whole_in))
-        _draw_factor(axes, factor, min(1.0, highest * 1.04 + 0.01))
+    columns = min(_COLUMNS, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = Figure(figsize=(columns * _PANEL_IN[0], rows * _PANEL_IN[1]), dpi=_DPI, layout="constrained")
+    for factor, axes in zip(shown, figure.subplots(rows, columns, squeeze=False).flat, strict=False):
+        _draw_factor(axes, factor)
+    for axes in figure.axes[len(shown) :]:
+        axes.set_axis_off()
     return figure
 
 
@@ -54,39 +53,29 @@ def interaction_figure(interactions: Sequence[InteractionEffect]) -> Figure:
     return figure
 
 
-def _packed(heights_in: Sequence[float]) -> tuple[list[tuple[int, float]], float]:
-    """Column and upper end of each panel, one after the other in the column that has most room; and the height of all."""
-    used_in = [0.0] * _COLUMNS
-    places = []
-    for height_in in heights_in:
-        column = int(np.argmin(used_in))
-        places.append((column, used_in[column]))
-        used_in[column] += height_in
-    return places, max(used_in)
-
-
-def _draw_factor(axes: Axes, factor: FactorEffect, most: float) -> None:
-    ys = np.arange(len(factor.levels))
-    color = COLORS["fail"] if factor.significant else COLORS["not judged"]
-    axes.hlines(
-        ys, [level.interval.low for level in factor.levels], [level.interval.high for level in factor.levels],
-        color=color, linewidth=4.5, alpha=0.45,
-    )  # fmt: skip
-    axes.plot(
-        [level.rate for level in factor.levels], ys, "o", ms=6.5, mfc="none", mec=SOFT_INK, mew=0.9, clip_on=False
-    )
-    axes.plot(
-        [level.adjusted for level in factor.levels], ys, "D", ms=4.5, color=INK, mec="white", mew=0.6, clip_on=False
-    )
-    axes.set_title(_cut(factor.name, 52), fontsize=9, color=INK, loc="left", fontweight="bold", x=-0.5, pad=6)
-    axes.set_yticks(ys, [f"{_cut(level.level, 26)}" for level in factor.levels], fontsize=8)
-    axes.set_ylim(len(ys) - 0.45, -0.55)
-    axes.set_xlim(0, most)
-    ticks = [tick for tick in axes.get_xticks() if 0 <= tick <= most][::2]
-    axes.set_xticks(ticks, [f"{100 * tick:.0f} %" for tick in ticks], fontsize=7.5)
-    axes.grid(axis="x", color=LINE, linewidth=0.8)
+def _draw_factor(axes: Axes, factor: FactorEffect) -> None:
+    rates = np.array(factor.rates, dtype=np.float64).reshape(-1, len(factor.levels))
+    xs = np.arange(len(factor.levels))
+    # Lines that coincide stand beside each other.
+    aside = np.linspace(-_ASIDE, _ASIDE, len(rates)) if len(rates) > 1 else np.zeros(1)
+    for rate, shift in zip(rates, aside, strict=True):
+        known = np.isfinite(rate)
+        axes.plot(
+            (xs + shift)[known], rate[known], "o-", ms=3.5, lw=1, color=SOFT_INK, mfc="white", mew=0.9,
+            alpha=max(0.25, min(1.0, 12 / len(rates))), clip_on=False,
+        )  # fmt: skip
+    color = COLORS["fail"] if factor.matters else INK
+    means = [level.rate for level in factor.levels]
+    axes.plot(xs, means, "D-", ms=7, lw=2.4, color=color, mec="white", mew=0.8, zorder=3, clip_on=False)
+    axes.set_title(_cut(factor.name, 48), fontsize=9, color=INK, loc="left", fontweight="bold", pad=9)
+    axes.set_xticks(xs, [_cut(level.level, 84 // len(xs)) for level in factor.levels], fontsize=8)
+    axes.set_xlim(-0.4, len(xs) - 0.6)
+    axes.set_ylim(0, 1)
+    axes.set_yticks([0, 0.25, 0.5, 0.75, 1], ["0 %", "", "50 %", "", "100 %"], fontsize=7.5)
+    axes.set_ylabel("runs that failed", fontsize=8, color=SOFT_INK)
+    axes.grid(axis="y", color=LINE, linewidth=0.8)
     axes.set_axisbelow(True)
-    axes.tick_params(length=0, colors=INK)
+    axes.tick_params(length=0, colors=INK, pad=6)
     axes.spines[:].set_visible(False)
 
 

@@ -41,6 +41,8 @@ from vastflow.sim.world.obstacle import Obstacle
 MAX_EMBEDDED: Final = 11_000_000
 """Bytes of pictures within the page; those beyond are in `figures/` alone, so that the page stays below 20 MB."""
 
+MOST_CONTRASTS: Final = 2
+
 
 @dataclass(frozen=True, slots=True)
 class Picture:
@@ -97,6 +99,22 @@ def factor_pictures(designs: Sequence[Design]) -> list[list[Picture]]:
     return [
         list(_design_pictures(design, f"-{k}" if len(designs) > 1 else "")) for k, design in enumerate(designs, start=1)
     ]
+
+
+def contrast_pictures(designs: Sequence[Design]) -> dict[tuple[int, str], Picture]:
+    """By design and name, of the most certain factor of each design that has one; of `MOST_CONTRASTS` designs."""
+    surest = [(k, next((f for f in design.analysis.factors if f.matters), None)) for k, design in enumerate(designs)]
+    return {
+        (k, factor.name): _picture(
+            f"contrast-{k + 1}",
+            "",
+            f"Failure rate at each level of {factor.name}",
+            "Thin line: one situation. Diamonds: their mean.",
+            factor_figure([factor]),
+            drawn=True,
+        )
+        for k, factor in [(k, factor) for k, factor in surest if factor is not None][:MOST_CONTRASTS]
+    }
 
 
 def map_pictures(scene: Scene, name: str) -> Iterator[Picture]:
@@ -227,13 +245,13 @@ def _design_pictures(design: Design, ending: str) -> Iterator[Picture]:
         yield _picture(
             f"factors{ending}",
             "",
-            "Failure rate at each level of each factor, with intervals",
-            "Diamond: failure rate adjusted for the other factors, with its 95 % interval; ring: the plain rate. "
-            "Orange: the factor matters at the stated error rate; gray: it has not been shown to.",
+            "Failure rate at each level of each factor",
+            "A thin line with rings is one path, or one situation without a path; diamonds are the mean. "
+            "Orange: the factor is shown to matter, on these or on others; black: it is not.",
             factor_figure(design.analysis.factors),
             drawn=True,
         )
-    if pairs := [pair for pair in design.analysis.interactions if pair.significant]:
+    if pairs := [pair for pair in design.analysis.interactions if pair.claim.shown]:
         yield _picture(
             f"interactions{ending}",
             "",

@@ -23,12 +23,14 @@ from vastflow.oracles.figures.palette import CLASS_COLORS
 from vastflow.oracles.figures.picture import plain_style
 from vastflow.oracles.figures.scene import MAX_SCENES, scenes_of
 from vastflow.oracles.page import reasons, rows
+from vastflow.oracles.page.factor_words import difference_text, factor_text, others_text, p_text, pair_text
 from vastflow.oracles.page.pictures import (
     MAX_EMBEDDED,
     Picture,
     all_maps_picture,
     case_picture,
     cause_picture,
+    contrast_pictures,
     factor_pictures,
     map_pictures,
     rate_pictures,
@@ -60,6 +62,7 @@ class Gallery:
     """All pictures of a report, by what they are about.
 
     Attributes:
+        contrasts: By design and name of the factor, of those that matter.
         factors: Of each design.
         thresholds: Of the criteria that separate nothing.
         overview: All maps beside each other; None where there is but one.
@@ -69,6 +72,7 @@ class Gallery:
     """
 
     rates: Sequence[Picture]
+    contrasts: Mapping[tuple[int, str], Picture]
     factors: Sequence[Sequence[Picture]]
     thresholds: Sequence[Picture]
     overview: Picture | None
@@ -80,6 +84,7 @@ class Gallery:
     @property
     def pictures(self) -> Iterable[Picture]:
         """All of them, what a reader should have at hand first."""
+        yield from self.contrasts.values()
         yield from self.search
         yield from self.causes.values()
         yield from self.cases.values()
@@ -121,6 +126,7 @@ def write_report(directory: Path) -> None:
     scenes, searched = scenes_of(tables), search_section(tables)
     gallery = Gallery(
         list(rate_pictures({oracle: evidence[oracle] for oracle in rows.shown_oracles(evidence)})),
+        contrast_pictures(findings.designs),
         factor_pictures(findings.designs),
         list(threshold_pictures(criteria)),
         all_maps_picture(scenes, [names[s.environment] for s in scenes]) if len(scenes) > 1 else None,
@@ -187,6 +193,11 @@ def _html(
         bar=bar,
         cell=rate_cell,
         criterion=criterion_text,
+        matters=factor_text,
+        for_others=others_text,
+        together=pair_text,
+        p=p_text,
+        difference=difference_text,
     )
     gallery: Gallery = found["gallery"]
     embedded = _embedded(gallery.pictures)
@@ -205,6 +216,7 @@ def _html(
         stood=stood,
         class_names=list(CLASS_COLORS),
         shape=shape_of(findings),
+        noun="path" if any(tables.configurations.environments) else "situation",
         most_runs=most_runs,
         shown_by={} if rule is not None or most_runs > _MOST_LISTED else passes_that_show(most_runs),
         least_runs=0 if rule is not None and rule.decidable else min(runs_for_a_claim().values()),

@@ -1,6 +1,6 @@
 """Analysis of factors: which of them, and which pairs of them, change the failure rate, and how sure that is."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Final
@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vastflow.oracles.statistics.contrast import Contrasts, contrasts_of
-from vastflow.oracles.statistics.effects import FactorEffect, factor_effect
+from vastflow.oracles.statistics.effects import Claim, FactorEffect, Runs, factor_effect, runs_of
 from vastflow.oracles.statistics.factors import Dropped, Factor
 from vastflow.oracles.statistics.interactions import InteractionEffect, interaction_effect
 from vastflow.oracles.statistics.intervals import Floats, counts
 from vastflow.oracles.statistics.margins import Margins, margins_of
+from vastflow.oracles.statistics.situations import needed, smallest
 from vastflow.oracles.statistics.trend import trend_of
 
 LEAST_DRAWS: Final = 999
@@ -47,7 +48,7 @@ class FactorAnalysis:
         surroundings: What nobody chose, each beside all factors and adjusted among themselves; most certain first.
         dropped: What varies and was not analyzed.
         configurations, blocks: That were analyzed.
-        error: Probability of even one false `significant`, at most.
+        error: Probability of even one false claim, at most: on these situations, on others, and of pairs.
     """
 
     factors: tuple[FactorEffect, ...]
@@ -68,6 +69,8 @@ def factor_analysis(
     dropped: Iterable[Dropped] = (),
     error: float = 0.05,
     surroundings: Sequence[Factor] = (),
+    sets: Mapping[str, ArrayLike] | None = None,
+    first: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> FactorAnalysis | None:
     """Analyze how factors change the failure rate; None for fewer than two configurations with judged runs.
 
@@ -75,7 +78,8 @@ def factor_analysis(
     averaged there, and what a factor is measured against are the differences of configurations alike in it (analysis of cluster
     means, Donner and Klar 2000, ch. 6). Effects are differences of failure rates, in a linear model with a column for each
     level; unlike a logistic one it has an answer where a level always passes, and its effects are in the unit that is reported.
-    `Contrasts` has the tests: a factor beyond all other factors, by its levels or, of a number, by its trend; a pair beyond all factors. All are adjusted together by Holm
+    A factor has two tests: on these situations, by `Matched` sets of runs; and for others like them, by permutations within situations, or by
+    `Contrasts` beyond all other factors where these are not balanced. Each of the two, and the pairs, are a family that is adjusted by Holm
     (Scand. J. Statist. 6 (1979) 65), which needs no independence.
 
     Effects that multiply, say a rate doubled from 0.1 to 0.2 here and from 0.4 to 0.8 there, do not add up and are an interaction.
@@ -88,6 +92,9 @@ def factor_analysis(
         factors, surroundings: (m,) codes each, see `factors_of`.
         passed, judged: (m,) counts.
         blocks: (m,) equal numbers for configurations that are not independent, see `blocks_of`; by default each is a block.
+        sets: Factor to (m,) numbers, equal for configurations that are equal in all but the factor; by default those of a block that
+            are equal in all other factors.
+        first: (m,) counts of passed and judged, of as many runs of each as a stopping rule allows; by default of all.
     """
     x, n = counts(passed, judged)
     some = n > 0
@@ -108,11 +115,18 @@ def factor_analysis(
     margins = margins_of(model, rates, contrasts.blocks, n[some])
     between = _between(rates, n[some])
     mains: list[FactorEffect] = []
+    first_passed, first_judged = counts(*(first or (passed, judged)))
+    looked_at = (first_judged - first_passed)[some], first_judged[some]
     for factor in present:
         others = np.column_stack([constant, *(found for name, found in columns.items() if name != factor.name)])
         tested = contrasts.test(columns[factor.name], others)
-        trend = None if factor.values is None else trend_of(contrasts, factor.values, others, error)
-        mains.append(factor_effect(factor, tested, margins, columns, constant, between, error, trend))
+        trend = None if factor.values is None else trend_of(contrasts, factor.values, others, n[some], error)
+        alike = _alike(contrasts.blocks, present, factor) if sets is None else np.asarray(sets[factor.name])[some]
+        runs = runs_of(factor, rates, looked_at, contrasts.blocks, alike)
+        effect = factor_effect(factor, tested, margins, columns, constant, between, error, runs, trend)
+        if runs.table is not None and smallest(len(runs.table), len(factor.levels)) * len(present) > error:
+            effect = replace(effect, needed=needed(len(factor.levels), len(present), error))
+        mains.append(effect)
     effects = [interaction_effect(*pair, contrasts, model, columns, margins.fitted, between) for pair in pairs]
     seen = _beside(
         [found for each in surroundings if (found := _present(each, some)) is not None],
@@ -121,20 +135,20 @@ def factor_analysis(
         n[some],
         error,
     )
-    adjusted = holm([*(effect.p_value for effect in mains), *(effect.p_value for effect in effects)])
-    for k, p in enumerate(adjusted[: len(mains)]):
-        mains[k] = replace(mains[k], adjusted=p, significant=p is not None and p <= error)
-    for k, p in enumerate(adjusted[len(mains) :]):
-        effects[k] = replace(effects[k], adjusted=p, significant=p is not None and p <= error)
+    these = _told([effect.these for effect in mains], error)
+    for_others = _told([effect.others for effect in mains], error)
+    mains = [replace(e, these=one, others=two) for e, one, two in zip(mains, these, for_others, strict=True)]
+    claims = _told([effect.claim for effect in effects], error)
+    effects = [replace(effect, claim=claim) for effect, claim in zip(effects, claims, strict=True)]
     lost = [
         Dropped(f.name, "has one level among the judged")
         for f in (*factors, *surroundings)
         if _present(f, some) is None
     ]
     return FactorAnalysis(
-        tuple(sorted(mains, key=lambda effect: (_certainty(effect.p_value), -effect.difference))),
-        tuple(sorted(effects, key=lambda effect: (_certainty(effect.p_value), -abs(effect.departure)))),
-        tuple(sorted(seen, key=lambda effect: (_certainty(effect.p_value), -effect.difference))),
+        tuple(sorted(mains, key=lambda e: (_certainty(e.these), _certainty(e.others), -e.difference))),
+        tuple(sorted(effects, key=lambda effect: (_certainty(effect.claim), -abs(effect.departure)))),
+        tuple(sorted(seen, key=lambda effect: (_certainty(effect.others), -effect.difference))),
         (*dropped, *lost),
         _variance(rates, n[some], between, margins, effects),
         len(rates),
@@ -156,13 +170,26 @@ def _beside(
         columns = {each.name: _columns(each) for each in everything}
         others = np.column_stack([constant, *(columns[each.name] for each in held)])
         margins = margins_of(np.column_stack([constant, *columns.values()]), contrasts.response, contrasts.blocks, runs)
-        trend = None if factor.values is None else trend_of(contrasts, factor.values, others, error)
+        trend = None if factor.values is None else trend_of(contrasts, factor.values, others, runs, error)
         found = contrasts.test(columns[factor.name], others)
-        effects.append(factor_effect(factor, found, margins, columns, constant, between, error, trend))
-    adjusted = holm([effect.p_value for effect in effects])
+        alone = Runs(runs * contrasts.response, runs, contrasts.blocks, None, None)
+        effects.append(factor_effect(factor, found, margins, columns, constant, between, error, alone, trend))
+    claims = _told([effect.others for effect in effects], error)
+    return [replace(effect, others=claim) for effect, claim in zip(effects, claims, strict=True)]
+
+
+def _alike(blocks: NDArray[np.int64], factors: Sequence[Factor], factor: Factor) -> NDArray[np.int64]:
+    """(m,) equal for configurations of a block that are equal in all other factors."""
+    rest = np.column_stack([blocks, *(other.codes for other in factors if other.name != factor.name)])
+    return np.unique(rest, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def _told(claims: Sequence[Claim], error: float) -> list[Claim]:
+    """Claims that are adjusted among each other."""
+    adjusted = holm([claim.p_value for claim in claims])
     return [
-        replace(effect, adjusted=p, significant=p is not None and p <= error)
-        for effect, p in zip(effects, adjusted, strict=True)
+        replace(claim, adjusted=p, shown=p is not None and p <= error)
+        for claim, p in zip(claims, adjusted, strict=True)
     ]
 
 
@@ -177,8 +204,8 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     return adjusted
 
 
-def _certainty(p_value: float | None) -> float:
-    return 2.0 if p_value is None else p_value
+def _certainty(claim: Claim) -> float:
+    return 2.0 if claim.p_value is None else claim.p_value
 
 
 def _present(factor: Factor, some: NDArray[np.bool_]) -> Factor | None:
@@ -219,7 +246,7 @@ def _variance(
     if whole <= 0.0:
         return Variance(0.0, 0.0, 0.0, 0.0)
     by_factors = min(between, margins.explained)
-    by_pairs = min(between - by_factors, sum(pair.share for pair in pairs if pair.significant) * between)
+    by_pairs = min(between - by_factors, sum(pair.share for pair in pairs if pair.claim.shown) * between)
     return Variance(
         repetition / whole, by_factors / whole, by_pairs / whole, max(0.0, between - by_factors - by_pairs) / whole
     )

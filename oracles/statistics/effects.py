@@ -1,14 +1,18 @@
 """Effects: how much a factor changes the failure rate, level by level."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vastflow.oracles.statistics.contrast import Tested
 from vastflow.oracles.statistics.factors import Factor
 from vastflow.oracles.statistics.intervals import Floats, Interval
 from vastflow.oracles.statistics.margins import Margins
+from vastflow.oracles.statistics.matched import Matched, matched
+from vastflow.oracles.statistics.situations import means_of, permuted, table_of
 from vastflow.oracles.statistics.trend import Trend
 
 
@@ -17,16 +21,38 @@ class LevelEffect:
     """The failure rate at one level of a factor; each configuration counts once.
 
     Attributes:
+        failed, runs: In matched sets, and where there are none in all configurations; with sequential stopping their first runs alone.
+        difference: Mantel and Haenszel's difference to the level with the fewest failures, over matched sets; None without any.
         rate: Mean over the configurations that have the level.
         adjusted: The mean that all of them would have with this level and their own levels of the other factors, effects added up.
         interval: Of `adjusted`, blocks as clusters.
     """
 
     level: str
+    failed: int
+    runs: int
+    difference: float | None
+    difference_interval: tuple[float, float] | None
     configurations: int
     rate: float
     adjusted: float
     interval: Interval
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Whether an effect is shown.
+
+    Attributes:
+        p_value: Of no effect; None where it can't be tested, `note` says why.
+        adjusted: The same by Holm over all that the table asks of its kind.
+        shown: Whether `adjusted` is at most the analysis' error.
+    """
+
+    p_value: float | None
+    note: str = ""
+    adjusted: float | None = None
+    shown: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +64,13 @@ class FactorEffect:
         difference: Between the two.
         difference_interval: Of it, allowing for their choice among all pairs of levels (Bonferroni).
         share: Of the variance between configurations that the factor explains beyond the others, repetition noise taken out.
-        p_value: Of no effect; None where it can't be tested, `note` says why. Of a number with a trend, twice the smaller of the
-            p-values of its levels and of its trend (Bonferroni).
+        these: Whether it has an effect on these situations, see `Matched`.
+        others: Whether it has a mean effect on other situations like these, by permutations within situations or else by `Contrasts`;
+            of a number with a trend then twice the smaller of the p-values of its levels and of its trend (Bonferroni).
+        situations: Blocks with matched sets; 0 without any.
+        needed: Situations from which `others` could be shown; None where these are enough.
+        rates: Failure rate of each situation at each level, None where it has none: what a plot draws.
         trend: Of a number with three values or more; None for others.
-        adjusted: The same by Holm over all factors and pairs.
-        significant: Whether `adjusted` is at most the analysis' error.
     """
 
     name: str
@@ -52,11 +80,62 @@ class FactorEffect:
     difference: float
     difference_interval: tuple[float, float]
     share: float
-    p_value: float | None
-    adjusted: float | None = None
-    significant: bool = False
-    note: str = ""
+    these: Claim
+    others: Claim
+    situations: int = 0
+    needed: int | None = None
+    rates: tuple[tuple[float | None, ...], ...] = field(default=(), repr=False)
     trend: Trend | None = None
+
+    @property
+    def matters(self) -> bool:
+        """Whether it is shown to, on these situations or on others."""
+        return self.these.shown or self.others.shown
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """What a factor's tests look at beside the rates of configurations.
+
+    Attributes:
+        failed, runs: (m,) of each configuration, as many of all as a stopping rule allows.
+        situations: (m,) numbers of the situations that matched sets join.
+        matched: None without any.
+        table: (k, L) rates of situations at levels where these are balanced; else None.
+    """
+
+    failed: Floats
+    runs: Floats
+    situations: NDArray[np.int64]
+    matched: Matched | None
+    table: Floats | None
+
+
+def runs_of(
+    factor: Factor,
+    rates: Floats,
+    first: tuple[Floats, Floats],
+    blocks: NDArray[np.int64],
+    sets: NDArray[np.int64],
+) -> Runs:
+    """The runs of one factor's matched `sets` (m,), and of its situations: the blocks that share sets."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    _, at = np.unique(sets, return_inverse=True)
+    size = int(blocks.max()) + 1
+    links = coo_array((np.ones(len(at)), (blocks, size + at)), shape=(size + len(at), size + len(at)))
+    situations = connected_components(links, directed=False)[1][blocks].astype(np.int64)
+    found = matched(*first, factor.codes, at, _level_values(factor))
+    table = None if found is None else table_of(rates, factor.codes, at, situations)
+    return Runs(*first, situations, found, table)
+
+
+def _level_values(factor: Factor) -> Floats | None:
+    """(L,) the number behind each level."""
+    if factor.values is None:
+        return None
+    return np.array([factor.values[factor.codes == k].mean() for k in range(len(factor.levels))])
 
 
 def factor_effect(
@@ -67,11 +146,13 @@ def factor_effect(
     constant: Floats,
     between: float,
     error: float,
+    runs: Runs,
     trend: Trend | None = None,
 ) -> FactorEffect:
     """The effect of one factor, not yet adjusted for the others that are tested.
 
     Args:
+        tested: By `Contrasts`; counts where situations are not balanced.
         margins: Of the model that has `constant` (m, c) and then the `columns` (m, L - 1) of each factor, in their order.
         between: Variance between configurations.
     """
@@ -82,15 +163,39 @@ def factor_effect(
     points[:, first : first + len(factor.levels) - 1] = np.eye(len(factor.levels))[:, 1:]
     groups = [factor.codes == k for k in range(len(factor.levels))]
     found = margins.at(points, groups)
+    both = runs.matched
+    counted = (
+        [(both.failed[:, k], both.runs[:, k]) for k in range(len(groups))]
+        if both
+        else [(runs.failed[g], runs.runs[g]) for g in groups]
+    )
+    failed, n = np.array([[float(part.sum()) for part in pair] for pair in counted]).T
+    base = int(np.argmin(failed / np.maximum(n, 1)))
+    unknown = (None, None)
+    differences = [both.difference(k, base) or unknown if both and k != base else unknown for k in range(len(groups))]
     levels = tuple(
-        LevelEffect(level, int(group.sum()), float(margins.response[group].mean()), float(mean), interval)
-        for level, group, mean, interval in zip(
-            factor.levels, groups, found.means, found.intervals(1 - error), strict=True
+        LevelEffect(
+            level,
+            int(failed[k]),
+            int(n[k]),
+            difference[0],
+            difference[1],
+            int(groups[k].sum()),
+            float(margins.response[groups[k]].mean()),
+            float(found.means[k]),
+            interval,
+        )
+        for k, (level, difference, interval) in enumerate(
+            zip(factor.levels, differences, found.intervals(1 - error), strict=True)
         )
     )
     low, high = int(found.means.argmin()), int(found.means.argmax())
     pairs = len(levels) * (len(levels) - 1) / 2
-    p_value = _of_either(tested.p_value, trend)
+    if runs.table is not None:
+        others = Claim(permuted(runs.table, _level_values(factor)))
+    else:
+        p_value = _of_either(tested.p_value, trend)
+        others = Claim(p_value, tested.why if p_value is None else "")
     return FactorEffect(
         factor.name,
         levels,
@@ -99,10 +204,18 @@ def factor_effect(
         float(found.means[high] - found.means[low]),
         found.difference(high, low, 1 - error / pairs),
         share_of(tested, between),
-        p_value,
-        note=tested.why if p_value is None else "",
+        Claim(None, "no matched configurations") if both is None else Claim(both.p_value),
+        others,
+        0 if both is None else len(np.unique(runs.situations)),
+        rates=_rates(factor, margins.response, runs.situations),
         trend=trend,
     )
+
+
+def _rates(factor: Factor, rates: Floats, situations: NDArray[np.int64]) -> tuple[tuple[float | None, ...], ...]:
+    """Mean rate of each situation at each level, None where it has none."""
+    found = means_of(rates, situations, factor.codes, len(factor.levels)).tolist()
+    return tuple(tuple(None if math.isnan(rate) else rate for rate in row) for row in found)
 
 
 def _of_either(of_levels: float | None, trend: Trend | None) -> float | None:

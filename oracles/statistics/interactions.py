@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.statistics.clustered import clustered_interval
-from vastflow.oracles.statistics.contrast import Contrasts, Tested
-from vastflow.oracles.statistics.effects import share_of
+from vastflow.oracles.statistics.contrast import Contrasts, Tested, contrasts_of
+from vastflow.oracles.statistics.effects import Claim, share_of
 from vastflow.oracles.statistics.factors import Factor
 from vastflow.oracles.statistics.intervals import Floats, Interval
+from vastflow.oracles.statistics.situations import means_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,17 +38,14 @@ class InteractionEffect:
     Attributes:
         cells: Pairs of levels that there are.
         departure: `rate` - `expected` of the cell where that stands out most.
-        p_value, adjusted, significant, note: As of a factor.
+        claim: Whether they act together.
     """
 
     names: tuple[str, str]
     cells: tuple[LevelPair, ...]
     departure: float
     share: float
-    p_value: float | None
-    adjusted: float | None = None
-    significant: bool = False
-    note: str = ""
+    claim: Claim
 
 
 def interaction_effect(
@@ -66,7 +64,10 @@ def interaction_effect(
         between: Variance between configurations.
     """
     products = (columns[a.name][:, :, None] * columns[b.name][:, None, :]).reshape(len(model), -1)
-    if products.shape[1] * 3 > len(model):
+    within, between_situations = sorted((a, b), key=lambda factor: is_between(factor, contrasts.blocks))
+    if is_between(between_situations, contrasts.blocks) and not is_between(within, contrasts.blocks):
+        tested = _by_situation(within, between_situations, contrasts, columns)
+    elif products.shape[1] * 3 > len(model):
         tested = Tested(None, why="too few configurations")
     else:
         tested = contrasts.test(products, model)
@@ -84,7 +85,43 @@ def interaction_effect(
     most = int(np.argmax(np.abs(departures))) if cells else 0
     departure = cells[most].rate - cells[most].expected if cells else 0.0
     return InteractionEffect(
-        (a.name, b.name), tuple(cells), departure, share_of(tested, between), tested.p_value, note=tested.why
+        (a.name, b.name), tuple(cells), departure, share_of(tested, between), Claim(tested.p_value, tested.why)
+    )
+
+
+def is_between(factor: Factor, blocks: NDArray[np.int64]) -> bool:
+    """Whether the factor has one level in every block."""
+    return len(np.unique(blocks)) == len(np.unique(np.stack((blocks, factor.codes)), axis=1).T)
+
+
+def _by_situation(within: Factor, between: Factor, contrasts: Contrasts, columns: Mapping[str, Floats]) -> Tested:
+    """Whether what a factor does within blocks depends on one that differs between them.
+
+    Each block's contrasts of the levels of `within` are regressed on all columns that differ between blocks, with blocks as units:
+    situations that respond differently are then no more than noise. Of several contrasts the smallest p-value counts, times their
+    number (Bonferroni).
+    """
+    levels = len(within.levels)
+    means = means_of(contrasts.response, contrasts.blocks, within.codes, levels)
+    kept = np.isfinite(means).all(axis=1)
+    if not kept.any():
+        return Tested(None, why="the two do not vary together")
+    _, first = np.unique(contrasts.blocks, return_index=True)
+    beside = [
+        found[first[kept]]
+        for name, found in columns.items()
+        if name != between.name and np.array_equal(found, found[first][contrasts.blocks])
+    ]
+    others, tested = np.column_stack([np.ones(int(kept.sum())), *beside]), columns[between.name][first[kept]]
+    found = [
+        contrasts_of(means[kept] @ contrast, np.arange(int(kept.sum())), contrasts.draws).test(tested, others)
+        for contrast in np.linalg.qr(np.column_stack([np.ones(levels), np.eye(levels)[:, 1:]]))[0].T[1:]
+    ]
+    p_values = [each.p_value for each in found if each.p_value is not None]
+    if len(p_values) < len(found):
+        return Tested(None, why=f"cannot be told from {int(kept.sum())} situations")
+    return Tested(
+        min(1.0, len(p_values) * min(p_values)), found[0].degrees, sum(each.variance for each in found) / levels
     )
 
 

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from vastflow.producers.configuration import Rejection
+from vastflow.producers.configuration import REQUESTED, Rejection
 from vastflow.producers.places.ground import ground_of, map_key, map_of, room_of
 from vastflow.producers.places.lengths import shortest_path
 from vastflow.producers.places.placement import Site
@@ -84,14 +84,18 @@ class SiteRequest:
             return f"there is no path from the start to the goals for a robot {ground.robot_diameter_m:g} m across"
         return Site(ground, *path, stops, standing)
 
-    def written(self, inputs: Mapping[str, Value], site: Site, entries: Sequence[Value]) -> dict[str, Value]:
-        """The list with `entries` at its end, the note of it for producers that follow, and what surrounds the path with them."""
+    def written(
+        self, inputs: Mapping[str, Value], site: Site, entries: Sequence[Value], requested: Mapping[str, Value]
+    ) -> dict[str, Value]:
+        """The list with `entries` at its end, the notes of it and of what was `requested`, and what surrounds the path with them."""
         lists = self._lists(inputs)
         mine = [*lists.get(self.name, ()), *entries]
         placed = _standing({self.name: list(entries)})
         is_known = PATH_KEY in inputs and not placed and not site.standing
         around = {} if is_known else surroundings_at(site, placed)
-        return {self.name: mine, LISTS_KEY: {**lists, self.name: mine}, **around}
+        # A second producer of the same list does not overwrite what was requested of the first.
+        note = f"{REQUESTED}{self.name}{'+' if self.name in lists else ''}"
+        return {self.name: mine, LISTS_KEY: {**lists, self.name: mine}, note: {**requested}, **around}
 
     def _lists(self, inputs: Mapping[str, Value]) -> dict[str, list[Value]]:
         noted = inputs.get(LISTS_KEY)
