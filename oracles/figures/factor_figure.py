@@ -65,7 +65,7 @@ def _draw_factor(axes: Axes, factor: FactorEffect) -> None:
             alpha=max(0.25, min(1.0, 12 / len(rates))), clip_on=False,
         )  # fmt: skip
     color = COLORS["fail"] if factor.matters else INK
-    means = [level.rate for level in factor.levels]
+    means = [level.failed / max(level.runs, 1) for level in factor.levels]
     axes.plot(xs, means, "D-", ms=7, lw=2.4, color=color, mec="white", mew=0.8, zorder=3, clip_on=False)
     axes.set_title(_cut(factor.name, 48), fontsize=9, color=INK, loc="left", fontweight="bold", pad=9)
     axes.set_xticks(xs, [_cut(level.level, 84 // len(xs)) for level in factor.levels], fontsize=8)

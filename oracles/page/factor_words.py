@@ -69,6 +69,6 @@ def _levels_text(factor: FactorEffect) -> str:
             names = [level.level for level in together]
             failed, runs = sum(level.failed for level in together), sum(level.runs for level in together)
             listed = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
-            fails = ("fail" if len(names) > 1 else "fails") + " " if not parts else ""
+            fails = ("fail" if len(names) > 1 else "fails") + " " if failed or not parts else ""
             parts.append(f"{listed} {fails}{failed if failed else 'none'} of {runs}{' runs' if not parts else ''}")
     return ", ".join(parts)

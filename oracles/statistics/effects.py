@@ -207,14 +207,15 @@ def factor_effect(
         Claim(None, "no matched configurations") if both is None else Claim(both.p_value),
         others,
         0 if both is None else len(np.unique(runs.situations)),
-        rates=_rates(factor, margins.response, runs.situations),
+        rates=_rates(factor, runs),
         trend=trend,
     )
 
 
-def _rates(factor: Factor, rates: Floats, situations: NDArray[np.int64]) -> tuple[tuple[float | None, ...], ...]:
+def _rates(factor: Factor, runs: Runs) -> tuple[tuple[float | None, ...], ...]:
     """Mean rate of each situation at each level, None where it has none."""
-    found = means_of(rates, situations, factor.codes, len(factor.levels)).tolist()
+    rates = runs.failed / np.maximum(runs.runs, 1)
+    found = means_of(rates, runs.situations, factor.codes, len(factor.levels)).tolist()
     return tuple(tuple(None if math.isnan(rate) else rate for rate in row) for row in found)
 
 

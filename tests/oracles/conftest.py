@@ -149,6 +149,7 @@ class SyntheticCampaign:
             ),
             "factors": json.dumps(factors or {}),
             "provenance": json.dumps(provenance or {}),
+            "steps": json.dumps([{"producer": "P", "keys": [key, *(provenance or {})]} for key in factors or {}]),
         }
         self.configurations.append(row)
         if duplicate_of is not None:
@@ -253,7 +254,7 @@ def _text(names: str) -> list[tuple[str, pa.DataType]]:
 
 
 _CONFIGURATIONS = pa.schema(
-    _text("name family scenario_digest duplicate_of environment abstract scenario factors provenance")
+    _text("name family scenario_digest duplicate_of environment abstract scenario factors provenance steps")
 )
 _REJECTIONS = pa.schema(_text("family parent producer reason requested inputs"))
 _VERDICTS = pa.schema(

@@ -45,20 +45,33 @@ def test_configurations_that_always_and_never_and_sometimes_fail_are_counted(fou
     assert (found.total_failures.failures, found.total_failures.of_failures) == (24, 25)
 
 
-def test_the_length_of_the_path_that_was_drawn_is_a_factor(synthetic_campaign, tmp_path, build):
+def test_a_requested_length_of_the_path_is_a_factor_and_a_drawn_one_is_not(synthetic_campaign, tmp_path, build):
     room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
     for k in range(24):
         task = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 1.0 + 0.1 * k}}
         failed = k // 6  # of four runs, and longer by 5 m each time
         runs = [build.a_recording(WAY, run_index=i, outcome="aborted" if i < failed else "succeeded") for i in range(4)]
-        length = {"_path_length": 5.0 * (1 + k // 6) + 0.01 * (k % 6)}
-        synthetic_campaign.add(f"way-{k}", "way", room, task, recordings=runs, provenance=length)
+        asked = 5.0 * (1 + k // 6)
+        noted = {"_path_length": asked + 0.01 * (k % 6), "_requested_goal_pose": {"path_length": asked}}
+        synthetic_campaign.add(f"way-{k}", "way", room, task, recordings=runs, provenance=noted, factors=task)
     (design,) = findings_of(read_tables(synthetic_campaign.write())).designs
     (factor,) = design.analysis.factors
-    assert (factor.name, factor.significant) == ("path length (m)", True)
-    assert [level.level for level in factor.levels] == ["5 to 5.05", "10 to 10.05", "15 to 15.05", "20 to 20.05"]
+    assert (factor.name, factor.these.p_value, factor.others.shown) == ("path_length", None, True)
+    assert [level.level for level in factor.levels] == ["5.0", "10.0", "15.0", "20.0"]
     assert factor.trend is not None
-    assert factor.trend.per_unit == pytest.approx(0.05, abs=1e-3)
+    assert factor.trend.change == pytest.approx(0.75, abs=1e-3)
+
+
+def test_runs_beyond_the_least_number_of_a_stopping_rule_are_in_no_contrast(synthetic_campaign, tmp_path, build):
+    room = build.write_map(tmp_path / "room", build.walled_room(6.0, 4.0))
+    for radius, runs, failed in ((0.2, 4, 0), (0.4, 12, 3)):
+        outcomes = ["aborted" if i < failed else "succeeded" for i in range(runs)]
+        recordings = [build.a_recording(WAY, run_index=i, outcome=outcome) for i, outcome in enumerate(outcomes)]
+        given = {"robot_radius": radius}
+        synthetic_campaign.add(f"r-{radius}", "r", room, TASK, recordings=recordings, factors=given, system=given)
+    synthetic_campaign.metadata["sequential"] = {"min": 4, "max": 12}
+    (design,) = findings_of(read_tables(synthetic_campaign.write())).designs
+    assert [(level.failed, level.runs) for level in design.analysis.factors[0].levels] == [(0, 4), (3, 4)]
 
 
 def test_findings_are_json(found):

@@ -10,7 +10,7 @@ from vastflow.oracles.figures.factor_figure import factor_figure, interaction_fi
 from vastflow.oracles.page.reasons import failure_kinds, kind_of, rejection_rows
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.page.work_section import with_work
-from vastflow.oracles.statistics.effects import FactorEffect, LevelEffect
+from vastflow.oracles.statistics.effects import Claim, FactorEffect, LevelEffect
 from vastflow.oracles.statistics.interactions import InteractionEffect, LevelPair
 from vastflow.oracles.statistics.intervals import Interval
 
@@ -93,21 +93,22 @@ def test_few_runs_that_all_fail_are_not_called_a_finding_about_the_system(synthe
 def test_levels_of_a_pair_that_are_numbers_stand_in_their_order() -> None:
     levels = [("a", "1"), ("a", "10"), ("b", "1"), ("b", "2"), ("b", "10")]
     cells = tuple(LevelPair(pair, 1, 0.5, 0.5, Interval(0.0, 1.0)) for pair in levels)
-    figure = interaction_figure([InteractionEffect(("kind", "size"), cells, 0.0, 0.0, None)])
+    figure = interaction_figure([InteractionEffect(("kind", "size"), cells, 0.0, 0.0, Claim(None))])
     (axes,) = figure.axes
     assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "2", "10"]
 
 
-def test_panels_of_factors_fill_both_columns_and_none_hides_another() -> None:
+def test_factor_figure_has_a_panel_for_each_factor_up_to_100_percent() -> None:
     def effect(name: str, n: int) -> FactorEffect:
-        levels = tuple(LevelEffect(str(k), 2, 0.5, 0.5, Interval(0.2, 0.8)) for k in range(n))
-        return FactorEffect(name, levels, "0", "1", 0.0, (-0.1, 0.1), 0.0, None)
+        levels = tuple(LevelEffect(str(k), 1, 2, None, None, 2, 0.5, 0.5, Interval(0.2, 0.8)) for k in range(n))
+        return FactorEffect(name, levels, "0", "1", 0.0, (-0.1, 0.1), 0.0, Claim(None), Claim(None))
 
     figure = factor_figure([effect("long", 9), effect("short", 2), effect("brief", 2)])
-    boxes = [axes.get_position() for axes in figure.axes]
-    assert boxes[1].x0 == boxes[2].x0 > boxes[0].x1
-    assert boxes[2].y1 < boxes[1].y0
-    assert all(box.y0 >= 0 and box.y1 <= 1 for box in boxes)
+    figure.canvas.draw()
+    boxes = [axes.get_position() for axes in figure.axes[:3]]
+    assert boxes[1].x0 > boxes[0].x1 and boxes[2].y1 < boxes[0].y0
+    for axes in figure.axes[:3]:
+        assert axes.get_yticklabels()[-1].get_text() == "100 %" and axes.get_ylim() == (0, 1)
 
 
 def test_memory_of_the_host_is_said_in_gigabytes() -> None:

@@ -47,7 +47,7 @@ def campaign(rng, harm):
 def test_a_narrow_passage_that_fails_runs_is_found_and_a_clearance_that_does_nothing_is_not():
     factors, seen, passed, blocks = campaign(np.random.default_rng(4), 0.2)
     analysis = factor_analysis(factors, passed, np.full(180, 20), blocks, surroundings=seen)
-    assert [(each.name, each.significant) for each in analysis.surroundings] == [(NARROW, True), ("clearance", False)]
+    assert [(each.name, each.others.shown) for each in analysis.surroundings] == [(NARROW, True), ("clearance", False)]
     assert analysis.surroundings[0].trend.per_unit == pytest.approx(-0.2, abs=0.05)
 
 
@@ -63,7 +63,7 @@ def test_surroundings_that_do_nothing_are_called_harmful_in_one_campaign_of_twen
     for k in range(60):
         factors, seen, passed, blocks = campaign(np.random.default_rng(100 + k), 0.0)
         analysis = factor_analysis(factors, passed, np.full(180, 20), blocks, surroundings=seen)
-        wrong += any(each.significant for each in analysis.surroundings)
+        wrong += any(each.others.shown for each in analysis.surroundings)
     assert wrong <= 7  # of 60 at 5 %, more in 2 % of cases
 
 
@@ -72,4 +72,4 @@ def test_what_says_the_same_as_a_factor_cannot_be_told_from_it():
     seen, _ = factors_of([{"obstacles near the path": k % 3} for k in range(30)])
     passed = np.random.default_rng(6).binomial(20, 0.7, 30)
     (found,) = factor_analysis(factors, passed, np.full(30, 20), surroundings=seen).surroundings
-    assert (found.p_value, found.note, found.significant) == (None, "can't be told from other factors", False)
+    assert (found.others.p_value, found.others.note, found.matters) == (None, "can't be told from other factors", False)

@@ -31,7 +31,7 @@ def test_rates_and_differences_of_levels_are_those_of_the_table() -> None:
     assert effect.difference == pytest.approx(0.4)
     low, high = effect.difference_interval
     assert low < 0.4 < high
-    assert effect.significant and effect.adjusted is not None and effect.adjusted <= 0.05
+    assert effect.others.shown and effect.others.adjusted is not None and effect.others.adjusted <= 0.05
 
 
 def test_unbalanced_levels_are_adjusted_for_the_other_factors() -> None:
@@ -49,8 +49,8 @@ def test_an_interaction_has_cells_that_do_not_add_up() -> None:
     rows = [{"a": a, "b": b} for a, b in product((0, 1), (0, 1)) for _ in range(25)]
     found = analyzed(rows, rng.binomial(20, [0.1 + 0.4 * (row["a"] == row["b"]) for row in rows]))
     (pair,) = found.interactions
-    assert pair.significant
-    assert not any(effect.significant for effect in found.factors)
+    assert pair.claim.shown
+    assert not any(effect.matters for effect in found.factors)
     assert abs(pair.departure) == pytest.approx(0.2, abs=0.03)
     assert sum(cell.configurations for cell in pair.cells) == 100
 
@@ -58,21 +58,22 @@ def test_an_interaction_has_cells_that_do_not_add_up() -> None:
 @pytest.mark.parametrize("failed", [0, 20])
 def test_where_all_runs_end_alike_no_factor_matters(failed: int) -> None:
     found = analyzed(GRID, [failed] * len(GRID))
-    assert {effect.p_value for effect in (*found.factors, *found.interactions)} == {1.0}
+    assert {effect.others.p_value for effect in found.factors} == {1.0}
+    assert {pair.claim.p_value for pair in found.interactions} == {1.0}
     assert found.factors[0].levels[0].interval.high - found.factors[0].levels[0].interval.low < 0.35
 
 
 def test_a_level_that_always_fails_breaks_nothing_and_is_found() -> None:
     found = analyzed(GRID, [20 * row["a"] for row in GRID])
     effect = found.factors[0]
-    assert (effect.name, effect.difference, effect.significant) == ("a", pytest.approx(1.0), True)
+    assert (effect.name, effect.difference, effect.matters) == ("a", pytest.approx(1.0), True)
     low, high = effect.difference_interval
     assert 0.5 < low < 1.0 and high == 1.0
 
 
-def test_two_configurations_of_each_level_show_nothing_however_often_they_run() -> None:
+def test_two_configurations_of_each_level_show_nothing_for_others_however_often_they_run() -> None:
     rows = [{"a": k // 2} for k in range(4)]
-    assert not analyzed(rows, [0, 0, 2000, 2000], runs=2000).factors[0].significant
+    assert not analyzed(rows, [0, 0, 2000, 2000], runs=2000).factors[0].matters
 
 
 def test_one_judged_configuration_is_no_analysis() -> None:
@@ -91,14 +92,14 @@ def test_a_level_without_judged_runs_drops_out() -> None:
 def test_a_factor_that_comes_with_another_alone_can_not_be_told_from_it() -> None:
     rows = [{"a": k % 3, "b": (k % 3 > 0) * 1} for k in range(12)]
     by_name = {effect.name: effect for effect in analyzed(rows, range(12)).factors}
-    assert (by_name["b"].p_value, by_name["b"].note) == (None, "can't be told from other factors")
-    assert by_name["a"].p_value is not None
+    assert (by_name["b"].others.p_value, by_name["b"].others.note) == (None, "can't be told from other factors")
+    assert by_name["a"].others.p_value is not None
 
 
 def test_levels_of_factors_that_never_meet_are_no_interaction() -> None:
     rows = [{"a": k % 2} for k in range(6)] + [{"b": k % 2} for k in range(6)]
     (pair,) = analyzed(rows, range(12)).interactions
-    assert (pair.p_value, pair.cells) == (None, ())
+    assert (pair.claim.p_value, pair.cells) == (None, ())
 
 
 def test_configurations_on_one_path_do_not_count_as_many_where_paths_are_compared() -> None:
@@ -111,7 +112,7 @@ def test_configurations_on_one_path_do_not_count_as_many_where_paths_are_compare
     blocked, alone = analyzed(rows, failed, blocks=path), analyzed(rows, failed)
     maps = [next(effect for effect in found.factors if effect.name == "map") for found in (blocked, alone)]
     assert alone.blocks == 120 and blocked.blocks == 6
-    assert maps[1].significant and not maps[0].significant
+    assert maps[1].others.shown and not maps[0].matters
     low, high = maps[0].difference_interval
     assert low < 0.0 < high
 

@@ -165,7 +165,17 @@ def test_listed_amounts_and_distances_are_combined_and_each_placed_count_times(s
 
 def test_no_obstacles_placed_three_times_are_three_equal_fragments(site):
     items = evaluate(obstacle_variation({"amount_per_m": 0, "max_distance": 0.3}, count=3), site)
-    assert items == [Fragment({"static_objects": [], "_obstacles": {"static_objects": []}})] * 3
+    requested = {"amount_per_m": 0.0, "max_distance": 0.3, "model": "box", "xacro_arguments": ""}
+    assert items == [
+        Fragment(
+            {
+                "static_objects": [],
+                "_obstacles": {"static_objects": []},
+                "_requested_static_objects": {**requested, "draw": draw},
+            }
+        )
+        for draw in (1, 2, 3)
+    ]
 
 
 def test_placements_of_one_combination_differ(site):

@@ -5,6 +5,8 @@ Campaigns are drawn with known success rates, and the statistics of `vastflow.or
 - *classes*: of configurations of known rates, how many claims are wrong, and how many are found;
 - *factors*: a harmful factor and an interaction in a campaign of paths, maps and settings, whose configurations differ and share paths; how
   often they are found, whether intervals hold the truth, and how often something is found that is not there;
+- *contrasts*, *crossed*, *responses*: what is shown on a campaign's situations and on others, of how many situations, levels and points; where
+  situations respond differently, how often an interaction is claimed that is not there;
 - *lengths*: a failure rate that rises with the length of the path, in campaigns whose paths differ, and one that does not;
 - *pooled*: how often the pooled interval holds the mean rate of the kind;
 - *stopping*: errors and runs of the sequential rule, drawn, beside those that are computed;
@@ -144,8 +146,10 @@ def a_campaign(
     return rows, planted, rng.binomial(10, rates), block
 
 
-def analyzed(rows: list[dict[str, Any]], failed: NDArray[np.int64], block: NDArray[np.int64]) -> FactorAnalysis:
-    found = factor_analysis(factors_of(rows)[0], 10 - failed, np.full(len(rows), 10), block)
+def analyzed(
+    rows: list[dict[str, Any]], failed: NDArray[np.int64], block: NDArray[np.int64], runs: int = 10
+) -> FactorAnalysis:
+    found = factor_analysis(factors_of(rows)[0], runs - failed, np.full(len(rows), runs), block)
     assert found is not None
     return found
 
@@ -153,31 +157,103 @@ def analyzed(rows: list[dict[str, Any]], failed: NDArray[np.int64], block: NDArr
 def factors(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     """Campaigns with a harmful factor and an interaction, and with nothing."""
     planted, pair = frozenset({"obstacles", "noise", "speed"}), {"noise", "speed"}
-    harmful = interacting = false = held = 0
+    harmful = interacting = false = paired = held = 0
     for _ in range(campaigns):
         rows, truth, failed, block = a_campaign(rng, harm=0.25, together=0.35, spread=0.2)
         found = analyzed(rows, failed, block)
-        significant = {effect.name: effect for effect in found.factors if effect.significant}
-        pairs = [set(effect.names) for effect in found.interactions if effect.significant]
+        significant = {effect.name: effect for effect in found.factors if effect.others.shown}
+        pairs = [set(effect.names) for effect in found.interactions if effect.claim.shown]
         harmful += "obstacles" in significant
         interacting += pair in pairs
-        false += bool(set(significant) - planted) or any(names != pair for names in pairs)
+        false += bool(set(significant) - planted)
+        paired += any(names != pair for names in pairs)
         level = next(effect for effect in found.factors if effect.name == "obstacles").levels[2]
         there = np.array([row["obstacles"] == 3 for row in rows])
         held += level.interval.low <= float(truth[there].mean()) <= level.interval.high
     yield Finding("factors: the harmful factor (+0.25) is found", harmful, campaigns, least=0.9)
     yield Finding("factors: the interaction (+0.35 in one of four cells) is found", interacting, campaigns, least=0.9)
-    yield Finding("factors: something else is found, beside what was planted", false, campaigns, most=0.05)
+    yield Finding("factors: another factor is found, beside what was planted", false, campaigns, most=0.05)
+    yield Finding("factors: another pair is found, beside what was planted", paired, campaigns, most=0.05)
     yield Finding("factors: the interval of the harmful level holds its rate", held, campaigns, least=0.93)
     for spread, words in ((0.05, "alike"), (0.2, "different"), (0.6, "all or nothing")):
         nothing = 0
         for _ in range(campaigns):
             rows, _, failed, block = a_campaign(rng, harm=0.0, together=0.0, spread=spread)
             found = analyzed(rows, failed, block)
-            nothing += any(effect.significant for effect in (*found.factors, *found.interactions))
+            nothing += any(effect.others.shown for effect in found.factors)
         yield Finding(
             f"factors: anything is found where nothing is, configurations {words}", nothing, campaigns, most=0.05
         )
+
+
+POWER = {
+    (4, 2): "0/.01/0 0/.02/0 0/.52/0 0/1/0", (6, 2): "0/.01/0 0/.14/.02 .01/.74/.25 0/1/1",
+    (10, 2): "0/.01/0 .06/.18/.14 .74/.93/.84 1/1/1", (20, 2): ".01/.03/.05 .32/.52/.51 .98/.99/.98 1/1/1",
+    (4, 3): "0/.03/.02 0/.23/.18 .07/.75/.60 0/1/1", (6, 3): "0/.04/.03 .03/.21/.18 .38/.93/.86 1/1/1",
+    (10, 3): ".01/.03/.06 .03/.38/.31 .79/1/.98 1/1/1", (20, 3): ".01/.08/.06 .22/.60/.58 .98/1/1 1/1/1",
+}  # fmt: skip
+"""Situations and levels to what was specified at 0, 10, 30 and 100 points: an earlier analysis, on these situations, on others."""
+
+
+def contrasts(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """One factor over situations whose failure rates are those of a beta distribution; 5 runs of each configuration."""
+    for (situations, levels), specified in POWER.items():
+        for points, told in zip((0.0, 0.1, 0.3, 1.0), specified.split(), strict=True):
+            block = np.repeat(np.arange(situations), levels)
+            level = np.tile(np.arange(levels), situations)
+            found = np.zeros(2)
+            for _ in range(campaigns):
+                base = 0.0 if points == 1.0 else rng.beta(0.5, 4.5, situations)[block]
+                failed = rng.binomial(5, np.clip(base + points * level / (levels - 1), 0, 1))
+                (effect,) = analyzed([{"a": int(k)} for k in level], failed, block, 5).factors
+                found += effect.these.shown, effect.others.shown
+            for times, words, said in zip(found, ("these", "others"), told.split("/")[1:], strict=True):
+                bound: dict[str, Any] = (
+                    {"most": 0.05} if points == 0 else {"least": 1.0} if points == 1 and said == "1" else {}
+                )
+                what = f"contrasts: {situations} situations, {levels} levels, {100 * points:.0f} points, {words}"
+                yield Finding(f"{what} (specified {said})", times, campaigns, **bound)
+
+
+def crossed(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """Three crossed factors of two levels, one of which acts by 30 points; and situations that respond differently to one."""
+    rows = [{"a": a, "b": b, "c": c} for _ in range(4) for a, b, c in product((0, 1), repeat=3)]
+    block = np.repeat(np.arange(4), 8)
+    harm = np.array([row["a"] for row in rows])
+    found, false = 0, np.zeros(2)
+    for _ in range(campaigns):
+        base = rng.beta(0.5, 4.5, 4)[block]
+        effects = {
+            e.name: e for e in analyzed(rows, rng.binomial(5, np.clip(base + 0.3 * harm, 0, 1)), block, 5).factors
+        }
+        found += effects["a"].these.shown
+        quiet = [effects["b"], effects["c"]]
+        false += any(e.these.shown for e in quiet), any(e.others.shown for e in quiet)
+    yield Finding("crossed: the one that acts by 30 points, these (specified 0.98)", found, campaigns, least=0.9)
+    yield Finding("crossed: any of the two that do nothing, these (specified 0.06)", false[0], campaigns, most=0.05)
+    yield Finding("crossed: any of the two that do nothing, others", false[1], campaigns, most=0.05)
+
+
+def responses(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
+    """Situations that respond differently to a factor, whatever their path length; and by 50 points more where it is long."""
+    for situations, settings, levels in product((6, 12, 24), (1, 4), (2, 3)):
+        for more in (0.0, 0.5):
+            shown = 0
+            rows = [
+                {"length": 5 * (1 + s % 2), "a": a, "b": b}
+                for s in range(situations)
+                for a, b in product(range(levels), range(settings))
+            ]
+            block = np.repeat(np.arange(situations), levels * settings)
+            a, long = (np.array([row[name] for row in rows]) for name in ("a", "length"))
+            for _ in range(campaigns):
+                slope = rng.uniform(-0.3, 0.3, situations)[block] + more * (long > 5)
+                failed = rng.binomial(10, np.clip(0.35 + slope * a / (levels - 1), 0, 1))
+                pairs = analyzed(rows, failed, block).interactions
+                shown += any(pair.claim.shown for pair in pairs if more == 0 or set(pair.names) == {"a", "length"})
+            what = f"responses: {situations} situations, {settings} settings, {levels} levels: an interaction"
+            told = "that is not there" if more == 0 else "of 50 points"
+            yield Finding(f"{what} {told}", shown, campaigns, **({"most": 0.05} if more == 0 else {}))
 
 
 def lengths(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
@@ -200,9 +276,10 @@ def lengths(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
             effects = {effect.name: effect for effect in analyzed(rows, failed, path).factors}
             length = effects["path length (m)"]
             assert length.trend is not None
-            found += length.significant
-            other += any(effect.significant for name, effect in effects.items() if name != length.name)
-            held += length.trend.interval[0] <= rise <= length.trend.interval[1]
+            found += length.others.shown
+            other += any(effect.others.shown for name, effect in effects.items() if name != length.name)
+            low, high = length.trend.change_interval
+            held += low <= rise * (length.trend.greatest - length.trend.smallest) <= high
         bound = {"most": 0.05} if rise == 0 else {"least": 0.85}
         yield Finding(f"lengths: path length is found to matter, planted {words}", found, campaigns, **bound)
         yield Finding(f"lengths: something else is, planted {words}", other, campaigns, most=0.05)
@@ -216,7 +293,8 @@ def rare(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     for _ in range(campaigns):
         failed = np.where(rng.random(len(rows)) < 0.015, rng.integers(1, 11, len(rows)), 0)
         found = analyzed(rows, failed, np.arange(len(rows)))
-        false += any(effect.significant for effect in (*found.factors, *found.interactions))
+        false += any(effect.others.shown for effect in found.factors)
+        false += any(effect.claim.shown for effect in found.interactions)
     yield Finding(
         "factors: anything is found where failures are rare and a level is small", false, campaigns, most=0.05
     )
@@ -284,6 +362,7 @@ def comparison(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
 PARTS: tuple[Callable[[int, np.random.Generator], Iterator[Finding]], ...] = (
     *(classes, factors, lengths, rare),
     *(pooled, stopping, comparison),
+    *(contrasts, crossed, responses),
 )
 
 
