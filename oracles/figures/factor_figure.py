@@ -57,7 +57,7 @@ def _draw_factor(axes: Axes, factor: FactorEffect) -> None:
     rates = np.array(factor.rates, dtype=np.float64).reshape(-1, len(factor.levels))
     xs = np.arange(len(factor.levels))
     # Lines that coincide stand beside each other.
-    aside = np.linspace(-_ASIDE, _ASIDE, len(rates)) if len(rates) > 1 else np.zeros(1)
+    aside = np.linspace(-_ASIDE, _ASIDE, len(rates)) if len(rates) > 1 else np.zeros(len(rates))
     for rate, shift in zip(rates, aside, strict=True):
         known = np.isfinite(rate)
         axes.plot(

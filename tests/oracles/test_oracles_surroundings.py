@@ -48,7 +48,8 @@ def test_a_narrow_passage_that_fails_runs_is_found_and_a_clearance_that_does_not
     factors, seen, passed, blocks = campaign(np.random.default_rng(4), 0.2)
     analysis = factor_analysis(factors, passed, np.full(180, 20), blocks, surroundings=seen)
     assert [(each.name, each.others.shown) for each in analysis.surroundings] == [(NARROW, True), ("clearance", False)]
-    assert analysis.surroundings[0].trend.per_unit == pytest.approx(-0.2, abs=0.05)
+    trend = analysis.surroundings[0].trend
+    assert trend.change == pytest.approx(-0.2 * (trend.greatest - trend.smallest), abs=0.12)
 
 
 def test_factors_are_told_as_surely_as_without_surroundings():

@@ -42,7 +42,7 @@ def test_one_matched_set_has_the_p_value_of_fishers_exact_test() -> None:
     ("failed", "values"),
     [
         ([[0, 5], [0, 0], [0, 0], [0, 4], [0, 3], [0, 0]], [0.0, 0.4]),  # quickstart's noise: 12 of 30 and none of 30
-        ([[0, 3, 5], [0, 2, 0], [0, 0, 5], [0, 2, 1]], [0.0, 0.6, 0.9]),  # its boxes per meter: 0, 7 and 11 of 20
+        ([[0, 4, 5], [0, 0, 0], [0, 3, 1], [0, 0, 5]], [0.0, 0.6, 0.9]),  # its boxes per meter: 0, 7 and 11 of 20
     ],
 )
 def test_effects_of_the_quickstart_are_shown_on_its_paths(failed, values) -> None:
