@@ -69,7 +69,7 @@ class ConfigurationTable:
     @cached_property
     def steps(self) -> list[list[Mapping[str, Any]]]:
         """Of each producer in turn: its name as `producer`, and the `keys` that it wrote."""
-        return [json.loads(text) for text in texts(self.table["steps"])]
+        return [json.loads(text) if text else [] for text in texts(self.table["steps"])]
 
     def __len__(self) -> int:
         return len(self.names)

@@ -236,7 +236,7 @@ def crossed(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
 
 def responses(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
     """Situations that respond differently to a factor, whatever their path length; and by 50 points more where it is long."""
-    for situations, settings, levels in product((6, 12, 24), (1, 4), (2, 3)):
+    for situations, settings, levels in product((24, 12, 6), (4, 1), (2, 3)):
         for more in (0.0, 0.5):
             shown = 0
             rows = [
