@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from vastflow.oracles.replay.story import Story
     from vastflow.sim.replay.replay import Difference, Replay
 
-FILM_EVERY_S: Final = 0.2
+FILM_EVERY_S: Final = 0.5
 STRIP: Final = "strip.png"
 FILM: Final = "film.gif"
 FRAMES: Final = "frames"

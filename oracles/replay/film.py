@@ -15,8 +15,8 @@ from vastflow.oracles.replay.still import still_images
 from vastflow.oracles.replay.story import Story
 from vastflow.sim.replay.snapshot import TickSnapshot
 
-FRAME_MS: Final = 100
-"""For how long a picture is shown."""
+FRAME_MS: Final = 250
+"""How long a picture is shown."""
 LAST_MS: Final = 2000
 
 _KEPT: Final = (
@@ -29,24 +29,29 @@ _KEPT: Final = (
     "#000000",
     "#FFFFFF",
 )
-_SHARES: Final = (0.2, 0.4, 0.6, 0.8, 1.0)
+_SHARES: Final = (0.5, 1.0)
+_DPI: Final = 60
+_PALETTE_SIZE: Final = 40
+"""Size and colors at which 30 s of film stay below 1 MB, and words readable."""
 _DISTINCT: Final = 12
 
 
 def write_film(file: Path, story: Story, snapshots: Sequence[TickSnapshot]) -> None:
     """Write the stills of `snapshots` (one or more) as a film; one picture is in memory at a time."""
     chosen = sorted({0, len(snapshots) // 2, len(snapshots) - 1})
-    palette = _palette([*still_images(story, [snapshots[k] for k in chosen])])
-    frames = (still.quantize(palette=palette, dither=Image.Dither.NONE) for still in still_images(story, snapshots))
+    palette = _palette([*still_images(story, [snapshots[k] for k in chosen], _DPI)])
+    frames = (
+        still.quantize(palette=palette, dither=Image.Dither.NONE) for still in still_images(story, snapshots, _DPI)
+    )
     durations = [FRAME_MS] * (len(snapshots) - 1) + [LAST_MS]
     next(frames).save(file, format="GIF", save_all=True, append_images=frames, duration=durations, loop=0)
 
 
 def _palette(samples: Sequence[Image.Image]) -> Image.Image:
-    """256 colors for the whole film, so that nothing flickers: those of our marks on white, and what the samples have."""
+    """Return one palette for the whole film, so that nothing flickers: the marks' colors and the most frequent others."""
     kept = _blends()
     stack = Image.fromarray(np.concatenate([np.asarray(sample) for sample in samples]))
-    found = stack.quantize(colors=256 - len(kept), dither=Image.Dither.NONE).getpalette() or []
+    found = stack.quantize(colors=_PALETTE_SIZE - len(kept), dither=Image.Dither.NONE).getpalette() or []
     others = np.array(found, dtype=np.int64).reshape(-1, 3)
     # Pillow looks colors up in coarse cells: with another near white in the palette, white would become that.
     far = np.abs(others[:, None] - kept).max(axis=2).min(axis=1) > _DISTINCT

@@ -1,5 +1,6 @@
 """Pages: what stands round the pictures of a replay, placed in inches from the upper left corner."""
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -15,8 +16,10 @@ from vastflow.oracles.replay.story import Story
 from vastflow.sim.replay.snapshot import TickSnapshot
 
 DPI: Final = 110
-HEAD_IN: Final = 1.0
+HEAD_IN: Final = 1.15
 GRAY: Final = "#6B7280"
+_BOLD_LETTER_IN: Final = 0.1
+"""Width of a letter of the headline; most are narrower."""
 _SAME_PLACE_M: Final = 0.45
 _PLATE: Final = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "boxstyle": "round,pad=0.1"}
 
@@ -39,10 +42,11 @@ def write_head(figure: Figure, story: Story) -> None:
     """Which run, how it ended, and whether it is the recorded one; `HEAD_IN` high."""
     write(figure, 0.15, 0.12, story.title, fontsize=14, fontweight="bold")
     write(figure, figure.get_figwidth() - 0.15, 0.16, story.subtitle, fontsize=9, color=GRAY, ha="right")
-    write(figure, 0.15, 0.43, story.ending, fontsize=10, color=story.color, fontweight="bold")
+    ending = textwrap.fill(story.ending, int((figure.get_figwidth() - 0.3) / _BOLD_LETTER_IN))
+    write(figure, 0.15, 0.43, ending, fontsize=10, color=story.color, fontweight="bold")
     if story.warning:
         box = {"facecolor": COLORS["fail"], "edgecolor": "none", "boxstyle": "square,pad=0.25"}
-        write(figure, 0.2, 0.71, f"NOT THE RECORDED RUN: {story.warning}", fontsize=9, color="white", bbox=box)
+        write(figure, 0.2, 0.86, f"NOT THE RECORDED RUN: {story.warning}", fontsize=9, color="white", bbox=box)
 
 
 def write_legend(figure: Figure, story: Story, columns: int, left_in: float, top_in: float) -> None:

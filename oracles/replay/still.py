@@ -57,14 +57,14 @@ class _Layout:
         return 0.5, HEAD_IN + self.height_in + 0.2, self.width_in + _SIDE_IN, _TIMELINE_IN
 
 
-def still_images(story: Story, snapshots: Sequence[TickSnapshot]) -> Iterator[Image.Image]:
+def still_images(story: Story, snapshots: Sequence[TickSnapshot], dpi: int = DPI) -> Iterator[Image.Image]:
     """The stills of `snapshots` (one or more) as RGB pictures of one size; what does not move is drawn once."""
     layout = _layout(story, snapshots[0])
-    background = Figure(figsize=layout.page_in, dpi=DPI)
+    background = Figure(figsize=layout.page_in, dpi=dpi)
     _draw_background(background, layout, story)
     still = _image(background)
     for snapshot in snapshots:
-        moving = Figure(figsize=layout.page_in, dpi=DPI, facecolor="none")
+        moving = Figure(figsize=layout.page_in, dpi=dpi, facecolor="none")
         _draw_moment(moving, layout, story, snapshot)
         yield Image.alpha_composite(still, _image(moving)).convert("RGB")
 

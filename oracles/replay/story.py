@@ -22,40 +22,41 @@ from vastflow.sim.replay.snapshot import Box, Moment
 WHOLE_M: Final = 6.5
 """A run that fits into such a square is shown whole in every picture."""
 FOLLOWED_M: Final = 5.5
-"""Else the pictures go with the robot, and show such a square."""
+"""Else the pictures show such a square around the robot."""
 RECENT_TICKS: Final = 10
 """What happened within so many ticks is still told."""
 _SMALLEST_M: Final = 4.0
 _MARGIN_M: Final = 0.9
 _EDGE_M: Final = 0.3
+_FREE_M: Final = 1.25
 _WIDEST, _NARROWEST = 1.6, 0.8
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What part of the map the pictures show.
+    """Which part of the map the pictures show, at each tick."""
 
-    Attributes:
-        whole: In every picture the same; None where they go with the robot.
-    """
-
-    whole: Box | None
+    boxes: Sequence[Box] = field(repr=False)
 
     def box(self, moment: Moment) -> Box:
-        """The part at a moment; they all are of one size."""
-        if self.whole is not None:
-            return self.whole
-        return _box(np.array([moment.true.x_m, moment.true.y_m]), FOLLOWED_M, FOLLOWED_M)
+        """The part at a moment; all are of one size."""
+        return self.boxes[moment.tick]
 
 
 def view_of(moments: Sequence[Moment], goals: Sequence[Pose]) -> View:
-    """The whole run and its goals where that is small, else what is round the robot."""
+    """The whole run and its goals where that is small, else a square that moves when the robot comes near its edge."""
     points = np.array([(p.x_m, p.y_m) for p in (*(m.true for m in moments), *goals)])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-    if max(high - low) > WHOLE_M:
-        return View(None)
-    width, height = np.maximum(high - low, _SMALLEST_M).tolist()
-    return View(_box((low + high) / 2, max(width, height * _NARROWEST), max(height, width / _WIDEST)))
+    if max(high - low) <= WHOLE_M:
+        width, height = np.maximum(high - low, _SMALLEST_M).tolist()
+        whole = _box((low + high) / 2, max(width, height * _NARROWEST), max(height, width / _WIDEST))
+        return View([whole] * len(moments))
+    boxes, center = [], points[0]
+    for point in points[: len(moments)]:
+        if abs(point - center).max() > _FREE_M:  # a background that stands still halves a film
+            center = point
+        boxes.append(_box(center, FOLLOWED_M, FOLLOWED_M))
+    return View(boxes)
 
 
 def _box(center: NDArray[np.float64], width_m: float, height_m: float) -> Box:

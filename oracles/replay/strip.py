@@ -31,7 +31,7 @@ _COLUMNS: Final = 4
 _PANEL_IN: Final = 3.55
 _CAPTION_IN: Final = 0.66
 _GAP_IN: Final = 0.14
-_TOP_IN: Final = 3.4
+_TOP_IN: Final = 3.55
 _LEGEND_IN: Final = 0.75
 
 
