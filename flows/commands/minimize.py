@@ -39,7 +39,7 @@ def minimize(
 
     Leaves out obstacles, differences of the world, waypoints and parameters, brings what stays nearer to its default, and shortens
     the path, while a sequential test shows that it still fails. Writes a campaign file of what is left, and says what can't be left
-    out. What is in the store already is not computed again.
+    out. What is in the store already is not computed again. A robot must drive in it: a program as the system under test is refused.
     """
     check_directory(results)
     if not 0.0 < rate < 1.0:

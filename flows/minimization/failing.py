@@ -13,13 +13,14 @@ from vastflow.oracles.directory.column import read_columns, table_rows
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.producers.minimization.circumstance import Subject
-from vastflow.producers.minimization.spelled_out import spelled_out
+from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.sim.digest import FileContent
 from vastflow.sim.files import read_json, read_text, yaml_value
 from vastflow.sim.nav.parameters.filters import MASK_KEYS
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
 from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.scenario import Scenario
 from vastflow.sim.user_error import UserError
 
 MESH_KEY = "mesh_file"
@@ -41,6 +42,7 @@ class Failing:
         campaign: The campaign file's data.
         places: As `vastflow.flows.request.asked.Asked` has them.
         start_check: Of its family.
+        assumed: Keys of the subject that neither the campaign nor its parameter file contains.
     """
 
     directory: Path
@@ -50,6 +52,7 @@ class Failing:
     campaign: Mapping[str, Any] = field(repr=False)
     places: Mapping[str, str] = field(repr=False)
     start_check: str
+    assumed: frozenset[str] = frozenset()
 
 
 def failing_configuration(directory: Path, name: str, oracle: str | None, rate: float) -> Failing:
@@ -72,14 +75,16 @@ def failing_configuration(directory: Path, name: str, oracle: str | None, rate: 
         campaign = yaml_value(read_text(directory / "campaign.vast"))
         families = {str(each.get("name")): each for each in campaign.get("configuration") or ()}
         metadata = read_json(directory / "metadata.json")
+        scenario = _executed(directory, row)
         return Failing(
             directory,
             row["name"],
             chosen,
-            _subject(directory, row),
+            _subject(f"{directory}: {row['name']}", scenario),
             campaign,
             metadata.get("asked", {}).get("places", {}),
             str(families.get(row["family"], {}).get("start_check", "footprint")),
+            assumed_keys(scenario.system),
         )
 
 
@@ -126,14 +131,17 @@ def _failing_oracle(directory: Path, name: str, oracle: str | None, rate: float)
     raise NotMinimized(f"{directory}: {what}; --rate, or another configuration")
 
 
-def _subject(directory: Path, row: Mapping[str, Any]) -> Subject:
+def _executed(directory: Path, row: Mapping[str, Any]) -> Scenario:
     abstract = json.loads(row["abstract"]) if row["abstract"].startswith("{") else row["abstract"]
-    scenario = executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
+    return executed_scenario(abstract, row["timeout_s"], json.loads(row["scenario"]), KeptFiles(directory))
+
+
+def _subject(place: str, scenario: Scenario) -> Subject:
     parts = {"environment": scenario.environment, "task": scenario.task, "system": spelled_out(scenario.system)}
     values = {key: value for part in parts.values() for key, value in part.items() if key != MESH_KEY}
     kept = (MAP_KEY, FILE_KEY, *MASK_KEYS)
     files = [key for key, value in values.items() if isinstance(value, FileContent) and key not in kept]
     if files or MAP_KEY not in values:
         what = f"its value of {files[0]} is a file" if files else "it has no map, so no robot drives in it"
-        raise UnusableDirectory(f"{directory}: {row['name']} can't be minimized: {what}")
+        raise UnusableDirectory(f"{place} can't be minimized: {what}")
     return Subject(values, {key: part for part, of in parts.items() for key in of})  # type: ignore[misc]

@@ -5,6 +5,7 @@ from typing import Any
 
 from vastflow.flows.minimization.failing import Failing
 from vastflow.flows.minimization.minimized import Minimized
+from vastflow.flows.terminal.words import count_text
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
 from vastflow.producers.minimization.circumstance import Circumstance
 from vastflow.producers.minimization.delta_debugging import LEVELS
@@ -25,7 +26,7 @@ def comment_of(failing: Failing, minimum: Minimum) -> str:
 
 def minimized_text(found: Minimized, written: list[str]) -> Iterator[str]:
     """Lines for the terminal."""
-    minimum, subject = found.minimum, found.failing.subject
+    minimum, subject, gone = found.minimum, found.failing.subject, taken_away(found)
     yield f"{found.failing.name} by {found.failing.oracle}, minimized: {_confirmed(minimum)}"
     yield ""
     yield "can't be taken away, which is the cause:"
@@ -38,7 +39,7 @@ def minimized_text(found: Minimized, written: list[str]) -> Iterator[str]:
             "still there, for it could not be tried without:",
             [f"{c.text}; {o.reason}" for c, o in minimum.not_tried.items()],
         ),
-        ("taken away:", [each.text for each in taken_away(found)]),
+        (f"taken away: {count_text(len(gone), 'value')}", _in_file(found, gone)),
         (
             "shorter:",
             [
@@ -73,7 +74,7 @@ def minimized_json(found: Minimized, written: list[str]) -> dict[str, Any]:
             for each, said in minimum.cause.items()
         ],
         "not_tried": [{"what": each.text, "reason": said.reason} for each, said in minimum.not_tried.items()],
-        "taken_away": [each.text for each in taken_away(found)],
+        "taken_away": _in_file(found, taken_away(found)),
         "levels": dict(sorted(levels.items())),
         "candidates": len(minimum.tried),
         "runs": found.runs,
@@ -86,6 +87,11 @@ def taken_away(found: Minimized) -> list[Circumstance]:
     """What the failure does not need."""
     kept = found.minimum.candidate.kept
     return [each for each in found.failing.subject.circumstances if each.can_be_left_out and each not in kept]
+
+
+def _in_file(found: Minimized, circumstances: list[Circumstance]) -> list[str]:
+    """The texts of those that the user's files contain."""
+    return [each.text for each in circumstances if each.key not in found.failing.assumed]
 
 
 def _confirmed(minimum: Minimum) -> str:

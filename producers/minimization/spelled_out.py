@@ -10,6 +10,7 @@ from vastflow.sim.nav.parameters.document import PARAMETERS, DocumentError, Para
 from vastflow.sim.nav.parameters.mppi import MppiParameters
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, ParameterFile
 from vastflow.sim.nav.parameters.rewriting import targets
+from vastflow.sim.nav.parameters.wildcards import read_nav2_document
 from vastflow.sim.nav.parameters.written import document_of
 
 _MONITOR: Final = "collision_monitor.FootprintApproach.enabled"
@@ -47,6 +48,15 @@ def spelled_out(system: Mapping[str, Value]) -> Mapping[str, Value]:
         return found if parameters_of(found) == meant else system
     except DocumentError:
         return system
+
+
+def assumed_keys(system: Mapping[str, Value]) -> frozenset[str]:
+    """Keys that `spelled_out` adds although the parameter file lacks them: what Nav2's code does differs from its default file."""
+    content = system.get(FILE_KEY)
+    if not isinstance(content, FileContent):
+        return frozenset()
+    given = read_nav2_document(content.path).values
+    return frozenset(key for key in spelled_out(system) if key not in system and not targets(given, key))
 
 
 def _key(path: ParameterLocation, default: Values) -> str:

@@ -15,6 +15,9 @@ from typer.testing import CliRunner
 
 from vastflow.flows import api
 from vastflow.flows.__main__ import app
+from vastflow.flows.request.campaign_file import read_campaign
+from vastflow.producers.instantiate import instantiate
+from vastflow.sim.nav.parameters.parameter_file import nav2_file
 
 QUICKSTART = Path(__file__).parents[2] / "campaigns" / "quickstart"
 
@@ -32,9 +35,12 @@ def test_the_quickstart_with_its_map_is_written_and_the_command_that_runs_it_is_
     done = called("init", tmp_path / name)
     assert done.exit_code == 0
     wanted = ("quickstart.vast", "maps/office.yaml", "maps/office.pgm")
-    assert files_of(tmp_path / name) == {file: (QUICKSTART / file).read_bytes() for file in wanted}
     campaign = tmp_path / name / "quickstart.vast"
     quoted = f"'{campaign}'" if " " in name else str(campaign)
+    shipped = {file: (QUICKSTART / file).read_bytes() for file in wanted}
+    here = shipped[campaign.name].replace(b"campaigns/quickstart/quickstart.vast", quoted.encode())
+    assert files_of(tmp_path / name) == {**shipped, campaign.name: here}
+    assert b"campaigns/" not in here.replace(quoted.encode(), b"")
     assert done.stdout.splitlines()[-1] == f"vastflow run {quoted}"
     assert called("validate", campaign).exit_code == 0
 
@@ -52,6 +58,37 @@ def test_a_file_that_is_there_is_not_written_over_and_nothing_else_is_written(tm
     assert done.exit_code == 2
     assert re.fullmatch(r"\S+/maps/office\.yaml: there already; name another folder\n", done.stderr)
     assert files_of(tmp_path) == {"maps/office.yaml": b"mine"}
+
+
+@pytest.mark.parametrize("params", [None, "robots/turtlebot4.yaml", "robots/rectangle.yaml", "nav2/rpp.yaml"])
+def test_init_writes_random_paths_for_a_map_and_a_robot(tmp_path, params):
+    office = QUICKSTART / "maps" / "office.yaml"
+    options = () if params is None else ("--params", QUICKSTART.parent / params)
+    assert called("init", tmp_path / "own", "--map", office, *options).exit_code == 0
+    campaign, _ = read_campaign(tmp_path / "own" / "office.vast")
+    made = instantiate(campaign)
+    assert (len(made.configurations), made.rejections) == (10, ())
+    system = made.configurations[0].scenario.system
+    assert system.get("nav2_params") == (None if params is None else nav2_file(QUICKSTART.parent / params))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--params", "own.yaml"), "--params: requires --map"),
+        (("--map", "nowhere.yaml"), "nowhere.yaml: no such file"),
+        (("--map", QUICKSTART / "maps/office.yaml", "--params", "nowhere.yaml"), "nowhere.yaml"),
+        (
+            ("--map", QUICKSTART / "maps/office.yaml", "--params", QUICKSTART.parent / "robots/forklift.yaml"),
+            "expected paths of 1 m on which a robot 2.2 m across can turn, got none",
+        ),
+    ],
+)
+def test_init_refuses_what_gives_no_campaign_with_one_line(tmp_path, options, said):
+    done = called("init", tmp_path / "own", *options)
+    assert (done.exit_code, len(done.stderr.splitlines())) == (2, 1)
+    assert said in done.stderr
+    assert not (tmp_path / "own").exists()
 
 
 @pytest.mark.parametrize("taken", ["first", "first/maps"])

@@ -20,7 +20,7 @@ from vastflow.flows.minimization.minimize import minimize_configuration
 from vastflow.flows.stages.call import StageRun
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate
-from vastflow.producers.minimization.spelled_out import spelled_out
+from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, nav2_file
 from vastflow.sim.reading.map_file import map_content
@@ -156,6 +156,21 @@ def test_a_point_of_a_search_is_minimized_as_a_configuration_is(place, searched)
     asked = called(searched, "point-0001", "--store", folder / "store")
     assert asked.exit_code == 2
     assert "point-0001 was rejected, so nothing of it was run: " in asked.output
+
+
+def test_minimize_prints_the_count_of_removed_values(place):
+    folder, directory = place
+    said = called(directory, "blocked", "--store", folder / "store").output
+    assert "taken away: 3 values\n  obstacle a at (1.50, 0.60)\n" in said
+
+
+def test_minimize_names_only_keys_that_the_parameter_file_contains():
+    path = CAMPAIGNS / "robots" / "turtlebot4.yaml"
+    system = {FILE_KEY: nav2_file(path), "batch_size": 500}
+    assumed = assumed_keys(system)
+    assert "collision_monitor.FootprintApproach.enabled" in assumed
+    assert not [key for key in assumed if f"{key.rpartition('.')[2]}:" in path.read_text() and "enabled" not in key]
+    assert all(f"{key.rpartition('.')[2]}:" in path.read_text() for key in spelled_out(system).keys() - assumed)
 
 
 def test_a_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
