@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
-from vastflow.producers.places.ground import EIGHT_NEIGHBORS, MAP_KEY, map_of, occupancy_of
+from vastflow.producers.places.ground import MAP_KEY, map_of, occupancy_of
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M, Count, NotNegatives, Positive, Seed
@@ -136,7 +136,7 @@ class WorldVariation(Producer[WorldParameters]):
 
     def _blocked(self, world: OccupancyMap, stops: Mapping[str, Pose]) -> str:
         """Why the robot finds no path in a world; empty where it does."""
-        from scipy import ndimage  # half a second with what follows
+        from skimage.measure import label  # half a second with what follows
 
         from vastflow.sim.maps import octile
 
@@ -146,7 +146,7 @@ class WorldVariation(Producer[WorldParameters]):
         for name, cell in cells.items():
             if not world.contains(*cell) or not passable[cell]:
                 return f"a wall stands at {name}"
-        labels, _ = ndimage.label(passable, EIGHT_NEIGHBORS)
+        labels = label(passable, connectivity=2)
         if len({int(labels[cell]) for cell in cells.values()}) > 1:
             return "walls part the start from a goal"
         return ""

@@ -213,8 +213,6 @@ def unusable(what: str, address: str, error: Exception) -> StoreError:
         right = "make the bucket, or correct the address"
     elif isinstance(error, PermissionError) or "Credential" in type(error).__name__:
         right = "check the credentials (AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE) and their rights"
-    elif isinstance(error, ImportError) and address.startswith(_S3):
-        right = "install what S3 needs: pip install 's3fs>=2025.2'"
     elif isinstance(error, ImportError):
         right = "install what it names, or give a folder or s3://bucket/prefix"
     elif isinstance(error, ValueError):
@@ -227,7 +225,6 @@ def unusable(what: str, address: str, error: Exception) -> StoreError:
 def _options(address: str) -> dict[str, Any]:
     if not address.startswith(_S3):
         return {}
-    import s3fs  # noqa: F401 - fsspec finds it by itself, but says less when it is not there
     from aiobotocore.session import get_session
 
     session = get_session()

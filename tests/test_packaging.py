@@ -175,7 +175,7 @@ def needed(*folders: str) -> set[str]:
 
 
 def test_everything_imported_is_a_declared_dependency():
-    assert needed(*LAYERS) - set(declared()) - set(declared("s3")) - set(declared("search")) == set()
+    assert needed(*LAYERS) - set(declared()) - set(declared("search")) == set()
 
 
 def test_everything_the_tests_import_is_declared_with_them():
@@ -185,12 +185,8 @@ def test_everything_the_tests_import_is_declared_with_them():
 
 
 def test_every_declared_dependency_is_imported_or_has_a_reason():
-    # Declared for their bounds alone, which are Prefect's, see pyproject.toml and below.
-    assert set(declared()) - needed(*LAYERS) == {"fastapi", "python-dateutil", "sqlalchemy"}
-
-
-def test_what_only_some_campaigns_need_is_tested_though_a_plain_installation_lacks_it():
-    assert set(declared("s3")) <= set(declared("dev")) - set(declared())
+    # fsspec imports s3fs; the others are declared for their bounds alone, which are Prefect's, see pyproject.toml and below.
+    assert set(declared()) - needed(*LAYERS) == {"fastapi", "python-dateutil", "s3fs", "sqlalchemy"}
 
 
 def test_no_bound_makes_pip_download_what_it_throws_away():

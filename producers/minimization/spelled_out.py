@@ -56,7 +56,9 @@ def assumed_keys(system: Mapping[str, Value]) -> frozenset[str]:
     if not isinstance(content, FileContent):
         return frozenset()
     given = read_nav2_document(content.path).values
-    return frozenset(key for key in spelled_out(system) if key not in system and not targets(given, key))
+    return frozenset(
+        key for key in spelled_out(system) if key not in system and given.keys().isdisjoint(targets(given, key))
+    )
 
 
 def _key(path: ParameterLocation, default: Values) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
 from vastflow.producers.places.cells import touched_cells
-from vastflow.producers.places.ground import EIGHT_NEIGHBORS, Ground
+from vastflow.producers.places.ground import Ground
 from vastflow.producers.places.outline import ROUNDING_M, Line, ObstacleOutline
 from vastflow.sim.world.obstacle import Obstacle
 
@@ -144,9 +144,9 @@ def is_connected(site: Site, passable: NDArray[np.bool_]) -> bool:
 
 
 def _joined(passable: NDArray[np.bool_], cells: NDArray[np.int64]) -> bool:
-    from scipy import ndimage
+    from skimage.measure import label
 
-    labels, _ = ndimage.label(passable, EIGHT_NEIGHBORS)
+    labels = label(passable, connectivity=2)
     numbers = labels[cells[:, 0], cells[:, 1]]
     return bool(numbers[0] > 0 and np.all(numbers == numbers[0]))
 

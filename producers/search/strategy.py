@@ -164,4 +164,6 @@ def find_strategy(name: str, base: Path) -> type[Strategy[Any]]:
 
 def missing_library(name: str) -> MissingLibrary:
     """What to say where a strategy's library can't be imported."""
-    return MissingLibrary(f"the library {name} is not installed; pip install 'vastflow[search]'")
+    return MissingLibrary(
+        f"the library {name} is not installed; pip install -e '.[search]' in the checkout of vastflow"
+    )

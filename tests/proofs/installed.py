@@ -128,7 +128,7 @@ def proved(python: str, wheel: Path, runs: int | None, tests: list[Path]) -> int
         if not steps.failed:
             quickstart(steps, bin_ / "vastflow", runs)
         if not steps.failed and tests:
-            wanted = ("pytest", "hypothesis", "scikit-image")
+            wanted = ("pytest", "hypothesis")
             dev = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
                 "optional-dependencies"
             ]["dev"]

@@ -4,7 +4,6 @@ import errno
 import os
 import socket
 import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
@@ -68,12 +67,6 @@ def test_an_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_pat
     with pytest.raises(StoreError, match=words):
         open_store(address)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_store_on_s3_without_what_it_needs_names_the_command_that_installs_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, "s3fs", None)
-    with pytest.raises(StoreError, match=r"'s3://bucket/store' .*; install .*: pip install 's3fs>=\d{4}\.\d+'$"):
-        open_store("s3://bucket/store")
 
 
 def test_a_server_that_does_not_answer_is_asked_six_times_and_named(monkeypatch):
