@@ -20,7 +20,7 @@ _LONGEST_PATH_M: Final = 10.0
 _SHORTEST_PATH_M: Final = 1.0
 
 _TEMPLATE: Final = """\
-# Does this robot find its way on this map? 10 random paths, 5 runs each.
+# Does this robot reach its goals on this map? 10 random paths, 5 runs each.
 #
 #     vastflow run {command}
 #
@@ -40,7 +40,7 @@ configuration:
           path_length: {length_m:g}               # m, along the shortest path
           path_length_tolerance: {tolerance_m:g}
           num_paths: 10
-          robot_diameter: {diameter_m:g}           # m, of the disc that must fit all along the way
+          robot_diameter: {diameter_m:g}           # m, of the disc that must fit all along the path
           seed: 1
           start_pose: "@start_pose"
           goal_poses: "@goal_pose"
