@@ -23,6 +23,26 @@ settings.load_profile("same")
 API_S = 90
 
 
+def pytest_addoption(parser):
+    parser.addoption("--slow", action="store_true", help="run only the tests that are marked slow, and not the others")
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Do not import files without a slow test only to deselect all that is in them."""
+    if config.getoption("slow") and collection_path.name.startswith("test_"):
+        return "pytest.mark.slow" not in collection_path.read_text(encoding="utf-8") or None
+    return None
+
+
+def pytest_collection_modifyitems(config, items):
+    """Select the quick tests, or with --slow the slow ones."""
+    wanted, others = [], []
+    for item in items:
+        (wanted if bool(item.get_closest_marker("slow")) == config.getoption("slow") else others).append(item)
+    config.hook.pytest_deselected(items=others)
+    items[:] = wanted
+
+
 def pytest_configure(config):
     """The tests' processes have a Prefect and a state of their own: not the user's, and not another worker's of pytest-xdist.
 

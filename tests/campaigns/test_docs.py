@@ -182,6 +182,7 @@ def test_the_producer_of_the_pages_rejects_what_they_say_it_rejects(folder):
     assert "from its end, less than 1 m" in found.rejections[0].reason
 
 
+@pytest.mark.slow
 def test_the_oracle_of_the_pages_judges_a_run(folder):
     (block,) = ORACLES
     producers = "- PathVariationRandom: {path_length: 4.0, robot_diameter: 0.5}\n"
@@ -197,6 +198,7 @@ def test_the_oracle_of_the_pages_judges_a_run(folder):
     assert 0 < error.value < 1
 
 
+@pytest.mark.slow
 def test_the_tests_of_the_pages_pass(folder):
     tests = [block.about for block in FILES if block.about.startswith("test_")]
     assert len(tests) == 4

@@ -44,6 +44,7 @@ def rows(tmp_path_factory):
     return {row.file: row for row in rows_of(folder, Trial(sample=2))}
 
 
+@pytest.mark.slow
 def test_every_file_has_an_expectation(rows):
     assert sorted(rows) == sorted(EXPECTED)
 

@@ -132,6 +132,7 @@ def called(*arguments):
     return CliRunner().invoke(app, ["minimize", *map(str, arguments)])
 
 
+@pytest.mark.slow
 def test_what_is_left_is_the_planted_cause_and_a_campaign_that_fails(place):
     folder, directory = place
     asked = called(directory, "blocked", "--store", folder / "store", "--json")
@@ -166,6 +167,7 @@ def test_a_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
     assert (second.executed, second.text, second.runs) == (0, first.text, first.runs)
 
 
+@pytest.mark.slow
 def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alone, tmp_path):
     folder, directory = place
     whole = minimize_configuration(directory, "blocked", store=folder / "store")

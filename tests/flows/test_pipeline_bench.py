@@ -7,6 +7,7 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiate import instantiate
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_everything_is_executed_once_and_after_an_edit_one_configuration_alone():
     found = bench_pipeline(configurations=6, runs=2)

@@ -183,6 +183,7 @@ def test_the_best_is_confirmed_by_runs_that_the_search_never_used(first):
     assert first.summary.runs == 12 * 3 + 10
 
 
+@pytest.mark.slow
 def test_a_flow_of_prefect_finds_the_same_and_again_executes_nothing(place, first, prefect_home, monkeypatch):
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(place / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
@@ -213,6 +214,7 @@ def test_a_greater_budget_goes_on_where_the_smaller_one_ended(run, first):
     assert more.summary.executed == 4 * 3 + confirming
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("library", "strategy", "parameters"),
     [
@@ -278,6 +280,7 @@ def test_a_space_in_which_nothing_can_be_built_ends(run):
     assert result.summary.runs == 0
 
 
+@pytest.mark.slow
 def test_a_search_whose_points_break_ends_with_faults_after_a_second_try(run):
     result = run(broken="True", store="broken")
     assert found(result)["ended_by"] == "a point broke twice"

@@ -256,6 +256,7 @@ def test_what_was_deleted_is_said_to_be_lost_and_by_what_it_comes_back(place, co
         recordings.of("left-1-1")
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_page_run_in_a_plain_script_without_a_guard(tmp_path, prefect_home):
     """One process with all of the page's examples, on a campaign whose names are the quickstart's."""
     examples = re.findall(r"^```python\n(.*?)^```$", EXAMPLES.read_text(), re.MULTILINE | re.DOTALL)

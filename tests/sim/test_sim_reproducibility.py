@@ -97,6 +97,7 @@ def test_a_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, sce
     assert content(run(noisy, 1, 5)) == alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("controller", "before"), [("rpp", ""), ("mppi", ""), ("rpp", THE_USER_S_OWN)])
 def test_a_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
     """Where this process had to compile its kernels, the new one loads them: cold and warm give the same bytes too."""

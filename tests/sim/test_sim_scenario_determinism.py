@@ -166,6 +166,7 @@ BEHAVIORS = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(behavior=BEHAVIORS, run_index=st.integers(0, 3))
 def test_whatever_a_scenario_does_ticks_passed_over_change_nothing(staged, behavior, run_index):
@@ -233,6 +234,7 @@ def test_another_word_in_the_file_is_another_scenario_with_the_same_noise(staged
     assert run(changed, 0).run.seed == run(mixed, 0).run.seed
 
 
+@pytest.mark.slow
 def test_a_run_in_another_process_is_the_same(mixed):
     code = f"""
 from pathlib import Path

@@ -203,6 +203,7 @@ def test_a_path_over_the_cells_costs_what_the_best_of_all_paths_costs(seed, pena
     assert cost_2d(costs, path, penalty) == pytest.approx(least, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_goal_in_an_obstacle_is_replaced_by_a_cell_within_the_tolerance():
     lethal = rooms()
     lethal[40, 90] = True
@@ -252,6 +253,7 @@ def curvature(poses):
     return 2.0 * np.sin(0.5 * turned) / np.maximum(chord, 1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     st.integers(0, 10_000),
@@ -452,6 +454,7 @@ def test_a_long_robot_passes_a_door_lengthwise_only_where_its_outline_fits():
 # Driven.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "planner",
     [SmacPlanner2D(), SmacPlannerHybrid(), SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP")],

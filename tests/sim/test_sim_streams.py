@@ -125,6 +125,7 @@ def test_another_numba_has_another_folder_of_compiled_kernels(monkeypatch):
     assert numeric.kernel_cache_dir() != before
 
 
+@pytest.mark.slow
 def test_where_indices_are_to_be_checked_no_kernel_is_taken_that_does_not_check_them(tmp_path):
     file = tmp_path / "beyond.py"
     file.write_text(

@@ -77,6 +77,7 @@ def test_the_code_digest_is_pinned():
     assert code_digest(text) == "a5a22cbbb6ae6c514b246387a3cb053407b5d080a4ba8ddfe2178bb5068d72e6"
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(SOURCES), st.integers(0, 2**32))
 def test_equal_digests_mean_equal_trees(file, seed):

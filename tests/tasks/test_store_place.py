@@ -76,6 +76,7 @@ def test_a_store_on_s3_without_what_it_needs_names_the_command_that_installs_it(
         open_store("s3://bucket/store")
 
 
+@pytest.mark.slow
 def test_a_server_that_does_not_answer_is_asked_six_times_and_named(monkeypatch):
     monkeypatch.setattr("vastflow.tasks.remote_files._ANSWER_S", 0.2)
     asked = []
@@ -120,6 +121,7 @@ def test_no_credentials_are_no_riddle(shared_s3, s3_variables, monkeypatch):
         open_store("s3://bucket/x")
 
 
+@pytest.mark.slow
 def test_a_server_that_does_not_answer_is_named(start_s3, s3_variables):
     server = start_s3()
     s3_variables(server)
@@ -130,6 +132,7 @@ def test_a_server_that_does_not_answer_is_named(start_s3, s3_variables):
             ask()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2])
 def test_a_server_that_dies_during_a_put_leaves_no_artifact_and_all_goes_on_when_it_is_back(
     start_s3, s3_variables, monkeypatch, number
