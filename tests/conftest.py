@@ -96,8 +96,9 @@ def golden(request):
         texts = [golden_text(sections).splitlines() for sections in (expected, found)]
         if request.config.getoption("update_golden"):
             file.write_text(golden_text(found), encoding="utf-8")
-        else:
-            assert "\n".join(difflib.unified_diff(*texts, "expected", "got", lineterm="", n=5)) == ""
+        elif texts[0] != texts[1]:
+            diff = difflib.unified_diff(*texts, "expected", "got", lineterm="", n=5)
+            pytest.fail("\n".join([f"{file.name}, {section}:", *diff]), pytrace=False)
 
     return compare
 

@@ -34,6 +34,7 @@ def fault_of(body, before=""):
         ("before", HEAD, "scenario visit:\n    do log('x')\n"),
         ("file", "", ""),
     ],
+    ids=["body", "before", "file"],
 )
 def test_faults_of_a_scenario_have_place_and_message(golden, section, before, after):
     def faults(text):
