@@ -14,6 +14,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
+from table import each_row
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / ".package" / "vastflow"
@@ -108,7 +109,7 @@ def test_importing_the_package_imports_nothing_else_of_it():
     assert {name for name in found if name.partition(".")[0] not in sys.stdlib_module_names} == {"vastflow"}
 
 
-@pytest.mark.parametrize("folder", LAYERS)
+@each_row("folder", LAYERS)
 def test_a_folder_is_imported_by_the_package_s_name_and_by_no_other(folder):
     done = run(sys.executable, "-c", f"import {folder}")  # in the repository's root, where Python would find it
     assert done.returncode == 1
@@ -151,7 +152,7 @@ def test_campaigns_hold_no_code_but_what_their_files_name():
         assert named, f"{file} belongs to no campaign"
 
 
-@pytest.mark.parametrize("group", ["console_scripts", "vastflow.producers", "vastflow.oracles", "vastflow.controllers"])
+@each_row("group", ["console_scripts", "vastflow.producers", "vastflow.oracles", "vastflow.controllers"])
 def test_every_entry_point_loads(group):
     ours = [entry for entry in entry_points(group=group) if entry.value.startswith("vastflow.")]
     asked = (
@@ -177,7 +178,11 @@ def test_everything_imported_is_a_declared_dependency():
 
 def test_everything_the_tests_import_is_declared_with_them():
     # Modules of a folder of scripts import each other.
-    scripts = {canonical(file.stem) for name in ("proofs", "compat") for file in (ROOT / "tests" / name).glob("*.py")}
+    scripts = {
+        canonical(file.stem)
+        for name in ("proofs", "compat", "support")
+        for file in (ROOT / "tests" / name).glob("*.py")
+    }
     assert needed("tests") - scripts - set(declared()) - set(declared("dev")) == set()
 
 
@@ -253,7 +258,7 @@ def test_every_installation_from_a_checkout_takes_the_tested_versions():
     assert all(" -c deployments/constraints.txt " in command for command in commands)
 
 
-@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
+@each_row("python", ["3.11", "3.12", "3.13"])
 def test_tested_versions_are_within_the_ranges_of_the_distribution(python):
     tested = {
         canonical(line.name): Version(next(iter(line.specifier)).version)

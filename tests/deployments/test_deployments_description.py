@@ -1,6 +1,7 @@
 """What a campaign's `execution` says of containers, read into one description."""
 
 import pytest
+from table import each_row
 
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.execution.description import Container, Needs, RunDescription, is_label, label_of
@@ -168,7 +169,7 @@ def test_the_scripts_are_the_main_containers_alone(described):
     assert environment["ROS_LOG_DIR"] == "/vastflow/out/logs/nav-stack"
 
 
-@pytest.mark.parametrize("name", ["", "-a", "a_b", "A", "x" * 64])
+@each_row("name", ["", "-a", "a_b", "A", "x" * 64])
 def test_a_name_that_is_no_dns_label_is_refused(name):
     with pytest.raises(ValueError, match="at most 63 lowercase letters, digits and hyphens"):
         Container(name)
@@ -181,6 +182,6 @@ def test_two_containers_of_one_name_are_refused():
         RunDescription("x", "image", Container("main"), (Container("main"),))
 
 
-@pytest.mark.parametrize("text", ["Nav Stack", "_nav_", "x" * 62 + "-y", "Ä1", "nav"])
+@each_row("text", ["Nav Stack", "_nav_", "x" * 62 + "-y", "Ä1", "nav"])
 def test_a_label_is_made_of_any_name_with_a_letter_or_digit(text):
     assert is_label(label_of(text))

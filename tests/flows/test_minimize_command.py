@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from PIL import Image
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
@@ -181,7 +182,7 @@ def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alo
     assert found.executed < found.runs
 
 
-@pytest.mark.parametrize("name", ["nav2/dwb.yaml", "robots/turtlebot3_burger.yaml", "robots/turtlebot4.yaml"])
+@each_row("name", ["nav2/dwb.yaml", "robots/turtlebot3_burger.yaml", "robots/turtlebot4.yaml"])
 def test_a_parameter_file_is_tried_parameter_by_parameter(planted, tmp_path, name):
     planted.written(tmp_path, [])
     file = {FILE_KEY: nav2_file(CAMPAIGNS / name)}
@@ -250,7 +251,7 @@ def test_what_a_campaign_rewrites_of_its_parameter_file_is_no_parameter_of_the_f
     assert not [key for key in found if key.endswith((".batch_size", ".vx_max"))]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "said"),
     [
         ("nowhere", "no configuration 'nowhere'; it has blocked, easy, odd"),
@@ -275,7 +276,7 @@ def test_files_from_outside_of_the_campaigns_folder_are_named_where_they_are_kep
     }
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "said"),
     [
         (("--oracle", "nobody"), "--oracle nobody: no such oracle judged blocked"),

@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from table import each_row
 
 from vastflow.flows import campaign_run, run_campaign
 from vastflow.flows.campaign_run import open_run
@@ -334,7 +335,7 @@ def test_only_a_part_of_a_search_is_refused(place):
         run_campaign(file_of(place), results=place / "results", store=place / "store", only="point-0001")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("extract", "fault"),
     [
         (

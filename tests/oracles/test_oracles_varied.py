@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-import pytest
+from table import each_row
 
 from vastflow.oracles.evidence.varied import varied_rows
 
@@ -23,7 +23,7 @@ def test_the_length_of_the_path_is_a_factor_to_the_centimeter():
     assert rows({"noise": 0.1}, {"_path_length": 5.031370849898476}) == [{"noise": 0.1, "path length (m)": 5.03}]
 
 
-@pytest.mark.parametrize("value", [None, 0.0, "long"])
+@each_row("value", [None, 0.0, "long"])
 def test_without_a_length_there_is_no_such_factor(value):
     assert rows({}, {"_path_length": value}) == [{}]
 

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
@@ -51,7 +52,7 @@ def changed(old, new, text=ROOM):
 # Accepted
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         " ".join(line.partition("//")[0] for line in EXAMPLE.splitlines()),
@@ -67,7 +68,6 @@ def changed(old, new, text=ROOM):
         ROOM + "// and nothing more",
         "\ufeff".lstrip("\ufeff") + ROOM + DOOR,
     ],
-    ids=lambda text: repr(text[:50]),
 )
 def test_a_model_of_the_language_is_accepted_however_it_is_laid_out(text):
     assert building(text).rooms
@@ -144,7 +144,7 @@ def test_faults_of_a_floor_plan_have_place_and_message(golden):
     golden("floor_plans", "plan", complaints)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("old", "written", "found", "today"),
     [
         ("wrt: world", "from : world", "from:", "'wrt:'"),
@@ -168,7 +168,7 @@ def test_all_mistakes_of_a_file_are_said_at_once_in_its_order():
     assert [line.partition(": ")[0] for line in complaints(text)] == ["p.fpm:3:33", "p.fpm:3:43", "p.fpm:4:70"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "location",
     [
         "translation: x: 0.5 m, y: 0.0 m, z: 1.0 m rotation: y: 0.0 deg",
@@ -197,7 +197,7 @@ def test_a_door_as_wide_as_its_wall_is_allowed():
     assert plan.notes == ()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("door", "open_at_1_m", "note"),
     [
         (DOOR.replace("1.0 m,", "4.5 m,"), (-2.0, 2.0),
@@ -209,7 +209,6 @@ def test_a_door_as_wide_as_its_wall_is_allowed():
         (DOOR.replace("z: 1.0", "z: 1.6"), (-0.5, 0.5),
          "it reaches up to 2.6 m, and is cut to its wall; at most 2.5 m"),
     ],
-    ids=["wider than its wall", "over its end", "over its beginning", "higher than its wall"],
 )  # fmt: skip
 def test_an_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door, open_at_1_m, note):
     plan = building(ROOM + door)
@@ -218,7 +217,7 @@ def test_an_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door,
     assert [str(each) for each in plan.notes] == [f"p.fpm:4:10: warning: Entryway d: {note}"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("door", "note"),
     [
         (DOOR.replace("z: 1.0", "x: 9.0 m, z: 1.0"), ("it cuts nothing: it reaches from 8.5 m to 9.5 m along a.walls[0], "
@@ -230,7 +229,6 @@ def test_an_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door,
         (DOOR.replace("z: 1.0", "z: -1.0"), ("it cuts nothing, being below the floor; "
          "part of it between 0 m and 2.5 m; it reaches from -2 m to 0 m")),
     ],
-    ids=["behind the end", "before the beginning", "above", "below"],
 )  # fmt: skip
 def test_an_opening_outside_of_its_wall_cuts_nothing_and_a_warning_says_so(door, note):
     plan = building(ROOM + door)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
@@ -29,7 +30,7 @@ def complaints(items, plan=PLAN):
     return str(caught.value).splitlines()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("seed", "numbers"),
     [(7, (0.7, 0.3, 0.34, 0.6, -0.05)), (8, (0.7, 0.3, 0.02, 0.6, 0.11)), (9, (1.1, 0.1, -0.05, 0.6, -0.0))],
 )

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.faults import CampaignError
@@ -117,7 +118,7 @@ def test_a_criterion_that_is_a_number_is_short_for_its_main_field() -> None:
     assert spec.stopping[0].no_improvement == NoImprovement(patience=5)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "name"),
     [
         ("$a", "a"),

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import yaml
 from pydantic import ValidationError
+from table import each_row
 
 from vastflow.producers.vast.document import read_document
 from vastflow.producers.vast.model_faults import faults_of
@@ -105,17 +106,17 @@ def test_what_is_left_out_has_the_documented_default() -> None:
     assert (spec.version, spec.execution.runs, spec.execution.seed, spec.execution.timeout) == (1, 1, 0, None)
 
 
-@pytest.mark.parametrize("section", ["metadata", "general", "execution", "results_processing", "evaluation"])
+@each_row("section", ["metadata", "general", "execution", "results_processing", "evaluation"])
 def test_a_section_with_nothing_below_it_is_as_if_left_out(section: str) -> None:
     assert spec_of(f"configuration: [{{name: a}}]\n{section}:\n").execution.runs == 1
 
 
-@pytest.mark.parametrize("name", ["a", "rooms-10m", "2d", "büro"])
+@each_row("name", ["a", "rooms-10m", "2d", "büro"])
 def test_a_family_may_be_called(name: str) -> None:
     assert spec_of(f"configuration: [{{name: {name}}}]").configuration[0].name == name
 
 
-@pytest.mark.parametrize("name", ["Rooms", "a_b", "a b", "a.b", "a/b", "-a", "", "a" * 101])
+@each_row("name", ["Rooms", "a_b", "a b", "a.b", "a/b", "-a", "", "a" * 101])
 def test_a_family_may_not_be_called(tmp_path: Path, name: str) -> None:
     (complaint,) = complaints(tmp_path, f"configuration:\n- name: '{name}'\n")
     assert complaint.startswith("2:9: configuration[0].name: found ")

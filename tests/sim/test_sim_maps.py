@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from table import each_row
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.reading.map_file import MapError, load_map, map_content
@@ -269,7 +270,7 @@ def test_a_map_that_is_not_there_is_refused(tmp_path):
         load_map(tmp_path / "none.yaml")
 
 
-@pytest.mark.parametrize(("text", "message"), [("a: [", "not YAML"), ("- 1\n", "found list; a map is a mapping")])
+@each_row(("text", "message"), [("a: [", "not YAML"), ("- 1\n", "found list; a map is a mapping")])
 def test_a_file_that_is_no_mapping_is_refused(tmp_path, text, message):
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(MapError, match=message):

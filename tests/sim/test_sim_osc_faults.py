@@ -4,6 +4,7 @@ import pickle
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.sim.osc.faults import OscError
 from vastflow.sim.osc.grammar import MOST_PARSED
@@ -125,7 +126,7 @@ def test_a_bracket_that_is_not_closed_is_one_fault():
     )
 
 
-@pytest.mark.parametrize("text", ["(" * 500, "not " * 5000 + "true", "1" + " + 1" * 5000])
+@each_row("text", ["(" * 500, "not " * 5000 + "true", "1" + " + 1" * 5000])
 def test_an_endless_expression_is_refused_like_any_other_fault(text):
     assert refused(f"{HEAD}scenario a:\n    do log({text})\n")
 

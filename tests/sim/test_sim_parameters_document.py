@@ -5,6 +5,7 @@ import pickle
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.files import MOST_LEVELS
 from vastflow.sim.nav.parameters.document import DocumentError, parse, read_document
@@ -33,7 +34,7 @@ def test_dotted_names_are_nested_ones():
     assert values("a: {ros__parameters: {B.c: 1}}") == values("a: {ros__parameters: {B: {c: 1}}}")
 
 
-@pytest.mark.parametrize("written", ["/a/b: {ros__parameters: {c: 1}}", "a/b: {ros__parameters: {c: 1}}"])
+@each_row("written", ["/a/b: {ros__parameters: {c: 1}}", "a/b: {ros__parameters: {c: 1}}"])
 def test_nodes_may_be_written_with_their_namespace(written):
     assert values(written) == values("a: {b: {ros__parameters: {c: 1}}}")
 
@@ -137,7 +138,7 @@ def test_any_text_is_a_document_or_has_faults(text):
         assert document.values
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "value"),
     [
         ("1", 1),

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.nav.parameters.document import DocumentError, parse
 from vastflow.sim.nav.parameters.findings import findings
@@ -148,7 +149,7 @@ def test_a_footprint_to_consider_must_be_a_polygon_as_nav2_does_not_start_otherw
     assert parameters(OUTLINED + costmap).controller.CostCritic.consider_footprint
 
 
-@pytest.mark.parametrize("value", ["0.3", "'[[0.2, 0.2]]'"])
+@each_row("value", ["0.3", "'[[0.2, 0.2]]'"])
 def test_a_footprint_that_is_no_text_or_no_polygon_is_a_fault_with_its_place(value):
     (fault,) = faults(
         f"local_costmap: {{local_costmap: {{ros__parameters: {{robot_radius: 0.2, footprint: {value}}}}}}}"
@@ -162,7 +163,7 @@ def test_a_period_longer_than_mppis_step_is_a_fault_as_nav2_does_not_start():
         parameters(text)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("own", "handler", "fault"),
     [
         ("plugin: nav2_mppi_controller::MPPIController", "enforce_path_rotation: true", "enforce_path_rotation"),

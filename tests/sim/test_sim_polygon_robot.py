@@ -8,6 +8,7 @@ import shapely
 import shapely.affinity
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.maps.occupancy import OccupancyMap
@@ -40,12 +41,12 @@ def test_a_polygon_counts_in_place_of_the_radius():
     assert circumscribed_radius_m(outline) == pytest.approx(math.hypot(0.36, 0.26))
 
 
-@pytest.mark.parametrize("text", ["", "[]", " [] "])
+@each_row("text", ["", "[]", " [] "])
 def test_without_a_polygon_the_robot_is_the_disc_of_its_radius(text):
     assert np.array_equal(outline_of(Costmap(footprint=text)), outline_of(Costmap()))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "right"),
     [
         ("[[0.2, 0.2]]", "three or more vertices"),
@@ -147,7 +148,7 @@ class Driven:
         return max(-self.body.bounds[0], -self.body.bounds[1], self.body.bounds[2] - 6.0, self.body.bounds[3] - 4.0)
 
 
-@pytest.mark.parametrize("text", [RECTANGLE, NOTCHED])
+@each_row("text", [RECTANGLE, NOTCHED])
 @given(yaw=st.floats(-4, 4), v=st.floats(-0.5, 0.5), w=st.floats(-2, 2))
 def test_free_motion_is_the_exact_arc(text, yaw, v, w):
     driven = Driven(Pose(3.0, 2.0, yaw), text)
@@ -156,7 +157,7 @@ def test_free_motion_is_the_exact_arc(text, yaw, v, w):
     assert driven.world.events == []
 
 
-@pytest.mark.parametrize(("yaw", "reach_m"), [(0.0, 0.35), (math.pi, 0.35)])
+@each_row(("yaw", "reach_m"), [(0.0, 0.35), (math.pi, 0.35)])
 def test_it_stops_with_its_front_or_its_back_at_the_wall(yaw, reach_m):
     driven = Driven(Pose(4.5, 2.0, yaw))
     driven.drive(0.5 if yaw == 0.0 else -0.5, 0.0, 5.0)
@@ -164,7 +165,7 @@ def test_it_stops_with_its_front_or_its_back_at_the_wall(yaw, reach_m):
     assert {event.what for event in driven.world.events} == {"wall"}
 
 
-@pytest.mark.parametrize("text", [RECTANGLE, NOTCHED])
+@each_row("text", [RECTANGLE, NOTCHED])
 @given(yaw=st.floats(-3, 3), v=st.floats(-0.5, 0.5), w=st.floats(-2, 2))
 def test_no_wall_is_entered_however_it_drives_and_turns_and_no_wall_is_met_without_a_contact(text, yaw, v, w):
     driven = Driven(Pose(5.4, 3.4, yaw), text)

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.streams import LIDAR, run_entropy, streams_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
@@ -122,7 +123,7 @@ def test_a_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
     assert found.stdout.strip() == hashlib.sha256(content(run(noisy, 1, 5))).hexdigest()
 
 
-@pytest.mark.parametrize(("run_index", "seed"), [(2, 5), (1, 6)])
+@each_row(("run_index", "seed"), [(2, 5), (1, 6)])
 def test_another_run_or_another_seed_is_another_recording(noisy, run_index, seed):
     assert run(noisy, run_index, seed).digest != run(noisy, 1, 5).digest
 

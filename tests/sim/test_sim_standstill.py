@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.loop.standstill import CAUSES, STOOD_STILL, standstill
 from vastflow.sim.recordings.recording import Event
@@ -28,7 +29,7 @@ LATER = (Event(3.0, "stopped_by_monitor", 1.5, 2.5, "0"),)
 NONE, AHEAD, TURN = (0, 0), (200, 0), (0, -400)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("commanded", "sent", "events", "cause"),
     [
         ([NONE, AHEAD, TURN], [NONE, NONE, NONE], AT_REST, "points in footprint"),
