@@ -29,6 +29,7 @@ PROGRAMS = ["examples/growth_sim/growth_sim.vast", "examples/quadrotor_landing/q
 DRIVING = ["examples/basic_nav/basic_nav.vast", *NAVIGATION]
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.skipif(not UPSTREAM.is_dir(), reason="RoboVAST's configurations are not beside the repository"),
     pytest.mark.timeout(2400),  # the first of them executes all files
 ]
@@ -45,7 +46,6 @@ def rows(tmp_path_factory):
     return {row.file: row for row in rows_of(folder, Trial(sample=2))}
 
 
-@pytest.mark.slow
 def test_every_file_has_an_expectation(rows):
     assert sorted(rows) == sorted(EXPECTED)
 

@@ -21,7 +21,7 @@ def validate(manifest, version=VERSIONS[-1]):
     kubernetes_validate.validate(manifest, version, strict=True)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@each_row("version", VERSIONS)
 def test_the_template_is_valid_and_so_are_a_pod_and_a_job_of_it(described, version):
     template = pod_template(described())
     validate(template, version)

@@ -149,6 +149,7 @@ def test_what_is_left_is_the_planted_cause_and_a_campaign_that_fails(place):
     assert (again.summary.executed, again.summary.failed, again.summary.passed) == (0, again.summary.runs, 0)
 
 
+@pytest.mark.slow
 def test_a_point_of_a_search_is_minimized_as_a_configuration_is(place, searched):
     folder, directory = place
     listed = minimize_configuration(directory, "blocked", store=folder / "store")
@@ -160,6 +161,7 @@ def test_a_point_of_a_search_is_minimized_as_a_configuration_is(place, searched)
     assert "point-0001 was rejected, so nothing of it was run: " in asked.output
 
 
+@pytest.mark.slow
 def test_a_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
     folder, directory = place
     first = minimize_configuration(directory, "blocked", store=folder / "store")
@@ -251,6 +253,7 @@ def test_what_a_campaign_rewrites_of_its_parameter_file_is_no_parameter_of_the_f
     assert not [key for key in found if key.endswith((".batch_size", ".vx_max"))]
 
 
+@pytest.mark.slow
 @each_row(
     ("name", "said"),
     [
@@ -276,6 +279,7 @@ def test_files_from_outside_of_the_campaigns_folder_are_named_where_they_are_kep
     }
 
 
+@pytest.mark.slow
 @each_row(
     ("options", "said"),
     [

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
@@ -169,7 +170,7 @@ def test_own_producers_stand_beside_the_file(load: Load) -> None:
     assert type(campaign.families[0].producers[0]).__name__ == "Own"  # fmt: skip
 
 
-@pytest.mark.parametrize("mission", ["navigate_to_pose", "navigate_through_poses", "follow_waypoints"])
+@each_row("mission", ["navigate_to_pose", "navigate_through_poses", "follow_waypoints"])
 def test_the_scenario_file_names_a_builtin_mission(load: Load, mission: str) -> None:
     campaign = load(f"{FIXED}execution: {{scenario_file: 'builtin:{mission}'}}\n")
     assert campaign.abstract == f"builtin:{mission}"
@@ -193,7 +194,7 @@ COUNTED_BOXES = """\
 """
 
 
-@pytest.mark.parametrize("design", ["", "  design: {t_way: {strength: 2}}\n"])
+@each_row("design", ["", "  design: {t_way: {strength: 2}}\n"])
 def test_obstacles_of_a_plug_in_that_names_no_dimension_stand_on_the_floor(load: Load, design: str) -> None:
     found = instantiate(load(FIXED.replace("x: 0.5", "x: 0.1") + COUNTED_BOXES + design)).configurations
     assert [len(obstacles_of(each.scenario.environment)) for each in found] == [0, 2, 3]
@@ -337,7 +338,7 @@ def test_faults_of_a_campaign_have_place_and_message(golden, faults: Faults) -> 
     golden("campaign_files", "campaign", faults)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("second", "fault"),
     [
         ("a", "a second family 'a'; another name; line 2 has it"),
@@ -354,7 +355,7 @@ def test_names_of_configurations_are_unique_by_construction(faults: Faults, seco
     assert found.startswith(f"7:9: configuration[1].name: {fault}")
 
 
-@pytest.mark.parametrize("second", ["b", "a-b", "a1", "a-1x"])
+@each_row("second", ["b", "a-b", "a1", "a-1x"])
 def test_names_that_only_look_alike_are_good(load: Load, second: str) -> None:
     other = FIXED.removeprefix("configuration:\n").replace("name: a", f"name: {second}")
     assert len(load(FIXED + other).families) == 2

@@ -241,7 +241,7 @@ def test_constraints_are_read_from_a_list_and_from_a_mapping_and_from_the_campai
     assert [c.factors["gain"] for c in instantiate(listed).configurations] == [1, 2]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("constraints", "expected"),
     [
         ("    constraints: [small: gain <]\n", [(7, 32, "the expression ends too early")]),

@@ -65,7 +65,7 @@ def said(tmp_path: Path) -> Said:
     return faults
 
 
-@pytest.mark.parametrize(
+@each_row(
     "parts",
     [
         {},
@@ -85,7 +85,7 @@ def test_a_search_of_every_form_has_no_fault(said: Said, parts: dict[str, str]) 
     assert said(**parts) == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parts", "why"),
     [
         ({"variation": "wind.py:Wind: {speed: $wind}"}, "9:5: search.variations[0].wind.py:Wind: its code raised SystemExit"),

@@ -318,7 +318,7 @@ def test_setting_the_pose_again_begins_anew(filters, room):
     assert len(amcl.weights) == 2000
 
 
-@pytest.mark.parametrize("beams", [1, 59, 361, 362, 363, 364, 1440])
+@each_row("beams", [1, 59, 361, 362, 363, 364, 1440])
 def test_scans_may_change_their_number_of_beams(filters, room, beams):
     amcl = filters(max_beams=2000)
     amcl.set_pose(START, np.zeros(3))
@@ -360,7 +360,7 @@ def test_a_laser_range_too_short_for_the_walls_leaves_the_particles_unweighted(f
     assert np.ptp(amcl.weights) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "message"),
     [
         ({"max_particle": 3000}, "no modeled parameter 'max_particle'; one of alpha1, .*max_particles"),

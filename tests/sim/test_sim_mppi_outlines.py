@@ -1,9 +1,9 @@
 """MPPI's judgment of outlines against drawing each of them."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers.mppi_critics import SIDE, cost_values, lay_frame
@@ -48,7 +48,7 @@ def poses_of(rng, count=400):
     return np.column_stack([rng.uniform(0.0, 1.0, count), rng.uniform(0.0, 1.0, count), rng.uniform(-9.0, 9.0, count)])
 
 
-@each_row("outline", [CARRIER, ARROW])
+@pytest.mark.parametrize("outline", [CARRIER, ARROW])
 @given(
     seed=st.integers(0, 2**32 - 1),
     shape=st.tuples(st.integers(40, 130), st.integers(40, 130)),

@@ -148,7 +148,7 @@ class Driven:
         return max(-self.body.bounds[0], -self.body.bounds[1], self.body.bounds[2] - 6.0, self.body.bounds[3] - 4.0)
 
 
-@each_row("text", [RECTANGLE, NOTCHED])
+@pytest.mark.parametrize("text", [RECTANGLE, NOTCHED])
 @given(yaw=st.floats(-4, 4), v=st.floats(-0.5, 0.5), w=st.floats(-2, 2))
 def test_free_motion_is_the_exact_arc(text, yaw, v, w):
     driven = Driven(Pose(3.0, 2.0, yaw), text)
@@ -165,7 +165,7 @@ def test_it_stops_with_its_front_or_its_back_at_the_wall(yaw, reach_m):
     assert {event.what for event in driven.world.events} == {"wall"}
 
 
-@each_row("text", [RECTANGLE, NOTCHED])
+@pytest.mark.parametrize("text", [RECTANGLE, NOTCHED])
 @given(yaw=st.floats(-3, 3), v=st.floats(-0.5, 0.5), w=st.floats(-2, 2))
 def test_no_wall_is_entered_however_it_drives_and_turns_and_no_wall_is_met_without_a_contact(text, yaw, v, w):
     driven = Driven(Pose(5.4, 3.4, yaw), text)

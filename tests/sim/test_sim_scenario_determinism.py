@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.nav.rates import TICK_S
@@ -266,7 +267,7 @@ def test_a_run_within_a_run_disturbs_neither(staged, mixed):
     assert (nested.digest, within) == (alone, [inner_alone] * 3)
 
 
-@pytest.mark.parametrize("name", TEXTS)
+@each_row("name", TEXTS)
 def test_a_replay_is_the_run_and_looks_at_every_tick(staged, name):
     scenario = staged(TEXTS[name], timeout_s=30.0)
     replayed, executed = replay(scenario, 1, 0, {}), run(scenario, 1)

@@ -236,7 +236,7 @@ def test_a_topic_that_only_a_run_knows_and_nobody_publishes_is_a_fault_of_the_ru
         run(staged(text), 0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "words"),
     [
         (f"check_data({ODOMETRY}, member_name: 'pose.pose.z', expected_value: '1')", "no member 'z' of 'pose.pose.z'; position"),

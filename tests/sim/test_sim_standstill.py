@@ -68,7 +68,7 @@ def test_a_robot_that_is_refused_its_goal_was_sent_and_stood_still(scenario):
     assert recording.run.reason.startswith("the goal is outside the map")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         "robot.nav_to_pose(near)",
@@ -76,7 +76,6 @@ def test_a_robot_that_is_refused_its_goal_was_sent_and_stood_still(scenario):
         "wait elapsed(2s)\nemit fail",
         "parallel:\n    robot.nav_to_pose(beyond)\n    serial:\n        wait elapsed(3s)\n        emit fail",
     ],
-    ids=["arrives", "is there already", "is never sent", "is under way"],
 )
 def test_other_robots_have_not_stood_still(staged, text):
     assert stood(run(staged(text), 0)) == []
