@@ -292,9 +292,9 @@ def test_a_search_whose_points_break_ends_with_faults_after_a_second_try(run):
 
 
 def test_the_batches_that_time_paid_for_are_repeated(run):
-    timed = run(more="  budget: [{time: 0.01}]")
+    timed = run(store="timed", more="  budget: [{time: 0.01}]")
     assert found(timed)["batches"] == 1
-    again = run(more="  budget: [{time: 0.01}]")
+    again = run(store="timed", more="  budget: [{time: 0.01}]")
     assert content(again) == content(timed)
 
 
