@@ -10,7 +10,6 @@ import sys
 import numpy as np
 import pytest
 from llvmlite import binding
-from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.target import AVX512, widest
@@ -76,7 +75,7 @@ def test_wide_and_narrow_registers_give_the_same_commands_and_costs(narrow, need
     assert narrow == wide
 
 
-@each_row(
+@pytest.mark.parametrize(
     ("processor", "features"),
     [
         ("Westmere", ""),
