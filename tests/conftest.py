@@ -1,6 +1,8 @@
 """What all tests share: examples that are the same at every run and may take long, servers and workers of Prefect."""
 
 import contextlib
+import difflib
+import gc
 import os
 import signal
 import sqlite3
@@ -12,6 +14,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+import yaml
 from hypothesis import settings
 
 # A change is judged by what it changes, not by the examples of the day; `--hypothesis-profile=other` looks for new ones, and
@@ -21,6 +24,39 @@ settings.register_profile("other", deadline=None)
 settings.load_profile("same")
 
 API_S = 90
+GOLDEN = Path(__file__).with_name("golden")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect tests without collecting garbage: what they make stays, and looking for cycles takes a sixth of the time."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def pytest_addoption(parser):
+    parser.addoption("--slow", action="store_true", help="run only the tests that are marked slow, and not the others")
+    parser.addoption("--update-golden", action="store_true", help="write the faults of tests/golden anew; with -n 0")
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Do not import files without a slow test only to deselect all that is in them."""
+    if config.getoption("slow") and collection_path.name.startswith("test_"):
+        return "pytest.mark.slow" not in collection_path.read_text(encoding="utf-8") or None
+    return None
+
+
+def pytest_collection_modifyitems(config, items):
+    """Select the quick tests, or with --slow the slow ones."""
+    wanted, others = [], []
+    for item in items:
+        (wanted if bool(item.get_closest_marker("slow")) == config.getoption("slow") else others).append(item)
+    config.hook.pytest_deselected(items=others)
+    items[:] = wanted
 
 
 def pytest_configure(config):
@@ -32,6 +68,42 @@ def pytest_configure(config):
     config.add_cleanup(folder.cleanup)
     os.environ["PREFECT_HOME"] = str(Path(folder.name, "prefect"))
     os.environ["XDG_STATE_HOME"] = str(Path(folder.name, "state"))
+
+
+class GoldenDumper(yaml.SafeDumper):
+    """YAML that shows texts of several lines as they are."""
+
+
+GoldenDumper.add_representer(
+    str,
+    lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", text, style="|" if "\n" in text else None),
+)
+
+
+def golden_text(sections):
+    return yaml.dump(sections, Dumper=GoldenDumper, sort_keys=False, allow_unicode=True, width=10**6)
+
+
+@pytest.fixture
+def golden(request):
+    """Compare the faults of each input in a section of a language's golden file with those that the file holds.
+
+    To add an input, write it there without `faults` and run its test with `--update-golden`.
+    """
+
+    def compare(language, section, faults_of):
+        file = GOLDEN / f"{language}.yaml"
+        expected = yaml.safe_load(file.read_text(encoding="utf-8"))
+        found = {**expected, section: [{**case, "faults": faults_of(case["input"])} for case in expected[section]]}
+        assert [case["input"] for case in found[section] if not case["faults"]] == [], "expected faults, got none"
+        texts = [golden_text(sections).splitlines() for sections in (expected, found)]
+        if request.config.getoption("update_golden"):
+            file.write_text(golden_text(found), encoding="utf-8")
+        elif texts[0] != texts[1]:
+            diff = difflib.unified_diff(*texts, "expected", "got", lineterm="", n=5)
+            pytest.fail("\n".join([f"{file.name}, {section}:", *diff]), pytrace=False)
+
+    return compare
 
 
 @pytest.fixture(scope="session")

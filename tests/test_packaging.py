@@ -6,7 +6,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-import zipfile
 from importlib.metadata import distribution, entry_points, packages_distributions, requires, version
 from pathlib import Path
 
@@ -15,8 +14,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
-
-from vastflow.sim.reading.abstract import SHIPPED
+from table import each_row
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / ".package" / "vastflow"
@@ -111,7 +109,7 @@ def test_importing_the_package_imports_nothing_else_of_it():
     assert {name for name in found if name.partition(".")[0] not in sys.stdlib_module_names} == {"vastflow"}
 
 
-@pytest.mark.parametrize("folder", LAYERS)
+@each_row("folder", LAYERS)
 def test_a_folder_is_imported_by_the_package_s_name_and_by_no_other(folder):
     done = run(sys.executable, "-c", f"import {folder}")  # in the repository's root, where Python would find it
     assert done.returncode == 1
@@ -154,7 +152,7 @@ def test_campaigns_hold_no_code_but_what_their_files_name():
         assert named, f"{file} belongs to no campaign"
 
 
-@pytest.mark.parametrize("group", ["console_scripts", "vastflow.producers", "vastflow.oracles", "vastflow.controllers"])
+@each_row("group", ["console_scripts", "vastflow.producers", "vastflow.oracles", "vastflow.controllers"])
 def test_every_entry_point_loads(group):
     ours = [entry for entry in entry_points(group=group) if entry.value.startswith("vastflow.")]
     asked = (
@@ -180,7 +178,11 @@ def test_everything_imported_is_a_declared_dependency():
 
 def test_everything_the_tests_import_is_declared_with_them():
     # Modules of a folder of scripts import each other.
-    scripts = {canonical(file.stem) for name in ("proofs", "compat") for file in (ROOT / "tests" / name).glob("*.py")}
+    scripts = {
+        canonical(file.stem)
+        for name in ("proofs", "compat", "support")
+        for file in (ROOT / "tests" / name).glob("*.py")
+    }
     assert needed("tests") - scripts - set(declared()) - set(declared("dev")) == set()
 
 
@@ -219,90 +221,11 @@ def test_the_version_that_is_installed_is_the_one_in_pyproject():
     assert distribution("vastflow").version == PYPROJECT["project"]["version"]
 
 
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """The wheel of the checkout."""
-    folder = tmp_path_factory.mktemp("wheel")
-    source = folder / "source"  # a `build` folder in the repository could put yesterday's modules into the wheel
-    source.mkdir()
-    for name in (*LAYERS, "campaigns", ".package"):
-        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "docs/LICENSE"):
-        (source / name).parent.mkdir(exist_ok=True)
-        shutil.copy(ROOT / name, source / name)
-    built = run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", str(folder), str(source))
-    assert built.returncode == 0, built.stderr
-    (file,) = folder.glob("*.whl")
-    return file
-
-
-def test_a_wheel_holds_every_package_and_nothing_outside_of_vastflow(wheel):
-    names = zipfile.ZipFile(wheel).namelist()
-    stem = f"vastflow-{PYPROJECT['project']['version']}.dist-info"
-    assert {name.partition("/")[0] for name in names} == {"vastflow", stem}
-    shipped = {f for folder in package_folders() for f in folder.iterdir() if f.suffix in (".py", ".j2", ".typed")}
-    assert {f"vastflow/{file.relative_to(ROOT).as_posix()}" for file in shipped} <= set(names)
-    assert {"vastflow/__init__.py", "vastflow/py.typed"} <= set(names)
-    assert {f"vastflow/oracles/page/report.{kind}" for kind in ("html.j2", "css", "js")} <= {*names}
-    assert {"vastflow/sim/osc/grammar.lark", "vastflow/sim/osc/library/nav2.osc"} <= set(names)
-    described = [file for kind in ("pools/*.json", "templates/*.yaml") for file in (ROOT / "deployments").glob(kind)]
-    assert described and {f"vastflow/{file.relative_to(ROOT).as_posix()}" for file in described} <= {*names}
-    scenarios = {f"vastflow/campaigns/scenarios/{name}.osc" for name in SHIPPED}
-    hall = {f"vastflow/campaigns/scenarios/hall.{kind}" for kind in ("yaml", "png")}
-    first = {
-        f"vastflow/campaigns/quickstart/{name}" for name in ("quickstart.vast", "maps/office.pgm", "maps/office.yaml")
-    }
-    assert {name for name in names if name.startswith("vastflow/campaigns/")} == scenarios | hall | first
-    assert f"{stem}/licenses/docs/LICENSE" in names
-
-
-def test_a_wheel_is_enough_for_a_first_campaign(wheel, tmp_path, monkeypatch):
-    # tests/proofs/installed.py installs it with all that it needs, and runs what is written here.
-    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "site"))
-    made = run(sys.executable, "-m", "vastflow.flows", "init", tmp_path / "first")
-    assert made.returncode == 0, made.stderr
-    _, _, campaign = made.stdout.splitlines()[-1].partition("vastflow run ")
-    done = run(sys.executable, "-m", "vastflow.flows", "validate", campaign)
-    assert done.stdout == "OK: 2 families, 5 producers, 3 oracles\n", done.stderr
-    assert Path(campaign).read_bytes() == (ROOT / "campaigns" / "quickstart" / "quickstart.vast").read_bytes()
-
-
 def test_every_python_that_the_wheel_is_tried_with_is_one_that_is_allowed():
     page = (ROOT / "docs" / "operate.md").read_text()
     tried = re.search(r"With Python ([\d., and]+)", page)[1]
     allowed = SpecifierSet(PYPROJECT["project"]["requires-python"])
     assert all(python in allowed for python in re.findall(r"\d+\.\d+(?:\.\d+)?", tried))
-
-
-KEYS = """
-import sys
-from importlib.metadata import entry_points
-
-import vastflow
-from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
-from vastflow.tasks.source import installed_tree
-
-tree = installed_tree()
-print(vastflow.__file__, file=sys.stderr)
-for entries in (EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE):
-    print(*entries, tree.digest(*entries))
-for group in ("vastflow.producers", "vastflow.oracles"):
-    for point in sorted(entry_points(group=group)):
-        print(point.name, tree.plug_in_digest(point.load()))
-"""
-
-
-def test_what_a_wheel_installs_has_the_keys_of_the_checkout(wheel, tmp_path, monkeypatch):
-    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
-    checkout = run(sys.executable, "-c", KEYS)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "site"))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))  # without what was read before
-    installed = run(sys.executable, "-c", KEYS)
-    assert installed.returncode == checkout.returncode == 0, installed.stderr + checkout.stderr
-    assert installed.stderr.startswith(str(tmp_path / "site")) and not checkout.stderr.startswith(str(tmp_path))
-    assert len(checkout.stdout.splitlines()) > 4
-    assert installed.stdout == checkout.stdout
 
 
 def test_the_readme_runs_a_campaign_that_exists_with_a_command_that_exists():
@@ -331,7 +254,7 @@ def test_every_installation_from_a_checkout_takes_the_tested_versions():
     assert all(" -c deployments/constraints.txt " in command for command in commands)
 
 
-@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13"])
+@each_row("python", ["3.11", "3.12", "3.13"])
 def test_tested_versions_are_within_the_ranges_of_the_distribution(python):
     tested = {
         canonical(line.name): Version(next(iter(line.specifier)).version)
@@ -345,38 +268,52 @@ def test_tested_versions_are_within_the_ranges_of_the_distribution(python):
 
 @pytest.fixture
 def checkout(tmp_path):
-    """The CI script in a checkout whose README can be chosen."""
+    """The CI script in a checkout whose README and checks can be chosen."""
     (tmp_path / ".ci").mkdir()
     shutil.copy(ROOT / ".ci" / "run", tmp_path / ".ci")
 
-    def ci_run(readme: str, *options: str):
+    def ci_run(readme: str, *options: str, check: str = "echo checked"):
         (tmp_path / "README.md").write_text(readme)
+        (tmp_path / ".ci" / "check").write_text(f"#!/bin/sh\n{check}\n")
+        (tmp_path / ".ci" / "check").chmod(0o755)
         return run(tmp_path / ".ci" / "run", *options)
 
     return ci_run
 
 
+def said(done) -> list[str]:
+    """The lines that its steps printed, without their commands."""
+    return [line for line in done.stdout.splitlines() if not line.startswith("+ ")]
+
+
 TEST_LINE = "python3 -m venv --without-pip .venv && echo tested with .venv/bin/pytest"
 
 
-def test_ci_runs_the_readmes_line_and_its_output_comes_last(checkout):
-    done = checkout(f"# Title\n\n```sh\n{TEST_LINE}\n```\n")
-    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "tested with .venv/bin/pytest"), done.stderr
-
-
-def test_ci_takes_the_line_with_its_options_for_pytest(checkout):
-    done = checkout(f"```sh\n{TEST_LINE} -n 2\n```\n")
-    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "tested with .venv/bin/pytest -n 2"), done.stderr
+def test_ci_runs_the_readmes_line_then_checks_then_the_slow_tests(checkout):
+    done = checkout(f"# Title\n\n```sh\n{TEST_LINE} -n 2\n```\n")
+    line = "tested with .venv/bin/pytest -n 2"
+    assert (done.returncode, said(done)) == (0, [line, "checked", f"{line} --slow"]), done.stderr
 
 
 def test_ci_drops_the_tested_versions_when_asked_for_the_newest(checkout):
     line = "python3 -m venv --without-pip .venv && echo -c deployments/constraints.txt .venv/bin/pytest"
     done = checkout(f"```sh\n{line}\n```\n", "--newest")
-    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, ".venv/bin/pytest"), done.stderr
+    assert (done.returncode, said(done)[0]) == (0, ".venv/bin/pytest"), done.stderr
 
 
-def test_ci_fails_where_the_line_fails(checkout):
-    assert checkout(TEST_LINE.replace("echo", "false")).returncode != 0
+@pytest.mark.parametrize(
+    ("line", "check", "passed"),
+    [
+        (TEST_LINE.replace("echo", "false"), "echo checked", []),
+        (TEST_LINE, "false", ["tested with .venv/bin/pytest"]),
+        (TEST_LINE.replace("echo tested with", "test -n"), "echo checked", ["checked"]),  # which takes no --slow
+    ],
+    ids=["quick tests", "checks", "slow tests"],
+)
+def test_ci_fails_at_the_first_step_that_fails(checkout, line, check, passed):
+    done = checkout(line, check=check)
+    assert done.returncode != 0
+    assert said(done) == passed
 
 
 @pytest.mark.parametrize("readme", ["# No command\n", f"{TEST_LINE}\n{TEST_LINE}\n"])
@@ -386,13 +323,7 @@ def test_ci_fails_where_the_readme_has_not_exactly_one_such_line(checkout, readm
     assert "exactly one" in done.stderr
 
 
-@pytest.mark.timeout(1500)  # mypy reads everything anew where nobody ran it before
-@pytest.mark.parametrize(
-    "gate",
-    [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["lint-imports", "--no-cache"]],
-    ids=lambda gate: "-".join(gate[:2]),
-)
-def test_the_quality_gate_is_passed(gate):
-    tool, *arguments = gate
-    done = run(Path(sys.executable).parent / tool, *arguments)
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_ci_checks_lint_format_types_layers_and_the_wheel():
+    check = (ROOT / ".ci" / "check").read_text()
+    tools = ["ruff check", "ruff format --check", "mypy", "lint-imports", "python tests/proofs/wheel.py"]
+    assert [tool for tool in tools if f"\n.venv/bin/{tool}" not in check] == []

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("deployments", "flows", "oracles", "producers", "sim", "tasks")
@@ -40,13 +41,13 @@ def trees():
     return {file.relative_to(ROOT).as_posix(): ast.parse(file.read_text(encoding="utf-8")) for file in MODULES}
 
 
-@pytest.mark.parametrize("words_of", [names_of, messages_of], ids=["names", "messages"])
+@each_row("words_of", [names_of, messages_of])
 def test_a_path_is_called_a_path(trees, words_of):
     found = {(file, words) for file, tree in trees.items() for words in words_of(tree) if A_PATH.search(words)}
     assert sorted((file, words) for file, words in found if not NOT_A_PATH.search(words)) == []
 
 
-@pytest.mark.parametrize("words_of", [names_of, messages_of], ids=["names", "messages"])
+@each_row("words_of", [names_of, messages_of])
 def test_the_spelling_is_american(trees, words_of):
     found = {(file, words) for file, tree in trees.items() for words in words_of(tree) if BRITISH.search(words)}
     assert sorted(found) == []

@@ -11,6 +11,7 @@ from typing import get_args
 
 import pytest
 import yaml
+from table import each_row
 from typer.main import get_command
 
 from vastflow.flows.__main__ import app
@@ -182,6 +183,7 @@ def test_the_producer_of_the_pages_rejects_what_they_say_it_rejects(folder):
     assert "from its end, less than 1 m" in found.rejections[0].reason
 
 
+@pytest.mark.slow
 def test_the_oracle_of_the_pages_judges_a_run(folder):
     (block,) = ORACLES
     producers = "- PathVariationRandom: {path_length: 4.0, robot_diameter: 0.5}\n"
@@ -197,6 +199,7 @@ def test_the_oracle_of_the_pages_judges_a_run(folder):
     assert 0 < error.value < 1
 
 
+@pytest.mark.slow
 def test_the_tests_of_the_pages_pass(folder):
     tests = [block.about for block in FILES if block.about.startswith("test_")]
     assert len(tests) == 4
@@ -221,7 +224,7 @@ def test_the_python_files_of_the_pages_are_well_kept(folder):
     assert done.returncode == 0, done.stdout
 
 
-@pytest.mark.parametrize("name", known_producers())
+@each_row("name", known_producers())
 def test_the_table_of_a_producer_has_its_parameters(name):
     kind = find_producer(name, ROOT)
     table, _, _ = section("write-a-campaign", f"`{name}`").partition("Each of `obstacle_configs`")
@@ -233,7 +236,7 @@ def test_the_table_of_obstacles_has_its_keys():
     assert sorted(first_column(table)) == sorted(ObstacleConfig.model_fields)
 
 
-@pytest.mark.parametrize("name", known_oracles())
+@each_row("name", known_oracles())
 def test_the_table_of_an_oracle_has_its_parameters_with_their_defaults(name):
     text = section("write-a-campaign", f"`{name}`")
     rows = re.findall(r"^\| `(\w+)` \| (\S+) \|", text, re.MULTILINE)
@@ -293,7 +296,7 @@ def places(page: Path) -> list[str]:
     return [link for link in re.findall(r"\]\(([^)#\s]+)", page.read_text()) if "://" not in link]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@each_row("page", PAGES)
 def test_every_link_of_a_page_leads_somewhere(page):
     assert [link for link in places(page) if not (page.parent / link).exists()] == []
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
@@ -86,7 +87,7 @@ def test_a_population_that_is_no_number_fails():
     assert judged(tables).reason == "the population is -inf at 1 s"
 
 
-@pytest.mark.parametrize("column", [np.array([]), np.array(["a"])])
+@each_row("column", [np.array([]), np.array(["a"])])
 def test_a_table_without_numbers_is_not_judged(column):
     verdict = judged({"growth": {"t_s": np.zeros(len(column)), "population": column}})
     assert (verdict.judgement, verdict.reason) == ("not judged", "growth.csv has no rows of numbers")

@@ -13,6 +13,8 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT / "campaigns" / "paper"
 MAPS = ROOT.parent / "shared" / "maps"

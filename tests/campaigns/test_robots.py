@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from five_robots import FOLDER, ROBOTS, body_of, is_unnoted
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.robots import robots_json
@@ -30,7 +31,7 @@ def test_the_robot_of_both_floors_is_the_same_and_said(campaign):
     assert said["families"] == ["office", "university"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "radius_m", "vertices", "speed_mps", "range_m"),
     [
         ("turtlebot3_burger", 0.105, 0, 0.22, 3.5),
@@ -52,7 +53,7 @@ def test_a_robot_is_what_its_files_say(name, radius_m, vertices, speed_mps, rang
     )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("x_mm", "contacts", "unnoted"), [(1200, (), False), (1750, (), True), (1750, (0.4,), False), (1750, (0.9,), True)]
 )
 def test_a_body_in_a_wall_without_a_contact_until_then_is_found(x_mm, contacts, unnoted):

@@ -6,6 +6,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from table import each_row
 from whole_directory import write_results
 
 from vastflow.flows.request.campaign_file import read_campaign
@@ -44,14 +45,14 @@ def test_every_shipped_name_has_a_file_and_a_campaign():
     assert {file.stem for file in SCENARIOS.glob("*.vast")} == set(SHIPPED)
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@each_row("name", SHIPPED)
 def test_a_shipped_name_stands_for_its_file_and_everything_in_it_can_be_done(name):
     definition = definition_of(BUILTIN + name)
     assert abstract_content(SCENARIOS / f"{name}.osc").digest == definition_digest(definition)
     assert unsupported(definition, ACTIONS) == []
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@each_row("name", SHIPPED)
 def test_its_campaign_has_nothing_to_complain_of_and_can_be_built_in_full(name):
     campaign, _ = campaign_of(name)
     found = instantiate(campaign)
@@ -60,7 +61,7 @@ def test_its_campaign_has_nothing_to_complain_of_and_can_be_built_in_full(name):
     assert [c.name for c in found.configurations if c.duplicate_of] == []
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@each_row("name", SHIPPED)
 def test_the_first_run_of_its_campaign_passes(name):
     _, oracles = campaign_of(name)
     scenario = configurations_of(name)[0].scenario
@@ -74,7 +75,7 @@ def test_rounds_after_the_first_take_longer():
     assert twice.distance_m > 1.5 * once.distance_m
 
 
-@pytest.mark.parametrize("number", range(4))
+@each_row("number", range(4))
 def test_the_box_appears_as_soon_as_the_robot_is_within_the_configuration_s_distance(number):
     scenario = configurations_of("obstacle_appears")[number].scenario
     recording = run(scenario, 0)

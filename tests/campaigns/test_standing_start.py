@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from PIL import Image
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiate import instantiate
@@ -36,8 +37,8 @@ def made(tmp_path):
     return make
 
 
-@pytest.mark.parametrize(("x_m", "drives"), [(0.225, False), (0.236, True)])
-@pytest.mark.parametrize("yaw_rad", [0.0, 0.4])
+@each_row(("x_m", "drives"), [(0.225, False), (0.236, True)])
+@each_row("yaw_rad", [0.0, 0.4])
 def test_the_check_and_the_simulator_agree_on_where_a_robot_can_start(made, x_m, yaw_rad, drives):
     (unchecked,) = made("none", x_m, yaw_rad)
     assert (run(unchecked.scenario, 0).run.distance_m > 0.1) is drives

@@ -73,6 +73,7 @@ def rows(tmp_path_factory):
     return {row["file"]: row for row in json.loads(called.stdout)}
 
 
+@pytest.mark.slow
 def test_files_of_every_kind_are_found_and_others_are_not(rows):
     assert {file: row["kind"] for file, row in rows.items()} == {
         "below/go.osc": "scenario",
@@ -111,6 +112,7 @@ def test_plans_variations_and_parameters_say_what_was_made_of_them(rows):
     assert rows["nav2.yaml"]["reason"] == "1 parameters, 0 of them not modeled"
 
 
+@pytest.mark.slow
 def test_a_table_for_a_page_has_a_line_for_each_file(tmp_path):
     (tmp_path / "nav2.yaml").write_text(NAV2)
     called = subprocess.run(

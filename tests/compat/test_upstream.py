@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 UPSTREAM = Path(__file__).parents[3] / "shared" / "upstream" / "robovast-configs"
 EXPECTED = json.loads((Path(__file__).parent / "expected.json").read_text())
@@ -28,6 +29,7 @@ PROGRAMS = ["examples/growth_sim/growth_sim.vast", "examples/quadrotor_landing/q
 DRIVING = ["examples/basic_nav/basic_nav.vast", *NAVIGATION]
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.skipif(not UPSTREAM.is_dir(), reason="RoboVAST's configurations are not beside the repository"),
     pytest.mark.timeout(2400),  # the first of them executes all files
 ]
@@ -48,7 +50,7 @@ def test_every_file_has_an_expectation(rows):
     assert sorted(rows) == sorted(EXPECTED)
 
 
-@pytest.mark.parametrize("file", EXPECTED)
+@each_row("file", EXPECTED)
 def test_a_file_fares_no_worse_than_it_did(rows, file):
     row, expected = rows[file], EXPECTED[file]
     assert RANKS.index(row.outcome) >= RANKS.index(expected["outcome"]), row
@@ -58,14 +60,14 @@ def test_a_file_fares_no_worse_than_it_did(rows, file):
         assert row.sent and row.drove / row.sent >= expected["drove"] / expected["sent"], row
 
 
-@pytest.mark.parametrize("file", DRIVING)
+@each_row("file", DRIVING)
 def test_a_campaign_for_a_robot_runs_and_nine_robots_in_ten_drive_a_meter(rows, file):
     row = rows[file]
     assert row.outcome == "ran" and row.sent == row.runs > 0, row
     assert row.drove >= 0.9 * row.sent, row
 
 
-@pytest.mark.parametrize("file", PROGRAMS)
+@each_row("file", PROGRAMS)
 def test_a_campaign_of_a_program_runs_it(rows, file):
     row = rows[file]
     assert row.outcome == "ran" and row.passed + row.failed == row.runs > 0, row

@@ -259,7 +259,10 @@ def test_server_and_worker_are_of_a_prefect_that_vastflow_runs_with():
 def test_image_installs_as_the_readme_does_and_compiles_the_kernels():
     readme = (ROOT / "README.md").read_text()
     assert "python3 -m venv .venv && .venv/bin/pip install -c deployments/constraints.txt -e ." in readme
-    assert "python3 -m venv .venv && .venv/bin/pip install --no-cache-dir -c deployments/constraints.txt -e ." in DOCKERFILE
+    assert (
+        "python3 -m venv .venv && .venv/bin/pip install --no-cache-dir -c deployments/constraints.txt -e ."
+        in DOCKERFILE
+    )
     assert f"from {work.__name__} import {work.compile_kernels.__name__};" in DOCKERFILE
 
 

@@ -8,6 +8,7 @@ import pytest
 from check_jsonschema.builtin_schemas import get_builtin_schema
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.tasks.execution.compose import compose_file
 from vastflow.tasks.execution.description import Container, Needs, RunDescription
@@ -75,7 +76,7 @@ def test_a_gpu_alone_is_valid():
     validate(compose_file(replace(ALONE, main=Container("main", Needs(gpu=2)))))
 
 
-@pytest.mark.parametrize(("user", "restricted"), [(0, False), (1001, True)])
+@each_row(("user", "restricted"), [(0, False), (1001, True)])
 def test_root_alone_keeps_its_capabilities(user, restricted):
     file = compose_file(replace(ALONE, user=user))
     main = file["services"]["main"]

@@ -1,6 +1,7 @@
 """What a campaign's `execution` says of containers, read into one description."""
 
 import pytest
+from table import each_row
 
 from vastflow.producers.faults import CampaignError
 from vastflow.tasks.execution.description import Container, Needs, RunDescription, is_label, label_of
@@ -42,13 +43,13 @@ def test_without_an_image_it_is_said_what_to_write(described):
     ]
 
 
-@pytest.mark.parametrize("image", ["''", "'my robot'"])
+@each_row("image", ["''", "'my robot'"])
 def test_an_image_without_a_name_is_refused(described, image):
     (fault,) = faults(described, f"  image: {image}\n")
     assert fault == f"10:10: execution.image: found {image}; the name of an image, such as ghcr.io/me/robot:1.0"
 
 
-@pytest.mark.parametrize(("context", "needs"), [(None, (4, 8 * 2**30)), ("cloud", (16, 1_500_000_000))])
+@each_row(("context", "needs"), [(None, (4, 8 * 2**30)), ("cloud", (16, 1_500_000_000))])
 def test_resources_are_those_of_the_chosen_cluster(described, context, needs):
     found = described(context=context).main.needs
     assert (found.cpu, found.memory_bytes) == needs
@@ -80,7 +81,7 @@ def test_an_amount_of_memory_that_is_none_is_refused_where_it_stands(described):
     ]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("written", "text"),
     [("1", "1"), ("1.10", "1.10"), ("yes", "yes"), ("1e3", "1e3"), ("'a b'", "a b"), ("", ""), ("010", "010")],
 )
@@ -92,7 +93,7 @@ def test_a_value_that_stands_elsewhere_is_taken_as_yaml_reads_it(described):
     assert described(f"{IMAGE}  env:\n    - A: &on true\n    - B: *on\n").env == {"A": "true", "B": "true"}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("entry", "fault"),
     [
         ("A-B: 1", "env[0].A-B: found 'A-B'; letters, digits and underscores"),
@@ -105,7 +106,7 @@ def test_a_variable_that_no_container_can_have_is_refused(described, entry, faul
     assert found.partition("execution.")[2] == fault
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("names", "fault"),
     [
         ("[nav, NAV]", "a second container 'nav'; another name"),
@@ -125,7 +126,7 @@ def test_a_pattern_without_a_slash_matches_in_every_folder_and_each_file_is_ther
     )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("pattern", "fault"),
     [
         ("*.txt", "found '*.txt', which no file matches; a pattern of files below "),
@@ -140,7 +141,7 @@ def test_a_pattern_that_gives_no_files_is_refused(described, pattern, fault):
     assert found.startswith(f"11:15: execution.run_files[0]: {fault}")
 
 
-@pytest.mark.parametrize("label", ["'a b': x", "a: 'b c'", "a: [b]", "-a: b"])
+@each_row("label", ["'a b': x", "a: 'b c'", "a: [b]", "-a: b"])
 def test_a_label_that_no_node_can_have_is_refused(described, label):
     (found,) = faults(described, f"{IMAGE}  kubernetes: {{jobs: {{node_labels: {{{label}}}}}}}\n")
     assert "execution.kubernetes.jobs.node_labels." in found
@@ -168,7 +169,7 @@ def test_the_scripts_are_the_main_containers_alone(described):
     assert environment["ROS_LOG_DIR"] == "/vastflow/out/logs/nav-stack"
 
 
-@pytest.mark.parametrize("name", ["", "-a", "a_b", "A", "x" * 64])
+@each_row("name", ["", "-a", "a_b", "A", "x" * 64])
 def test_a_name_that_is_no_dns_label_is_refused(name):
     with pytest.raises(ValueError, match="at most 63 lowercase letters, digits and hyphens"):
         Container(name)
@@ -181,6 +182,6 @@ def test_two_containers_of_one_name_are_refused():
         RunDescription("x", "image", Container("main"), (Container("main"),))
 
 
-@pytest.mark.parametrize("text", ["Nav Stack", "_nav_", "x" * 62 + "-y", "Ä1", "nav"])
+@each_row("text", ["Nav Stack", "_nav_", "x" * 62 + "-y", "Ä1", "nav"])
 def test_a_label_is_made_of_any_name_with_a_letter_or_digit(text):
     assert is_label(label_of(text))

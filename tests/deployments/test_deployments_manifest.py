@@ -1,9 +1,9 @@
 """Manifests as YAML, for readers of YAML 1.1 and 1.2."""
 
-import pytest
 import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.tasks.execution.compose import compose_file
 from vastflow.tasks.execution.manifest import yaml_text
@@ -18,9 +18,7 @@ def test_what_is_written_loads_back_equal(manifest):
     assert yaml.safe_load(yaml_text(manifest)) == manifest
 
 
-@pytest.mark.parametrize(
-    "text", ["1", "1e3", "0o17", "0x1F", "012", "y", "no", "On", "~", "null", ".inf", "12:30", "a: b", ""]
-)
+@each_row("text", ["1", "1e3", "0o17", "0x1F", "012", "y", "no", "On", "~", "null", ".inf", "12:30", "a: b", ""])
 def test_text_stays_text_to_every_reader(text):
     written = yaml_text({"key": text})
     assert yaml.safe_load(written) == {"key": text}

@@ -3,11 +3,12 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.tasks.execution.memory import compose_memory, kubernetes_memory, memory_bytes
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "size"),
     [
         ("8Gi", 8 * 2**30),
@@ -25,7 +26,7 @@ def test_a_quantity_of_kubernetes_is_read(text, size):
     assert memory_bytes(text) == size
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "right"),
     [
         ("8GB", "did you mean '8Gi'?"),

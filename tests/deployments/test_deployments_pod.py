@@ -7,6 +7,7 @@ import kubernetes_validate
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.tasks.execution.description import Container, Needs, RunDescription
 from vastflow.tasks.execution.pod import config_map_keys, pod_spec, pod_template
@@ -20,7 +21,7 @@ def validate(manifest, version=VERSIONS[-1]):
     kubernetes_validate.validate(manifest, version, strict=True)
 
 
-@pytest.mark.parametrize("version", VERSIONS)
+@each_row("version", VERSIONS)
 def test_the_template_is_valid_and_so_are_a_pod_and_a_job_of_it(described, version):
     template = pod_template(described())
     validate(template, version)
@@ -55,7 +56,7 @@ def test_the_pod_gets_nothing_of_the_cluster(described):
     assert (spec["automountServiceAccountToken"], spec["enableServiceLinks"]) == (False, False)
 
 
-@pytest.mark.parametrize(("user", "restricted"), [(0, False), (1001, True)])
+@each_row(("user", "restricted"), [(0, False), (1001, True)])
 def test_the_pod_is_roots_only_where_the_file_says_so(user, restricted):
     spec = pod_spec(replace(ALONE, user=user))
     assert (spec["securityContext"]["runAsUser"], spec["securityContext"]["runAsNonRoot"]) == (user, restricted)

@@ -16,7 +16,7 @@ from vastflow.flows import run_campaign
 from vastflow.flows.__main__ import app
 from vastflow.flows.request.run_request import RunRequest
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
 WORKER_S = 180

@@ -229,6 +229,7 @@ def test_the_same_bytes_come_from_the_store(first, again):
         assert (second.directory / "recordings" / recording.name).read_bytes() == recording.read_bytes()
 
 
+@pytest.mark.slow
 def test_one_worker_records_the_same_bytes_as_two(place, first, tmp_path):
     alone = run_campaign(place / "tiny.vast", results=tmp_path / "results", store=tmp_path / "store", workers=1)
     assert alone.summary.executed == CONFIGURATIONS * RUNS
@@ -321,6 +322,7 @@ run_campaign("tiny.vast", runs=60, results="results", store={store!r}, workers=2
 """
 
 
+@pytest.mark.slow
 def test_an_interrupted_campaign_ends_early_and_goes_on_where_it_was(
     place, first, tmp_path, again, counted, prefect_home
 ):

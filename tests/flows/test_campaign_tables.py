@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from table import each_row
 
 from vastflow.flows.results import tables
 from vastflow.flows.results.campaign_tables import LOGS_FILE, CampaignTables, RunLogs
@@ -103,7 +104,7 @@ def test_a_run_log_is_a_line_and_comes_back_as_it_was(tmp_path):
     assert KeptLogs(tmp_path).of("room-9") == []
 
 
-@pytest.mark.parametrize("damaged", [b"", b"{", b"[1]", b'{"runs": 3}', b"\xff"])
+@each_row("damaged", [b"", b"{", b"[1]", b'{"runs": 3}', b"\xff"])
 def test_a_damaged_run_log_is_left_out(tmp_path, damaged):
     logs = RunLogs(tmp_path)
     logs.add("room-1", [damaged, log(0, 1)])

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from table import each_row
 from typer.main import get_command
 from typer.testing import CliRunner
 
@@ -172,7 +173,7 @@ def test_campaigns_of_other_runs_never_hold_the_gate(tmp_path):
         assert f"gate does not hold: {why}; it takes the same configurations and runs in both" in result.stdout
 
 
-@pytest.mark.parametrize(("said", "held"), [("p" * 40, True), ("n" + "p" * 39, True), ("nn" + "p" * 38, False)])
+@each_row(("said", "held"), [("p" * 40, True), ("n" + "p" * 39, True), ("nn" + "p" * 38, False)])
 def test_runs_that_can_no_longer_be_judged_may_be_as_many_as_may_be_lost(tmp_path, said, held):
     then, now = write(tmp_path / "then", same("p" * 40)), write(tmp_path / "now", same(said))
     assert as_json(then, now, "--margin", 0.03)["gate"]["holds"] == held

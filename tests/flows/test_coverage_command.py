@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
@@ -104,7 +105,7 @@ def test_dimensions_and_pairs_of_producers_have_their_counts(campaign_file):
     assert row_of(printed, "still", "laserscan_gaussian_noise_std_deviation")[-5:] == ["6", "6", "6", "100.0", "%"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("share", "text"),
     [(None, "–"), (1.0, "100.0 %"), (0.9999, "99.9 %"), (0.0, "0.0 %"), (0.0001, "< 0.1 %"), (0.57, "57.0 %")],
 )
@@ -140,7 +141,7 @@ def cut_off_directory(folder):
     return older_directory(folder)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "make",
     [no_such_path, folder_of_something_else, picture, older_directory, damaged_directory, cut_off_directory],
 )

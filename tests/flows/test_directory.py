@@ -6,6 +6,7 @@ import shutil
 from datetime import datetime
 
 import pytest
+from table import each_row
 
 from vastflow.flows.results.directory import ResultsError, directory_name, new_directory
 from vastflow.tasks.store import StoreError
@@ -33,7 +34,7 @@ def test_two_that_start_in_one_second_get_two_directories(tmp_path):
     assert all(d.final.is_dir() for d in (first, second, third))
 
 
-@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+@each_row("error", [RuntimeError, KeyboardInterrupt])
 def test_what_is_interrupted_leaves_nothing(tmp_path, error):
     with pytest.raises(error), new_directory(tmp_path, "c", CREATED) as directory:
         (directory.partial / "a").write_text("x")
@@ -41,7 +42,7 @@ def test_what_is_interrupted_leaves_nothing(tmp_path, error):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
+@each_row("code", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
 def test_a_disk_that_is_full_or_broken_is_told_with_what_helps_and_leaves_no_half_directory(tmp_path, code):
     words = rf"results: can't write to '{tmp_path}' \({os.strerror(code)}\); make room there or .*--results; what was computed"
     with pytest.raises(ResultsError, match=words), new_directory(tmp_path, "c", CREATED) as directory:
@@ -50,7 +51,7 @@ def test_a_disk_that_is_full_or_broken_is_told_with_what_helps_and_leaves_no_hal
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("error", [StoreError("store: can't read"), FileNotFoundError(errno.ENOENT, "x"), OSError("y")])
+@each_row("error", [StoreError("store: can't read"), FileNotFoundError(errno.ENOENT, "x"), OSError("y")])
 def test_what_is_not_the_disks_fault_stays_what_it_is(tmp_path, error):
     with pytest.raises(type(error)) as raised, new_directory(tmp_path, "c", CREATED):
         raise error
@@ -69,7 +70,7 @@ def test_before_the_end_nothing_stands_under_the_final_name(tmp_path):
         assert not directory.final.exists()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "folder"),
     [("a_b", "a-b"), ("My Campaign / 2", "My-Campaign-2"), ("../up", "up"), ("___", "campaign"), ("v1.2", "v1.2")],
 )
@@ -77,7 +78,7 @@ def test_a_name_becomes_one_that_every_file_system_takes(name, folder):
     assert directory_name(name) == folder
 
 
-@pytest.mark.parametrize("name", ["dangling", "file/below", "loop", "a" * 300])
+@each_row("name", ["dangling", "file/below", "loop", "a" * 300])
 def test_a_place_where_no_folder_can_be_made_is_said_in_words(tmp_path, name):
     (tmp_path / "dangling").symlink_to("nowhere")
     (tmp_path / "loop").symlink_to("loop")

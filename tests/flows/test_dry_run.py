@@ -171,6 +171,7 @@ def files(folder):
     return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
 
 
+@pytest.mark.slow
 def test_before_the_first_run_everything_would_be_computed_and_nothing_is_written(place, tmp_path):
     before = files(place)
     found = dry_run(place / "dry.vast", results=tmp_path / "results", store=str(tmp_path / "store"))
@@ -179,6 +180,7 @@ def test_before_the_first_run_everything_would_be_computed_and_nothing_is_writte
     assert files(place) == before and list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_with_nothing_changed_nothing_would_be_computed(again, first, monkeypatch):
     before = files(again.folder)
     found = again.dry()
@@ -297,6 +299,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("edits", "counts", "stage", "kind", "words"), CASES.values(), ids=CASES)
 def test_it_says_what_an_edit_costs_and_why(again, edits, counts, stage, kind, words):
     found = again.dry(*edits)
@@ -315,6 +318,7 @@ def kernel_edited(again):
     return SourceTree(folders)
 
 
+@pytest.mark.slow
 def test_an_edited_kernel_is_named_by_its_module(again, monkeypatch):
     tree = kernel_edited(again)
     monkeypatch.setattr(dry_runs, "installed_tree", lambda: tree)
@@ -333,6 +337,7 @@ class Library:
         return "0.1.2" if distribution == "pymunk" else self._right(distribution)
 
 
+@pytest.mark.slow
 def test_another_library_is_named_with_both_versions(again, first, monkeypatch):
     recorded = json.loads((first / "metadata.json").read_text())["code"]["execute"]["libraries"]["pymunk"]
     monkeypatch.setattr(source, "_version", Library())
@@ -341,6 +346,7 @@ def test_another_library_is_named_with_both_versions(again, first, monkeypatch):
     assert (kind, words) == ("source changed", f"source of execute changed: pymunk {recorded} is now 0.1.2")
 
 
+@pytest.mark.slow
 def test_another_kind_of_machine_is_said(again, first, tmp_path):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     metadata = json.loads((past / "metadata.json").read_text())
@@ -351,6 +357,7 @@ def test_another_kind_of_machine_is_said(again, first, tmp_path):
     assert kind == "numeric class changed" and "architecture from 'riscv64' to" in words
 
 
+@pytest.mark.slow
 def test_a_directory_of_an_earlier_version_tells_what_it_can(again, first, tmp_path, monkeypatch):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     metadata = json.loads((past / "metadata.json").read_text())
@@ -364,6 +371,7 @@ def test_a_directory_of_an_earlier_version_tells_what_it_can(again, first, tmp_p
     assert [words for _, words, _ in reasons(found, "instantiate")] == [made_before]
 
 
+@pytest.mark.slow
 def test_that_a_scenario_is_read_as_another_is_told_from_another_scenario(again, first, tmp_path):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     table = pq.read_table(past / "configurations.parquet")
@@ -376,6 +384,7 @@ def test_that_a_scenario_is_read_as_another_is_told_from_another_scenario(again,
     assert words == "what vastflow or a plug-in makes of the same scenario changed"
 
 
+@pytest.mark.slow
 def test_what_the_store_lost_is_named_and_stays_as_it_is(again, first):
     recordings = sorted(again.store.glob("execute/*/*"))
     shutil.rmtree(recordings[0])
@@ -388,6 +397,7 @@ def test_what_the_store_lost_is_named_and_stays_as_it_is(again, first):
     assert manifest.read_text() == "damaged"
 
 
+@pytest.mark.slow
 def test_what_an_earlier_selection_left_out_is_told_from_what_is_new(again, first, tmp_path):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     metadata = json.loads((past / "metadata.json").read_text())
@@ -397,6 +407,7 @@ def test_what_an_earlier_selection_left_out_is_told_from_what_is_new(again, firs
     assert (kind, words, amount) == ("new configuration", "the campaign before was only a selection: room-1-1", 2)
 
 
+@pytest.mark.slow
 def test_a_lost_evaluation_is_made_here_and_not_stored(again, first):
     lost = sorted(again.store.glob("evaluate/*/*"))
     for folder in lost:
@@ -407,6 +418,7 @@ def test_a_lost_evaluation_is_made_here_and_not_stored(again, first):
     assert not any(folder.exists() for folder in lost)
 
 
+@pytest.mark.slow
 def test_a_lost_trace_costs_an_observation(again):
     shutil.rmtree(next(again.store.glob("observe/*/*")))
     found = again.dry()
@@ -414,12 +426,14 @@ def test_a_lost_trace_costs_an_observation(again):
     assert [kind for kind, _, _ in reasons(found, "observe")] == ["lost"]
 
 
+@pytest.mark.slow
 def test_a_producer_that_raises_is_a_fault_and_the_rest_is_told(again):
     found = again.dry(("ahead.py", "        for distance_m", "        1 / 0\n        for distance_m"), FRONT)
     assert [fault.error for fault in found.faults] == ["ZeroDivisionError: division by zero"]
     assert found.computed("execute") == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edits", [[RUNS, LEVEL, FRONT], [NOISE, LEAST]], ids=["grown", "edited"])
 def test_a_run_computes_what_the_dry_run_said(again, edits):
     said = computed(again.dry(*edits))
@@ -429,6 +443,7 @@ def test_a_run_computes_what_the_dry_run_said(again, edits):
     assert computed(again.dry()) == dict.fromkeys(STAGES, 0)
 
 
+@pytest.mark.slow
 def test_a_run_executes_what_the_dry_run_said_of_an_edited_kernel_and_keeps_traces_that_come_out_as_before(
     again, monkeypatch
 ):
@@ -442,6 +457,7 @@ def test_a_run_executes_what_the_dry_run_said_of_an_edited_kernel_and_keeps_trac
     assert added == {"instantiate": said["instantiate"], "execute": 4, "observe": 0, "judge": 0}
 
 
+@pytest.mark.slow
 def test_the_newest_campaign_of_the_name_is_compared_with(first, tmp_path):
     results = tmp_path / "results"
     for name, created, campaign in [("a", "2026-01-01", "dry"), ("b", "2026-03-01", "dry"), ("c", "2026-04-01", "wet")]:
@@ -456,6 +472,7 @@ def test_the_newest_campaign_of_the_name_is_compared_with(first, tmp_path):
     assert newest_past(tmp_path / "nowhere", "dry") is None
 
 
+@pytest.mark.slow
 def test_a_damaged_directory_to_compare_with_is_a_users_mistake(again, first, tmp_path):
     past = Path(shutil.copytree(first, tmp_path / "past"))
     (past / "runs.parquet").unlink()
@@ -463,12 +480,14 @@ def test_a_damaged_directory_to_compare_with_is_a_users_mistake(again, first, tm
         again.dry(since=past)
 
 
+@pytest.mark.slow
 def test_an_unknown_name_is_a_users_mistake_also_in_a_dry_run(again):
     with pytest.raises(CampaignError, match=r"no family or configuration 'rom'; did you mean 'room'\?"):
         again.dry(only=["rom"])
     assert again.dry(NOISE, only=["room-1-1"]).computed("execute") == 0
 
 
+@pytest.mark.slow
 def test_a_store_at_an_address_that_is_none_is_a_users_mistake(again):
     with pytest.raises(StoreError, match="nowhere"):
         again.dry(store="nowhere://x")
@@ -478,6 +497,7 @@ def called(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+@pytest.mark.slow
 def test_the_command_prints_json_and_nothing_else_and_starts_no_prefect(again, first, monkeypatch):
     monkeypatch.setattr(flow_call, "ApiServer", None)
     again.edit(NOISE)
@@ -494,6 +514,7 @@ def test_the_command_prints_json_and_nothing_else_and_starts_no_prefect(again, f
     assert f"compared with {first}" in text.replace("\n", "")
 
 
+@pytest.mark.slow
 def test_wrong_options_of_a_dry_run_exit_with_2(again, tmp_path):
     campaign = again.folder / "dry.vast"
     for arguments, words in [

@@ -13,7 +13,7 @@ from vastflow.flows.results import campaign_rows
 from vastflow.tasks import member_pack
 from vastflow.tasks.kept_server import IDLE_S, end_kept, kept_servers
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 OF_A_CALL = {"metadata.json", "logs"}
 

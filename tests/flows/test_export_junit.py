@@ -2,9 +2,9 @@
 
 from xml.etree import ElementTree
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.flows.export.junit import Case, Flaw, Suite, campaign_report, suite_report
 
@@ -61,7 +61,7 @@ def test_the_file_says_that_it_is_utf8():
     assert "größe".encode() in content
 
 
-@pytest.mark.parametrize("text", ["\x1b[31mred\x1b[0m", "\x00", "half \ud800 a pair", "\ufffe"])
+@each_row("text", ["\x1b[31mred\x1b[0m", "\x00", "half \ud800 a pair", "\ufffe"])
 def test_what_no_xml_may_hold_is_replaced(text):
     case = Case(text, "c", 0.0, None, {"p": text}, Flaw("failure", text, text))
     (read,) = ElementTree.fromstring(suite_report(Suite("s", [case])))

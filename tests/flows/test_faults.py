@@ -6,6 +6,8 @@ from typer.testing import CliRunner
 from vastflow.flows.__main__ import app
 from vastflow.oracles.directory.tables import read_tables
 
+pytestmark = pytest.mark.slow
+
 SCENARIO = """\
 import osc.helpers
 

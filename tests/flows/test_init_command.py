@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows import api
@@ -30,7 +31,7 @@ def files_of(folder):
     return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
-@pytest.mark.parametrize("name", ["first", "a/folder with spaces"])
+@each_row("name", ["first", "a/folder with spaces"])
 def test_the_quickstart_with_its_map_is_written_and_the_command_that_runs_it_is_named(tmp_path, name):
     done = called("init", tmp_path / name)
     assert done.exit_code == 0
@@ -91,7 +92,7 @@ def test_init_refuses_what_gives_no_campaign_with_one_line(tmp_path, options, sa
     assert not (tmp_path / "own").exists()
 
 
-@pytest.mark.parametrize("taken", ["first", "first/maps"])
+@each_row("taken", ["first", "first/maps"])
 def test_a_file_where_a_folder_is_wanted_exits_with_2_and_one_sentence(tmp_path, taken):
     (tmp_path / taken).parent.mkdir(exist_ok=True)
     (tmp_path / taken).write_text("mine")

@@ -5,11 +5,12 @@ import signal
 
 import pytest
 import typer
+from table import each_row
 
 from vastflow.flows.terminal.interruptible import Interruptible
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@each_row("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_last_words_are_said_once_and_the_exit_code_is_130(number):
     said = []
     with pytest.raises(typer.Exit) as ended, Interruptible("bye") as interruptible:

@@ -180,6 +180,7 @@ def computed(tmp_path_factory, prefect_home):
 HEAVY = "{'prefect', 'numba', 'scipy', 'matplotlib', 'pandas', 'jinja2', 'pymunk'}"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_where_nothing_is_missing_the_report_comes_from_the_store_and_nothing_is_drawn(computed, tmp_path):
     folder, first = computed

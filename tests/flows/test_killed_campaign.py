@@ -22,7 +22,7 @@ from prefect.settings import temporary_settings
 
 from vastflow.tasks import ledger
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
 PROOFS = Path(__file__).parents[1] / "proofs"

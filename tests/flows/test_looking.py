@@ -1,6 +1,7 @@
 """Commands that only look at a campaign execute nothing of it that has an effect."""
 
 import pytest
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
@@ -69,14 +70,14 @@ def looked(tmp_path, monkeypatch):
     return look
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+@each_row("command", COMMANDS)
 def test_no_script_program_notebook_or_step_is_executed(looked, command):
     code, said, is_marked = looked(command)
     assert (code, is_marked) == (0, False), said
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-@pytest.mark.parametrize("when", ["imported", "produced"])
+@each_row("command", COMMANDS)
+@each_row("when", ["imported", "produced"])
 def test_a_plug_in_has_no_effects_and_is_told(looked, command, when):
     code, said, is_marked = looked(command, **{when: TOUCH})
     assert not is_marked

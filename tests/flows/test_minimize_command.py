@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from PIL import Image
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
@@ -132,6 +133,7 @@ def called(*arguments):
     return CliRunner().invoke(app, ["minimize", *map(str, arguments)])
 
 
+@pytest.mark.slow
 def test_what_is_left_is_the_planted_cause_and_a_campaign_that_fails(place):
     folder, directory = place
     asked = called(directory, "blocked", "--store", folder / "store", "--json")
@@ -147,6 +149,7 @@ def test_what_is_left_is_the_planted_cause_and_a_campaign_that_fails(place):
     assert (again.summary.executed, again.summary.failed, again.summary.passed) == (0, again.summary.runs, 0)
 
 
+@pytest.mark.slow
 def test_a_point_of_a_search_is_minimized_as_a_configuration_is(place, searched):
     folder, directory = place
     listed = minimize_configuration(directory, "blocked", store=folder / "store")
@@ -172,6 +175,7 @@ def test_minimize_names_only_keys_that_the_parameter_file_contains():
     assert all(f"{key.rpartition('.')[2]}:" in path.read_text() for key in spelled_out(system).keys() - assumed)
 
 
+@pytest.mark.slow
 def test_a_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
     folder, directory = place
     first = minimize_configuration(directory, "blocked", store=folder / "store")
@@ -180,6 +184,7 @@ def test_a_second_call_executes_nothing_and_starts_nothing(place, monkeypatch):
     assert (second.executed, second.text, second.runs) == (0, first.text, first.runs)
 
 
+@pytest.mark.slow
 def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alone, tmp_path):
     folder, directory = place
     whole = minimize_configuration(directory, "blocked", store=folder / "store")
@@ -193,7 +198,7 @@ def test_one_that_is_interrupted_and_taken_up_again_comes_to_the_same(place, alo
     assert found.executed < found.runs
 
 
-@pytest.mark.parametrize("name", ["nav2/dwb.yaml", "robots/turtlebot3_burger.yaml", "robots/turtlebot4.yaml"])
+@each_row("name", ["nav2/dwb.yaml", "robots/turtlebot3_burger.yaml", "robots/turtlebot4.yaml"])
 def test_a_parameter_file_is_tried_parameter_by_parameter(planted, tmp_path, name):
     planted.written(tmp_path, [])
     file = {FILE_KEY: nav2_file(CAMPAIGNS / name)}
@@ -262,7 +267,8 @@ def test_what_a_campaign_rewrites_of_its_parameter_file_is_no_parameter_of_the_f
     assert not [key for key in found if key.endswith((".batch_size", ".vx_max"))]
 
 
-@pytest.mark.parametrize(
+@pytest.mark.slow
+@each_row(
     ("name", "said"),
     [
         ("nowhere", "no configuration 'nowhere'; it has blocked, easy, odd"),
@@ -287,7 +293,8 @@ def test_files_from_outside_of_the_campaigns_folder_are_named_where_they_are_kep
     }
 
 
-@pytest.mark.parametrize(
+@pytest.mark.slow
+@each_row(
     ("options", "said"),
     [
         (("--oracle", "nobody"), "--oracle nobody: no such oracle judged blocked"),

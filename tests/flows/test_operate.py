@@ -3,11 +3,11 @@
 import re
 from pathlib import Path
 
-import pytest
 import yaml
 from prefect.events.schemas.automations import AutomationCore
 from prefect.settings import Settings
 from prefect.settings.legacy import _get_valid_setting_names
+from table import each_row
 from typer.main import get_command
 
 from vastflow.flows.__main__ import app
@@ -20,7 +20,7 @@ AUTOMATIONS = [
 ]
 
 
-@pytest.mark.parametrize("written", AUTOMATIONS, ids=lambda each: each["name"])
+@each_row("written", AUTOMATIONS)
 def test_an_automation_of_the_page_is_one_that_prefect_takes(written):
     automation = AutomationCore.model_validate(written)
     assert (automation.enabled, automation.trigger.threshold) == (True, 1)

@@ -2,11 +2,13 @@
 
 import pytest
 from bench_pipeline import SCENARIO, bench_pipeline, campaign_text
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.instantiate import instantiate
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_everything_is_executed_once_and_after_an_edit_one_configuration_alone():
     found = bench_pipeline(configurations=6, runs=2)
@@ -17,7 +19,7 @@ def test_everything_is_executed_once_and_after_an_edit_one_configuration_alone()
     assert found["cpu_s"] > found["overhead_cpu_s"] > 0 < found["flow_peak_mb"]
 
 
-@pytest.mark.parametrize("configurations", [2, 21, 22, 50])
+@each_row("configurations", [2, 21, 22, 50])
 def test_the_campaign_has_as_many_distinct_configurations_as_asked(tmp_path, configurations):
     (tmp_path / "nothing.osc").write_text(SCENARIO)
     (tmp_path / "nothing.vast").write_text(campaign_text(configurations, 3, edited=0))

@@ -1,6 +1,7 @@
 """Plug-ins that try to end vastflow: an error of theirs with its place, never their exit code."""
 
 import pytest
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
@@ -56,8 +57,8 @@ def campaign(folder, code, reads="()", oracle=False, **places):
     return str(file)
 
 
-@pytest.mark.parametrize("end", ENDS)
-@pytest.mark.parametrize("place", ["imported", "made", "produced"])
+@each_row("end", ENDS)
+@each_row("place", ["imported", "made", "produced"])
 def test_a_producer_that_ends_the_process_is_a_fault_of_the_file(tmp_path, place, end):
     result = CliRunner().invoke(app, ["validate", campaign(tmp_path, PRODUCER, **{place: end})])
     assert (result.exit_code, result.stdout) == (2, "")
@@ -65,7 +66,7 @@ def test_a_producer_that_ends_the_process_is_a_fault_of_the_file(tmp_path, place
     assert ENDS[end] in result.stderr
 
 
-@pytest.mark.parametrize("place", ["imported", "made"])
+@each_row("place", ["imported", "made"])
 def test_an_oracle_that_ends_the_process_is_a_fault_of_the_file(tmp_path, place):
     result = CliRunner().invoke(app, ["validate", campaign(tmp_path, ORACLE, oracle=True, **{place: "sys.exit(0)"})])
     assert (result.exit_code, result.stdout) == (2, "")

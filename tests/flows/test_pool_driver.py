@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import replace
 
 import pytest
+from table import each_row
 
 from vastflow.flows.pool import driver as pool_driver
 from vastflow.flows.pool.driver import Driver
@@ -367,7 +368,7 @@ def test_a_flow_run_that_somebody_deleted_is_tried_again(drive, members):
     assert (progress.passed, len(workers.tried)) == (16, 2)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("members", "runs", "most", "count"),
     [
         (1, 5, None, 1),

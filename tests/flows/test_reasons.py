@@ -2,7 +2,7 @@
 
 import json
 
-import pytest
+from table import each_row
 
 from vastflow.flows.plan.reasons import scenario_reason
 from vastflow.flows.results.differences import changes_text
@@ -19,7 +19,7 @@ def test_obstacles_are_compared_one_by_one_and_named_by_their_key():
     assert reason == "environment.obstacles changed: [1].x from 1.0 to 2.0"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("then", "now", "words"),
     [
         ({"a": 1, "b": {"c": 2.0}}, {"a": 1, "b": {"c": 2.5}}, "b.c from 2.0 to 2.5"),

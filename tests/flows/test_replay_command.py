@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
+from table import each_row
 from typer.main import get_command
 from typer.testing import CliRunner
 from whole_directory import write_results
@@ -204,7 +205,7 @@ def test_a_duplicate_shows_the_runs_of_its_original(results):
     assert done.stdout.startswith("room-3 has the content of room-1, whose runs were recorded\n")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "words"),
     [
         (["room-2", "1", "--at", "3.5"], "--at 3.5: outside the run, which goes from 0 to 3.00 s"),
@@ -216,7 +217,6 @@ def test_a_duplicate_shows_the_runs_of_its_original(results):
         (["hall", "1"], "no configuration 'hall'; it has room-1, room-2, room-3"),
         (["room-2", "7"], "no run 7 of room-2; it has 0, 1"),
     ],
-    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_what_the_campaign_does_not_have_is_said_in_one_line(made, tmp_path, arguments, words):
     done = called(made, *arguments, "--out", tmp_path / "pictures")
@@ -226,9 +226,7 @@ def test_what_the_campaign_does_not_have_is_said_in_one_line(made, tmp_path, arg
     assert not (tmp_path / "pictures").exists()
 
 
-@pytest.mark.parametrize(
-    "arguments", [["room-2", "-1"], ["room-2", "one"], ["room-2"], ["room-2", "1", "--at", "soon"]]
-)
+@each_row("arguments", [["room-2", "-1"], ["room-2", "one"], ["room-2"], ["room-2", "1", "--at", "soon"]])
 def test_bad_arguments_exit_with_2(made, arguments):
     done = called(made, *arguments)
     assert done.exit_code == 2 and "Traceback" not in done.stderr

@@ -8,6 +8,7 @@ from datetime import datetime
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from table import each_row
 from whole_directory import write_results
 
 from vastflow.flows.request.campaign_file import read_campaign
@@ -62,7 +63,7 @@ def written(path, root, found, report=lambda directory: None, runs=2):
     )
 
 
-@pytest.mark.parametrize(
+@each_row(
     "blocking",
     [
         [range(5)],
@@ -72,7 +73,6 @@ def written(path, root, found, report=lambda directory: None, runs=2):
         [range(8)],
         [range(2), range(1, 8)],
     ],
-    ids=["one", "two", "other way round", "singly", "more runs than asked for", "overlapping"],
 )
 def test_the_file_has_the_same_bytes_however_the_runs_were_blocked(blocking):
     assert one_block(blocks_of(*blocking), 5) == write_recordings([recording(k) for k in range(5)])

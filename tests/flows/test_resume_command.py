@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import psutil
 import pytest
+from table import each_row
 from typer.testing import CliRunner
 from whole_directory import write_results
 
@@ -239,7 +240,7 @@ def test_a_campaign_that_never_ended_has_no_directory_and_the_message_says_what_
     )
 
 
-@pytest.mark.parametrize("content", ["{", "{}", "[]", '{"name": "x", "created": "y", "counts": {}}'])
+@each_row("content", ["{", "{}", "[]", '{"name": "x", "created": "y", "counts": {}}'])
 def test_a_damaged_directory_exits_with_2(tmp_path, content):
     (tmp_path / "metadata.json").write_text(content)
     result = resumed(tmp_path)

@@ -4,6 +4,7 @@ import inspect
 
 import pytest
 from prefect.exceptions import ParameterTypeError
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows import run_campaign
@@ -44,7 +45,7 @@ def test_the_flow_takes_the_request_and_nothing_else():
         campaign.validate_parameters({"request": {"campaign": "x.vast", "runs_each": 3}})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "words"),
     [
         ({"runs": 0}, "^runs is at least 1, got 0$"),

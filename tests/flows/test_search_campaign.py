@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from table import each_row
 
 from vastflow.flows import campaign_run, run_campaign
 from vastflow.flows.campaign_run import open_run
@@ -183,6 +184,7 @@ def test_the_best_is_confirmed_by_runs_that_the_search_never_used(first):
     assert first.summary.runs == 12 * 3 + 10
 
 
+@pytest.mark.slow
 def test_a_flow_of_prefect_finds_the_same_and_again_executes_nothing(place, first, prefect_home, monkeypatch):
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home(place / "prefect")))
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
@@ -213,6 +215,7 @@ def test_a_greater_budget_goes_on_where_the_smaller_one_ended(run, first):
     assert more.summary.executed == 4 * 3 + confirming
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("library", "strategy", "parameters"),
     [
@@ -278,6 +281,7 @@ def test_a_space_in_which_nothing_can_be_built_ends(run):
     assert result.summary.runs == 0
 
 
+@pytest.mark.slow
 def test_a_search_whose_points_break_ends_with_faults_after_a_second_try(run):
     result = run(broken="True", store="broken")
     assert found(result)["ended_by"] == "a point broke twice"
@@ -288,9 +292,9 @@ def test_a_search_whose_points_break_ends_with_faults_after_a_second_try(run):
 
 
 def test_the_batches_that_time_paid_for_are_repeated(run):
-    timed = run(more="  budget: [{time: 0.01}]")
+    timed = run(store="timed", more="  budget: [{time: 0.01}]")
     assert found(timed)["batches"] == 1
-    again = run(more="  budget: [{time: 0.01}]")
+    again = run(store="timed", more="  budget: [{time: 0.01}]")
     assert content(again) == content(timed)
 
 
@@ -331,7 +335,7 @@ def test_only_a_part_of_a_search_is_refused(place):
         run_campaign(file_of(place), results=place / "results", store=place / "store", only="point-0001")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("extract", "fault"),
     [
         (

@@ -5,6 +5,7 @@ from collections import Counter
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.flows.api import run_campaign
 from vastflow.flows.request.members import narrowed
@@ -54,7 +55,7 @@ def test_each_family_has_its_share_to_within_one(size, seed):
         assert abs(shares[family] - size * of / 100) <= 1
 
 
-@pytest.mark.parametrize(("size", "seats"), [(12, {"a": 12}), (13, {"a": 12, "b": 1}), (38, {"a": 36, "b": 2})])
+@each_row(("size", "seats"), [(12, {"a": 12}), (13, {"a": 12, "b": 1}), (38, {"a": 36, "b": 2})])
 def test_shares_are_rounded_by_websters_method(size, seats):
     """The first of the small family has the place 0.5 / 4: behind the 12th of the large one, 11.5 / 96, before the 13th."""
     found = sampled(instantiation(a=list(range(96)), b=list(range(100, 104))), size, 0)

@@ -19,7 +19,7 @@ from vastflow.flows.plan.dry_run_text import dry_run_json, dry_run_text
 from vastflow.flows.results.past import past_of
 from vastflow.tasks.source import installed_tree
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 CAMPAIGN = """
 version: 1

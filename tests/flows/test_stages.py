@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.flows import execute, instantiate, judge, observe, run_campaign
 from vastflow.flows.computing.flow_call import FlowCall
@@ -220,7 +221,7 @@ def test_a_fault_of_ours_is_in_the_result_and_its_run_is_not_judged(odd):
     assert repr(verdicts).endswith("judged by success, own.py:Even, 3 faults>")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("oracles", "said"),
     [
         (["saftey"], r"small\.vast:1:1: oracles\[0\]: no oracle 'saftey'; did you mean 'safety'"),
@@ -256,6 +257,7 @@ def test_what_was_deleted_is_said_to_be_lost_and_by_what_it_comes_back(place, co
         recordings.of("left-1-1")
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_page_run_in_a_plain_script_without_a_guard(tmp_path, prefect_home):
     """One process with all of the page's examples, on a campaign whose names are the quickstart's."""
     examples = re.findall(r"^```python\n(.*?)^```$", EXAMPLES.read_text(), re.MULTILINE | re.DOTALL)

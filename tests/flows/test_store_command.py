@@ -10,6 +10,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from table import each_row
 from typer.main import get_command
 from typer.testing import CliRunner
 from whole_directory import write_results
@@ -141,7 +142,7 @@ def test_info_of_a_new_store_is_all_zero(store):
     assert called("info").exit_code == 0
 
 
-@pytest.mark.parametrize("command", [["info"], ["verify"], ["gc", "--older-than", "1"]], ids=lambda c: c[0])
+@each_row("command", [["info"], ["verify"], ["gc", "--older-than", "1"]])
 def test_a_store_that_is_not_there_is_a_users_mistake_and_is_not_made(tmp_path, command):
     result = called(*command, "--store", tmp_path / "nowhere")
     assert (result.exit_code, result.stdout) == (2, "")

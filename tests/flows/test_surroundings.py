@@ -31,6 +31,7 @@ def environment():
         sys.modules.pop("environment", None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["read-only home", "no /dev/shm", "another user's store"])
 def test_what_a_machine_lacks_is_said_in_one_sentence(environment, tmp_path_factory, name):
     lab = environment.Lab(tmp_path_factory.mktemp("lab"))

@@ -4,7 +4,7 @@ import errno
 import importlib
 import pickle
 
-import pytest
+from table import each_row
 
 from vastflow.sim.user_error import UserError
 from vastflow.tasks.store import StoreError
@@ -22,7 +22,7 @@ FAMILY = [
 ]
 
 
-@pytest.mark.parametrize("name", FAMILY)
+@each_row("name", FAMILY)
 def test_errors_that_end_a_command_with_exit_code_2_are_of_one_family(name):
     module, _, error = f"vastflow.{name}".rpartition(".")
     assert issubclass(getattr(importlib.import_module(module), error), UserError)

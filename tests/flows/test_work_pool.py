@@ -1,13 +1,13 @@
 """`run --pool` and `resume --pool`: what their options say without an API."""
 
-import pytest
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 
 
-@pytest.mark.parametrize("command", ["run", "resume"])
-@pytest.mark.parametrize("option", ["--shards", "--pool-wait"])
+@each_row("command", ["run", "resume"])
+@each_row("option", ["--shards", "--pool-wait"])
 def test_options_of_a_pool_want_a_pool(command, option, tmp_path):
     result = CliRunner().invoke(app, [command, str(tmp_path), option, "3"])
     assert result.exit_code == 2

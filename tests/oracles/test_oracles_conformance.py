@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.oracles.conformance import CHECKS, check_oracle
 from vastflow.oracles.oracle import Oracle, Parameters, known_oracles, oracle_of
 from vastflow.oracles.sample_runs import sample_runs
 
 
-@pytest.mark.parametrize("check", CHECKS)
-@pytest.mark.parametrize("name", known_oracles())
+@each_row("check", CHECKS)
+@each_row("name", known_oracles())
 def test_every_installed_oracle_keeps_the_contract(name, check):
     check(oracle_of(name, {}), sample_runs())
 
@@ -114,7 +115,7 @@ def changes_its_trace(self, trace, situation):
 BREAKS["a changed trace"] = (judging(changes_its_trace), "Mine must not change the trace of 'an empty corridor'")
 
 
-@pytest.mark.parametrize("what", BREAKS)
+@each_row("what", BREAKS)
 def test_an_oracle_that_breaks_the_contract_is_found(what):
     broken, message = BREAKS[what]
     with pytest.raises(AssertionError, match=message):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import pytest
+from table import each_row
 
 from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.criteria import criteria_json, criteria_of
@@ -78,9 +78,7 @@ def test_an_oracle_that_separates_one_that_only_measures_and_one_run_are_left_ou
     assert criteria_of(directory(tmp_path, oracles)) == []
 
 
-@pytest.mark.parametrize(
-    ("name", "judgement", "values"), [("margin", "pass", (0.2, 0.5)), ("update", "fail", (0.4, 0.8))]
-)
+@each_row(("name", "judgement", "values"), [("margin", "pass", (0.2, 0.5)), ("update", "fail", (0.4, 0.8))])
 def test_the_figure_shows_the_share_that_passes_at_each_threshold(tmp_path, name, judgement, values):
     metrics = [{name: value, "threshold": 0.3} for value in values]
     oracle = "safety" if name == "margin" else "robustness"

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.oracles.oracle import oracle_of
 from vastflow.oracles.performance import path_rmse_m, resampled
@@ -59,7 +60,7 @@ def test_a_mission_that_succeeded_passes_with_its_numbers() -> None:
     assert (value(verdict, "time"), value(verdict, "distance"), value(verdict, "recoveries")) == (20.0, 10.0, 2)
 
 
-@pytest.mark.parametrize(("outcome", "words"), [("aborted", "mission aborted"), ("timed_out", "mission timed out")])
+@each_row(("outcome", "words"), [("aborted", "mission aborted"), ("timed_out", "mission timed out")])
 def test_a_mission_that_did_not_succeed_fails_with_the_reason(outcome: str, words: str) -> None:
     verdict = judged("success", a_trace(along(0.0), outcome=outcome, reason="no path"))
     assert (verdict.judgement, verdict.reason) == ("fail", f"{words}: no path")
@@ -92,7 +93,7 @@ def test_the_bound_is_path_length_times_local_radius() -> None:
     assert (verdict.judgement, value(verdict, "threshold")) == ("pass", pytest.approx(2.2))
 
 
-@pytest.mark.parametrize(("offset_m", "judgement"), [(0.3, "pass"), (0.301, "fail")])
+@each_row(("offset_m", "judgement"), [(0.3, "pass"), (0.301, "fail")])
 def test_exactly_the_bound_passes(offset_m: float, judgement: str) -> None:
     assert judged("performance", a_trace(along(offset_m)), local_robot_radius_m=0.03).judgement == judgement
 
@@ -158,14 +159,14 @@ def never_there(obstacle: Obstacle) -> dict[str, np.ndarray]:
     return {f"separation_m/{obstacle.size_class}": np.full(3, np.inf)}
 
 
-@pytest.mark.parametrize(("edge_m", "required_m"), [(0.5, 0.554), (0.8, 0.766)])
+@each_row(("edge_m", "required_m"), [(0.5, 0.554), (0.8, 0.766)])
 def test_a_cube_asks_for_the_papers_separation(edge_m: float, required_m: float) -> None:
     obstacle = box(edge_m)
     verdict = judged("safety", passing({obstacle: 1.0}), obstacle)
     assert value(verdict, "margin") == pytest.approx(1.0 - required_m, abs=5e-4)
 
 
-@pytest.mark.parametrize(("edge_m", "required_m"), [(0.5, 0.633), (0.8, 0.893)])
+@each_row(("edge_m", "required_m"), [(0.5, 0.633), (0.8, 0.893)])
 def test_a_cube_read_in_space_asks_for_its_own_corner(edge_m: float, required_m: float) -> None:
     verdict = judged("safety", passing({box(edge_m): required_m + 1e-3}), box(edge_m), obstacle_radius="cube")
     assert (verdict.judgement, value(verdict, "margin")) == ("pass", pytest.approx(0.001, abs=5e-4))
@@ -175,7 +176,7 @@ def test_a_cube_read_in_space_asks_for_its_own_corner(edge_m: float, required_m:
     )
 
 
-@pytest.mark.parametrize("reading", ["footprint", "cube"])
+@each_row("reading", ["footprint", "cube"])
 def test_the_margins_of_both_readings_stand_beside_the_one_that_judges(reading: str) -> None:
     verdict = judged("safety", passing({box(0.8): 0.8}), box(0.8), obstacle_radius=reading)
     assert value(verdict, "footprint_margin") == pytest.approx(0.8 - 0.766, abs=5e-4)
@@ -190,7 +191,7 @@ def test_a_cylinder_has_one_radius() -> None:
     assert value(verdict, "cube_margin") == value(verdict, "footprint_margin") == pytest.approx(1.0 - 0.3 - 0.2)
 
 
-@pytest.mark.parametrize(("separation_m", "judgement"), [(0.553, "fail"), (0.554, "pass")])
+@each_row(("separation_m", "judgement"), [(0.553, "fail"), (0.554, "pass")])
 def test_a_robot_fails_where_it_comes_closer_than_that(separation_m: float, judgement: str) -> None:
     assert judged("safety", passing({box(0.5): separation_m}), box(0.5)).judgement == judgement
 

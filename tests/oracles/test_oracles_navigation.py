@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.oracles.navigation import stops
 from vastflow.oracles.oracle import oracle_of
@@ -43,7 +44,7 @@ def test_success_is_weighted_by_path_length() -> None:
     assert (found["spl"], found["path_efficiency"]) == (pytest.approx(0.8), pytest.approx(0.8))
 
 
-@pytest.mark.parametrize("failure", [{"outcome": "aborted"}, {"outcome": "timed_out"}, {"missed": 1}])
+@each_row("failure", [{"outcome": "aborted"}, {"outcome": "timed_out"}, {"missed": 1}])
 def test_a_mission_that_failed_has_an_spl_of_nought_and_no_efficiency(failure: dict[str, Any]) -> None:
     found = measured(DETOUR, **failure)
     assert (found["spl"], found["path_efficiency"], found["time_to_goal"]) == (0.0, None, None)
@@ -101,7 +102,7 @@ def test_stops_are_between_driving_and_driving() -> None:
     assert (found["stops"], found["stopped_time"]) == (1, 1.0)
 
 
-@pytest.mark.parametrize(("rows", "count"), [(5, 0), (6, 1)])
+@each_row(("rows", "count"), [(5, 0), (6, 1)])
 def test_a_stop_lasts_for_half_a_second_or_more(rows: int, count: int) -> None:
     stopped = np.array([0] + [1] * rows + [0]) > 0
     assert len(stops(np.arange(len(stopped)) * 0.1, stopped, 0.5)) == count

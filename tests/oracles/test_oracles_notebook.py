@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from table import each_row
 
 from vastflow.oracles.conformance import CHECKS
 from vastflow.oracles.notebook.file import NotebookError
@@ -47,7 +48,7 @@ def run_called(name: str) -> SampleRun:
 CORRIDOR = run_called("an empty corridor")
 
 
-@pytest.mark.parametrize("check", CHECKS)
+@each_row("check", CHECKS)
 def test_the_worked_example_keeps_the_contract(check) -> None:
     check(oracle_of("lost.ipynb", {"max_error_m": 0.025}, EXAMPLE), sample_runs())
 
@@ -104,7 +105,7 @@ def test_verdicts_may_be_a_table(tmp_path) -> None:
     assert (verdict.judgement, verdict.metrics["d"].value) == ("pass", None)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("left", "message"),
     [
         ("pass", "judge.ipynb: it leaves no 'verdicts'; a table or list of rows, one for each run"),
@@ -128,7 +129,7 @@ def test_a_notebook_that_gives_no_verdicts_is_broken_and_says_where(tmp_path, le
         oracle.judge(CORRIDOR.trace, CORRIDOR.situation)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("cells", "message"),
     [
         (

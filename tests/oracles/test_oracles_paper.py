@@ -9,6 +9,7 @@ from paper_page import main, paper_page
 from paper_published import ALL_RUNS, PUBLISHED
 from paper_results import NotThePapers, Requested, paper_results, requested_of
 from paper_starts import Begun, Starts, starts_of
+from table import each_row
 
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.sim.loop.standstill import POINTS_IN_FOOTPRINT
@@ -197,7 +198,7 @@ def test_beside_the_rate_of_all_runs_the_page_has_that_of_those_that_moved_and_w
     )
 
 
-@pytest.mark.parametrize(("x_m", "near"), [(0.275, 1), (0.325, 0), (0.025, 1), (-9.0, 1), (2.725, 1), (2.675, 0)])
+@each_row(("x_m", "near"), [(0.275, 1), (0.325, 0), (0.025, 1), (-9.0, 1), (2.725, 1), (2.675, 0)])
 def test_five_cells_from_a_wall_it_is_in_the_footprint_and_six_it_is_not(safety, x_m, near):
     row = {"name": "a", "environment": "room", "start": start(x_m)["start_pose"]}
     assert starts_of(safety / "environments", [row], [], {}).near.configurations == near

@@ -2,12 +2,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
+from table import each_row
 
 from vastflow.oracles.evidence.rates import Counts, Interval, clustered, counts_of, pooled, wilson
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals, interval
 
 
-@pytest.mark.parametrize(("passed", "n"), [(0, 5), (1, 20), (5, 5), (10, 20), (81, 263), (97, 100), (5300, 5480)])
+@each_row(("passed", "n"), [(0, 5), (1, 20), (5, 5), (10, 20), (81, 263), (97, 100), (5300, 5480)])
 def test_wilson_is_scipys_wilson(passed: int, n: int) -> None:
     expected = binomtest(passed, n).proportion_ci(0.95, method="wilson")
     assert (wilson(passed, n).low, wilson(passed, n).high) == pytest.approx((expected.low, expected.high), abs=1e-12)

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from table import each_row
 
 from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.evidence.evidence import evidence_of
@@ -328,7 +329,7 @@ def test_a_campaign_whose_every_run_broke_has_a_report(synthetic_campaign, tmp_p
     assert json.loads((directory / "evidence.json").read_text())["all_oracles"]["campaign"]["rate"] is None
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("rate", "text"),
     [
         (None, "–"),
@@ -349,7 +350,7 @@ def test_an_interval_is_written_with_one_sign_and_rounded_outwards() -> None:
     assert span(Interval(0.29, 0.57)).replace("\u2060", "") == "29–57\u00a0%"
 
 
-@pytest.mark.parametrize(("difference", "text"), [(0.124, "+12"), (-0.5, "−50"), (-0.004, "+0"), (0.0, "+0")])
+@each_row(("difference", "text"), [(0.124, "+12"), (-0.5, "−50"), (-0.004, "+0"), (0.0, "+0")])
 def test_a_difference_has_its_sign_and_nothing_is_not_less_than_nothing(difference: float, text: str) -> None:
     assert points(difference) == text
 
@@ -375,9 +376,7 @@ def test_a_narrow_interval_has_a_digit_more() -> None:
     assert rate_words([5, 10, 0, 237, 763])["span"].replace("\u2060", "") == "23–77\u00a0%"
 
 
-@pytest.mark.parametrize(
-    ("value", "text"), [(None, "–"), (1e-15, "0"), (-1e-15, "0"), (0.0582, "0.058"), (1234.5, "1,234")]
-)
+@each_row(("value", "text"), [(None, "–"), (1e-15, "0"), (-1e-15, "0"), (0.0582, "0.058"), (1234.5, "1,234")])
 def test_a_number_is_rounded_to_the_millimeter(value: float | None, text: str) -> None:
     assert number(value) == text
 

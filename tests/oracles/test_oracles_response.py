@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.oracle import oracle_of
@@ -59,7 +60,7 @@ def test_the_response_is_from_the_appearance_to_the_beginning_of_braking() -> No
     assert (value(verdict, "response_time"), value(verdict, "unanswered")) == (pytest.approx(0.3), 0)
 
 
-@pytest.mark.parametrize(("to_mps", "response_s"), [(0.4, 0.3), (0.401, None)])
+@each_row(("to_mps", "response_s"), [(0.4, 0.3), (0.401, None)])
 def test_braking_loses_a_tenth_of_a_metre_per_second_within_half_a_second(
     to_mps: float, response_s: float | None
 ) -> None:
@@ -168,7 +169,7 @@ def contact(what: str) -> Event:
     return Event(0.1, "contact", 0.0, 0.0, what, 0.2)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("fail_on_contact", "what", "reason"),
     [
         ("none", "carton", ""),

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.oracles.oracle import OracleError, oracle_of
 from vastflow.oracles.robustness import full_meters
@@ -50,7 +51,7 @@ def test_every_basis_is_measured_beside_the_one_that_judges() -> None:
     assert verdict.judgement == "pass"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("basis", "reason"),
     [
         ("update", "summed localization error over 2 updates of AMCL 0.050 m, more than 0.01 m"),
@@ -65,20 +66,20 @@ def test_the_basis_that_judges_is_chosen_in_the_campaign_file(basis: str, reason
     assert (verdict.judgement, verdict.reason) == ("fail", reason)
 
 
-@pytest.mark.parametrize(("last_mm", "judgement"), [(100, "pass"), (101, "fail")])
+@each_row(("last_mm", "judgement"), [(100, "pass"), (101, "fail")])
 def test_a_sum_of_exactly_the_threshold_passes(last_mm: int, judgement: str) -> None:
     # As floating-point numbers 0.1 + 0.1 + 0.1 is more than 0.3.
     assert judged([100, 100, last_mm], [1, 1, 1], basis="update").judgement == judgement
 
 
-@pytest.mark.parametrize("seconds", [1, 10, 100])
+@each_row("seconds", [1, 10, 100])
 def test_a_longer_run_with_the_same_errors_is_judged_alike(seconds: int) -> None:
     assert judged([50, 300] * 5 * seconds, [1, 1] * 5 * seconds).judgement == "pass"
     assert judged([50, 301] * 5 * seconds, [1, 1] * 5 * seconds).judgement == "fail"
 
 
-@pytest.mark.parametrize("basis", BASES)
-@pytest.mark.parametrize(("error_mm", "judgement"), [(300, "pass"), (301, "fail")])
+@each_row("basis", BASES)
+@each_row(("error_mm", "judgement"), [(300, "pass"), (301, "fail")])
 def test_a_single_sample_is_its_own_sum_mean_and_maximum(basis: str, error_mm: int, judgement: str) -> None:
     verdict = judged([0, error_mm], [0, 1], x_m=[0, 0], basis=basis)
     expected = "pass" if basis == "metre" else judgement  # no meter is full

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.oracles.smoothness import spectral_arc_length
 
@@ -29,6 +30,6 @@ def test_each_stop_on_the_way_makes_a_motion_less_smooth() -> None:
     assert len(set(values)) == 3
 
 
-@pytest.mark.parametrize("speed", [[], [0.5], [0.0, 0.0, 0.0]])
+@each_row("speed", [[], [0.5], [0.0, 0.0, 0.0]])
 def test_a_robot_that_never_moved_has_no_smoothness(speed: list[float]) -> None:
     assert spectral_arc_length(np.array(speed), 0.1) is None

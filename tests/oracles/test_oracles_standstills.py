@@ -48,6 +48,7 @@ def pose(x_m, y_m):
     return {"position": {"x": x_m, "y": y_m}, "orientation": {"yaw": 0.0}}
 
 
+@pytest.mark.slow
 def test_a_system_that_freezes_in_a_third_of_the_runs_fails_the_gate_and_the_one_that_does_not_holds_it(driven):
     thin, wide = map(str, driven)
     called = CliRunner().invoke(app, ["compare", thin, wide, "--gate", "--pictures", "0"], terminal_width=200)

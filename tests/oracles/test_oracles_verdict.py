@@ -1,4 +1,5 @@
 import pytest
+from table import each_row
 
 from vastflow.oracles.verdict import Judgement, Metric, Verdict, read_verdicts, run_judgement, write_verdicts
 
@@ -39,7 +40,7 @@ def test_a_metric_that_is_no_number_is_refused() -> None:
         write_verdicts([Verdict("success", 0, "pass", "", {"time": Metric(float("nan"), "s")})])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("judgements", "together"),
     [
         (["pass", "pass"], "pass"),

@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.oracles.evidence.rates import Counts, Interval, clustered, pooled, wilson
 from vastflow.oracles.evidence.weights import weighted_counts, weighted_rate, weights_of
@@ -43,7 +44,7 @@ def test_one_configuration_says_nothing_of_others():
     assert weighted_rate({"a": Counts(3, 1)}, {"a": 5}).clustered is None
 
 
-@pytest.mark.parametrize("counts", [{}, {"a": Counts(0, 0, 3)}])
+@each_row("counts", [{}, {"a": Counts(0, 0, 3)}])
 def test_without_judged_runs_there_is_no_rate(counts):
     found = weighted_rate(counts, {"a": 2})
     assert (found.rate, found.interval, found.clustered) == (None, Interval(0.0, 1.0), None)

@@ -9,6 +9,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
+from table import each_row
 
 from vastflow.oracles.figures.palette import COLORS, GOAL_COLOR, INK
 from vastflow.oracles.figures.zones import NO_ZONES, Zones
@@ -215,7 +216,7 @@ def film(occupancy, tmp_path_factory):
     return file
 
 
-@pytest.mark.parametrize("width_in", [11.3, 11.99, 11.996, 12.004, 12.01])
+@each_row("width_in", [11.3, 11.99, 11.996, 12.004, 12.01])
 def test_a_page_of_any_width_has_its_rows_where_they_belong(width_in):
     figure = Figure(figsize=(width_in, 1.0), dpi=100)
     figure.add_artist(Rectangle((0.5, 0.0), 0.01, 1.0, color="black"))

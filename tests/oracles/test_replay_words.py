@@ -5,6 +5,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.oracles.replay.caption import doing, happening, numbers
 from vastflow.oracles.replay.highlights import FEWEST, FRAMES, highlights, tick_of
@@ -36,7 +37,7 @@ def a_moment(**changes):
     return Moment(**{**said, **changes})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("changes", "words"),
     [
         ({}, "following the plan"),
@@ -66,7 +67,7 @@ def test_a_robot_that_stands_has_no_negative_speed():
     assert numbers(a_moment(speed_mps=-0.001, yaw_rate_radps=0.0)).startswith("0.00 m/s ·")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "what", "value", "words"),
     [
         ("contact", "wall", 0.314, "touches wall at 0.31 m/s"),
@@ -136,7 +137,7 @@ def test_a_time_becomes_the_nearest_tick_and_the_end_the_last():
     assert [tick_at("--at", t_s, whole) for t_s in (0.0, 12.35, 12.37, 29.99, 30.0)] == [0, 247, 247, 599, 599]
 
 
-@pytest.mark.parametrize("t_s", [-0.1, 30.1, float("nan"), float("inf")])
+@each_row("t_s", [-0.1, 30.1, float("nan"), float("inf")])
 def test_a_time_outside_the_run_is_refused(t_s):
     with pytest.raises(TimeError, match=r"--at .*: outside the run, which goes from 0 to 30\.00 s"):
         tick_at("--at", t_s, whole_run(30.0))
@@ -147,7 +148,7 @@ def test_a_span_that_ends_before_it_begins_is_refused():
         span_of(9.0, 4.0, whole_run(30.0))
 
 
-@pytest.mark.parametrize("every_s", [0.0, -1.0, float("nan"), float("inf")])
+@each_row("every_s", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_step_that_is_no_positive_time_is_refused(every_s):
     with pytest.raises(TimeError, match=r"--every .*: a time greater than 0 s"):
         step_of(every_s)

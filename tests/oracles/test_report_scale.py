@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 PROOF = Path(__file__).parents[1] / "proofs" / "report_scale.py"
 
 

@@ -1,7 +1,7 @@
 """What is said of the best point of a search."""
 
 import numpy as np
-import pytest
+from table import each_row
 
 from vastflow.oracles.evidence.searched import found_text
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals
@@ -25,7 +25,7 @@ def beside(as_good):
     }
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parts", "text"),
     [
         ({}, "point-0007: failure rate found at 90 %, confirmed at 70 % [56, 82] on 60 fresh runs."),
@@ -38,7 +38,7 @@ def test_the_best_is_said_with_what_confirms_it(parts, text):
     assert found_text(said(**parts)) == text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("as_good", "text"),
     [
         (428, "Found after 43 runs, by random search after 428."),

@@ -2,6 +2,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis, holm
 from vastflow.oracles.statistics.contrast import contrasts_of
@@ -55,7 +56,7 @@ def test_an_interaction_has_cells_that_do_not_add_up() -> None:
     assert sum(cell.configurations for cell in pair.cells) == 100
 
 
-@pytest.mark.parametrize("failed", [0, 20])
+@each_row("failed", [0, 20])
 def test_where_all_runs_end_alike_no_factor_matters(failed: int) -> None:
     found = analyzed(GRID, [failed] * len(GRID))
     assert {effect.others.p_value for effect in found.factors} == {1.0}

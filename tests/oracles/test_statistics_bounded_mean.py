@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
+from table import each_row
 
 from vastflow.oracles.statistics.bounded_mean import mean_interval, needed
 
@@ -18,9 +19,7 @@ def test_of_all_or_nothing_it_is_the_exact_interval_of_a_rate(worst: int, best: 
         assert found == pytest.approx((2 * expected.low - 1, 2 * expected.high - 1), abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    "values", [[0.0, 0.0], [0.3, -0.2, 0.5], [0.0] * 20 + [-1.0], [0.25] * 4, list(np.linspace(-0.2, 0.1, 40))]
-)
+@each_row("values", [[0.0, 0.0], [0.3, -0.2, 0.5], [0.0] * 20 + [-1.0], [0.25] * 4, list(np.linspace(-0.2, 0.1, 40))])
 def test_it_is_the_quantile_of_means_under_random_gaps(values: list[float]) -> None:
     weights = np.random.default_rng(5).dirichlet(np.ones(len(values) + 1), 100_000)
     seen, unseen = weights[:, 1:] @ np.array(values), weights[:, 0]
@@ -43,7 +42,7 @@ def test_of_many_it_is_that_of_the_normal_distribution() -> None:
     assert mean_interval(values) == pytest.approx((values.mean() - half, values.mean() + half), abs=2e-5)
 
 
-@pytest.mark.parametrize("margin", [0.005, 0.02, 0.1, 0.5])
+@each_row("margin", [0.005, 0.02, 0.1, 0.5])
 def test_as_many_zeros_as_are_needed_rule_a_margin_out_and_one_less_does_not(margin: float) -> None:
     least = needed(margin)
     assert least is not None

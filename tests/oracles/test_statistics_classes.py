@@ -3,6 +3,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from scipy.stats import binom
+from table import each_row
 
 from vastflow.oracles.statistics.classes import (
     CLAIMS,
@@ -60,7 +61,7 @@ def test_clear_cases_of_one_class_do_not_pay_for_doubtful_ones_of_another() -> N
     assert classify(doubtful, [20] * 30).names[0] == "undecided"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("rates", "weights"),
     [
         ((0.2001, 0.5, 0.7999), (1, 1, 1)),
@@ -68,7 +69,7 @@ def test_clear_cases_of_one_class_do_not_pay_for_doubtful_ones_of_another() -> N
         ((0.0, 0.21, 1.0), (1, 2, 3)),
     ],
 )
-@pytest.mark.parametrize("runs", [20, 60])
+@each_row("runs", [20, 60])
 def test_of_each_class_few_claims_are_wrong_in_expectation(
     rates: Sequence[float], weights: Sequence[int], runs: int
 ) -> None:

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from vastflow.oracles.statistics.clustered import clustered_interval
 from vastflow.oracles.statistics.intervals import clopper_pearson_intervals
 
+pytestmark = pytest.mark.slow
+
 rows = st.integers(2, 30).flatmap(
     lambda runs: st.lists(st.integers(0, runs), min_size=2, max_size=12).map(lambda passed: (passed, runs))
 )

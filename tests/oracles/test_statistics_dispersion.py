@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.stats import betabinom
+from table import each_row
 
 from vastflow.oracles.statistics.clustered import clustered_interval
 from vastflow.oracles.statistics.dispersion import dispersion
@@ -47,7 +48,7 @@ def test_configurations_that_do_not_differ_have_none() -> None:
     assert found.p_value > 0.9
 
 
-@pytest.mark.parametrize("passed", [0, 20])
+@each_row("passed", [0, 20])
 def test_where_all_runs_end_alike_nothing_is_over_dispersed(passed: int) -> None:
     found = dispersion([passed] * 3, [20] * 3)
     assert found is not None

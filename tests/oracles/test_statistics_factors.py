@@ -1,9 +1,9 @@
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.oracles.statistics.factors import blocks_of, factors_of
 
@@ -103,6 +103,6 @@ def test_scenarios_without_map_and_task_are_a_block_each() -> None:
     assert len(set(blocks_of([{"environment": {}, "task": {}, "system": {"a": 1}}] * 3).tolist())) == 3
 
 
-@pytest.mark.parametrize("rows", [[], [{}], [{}, {}]])
+@each_row("rows", [[], [{}], [{}, {}]])
 def test_nothing_has_no_factors(rows: list[dict[str, Any]]) -> None:
     assert factors_of(rows) == ([], [])

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
 from vastflow.oracles.statistics.intervals import wilson_intervals
@@ -94,7 +95,7 @@ def test_a_planted_hot_cell_is_found_and_no_other() -> None:
     assert found.hot().tolist() == [[False, False, True, False]]
 
 
-@pytest.mark.parametrize("configurations", [1, 2, 3, 5, 12])
+@each_row("configurations", [1, 2, 3, 5, 12])
 def test_cells_that_fail_like_all_others_are_not_marked_however_few_came_by(configurations: int) -> None:
     # Configurations differ much: rates from B(0.4, 1.6), mean 0.2. The same in every cell, so each mark is a false one.
     rng = np.random.default_rng(3)

@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.oracles.statistics.classes import CLAIMS, ClassBounds
 from vastflow.oracles.statistics.stopping import StoppingRule, classes_by, runs_saved
@@ -54,9 +55,7 @@ def test_the_characteristics_are_those_of_every_sequence_of_runs() -> None:
         assert found.expected_runs[0] == pytest.approx(runs)
 
 
-@pytest.mark.parametrize(
-    "rule", [StoppingRule(), StoppingRule(5, 60), StoppingRule(1, 30, ClassBounds(0.45, 0.55), 0.1)]
-)
+@each_row("rule", [StoppingRule(), StoppingRule(5, 60), StoppingRule(1, 30, ClassBounds(0.45, 0.55), 0.1)])
 def test_no_success_rate_makes_a_false_claim_likelier_than_stated(rule: StoppingRule) -> None:
     rates = np.linspace(0, 1, 997)
     assert rule.operating_characteristics(rates).wrong.max() <= rule.error

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.stats import linregress
+from table import each_row
 
 from vastflow.oracles.statistics.analysis import FactorAnalysis, factor_analysis
 from vastflow.oracles.statistics.contrast import contrasts_of
@@ -43,7 +44,7 @@ def test_a_slope_beside_another_factor_is_that_within_its_levels() -> None:
     assert -0.5 < low < 0.15 < high < 0.5  # blocks agree, and say no more than their runs
 
 
-@pytest.mark.parametrize("values", [[1.0, 2.0] * 20, [3.0] * 40, [np.nan] * 39 + [1.0]])
+@each_row("values", [[1.0, 2.0] * 20, [3.0] * 40, [np.nan] * 39 + [1.0]])
 def test_of_two_values_or_fewer_there_is_no_trend(values: list[float]) -> None:
     rates = np.linspace(0, 1, 40)
     assert trend_of(contrasts_of(rates, ALONE, 999), np.array(values), ONE, RUNS, 0.05) is None
@@ -64,7 +65,7 @@ def test_configurations_without_the_number_are_in_no_trend() -> None:
     assert found.change == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize("failed", [0, 20])
+@each_row("failed", [0, 20])
 def test_where_all_runs_end_alike_the_trend_is_flat(failed: int) -> None:
     (factor,) = analyzed(np.linspace(5, 20, 24), [failed] * 24).factors
     assert factor.trend is not None

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
@@ -169,7 +170,7 @@ def test_own_producers_stand_beside_the_file(load: Load) -> None:
     assert type(campaign.families[0].producers[0]).__name__ == "Own"  # fmt: skip
 
 
-@pytest.mark.parametrize("mission", ["navigate_to_pose", "navigate_through_poses", "follow_waypoints"])
+@each_row("mission", ["navigate_to_pose", "navigate_through_poses", "follow_waypoints"])
 def test_the_scenario_file_names_a_builtin_mission(load: Load, mission: str) -> None:
     campaign = load(f"{FIXED}execution: {{scenario_file: 'builtin:{mission}'}}\n")
     assert campaign.abstract == f"builtin:{mission}"
@@ -193,7 +194,7 @@ COUNTED_BOXES = """\
 """
 
 
-@pytest.mark.parametrize("design", ["", "  design: {t_way: {strength: 2}}\n"])
+@each_row("design", ["", "  design: {t_way: {strength: 2}}\n"])
 def test_obstacles_of_a_plug_in_that_names_no_dimension_stand_on_the_floor(load: Load, design: str) -> None:
     found = instantiate(load(FIXED.replace("x: 0.5", "x: 0.1") + COUNTED_BOXES + design)).configurations
     assert [len(obstacles_of(each.scenario.environment)) for each in found] == [0, 2, 3]
@@ -333,124 +334,11 @@ def test_an_action_that_nothing_here_can_do_is_a_fault_before_anything_runs(load
         load("configuration:\n- name: growth\n  parameters:\n  - rate: 2\nexecution: {scenario_file: growth.osc}\n")
 
 
-@pytest.mark.parametrize(
-    ("text", "fault"),
-    [
-        ("a: [\n", "2:1: file: not YAML: while parsing a flow node, did not find expected node content; "),
-        (f"{FIXED}extra: 1\n", "7:1: file: unknown key 'extra'; known: configuration, "),
-        (f"{FIXED}execution:\n  runs: many\n", "8:9: execution.runs: found 'many'; a whole number"),
-        (
-            FIXED.replace("room", "none"),
-            "4:15: configuration[0].parameters[0].map_file: maps/none.yaml: no such file; a map is",
-        ),
-        (
-            FIXED.replace("room", "blind"),
-            "4:15: configuration[0].parameters[0].map_file: maps/blind.yaml: image: no file ",
-        ),
-        (
-            FIXED.replace("maps/room.yaml", "3"),
-            "4:15: configuration[0].parameters[0].map_file: found 3; the path of a map_server YAML file",
-        ),
-        (
-            varied("PathVariationRandm: {path_length: 1}"),
-            ("7:5: configuration[0].variations[0].PathVariationRandm: no producer 'PathVariationRandm'; "
-            "did you mean 'PathVariationRandom'?"),
-        ),
-        (
-            varied("none.py:Own: {}"),
-            "7:5: configuration[0].variations[0].none.py:Own: no class 'Own' in 'none.py'; file.py:Class",
-        ),
-        (varied("broken.py:Own: {}"), "7:5: configuration[0].variations[0].broken.py:Own: 'broken.py:Own' can't be"),
-        (
-            varied("PathVariationRandom: {path_length: -1}"),
-            "7:40: configuration[0].variations[0].PathVariationRandom.path_length: found -1; greater than 0",
-        ),
-        (
-            varied("PathVariationRandom: {path_length: [1, 2, x]}"),
-            "7:47: configuration[0].variations[0].PathVariationRandom.path_length[2]: found 'x'; a number",
-        ),
-        (
-            varied("PathVariationRandom: {path_lenth: 1, path_length: 1}"),
-            ("7:27: configuration[0].variations[0].PathVariationRandom: unknown key 'path_lenth'; "
-            "did you mean 'path_length'?"),
-        ),
-        (varied("PathVariationRandom:"), "7:5: configuration[0].variations[0].PathVariationRandom: no 'path_length'; "),
-        (
-            varied("OneOfVariation: {variations: [{PathVariationRandom: {path_length: 1, num_paths: 0}}]}"),
-            ("7:85: configuration[0].variations[0].OneOfVariation.variations[0].PathVariationRandom.num_paths: "
-            "found 0; 1 or more"),
-        ),
-        (
-            varied("ParameterVariationList: {name: map_file, values: [maps/room.yaml, maps/none.yaml]}"),
-            "7:71: configuration[0].variations[0].ParameterVariationList.values[1]: maps/none.yaml: no such file; ",
-        ),
-        (
-            varied("PathVariationRandom: {path_length: 1}", "ParameterVariationList: {name: robot_radius, values: [0.2, -3]}"),
-            ("8:64: configuration[0].variations[1].ParameterVariationList.values[1]: found -3; "
-            "robot_radius must lie in [0.01, 10]"),
-        ),
-        (
-            FIXED.replace("{x: 1.5, y: 0.5}", "'@nowhere'"),
-            ("6:16: configuration[0].parameters[2].goal_pose: found '@nowhere', "
-            "a reference to a parameter that nothing writes; a pose, {x, y, yaw}"),
-        ),
-        (
-            varied("PathVariationRandom: {path_length: 1, map_file: '@plan'}"),
-            "7:53: configuration[0].variations[0].PathVariationRandom.map_file: needs 'plan', which nothing before it writes; ",
-        ),
-        (
-            varied("PathVariationRandom: {path_length: 1, goal_poses: '@target'}"),
-            ("7:55: configuration[0].variations[0].PathVariationRandom.goal_poses: writes 'target', "
-            "which no mission reads; goal_pose or goal_poses, which a navigation mission needs"),
-        ),
-        (
-            varied("ParameterVariationList: {name: start_pose, values: [{x: 1, y: 1}]}"),
-            "2:9: configuration[0].name: a navigation mission needs goal_pose or goal_poses, which nothing writes; ",
-        ),
-        (
-            FIXED.replace("parameters:", "variations:\n  - PathVariationRandom: {path_length: 1}\n  parametres:"),
-            "5:3: configuration[0]: unknown key 'parametres'; did you mean 'parameters'?",
-        ),
-        ("configuration:\n", "1:1: configuration: an empty campaign; a list of families, '- name: ...'"),
-        ("configuration: []\n", "1:1: configuration: an empty campaign; "),
-        ("version: 1\n", "1:1: configuration: an empty campaign; "),
-        (
-            f"{FIXED}execution:\n  scenario_file: builtin:navigate_to\n",
-            "8:18: execution.scenario_file: found 'builtin:navigate_to'; did you mean 'builtin:navigate_to_pose'?",
-        ),
-        (
-            f"{FIXED}execution:\n  scenario_file: builtin:navigate_to_pose\n".replace("goal_pose", "goal_poses", 1).replace(
-                "{x: 1.5, y: 0.5}", "[{x: 1, y: 1}]"
-            ),
-            "2:9: configuration[0].name: builtin:navigate_to_pose needs goal_pose, which nothing writes; ",
-        ),
-        (f"{FIXED}  - robot_radius: wide\n", "7:19: configuration[0].parameters[3].robot_radius: found 'wide'; robot_radius"),
-        (f"{FIXED}  - number_of_loops: -1\n", "7:22: configuration[0].parameters[3].number_of_loops: found -1; a whole"),
-        (f"{FIXED}  - goal_poses: []\n", "7:17: configuration[0].parameters[3].goal_poses: found []; a list of one pose"),
-        (
-            f"{FIXED}  - crates: [{{spawn_pose: {{x: 1}}}}]\n",
-            "7:13: configuration[0].parameters[3].crates: obstacle.spawn_pose: found {'x': 1}; a pose is",
-        ),
-        (f"{FIXED}  - goal_pose: {{x: 1, y: 2}}\n", "7:5: configuration[0].parameters[3].goal_pose: a second 'goal_pose'; "),
-        (f"{FIXED}  - _path: 1\n", "7:5: configuration[0].parameters[3]._path: found '_path'; a name without"),
-        (
-            f"{FIXED}  - min_particles: 3000\n",
-            "3:3: configuration[0].parameters: found parameters that contradict each other: ",
-        ),
-        (
-            f"{FIXED}  dimensions: {{goal_pos: task}}\n",
-            "7:16: configuration[0].dimensions.goal_pos: 'goal_pos' is no fixed parameter of this family; did you",
-        ),
-        (f"{FIXED}search:\n  strategy: random\n  search_space: {{a: {{type: bool}}}}\n  budget: {{batches: 1}}\n", "7:1: search: found beside"),
-        (f"{FIXED}evaluation:\n  oracles: [safety, safety]\n", "8:21: evaluation.oracles[1].safety: a second oracle"),
-    ],
-)  # fmt: skip
-def test_a_mistake_is_one_fault_at_its_place(faults: Faults, text: str, fault: str) -> None:
-    (found,) = faults(text)
-    assert found.startswith(fault)
+def test_faults_of_a_campaign_have_place_and_message(golden, faults: Faults) -> None:
+    golden("campaign_files", "campaign", faults)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("second", "fault"),
     [
         ("a", "a second family 'a'; another name; line 2 has it"),
@@ -467,7 +355,7 @@ def test_names_of_configurations_are_unique_by_construction(faults: Faults, seco
     assert found.startswith(f"7:9: configuration[1].name: {fault}")
 
 
-@pytest.mark.parametrize("second", ["b", "a-b", "a1", "a-1x"])
+@each_row("second", ["b", "a-b", "a1", "a-1x"])
 def test_names_that_only_look_alike_are_good(load: Load, second: str) -> None:
     other = FIXED.removeprefix("configuration:\n").replace("name: a", f"name: {second}")
     assert len(load(FIXED + other).families) == 2

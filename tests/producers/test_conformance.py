@@ -5,6 +5,7 @@ import random
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import CHECKS, check_producer
@@ -37,12 +38,12 @@ def test_a_producer_that_keeps_the_contract_passes():
     check_producer(producer(fragment_of_a), INPUTS)
 
 
-@pytest.mark.parametrize("check", CHECKS)
+@each_row("check", CHECKS)
 def test_each_check_stands_alone(check):
     check(producer(fragment_of_a), INPUTS)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("declared", "what"),
     [
         ({"reads": ["a"]}, r"Mine must declare `reads` as a tuple of keys, not \['a'\]"),
@@ -57,7 +58,7 @@ def test_a_declaration_of_another_form_is_found(declared, what):
         check_producer(producer(fragment_of_a, **declared), INPUTS)
 
 
-@pytest.mark.parametrize("generator", [random, np.random])
+@each_row("generator", [random, np.random])
 def test_a_global_generator_is_found_even_where_it_is_seeded(generator):
     def produce(inputs, draws):
         generator.seed(inputs["a"])

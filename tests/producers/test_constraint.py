@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.configuration import Fragment
@@ -58,7 +59,7 @@ def room(drawn_map):
     )
 
 
-@pytest.mark.parametrize("design", [CARTESIAN, T_WAY, SAMPLE], ids=["cartesian", "t_way", "sample"])
+@each_row("design", [CARTESIAN, T_WAY, SAMPLE])
 def test_only_configurations_that_keep_all_constraints_are_left(design):
     found = grown(levels("a", 1, 2, 3), levels("b", 1, 2, 3), design=design, ordered="a < b", small="a + b < 5")
     assert factors(found, "a", "b") == [(1, 2), (1, 3)]
@@ -87,7 +88,7 @@ class Counting(Producer[Parameters]):
         yield Fragment({"c": inputs["a"] * 10})
 
 
-@pytest.mark.parametrize("design", [CARTESIAN, T_WAY], ids=["cartesian", "t_way"])
+@each_row("design", [CARTESIAN, T_WAY])
 def test_a_branch_is_cut_before_later_producers_see_it(design):
     Counting.seen.clear()
     grown(levels("a", 1, 2, 3), Counting(Parameters()), design=design, small="a < 3")
@@ -167,7 +168,7 @@ def test_a_constraint_on_obstacles_waits_for_their_producer(room):
         assert len(found.excluded) == 1
 
 
-@pytest.mark.parametrize("design", [CARTESIAN, T_WAY], ids=["cartesian", "t_way"])
+@each_row("design", [CARTESIAN, T_WAY])
 def test_what_can_not_be_evaluated_is_a_fault_with_constraint_instance_and_reason(design):
     with pytest.raises(CampaignError, match="constraint 'odd' can't be evaluated for rooms-2: text < a number"):
         grown(levels("a", 1, "two"), levels("b", 1, 2), design=design, odd="a < 3")
@@ -240,7 +241,7 @@ def test_constraints_are_read_from_a_list_and_from_a_mapping_and_from_the_campai
     assert [c.factors["gain"] for c in instantiate(listed).configurations] == [1, 2]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("constraints", "expected"),
     [
         ("    constraints: [small: gain <]\n", [(7, 32, "the expression ends too early")]),

@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
+from table import each_row
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.constraints.constraint import constraint_of
@@ -91,7 +91,7 @@ def test_it_stays_readable_however_much_there_is():
     assert len(json.dumps(found, indent=2)) < 60_000
 
 
-@pytest.mark.parametrize("constrained", [False, True], ids=["free", "constrained"])
+@each_row("constrained", [False, True])
 def test_twenty_thousand_configurations_of_parameters_take_a_second_or_two(constrained, loops):
     sizes = (10, 10, 10, 20)
     text = {"sum": "k0 + k1 >= 0 and k2 < 100"} if constrained else {}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.constraints.constraint import constraint_of
@@ -99,7 +100,7 @@ def test_the_size_is_reported_against_the_product_and_a_lower_bound():
     assert 16 <= design["rows"] == len(found.configurations) <= 32
 
 
-@pytest.mark.parametrize("design", [two_way(), two_way(3), sample(30, "sobol")], ids=["2-way", "3-way", "sobol"])
+@each_row("design", [two_way(), two_way(3), sample(30, "sobol")])
 def test_constraints_enter_the_design_itself(design):
     found = grown(*(levels(n, 1, 2, 3) for n in "abcd"), design=design, up="a <= b and b <= c", not_all="a + d < 6")
     for c in found.configurations:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.producers.designs.sample import sampled
 from vastflow.producers.designs.space import FactorBlock
@@ -18,7 +19,7 @@ def rows(blocks, n, **asked):
     return sampled(blocks, n, Sample(**asked))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@each_row("method", METHODS)
 def test_a_sample_has_the_asked_size_and_no_row_twice(method):
     found = rows(free(5, 4, 6, 3), 4, method=method, size=40, seed=3)
     assert found.shape == (40, 4)
@@ -26,14 +27,14 @@ def test_a_sample_has_the_asked_size_and_no_row_twice(method):
     assert (found >= 0).all() and (found < [5, 4, 6, 3]).all()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@each_row("method", METHODS)
 def test_a_sample_larger_than_the_space_is_the_space(method):
     assert sorted(map(tuple, rows(free(3, 2), 2, method=method, size=100).tolist())) == [
         (i, j) for i in range(3) for j in range(2)
     ]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@each_row("method", METHODS)
 def test_the_seed_decides(method):
     one, again = (rows(free(9, 9, 9), 3, method=method, size=20, seed=1).tolist() for _ in range(2))
     assert one == again
@@ -45,7 +46,7 @@ def test_a_latin_hypercube_takes_every_level_equally_often():
     assert [np.bincount(column).tolist() for column in found.T] == pytest.approx(np.full((3, 10), 5), abs=1)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@each_row("method", METHODS)
 def test_every_row_of_a_sample_is_admissible(method):
     table = np.array([(i, j) for i in range(10) for j in range(10) if i < j])
     blocks = [FactorBlock((0, 2), table), FactorBlock((1,), np.arange(4).reshape(-1, 1))]

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.vast.document import Document, read_document
@@ -54,7 +55,7 @@ def test_a_second_time_the_same_key_is_a_fault_at_the_second(tmp_path: Path) -> 
     ]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("content", "message"),
     [
         ("a: [1, 2\n", "c.vast:2:1: file: not YAML: while parsing a flow sequence, did not find expected ',' or ']'; "),
@@ -83,7 +84,7 @@ def test_a_folder_in_place_of_a_file_is_a_fault(tmp_path: Path) -> None:
         read_document(tmp_path)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "value"),
     [("1e3", 1000.0), ("-2.5E-2", -0.025), ("1.5e+3", 1500.0), ("'1e3'", "1e3"), ("2024-01-01", "2024-01-01")],
 )
@@ -91,14 +92,14 @@ def test_numbers_with_an_exponent_are_numbers_and_dates_are_text(tmp_path: Path,
     assert read(tmp_path, f"a: {text}").data == {"a": value}
 
 
-@pytest.mark.parametrize(("text", "value"), [("012", 10), ("12:30", 750)])
+@each_row(("text", "value"), [("012", 10), ("12:30", 750)])
 def test_numbers_that_yaml_1_1_reads_oddly_come_with_a_warning(tmp_path: Path, text: str, value: int) -> None:
     document = read(tmp_path, f"a: {text}")
     assert document.data == {"a": value}
     assert [note.what for note in document.notes] == [f"found {text}, which YAML 1.1 reads as {value}"]
 
 
-@pytest.mark.parametrize("text", [".nan", ".inf", "0x_", "!!int x", "!!python/name:os.system x", "0x1" + "0" * 20])
+@each_row("text", [".nan", ".inf", "0x_", "!!int x", "!!python/name:os.system x", "0x1" + "0" * 20])
 def test_values_that_no_campaign_can_hold_are_faults_at_their_place(tmp_path: Path, text: str) -> None:
     document = read(tmp_path, f"a: {text}")
     assert [(fault.line, fault.column) for fault in document.faults] == [(1, 4)]

@@ -5,6 +5,7 @@ import random
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.producers.constraints.expression import MOST_CHARACTERS, ExpressionFault, NotEvaluable, expression_of
 from vastflow.sim.digest import FileContent
@@ -29,7 +30,7 @@ def holds(text, values=VALUES):
     return expression_of(text).holds(look)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "expected"),
     [
         ("width >= 2 * radius + 0.1", True),
@@ -56,7 +57,7 @@ def test_an_expression_is_true_or_false_as_it_reads(text, expected):
     assert holds(text, {**VALUES, "inner": 5, "insider": 1, "orbit": False, "notable": False}) is expected
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "offset", "message"),
     [
         ("", 0, "found nothing; an expression"),
@@ -91,7 +92,7 @@ def test_what_is_wrong_with_a_text_is_told_with_its_place(text, offset, message)
         assert raised.value.offset == offset or "deep" in message
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "message"),
     [
         ("controller > 3", "text > a number"),

@@ -4,7 +4,7 @@ import random
 import re
 from pathlib import Path
 
-import pytest
+from table import each_row
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
@@ -81,7 +81,7 @@ def check_faults(error):
         assert re.match(r"mutant:\d+:\d+: .+; .+", line), line
 
 
-@pytest.mark.parametrize("file", PLANS, ids=lambda file: file.stem)
+@each_row("file", PLANS)
 def test_a_mutated_plan_gives_a_building_or_clean_faults(file):
     rng = random.Random(f"plan {file.stem}")
     built = 0
@@ -101,7 +101,7 @@ def test_a_mutated_plan_gives_a_building_or_clean_faults(file):
     assert BUDGET / 20 < built < BUDGET  # neither are all refused nor is all accepted
 
 
-@pytest.mark.parametrize("file", VARIATIONS, ids=lambda file: file.stem)
+@each_row("file", VARIATIONS)
 def test_a_mutated_variation_gives_samples_or_clean_faults(file):
     rng = random.Random(f"variation {file.stem}")
     plan = parse(file.with_suffix(".fpm").read_text(), "plan")

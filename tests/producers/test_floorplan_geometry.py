@@ -10,6 +10,7 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.frames import Transform, wall_frame, wall_outlines
@@ -35,7 +36,7 @@ def example():
 # The documented example
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "name", "corners"),
     [
         ("spaces", "corridor", [(-2, 3), (4, 3), (4, 1), (-2, 1)]),
@@ -78,7 +79,7 @@ def test_the_geometry_is_json_without_noise_in_its_numbers(example):
 # Placing
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("location", "first_corner"),
     [
         ("wrt: a of: this translation: x: 5 m", (4, 1)),

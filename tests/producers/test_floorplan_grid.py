@@ -7,6 +7,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
@@ -63,9 +64,7 @@ def test_a_window_stays_wall_at_every_height_of_the_laser():
     assert {at(grid(EXAMPLE, laser_height_m=height), 2.0, 3.1) for height in (0.2, 1.5)} == {OCCUPIED}
 
 
-@pytest.mark.parametrize(
-    ("height", "rail", "post"), [(0.193, OCCUPIED, OCCUPIED), (0.7, FREE, OCCUPIED), (2.2, FREE, FREE)]
-)
+@each_row(("height", "rail", "post"), [(0.193, OCCUPIED, OCCUPIED), (0.7, FREE, OCCUPIED), (2.2, FREE, FREE)])
 def test_the_laser_sees_what_is_as_high_as_itself(height, rail, post):
     found = grid(EXAMPLE, laser_height_m=height)
     assert (at(found, 5.7, 1.76), at(found, 6.5, 2.15)) == (rail, post)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from table import each_row
 
 from vastflow.producers.floorplan.environment import solid_digest
 from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
@@ -172,7 +173,7 @@ def clinic(tmp_path):
     return tmp_path / "clinic.fpm2"
 
 
-@pytest.mark.parametrize("name", sorted(DIGESTS))
+@each_row("name", sorted(DIGESTS))
 def test_what_was_read_before_has_the_geometry_and_the_map_that_it_had(name):
     building = read_plan_file(FOLDER / f"{name}.fpm").building()
     assert (solid_digest(building), grid_of(building).occupancy.digest) == DIGESTS[name]
@@ -260,7 +261,7 @@ over_the_corner: { pose.translation.x : uniform([-1.9, 1.9]) }
     ]
 
 
-@pytest.mark.parametrize("door_width_m", [0.5, 1.0, 2.0])
+@each_row("door_width_m", [0.5, 1.0, 2.0])
 def test_a_varied_door_wider_than_its_varied_wall_is_as_wide_as_that(tmp_path, door_width_m):
     (tmp_path / "cells.fpm").write_text("""\
 Floor plan: cells

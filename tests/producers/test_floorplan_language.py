@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
@@ -48,14 +49,10 @@ def changed(old, new, text=ROOM):
     return text.replace(old, new, 1)
 
 
-def _start_of_message(value):
-    return value[6:50] if value.startswith("p.fpm:") else "in"
-
-
 # Accepted
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         " ".join(line.partition("//")[0] for line in EXAMPLE.splitlines()),
@@ -71,7 +68,6 @@ def _start_of_message(value):
         ROOM + "// and nothing more",
         "\ufeff".lstrip("\ufeff") + ROOM + DOOR,
     ],
-    ids=lambda text: repr(text[:50]),
 )
 def test_a_model_of_the_language_is_accepted_however_it_is_laid_out(text):
     assert building(text).rooms
@@ -144,139 +140,11 @@ def test_a_feature_outside_of_all_spaces_stands_where_it_says():
 # Refused, each with one message
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "p.fpm:1:1: syntax: the file ends here; 'Floor plan:'"),
-        ("Floor plan:", "p.fpm:1:12: syntax: the file ends here; a name"),
-        ("Floor plan: p", "p.fpm:1:13: Floor plan p: no space; at least one 'Space name:'"),
-        (changed("Space a", "space a"), "p.fpm:3:1: syntax: found 'space'; did you mean 'Space'?"),
-        (changed("shape:", "shpae:"), "p.fpm:3:10: syntax: found 'shpae'; did you mean 'shape:'?"),
-        (changed("shape: ", "shape "), "p.fpm:3:10: syntax: found 'shape'; did you mean 'shape:'?"),
-        (changed("4.0 m", "400 cm"), ("p.fpm:3:37: syntax: found 'cm'; the units are m, rad and deg; 'm' for a length, "
-         "'rad' or 'deg' for an angle")),
-        (changed("width=4.0 m, length=3.0 m", "length=3.0 m, width=4.0 m"),
-         "p.fpm:3:27: syntax: found 'length'; 'width ='"),
-        (changed("0.2 m", "0.2 m # thin"), "p.fpm:2:35: syntax: found '#'; "),
-        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (0,2), (2,0),]"),
-         "p.fpm:3:53: syntax: found ']'; '('"),
-        (ROOM + DOOR.replace("walls[0]", "wall[0]"), "p.fpm:4:71: syntax: found '.'; a wall is written as in hall.walls[0]"),
-        (ROOM + DOOR + "/* no */", "p.fpm:5:1: syntax: found '/'; "),
-        (changed("Defaults:", "Default values:"), "p.fpm:2:1: syntax: found 'Default'; did you mean 'Defaults:'?"),
-        (ROOM + "var half", "p.fpm:4:9: syntax: the file ends here; '='"),
-    ],
-    ids=_start_of_message,
-)  # fmt: skip
-def test_a_text_outside_of_the_language_is_refused_at_its_first_wrong_word(text, message):
-    assert complaint(text).startswith(message)
+def test_faults_of_a_floor_plan_have_place_and_message(golden):
+    golden("floor_plans", "plan", complaints)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (ROOM + "Space a: shape: Circle radius=1 m location: wrt: world of: this",
-         "p.fpm:4:7: space a: a second space 'a'; another name; line 3 has it"),
-        (ROOM + DOOR + DOOR, "p.fpm:5:10: opening d: a second opening 'd'; another name; line 4 has it"),
-        (ROOM + "var v = 1 m\nvar v = 2 m", "p.fpm:5:5: variable v: a second variable 'v'; another name; line 4 has it"),
-        (ROOM.rstrip() + " features:\n" + POST.format(location="wrt: this") * 2,
-         "p.fpm:5:8: feature c: a second feature 'c'; another name; line 4 has it"),
-        (ROOM + "Defaults:", "p.fpm:4:1: Defaults: a second 'Defaults'; one; line 2 has it"),
-        (changed("of: this", "of: this\nof: this"), "p.fpm:4:1: Space a: location: a second 'of'; one; line 3 has it"),
-        (changed("of: this", "of: this translation: x: 1, x: 2"),
-         "p.fpm:3:102: Space a: translation: a second 'x'; one; line 3 has it"),
-        (changed("thickness: 0.2 m ", ""), ("p.fpm:3:7: Space a: no thickness of its walls, of its own or by Defaults; "
-         "walls: thickness: ... here or in Defaults")),
-        (ROOM.replace("thickness: 0.2", "thickness: 0"),
-         "p.fpm:2:29: Space a: the walls' thickness is 0 m; at least 0.001 m"),
-        (changed("4.0 m", "0.0 m"), "p.fpm:3:33: Space a: the width is 0 m; at least 0.001 m"),
-        (changed("3.0 m", "-3.0 m"), "p.fpm:3:47: Space a: the length is -3 m; at least 0.001 m"),
-        (changed("4.0 m", "1e400 m"), "p.fpm:3:33: Space a: found inf m; a length of at most 10000 m"),
-        (changed("4.0 m", "4.0 deg"), "p.fpm:3:33: Space a: found 4.0 deg; a length, in m"),
-        (changed("4.0 m", "v") + "var v = 3 deg", "p.fpm:3:33: Space a: variable 'v' is in deg; a length, in m"),
-        (changed("4.0 m", "wdth") + "var width = 3 m", "p.fpm:3:33: Space a: no variable 'wdth'; did you mean 'width'?"),
-        (changed("4.0 m", "w"), "p.fpm:3:33: Space a: no variable 'w'; 'var w = ...' declares it"),
-        (ROOM + "var v = 3", "p.fpm:4:9: variable v: no unit; m for a length, rad or deg for an angle"),
-        (changed("of: this", "of: this rotation: z: 1 m"), "p.fpm:3:96: Space a: found 1 m; an angle, in rad or deg"),
-        (changed("of: this", "of: this rotation: z: v") + "var v = 1 m",
-         "p.fpm:3:96: Space a: variable 'v' is in m; an angle, in rad"),
-        (changed("length=3.0 m", "height=3.0 m"), ("p.fpm:3:17: Space a: found a Rectangle with height; "
-         "width and length, for it lies on the floor")),
-        (ROOM + DOOR.replace("height=", "length="), ("p.fpm:4:20: Entryway d: found a Rectangle with length; "
-         "width and height, for it stands upright")),
-        (changed("of: this", "of: this translation: z: 0.5 m"),
-         "p.fpm:3:96: Space a: translation: found z: 0.5 m; z: 0, or nothing; it moves along x and y only"),
-        (changed("of: this", "of: this rotation: x: 0.5"),
-         "p.fpm:3:93: Space a: rotation: found x: 0.5 rad; x: 0, or nothing; it turns about z only"),
-        (ROOM + POST.format(location="wrt: a rotation: y: 0.1 rad"),
-         "p.fpm:4:95: Column c: rotation: found y: 0.1 rad; y: 0, or nothing; it turns about z only"),
-        (ROOM + DOOR.replace("z: 1.0", "y: 1.0"),
-         "p.fpm:4:94: Entryway d: translation: found y: 1 m; y: 0, or nothing; it moves along x and z only"),
-        (ROOM + DOOR.replace("z: 1.0", "y: -sunk, z: 1.0") + "var sunk = 0.1 m",
-         "p.fpm:4:94: Entryway d: translation: found y: -0.1 m; y: 0, or nothing; it moves along x and z only"),
-        (ROOM + DOOR.replace("translation: z: 1.0 m", "rotation: z: 1.0"),
-         "p.fpm:4:91: Entryway d: rotation: found z: 1 rad; z: 0, or nothing; it turns about y only"),
-        (ROOM + DOOR.replace("in: a.walls[0]", "wrt: a in: a.walls[0]"),
-         "p.fpm:4:66: Entryway d: location: found 'wrt'; only in, translation, rotation can stand here"),
-        (
-            ROOM + DOOR.replace("in: a.walls[0] translation: z: 1.0 m", ""),
-            "p.fpm:4:10: Entryway d: no 'in' in its location; in: space.walls[...]",
-        ),
-        (ROOM + DOOR.replace("in: a.walls[0]", ""), "p.fpm:4:10: Entryway d: no 'in' in its location; in: space.walls[...]"),
-        (ROOM + DOOR.replace("a.walls[0]", "a"), "p.fpm:4:70: Entryway d: found 'a'; one of its walls, such as a.walls[0]"),
-        (ROOM + DOOR.replace("a.walls[0]", "world"), "p.fpm:4:70: Entryway d: found 'world'; the wall of a space"),
-        (ROOM + POST.format(location="wrt: a") + DOOR.replace("a.walls[0]", "c"),
-         "p.fpm:5:70: Entryway d: location: no space 'c'; known: a"),
-        (ROOM + DOOR.replace("in: a.walls[0]", "in: a.walls[0] and a.walls[1] and a.walls[2]"),
-         "p.fpm:4:100: Entryway d: found 3 walls; one wall, or two with 'and'"),
-        (ROOM + DOOR.replace("in: a.walls[0]", "in: a.walls[0] and a.walls[0]"),
-         "p.fpm:4:85: Entryway d: found a.walls[0] twice; two walls, or one of them once"),
-        (ROOM + DOOR.replace("a.walls[0]", "a.walls[4]"),
-         "p.fpm:4:70: Entryway d: location: no wall a.walls[4]; 0 to 3, for a has 4 walls"),
-        (ROOM + DOOR.replace("a.walls[0]", f"a.walls[{'9' * 5000}]"),
-         "p.fpm:4:70: Entryway d: location: no wall a.walls[999999999]; 0 to 3, for a has 4 walls"),
-        (ROOM + DOOR.replace("a.walls", "aa.walls"), "p.fpm:4:70: Entryway d: location: no space 'aa'; did you mean 'a'?"),
-        (ROOM + DOOR.replace("a.walls", "this.walls"), ("p.fpm:4:70: Entryway d: location: found 'this'; "
-         "the name of a space; this is inside of none")),
-        (changed("wrt: world ", ""), ("p.fpm:3:7: Space a: no 'wrt' in its location; "
-         "wrt: world, another space or one of its walls")),
-        (changed("of: this", ""), "p.fpm:3:7: Space a: no 'of' in its location; of: this, or one of its walls"),
-        (changed(" location: wrt: world of: this", ""), "p.fpm:3:7: Space a: no 'location'; location: with wrt and of"),
-        (changed("shape: Rectangle width=4.0 m, length=3.0 m ", ""),
-         "p.fpm:3:7: Space a: no 'shape'; shape: Rectangle, Polygon or Circle"),
-        (changed("of: this", "of: world"), ("p.fpm:3:78: Space a: location: found 'of: world'; this or this.walls[...]: "
-         "it says which frame of a is placed")),
-        (changed("of: this", "of: this spaced"), ("p.fpm:3:83: Space a: found 'spaced' beside 'wrt: world'; "
-         "no 'spaced'; the world has no wall")),
-        (ROOM + SECOND.format(location="wrt: a.walls[0] of: this.walls[0] translation: y: 1 m spaced"),
-         "p.fpm:4:117: Space b: found 'spaced' and y: 1 m; one of the two: 'spaced' leaves room for both walls"),
-        (ROOM + SECOND.format(location="wrt: a.walls[0] of: this.walls[0] rotation: z: 1 not aligned"),
-         "p.fpm:4:112: Space b: found 'not aligned' and a rotation; the rotation alone says it"),
-        (ROOM + POST.format(location="wrt: world"), ("p.fpm:4:83: Column c: found 'wrt: world'; "
-         "a space or one of its walls; a feature belongs to a room")),
-        (ROOM + POST.format(location="wrt: a").replace("height: 2.0 m", ""), "p.fpm:4:8: Column c: no 'height'; height: ... m"),
-        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (2,2), (2,0), (0,2)]"),
-         "p.fpm:3:17: Space a: the Polygon's outline crosses itself near (1, 1); corners in order round one area"),
-        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (2,2)]"),
-         "p.fpm:3:17: Space a: found a Polygon with 2 corners; three corners or more"),
-        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[]"),
-         "p.fpm:3:17: Space a: found a Polygon with 0 corners; three corners or more"),
-        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (0,2), (0,2), (2,0)]"),
-         "p.fpm:3:17: Space a: corners 1 and 2 of the Polygon are both at (0, 2); corners that are apart"),
-        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (0,2,1), (2,0)]"),
-         "p.fpm:3:45: Space a: found z = 1 m; z = 0"),
-        (changed("Rectangle width=4.0 m, length=3.0 m", "Polygon points:[(0,0), (9,0.05), (9,-0.05)]"),
-         "p.fpm:3:7: Space a: the corner at (0, 0) is sharper than 1°, where no walls can meet; a wider angle"),
-        (changed("wrt: world", "wrt: this"), "p.fpm:3:68: Space a: placed in a circle: a by a; one of them placed in the world"),
-        (changed("wrt: world", "wrt: b.walls[0]") + SECOND.format(location="wrt: a of: this"),
-         "p.fpm:4:68: Space b: placed in a circle: a by b by a; one of them placed in the world"),
-    ],
-    ids=_start_of_message,
-)  # fmt: skip
-def test_a_mistake_is_said_once_with_its_place_and_what_would_be_right(text, message):
-    assert complaint(text) == message
-
-
-@pytest.mark.parametrize(
+@each_row(
     ("old", "written", "found", "today"),
     [
         ("wrt: world", "from : world", "from:", "'wrt:'"),
@@ -300,7 +168,7 @@ def test_all_mistakes_of_a_file_are_said_at_once_in_its_order():
     assert [line.partition(": ")[0] for line in complaints(text)] == ["p.fpm:3:33", "p.fpm:3:43", "p.fpm:4:70"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "location",
     [
         "translation: x: 0.5 m, y: 0.0 m, z: 1.0 m rotation: y: 0.0 deg",
@@ -329,7 +197,7 @@ def test_a_door_as_wide_as_its_wall_is_allowed():
     assert plan.notes == ()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("door", "open_at_1_m", "note"),
     [
         (DOOR.replace("1.0 m,", "4.5 m,"), (-2.0, 2.0),
@@ -341,7 +209,6 @@ def test_a_door_as_wide_as_its_wall_is_allowed():
         (DOOR.replace("z: 1.0", "z: 1.6"), (-0.5, 0.5),
          "it reaches up to 2.6 m, and is cut to its wall; at most 2.5 m"),
     ],
-    ids=["wider than its wall", "over its end", "over its beginning", "higher than its wall"],
 )  # fmt: skip
 def test_an_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door, open_at_1_m, note):
     plan = building(ROOM + door)
@@ -350,7 +217,7 @@ def test_an_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door,
     assert [str(each) for each in plan.notes] == [f"p.fpm:4:10: warning: Entryway d: {note}"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("door", "note"),
     [
         (DOOR.replace("z: 1.0", "x: 9.0 m, z: 1.0"), ("it cuts nothing: it reaches from 8.5 m to 9.5 m along a.walls[0], "
@@ -362,7 +229,6 @@ def test_an_opening_that_reaches_past_its_wall_is_cut_to_it_with_a_warning(door,
         (DOOR.replace("z: 1.0", "z: -1.0"), ("it cuts nothing, being below the floor; "
          "part of it between 0 m and 2.5 m; it reaches from -2 m to 0 m")),
     ],
-    ids=["behind the end", "before the beginning", "above", "below"],
 )  # fmt: skip
 def test_an_opening_outside_of_its_wall_cuts_nothing_and_a_warning_says_so(door, note):
     plan = building(ROOM + door)

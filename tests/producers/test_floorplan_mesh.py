@@ -9,6 +9,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.mesh import is_closed, mesh_of, stl, volume_of
@@ -57,12 +58,12 @@ def test_the_example_is_one_watertight_solid_of_the_documented_measures():
     assert corners.max(axis=0) == pytest.approx((7.8, 3.2, 2.5), abs=1e-6)
 
 
-@pytest.mark.parametrize("file", FLOOR_PLANS, ids=lambda file: file.stem)
+@each_row("file", FLOOR_PLANS)
 def test_the_mesh_of_every_plan_of_ours_is_watertight(file):
     assert is_watertight(written(file.read_text()))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("shape", "location", "hole_m2"),
     [
         ("Rectangle width=1.0 m, height=2.0 m", "translation: z: 1.0 m", 2.0),
@@ -72,7 +73,7 @@ def test_the_mesh_of_every_plan_of_ours_is_watertight(file):
         ("Circle radius=0.5 m", "translation: z: 1.2 m", math.pi / 4),
     ],
 )
-@pytest.mark.parametrize("kind", ["Entryway", "Window"])
+@each_row("kind", ["Entryway", "Window"])
 def test_an_opening_of_any_shape_is_cut_out_of_its_wall(kind, shape, location, hole_m2):
     triangles = written(ROOM.format(more="") + f"{kind} d: shape: {shape} location: in: a.walls[1] {location}")
     assert is_watertight(triangles)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 from scipy import ndimage
+from table import each_row
 
 from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import grid_of
@@ -38,26 +39,26 @@ def test_there_are_five_plans_each_with_a_variation():
     assert sorted(file.stem for file in FOLDER.glob("*.variation")) == NAMES
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_row("name", NAMES)
 def test_a_plan_has_the_name_of_its_file_and_nothing_to_note(name):
     building = read_plan_file(FOLDER / f"{name}.fpm").building()
     assert building.name == name
     assert building.notes == ()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_row("name", NAMES)
 def test_a_robot_half_a_meter_across_can_go_into_every_room(name):
     assert rooms_without_the_robot(read_plan_file(FOLDER / f"{name}.fpm").building()) == []
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_row("name", NAMES)
 def test_no_two_rooms_overlap_unless_one_lies_in_the_other(name):
     rooms = [shapely.Polygon(room.outline) for room in read_plan_file(FOLDER / f"{name}.fpm").building().rooms]
     first, second = shapely.STRtree(rooms).query(rooms, predicate="overlaps")
     assert all(rooms[i].intersection(rooms[j]).area < 1e-6 for i, j in zip(first, second, strict=True))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_row("name", NAMES)
 def test_every_sample_of_a_variation_is_a_building_in_which_the_robot_can_go_everywhere(name):
     variation = read_variation_file(FOLDER / f"{name}.variation").variation()
     for seed in range(1 if name == "university" else 5):
@@ -70,7 +71,7 @@ def test_the_university_is_as_large_as_the_real_one():
     assert (high_x - low_x, high_y - low_y) == (pytest.approx(84, abs=1), pytest.approx(87, abs=1))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@each_row("name", NAMES)
 def test_a_plan_is_geometry_and_grid_in_a_tenth_of_a_second_and_with_its_mesh_in_half(name, loops):
     plan = read_plan_file(FOLDER / f"{name}.fpm")
     plan.building()

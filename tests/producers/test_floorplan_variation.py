@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
@@ -29,7 +30,7 @@ def complaints(items, plan=PLAN):
     return str(caught.value).splitlines()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("seed", "numbers"),
     [(7, (0.7, 0.3, 0.34, 0.6, -0.05)), (8, (0.7, 0.3, 0.02, 0.6, 0.11)), (9, (1.1, 0.1, -0.05, 0.6, -0.0))],
 )
@@ -98,59 +99,8 @@ def test_probabilities_that_add_up_to_one_but_for_rounding_are_accepted():
     assert variation("gap : discrete([(0.1, 1), (0.2, 2), (0.7, 3)])").sample(0).values["gap"] in (1, 2, 3)
 
 
-@pytest.mark.parametrize(
-    ("items", "message"),
-    [
-        ("gapp : uniform([1])", "v.variation:2:1: gapp: the plan has no variable 'gapp'; did you mean 'gap'?"),
-        ("study : uniform([1])", "v.variation:2:1: study: 'study' is no variable; study: { ... } with attributes of it"),
-        ("gap: { value : uniform([1]) }", ("v.variation:2:1: gap.value: 'gap' is a variable; "
-         "gap : with its distribution, without braces")),
-        ("// nothing", "v.variation:2:11: syntax: the file ends here; a name"),
-        (
-            "studio: { shape.width : uniform([1]) }",
-            "v.variation:2:1: studio.shape.width: the plan has no space, feature or opening 'studio'; did you mean 'study'?",
-        ),
-        (
-            "study.pots: { height : uniform([1]) }",
-            ("v.variation:2:1: study.pots.height: the plan has no space, feature or opening 'study.pots'; "
-            "did you mean 'study.post'?"),
-        ),
-        (
-            "study: { shape.width : uniform([1]) }",
-            ("v.variation:2:10: study.shape.width: Space study states no 'shape.width'; known: defaults.wall.thickness, "
-            "location.translation.x"),
-        ),
-        (
-            "corridor: { defaults.wall.height : uniform([1]) }",
-            ("v.variation:2:13: corridor.defaults.wall.height: Space corridor states no 'defaults.wall.height'; known: "
-            "location.translation.x, location.translation.y, shape.length, shape.width"),
-        ),
-        (
-            "door: { shape.width : uniform([1]) }",
-            ("v.variation:2:9: door.shape.width: shape.width of door is the variable 'gap'; "
-            "vary 'gap' itself, or write a number in the plan"),
-        ),
-        ("study: {}", ("v.variation:2:1: study: nothing between the braces; one attribute or more, such as "
-         "shape.width: uniform([1.0, 2.0])")),
-        ("gap : uniform([1])\ngap : uniform([2])", ("v.variation:3:1: gap: the number in line 7 of the plan is varied a "
-         "second time; one distribution for it")),
-        ("gap : discrete([(0.5, 1), (0.4, 2)])", ("v.variation:2:7: gap: the probabilities add up to 0.9; "
-         "1; in each pair the probability stands first")),
-        ("gap : discrete([(-0.5, 1), (1.5, 2)])", ("v.variation:2:7: gap: found the probability -0.5; "
-         "0 or more; in each pair it stands first")),
-        ("gap : normal(mean=1, std=-1)", "v.variation:2:7: gap: std is -1; 0 or more"),
-        ("gap : uniform([1e999])", "v.variation:2:7: gap: found an infinite number; finite numbers"),
-        ("gap : uniform([])", "v.variation:2:16: syntax: found ']'; a number"),
-        ("gap : unifrom([1])", "v.variation:2:7: syntax: found 'unifrom'; did you mean 'uniform'?"),
-        ("gap uniform([1])", "v.variation:2:5: syntax: found 'uniform'; '.' or ':'"),
-        ("gap : normal(std=1, mean=1)", "v.variation:2:14: syntax: found 'std'; 'mean'"),
-        ('import "other.fpm"', "v.variation:2:8: syntax: found '\"'; '.' or ':'"),
-    ],
-    ids=lambda value: value[:35],
-)  # fmt: skip
-def test_a_mistake_is_said_with_its_place_and_what_would_be_right(items, message):
-    (only,) = complaints(items)
-    assert only.startswith(message)
+def test_faults_of_a_variation_have_place_and_message(golden):
+    golden("floor_plans", "variation", complaints)
 
 
 def test_a_name_that_two_things_have_can_not_be_varied():

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers import producer as producer_module
 from vastflow.producers.configuration import Fragment, Rejection
@@ -156,7 +157,7 @@ def test_a_producer_and_the_file_tag_dimensions():
     assert (only.scenario.environment, only.scenario.task, only.scenario.system) == ({"b": 2}, {"a": 1}, {"c": 3})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("values", "abstract", "expected"),
     [
         ({"goal_pose": {"x": 1, "y": 1}}, "", "builtin:navigate_to_pose"),
@@ -226,7 +227,7 @@ def test_a_drawn_configuration_is_pinned(hall):
     assert only.scenario.digest == "d31ad8fdd3c288853e8416dede4b1a6b94e35915d3f36381090f2e157e2aef27"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("item", "tag", "message"),
     [
         ({"gain": 1}, None, r"Loose yields a dict; Fragment\(\{key: value\}\) or Rejection\(reason\)"),
@@ -251,7 +252,7 @@ def test_what_instantiation_would_drop_or_mistake_is_a_fault_of_its_producer(ite
         evaluate(Loose(producer_module.Parameters()), {"noise": 1})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("declared", "message"),
     [
         ({"writes": {"gain": "world"}}, "Odd writes 'gain' as 'world'; one of environment, task, system, or None"),

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
@@ -52,7 +53,7 @@ def load(tmp_path: Path) -> Load:
     return load_text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("overrides", "words"),
     [
         ("- gaol_pose: {x: 1.0}", r"'gaol_pose' is no parameter of go.osc; did you mean 'goal_pose'"),
@@ -113,7 +114,7 @@ def test_a_scenario_that_takes_its_map_from_the_family_needs_one(load: Load) -> 
         load(GOAL, own="    map_file: string\n")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("goals", "given"),
     [
         ("  - goal_poses: [{x: 2.0, y: 1.0}, {x: 1.0, y: 1.0}]\n", "goal_poses"),

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from table import each_row
 
 from vastflow.producers.minimization.circumstance import Circumstance, Subject
 from vastflow.producers.minimization.delta_debugging import LEVELS, ddmin, least_level
@@ -41,7 +42,7 @@ def test_where_nothing_is_needed_one_question_is_asked():
     assert asked == [()]
 
 
-@pytest.mark.parametrize("least", range(1, LEVELS + 1))
+@each_row("least", range(1, LEVELS + 1))
 def test_the_least_level_that_fails_is_found(least):
     assert least_level(lambda level: level >= least) == least
 

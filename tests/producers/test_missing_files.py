@@ -1,6 +1,7 @@
 """Families whose files are not there: which faults are theirs alone, and which are the whole file's."""
 
 import pytest
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.faults import CampaignError
@@ -36,7 +37,7 @@ PLANS = "{name: [map_file, mesh_file], %s}"
 PATHS = "{start_pose: '@start_pose', goal_poses: '@goal_pose', path_length: 1, num_paths: 1, robot_diameter: 0.3, map_file: gone.yaml}"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("family", "what"),
     [
         ({"parameters": "map_file: gone.yaml"}, "/gone.yaml: no such file"),
@@ -63,7 +64,7 @@ def test_nothing_is_set_apart_where_all_files_are_there(loaded):
     assert campaign.missing == ()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("families", "faults"),
     [
         ({"parameters": "map_file: gone.yaml", "first": "map_file: lost.yaml"}, ["lost.yaml", "gone.yaml"]),

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from table import each_row
 
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
@@ -159,7 +160,7 @@ def test_faults_of_campaign_and_parameter_file_come_together_each_at_its_place(l
     ]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "message"),
     [
         ("a: [\n", "nav2.yaml:2:1: file: not YAML: "),

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from shapely.geometry import LineString, Point, box
+from table import each_row
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
@@ -223,7 +224,7 @@ def test_obstacles_that_would_close_a_corridor_are_rejected_with_the_reason(draw
     assert item.requested["obstacle_configs"][0]["max_distance"] == 0.0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("without_keys", "extra", "reason"),
     [
         (("_path", "start_pose"), {}, "there is no path to place obstacles at: no start_pose with goal_pose"),
@@ -239,7 +240,7 @@ def test_a_configuration_without_a_path_is_rejected_with_the_reason(site, withou
     assert reason in items[0].reason
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("config", "message"),
     [
         ({"max_distance": 0}, "neither amount nor amount_per_m is given; one of them"),
@@ -259,7 +260,7 @@ def test_a_kind_of_obstacle_out_of_range_is_refused(config, message):
         obstacle_variation(config)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "message"),
     [
         ({"count": 0}, "greater than or equal to 1"),
@@ -325,7 +326,7 @@ def test_obstacles_that_stand_in_the_only_way_are_named_as_the_reason(drawn_map)
     assert item.reason == "the obstacles that are there already leave no path to the goals"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("there", "reason"),
     [
         (7, "static_objects: found 7; a list of obstacles"),

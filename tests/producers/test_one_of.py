@@ -2,6 +2,7 @@
 
 import pytest
 from pydantic import ValidationError
+from table import each_row
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
@@ -66,7 +67,7 @@ def test_a_child_may_be_a_class_of_a_file_beside_the_campaign(tmp_path):
     assert evaluate(OneOfVariation(parameters), {}) == [Fragment({"c": 1})]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("child", "message"),
     [
         ({"ParameterVariationList": {"name": "a", "values": []}}, r"variations\.0\.ParameterVariationList\.values\n"),

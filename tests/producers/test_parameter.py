@@ -4,6 +4,7 @@ import statistics
 
 import pytest
 from pydantic import ValidationError
+from table import each_row
 
 from vastflow.producers.conformance import check_producer
 from vastflow.producers.parameter import (
@@ -61,7 +62,7 @@ def test_a_lockstep_value_of_the_wrong_length_is_named_with_its_place():
         listed(name=["a", "b"], values=[[1, 2], [3]])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("asked", "message"),
     [
         ([], "at least 1 item"),
@@ -143,7 +144,7 @@ def test_two_keys_with_one_seed_draw_different_numbers():
     assert other != values(uniform())
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("make", "parameters", "message"),
     [
         (uniform, {"num_variations": 0}, "greater than or equal to 1"),
@@ -165,7 +166,7 @@ def test_a_parameter_out_of_range_is_refused(make, parameters, message):
         make(**parameters)
 
 
-@pytest.mark.parametrize("producer", [listed(name="a", values=[1]), uniform(), gaussian()])
+@each_row("producer", [listed(name="a", values=[1]), uniform(), gaussian()])
 def test_parameter_producers_keep_the_contract(producer):
     check_producer(producer, [{}, {"a": 3, "b": 4}])
 

@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
+from table import each_row
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
@@ -164,13 +165,12 @@ def test_a_search_that_ends_without_a_proof_says_so(drawn_map):
     assert "from 200 starts, nor proved impossible" in items[0].reason
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("rows", "length"),
     [
         (["." * 14] * 3, 5.5),
         (["".join("." if abs(i - j) <= 1 else "?" for j in range(14)) for i in range(14)], 5.5 * math.sqrt(2.0)),
     ],
-    ids=["straight", "diagonal"],
 )
 def test_the_way_from_end_to_end_of_a_corridor_is_found(drawn_map, rows, length):
     """A robot takes a cell to each side, so twelve of fourteen are left of the middle line."""
@@ -261,14 +261,14 @@ def test_poses_in_the_parameters_are_written(hall):
     assert [pose_of(pose) for pose in item.values["goal_poses"]] == [pose_of({"x": 5.0, "y": 3.0})]
 
 
-@pytest.mark.parametrize(("goal_x", "fits"), [(6.525, True), (6.475, False), (7.525, True), (7.575, False)])
+@each_row(("goal_x", "fits"), [(6.525, True), (6.475, False), (7.525, True), (7.575, False)])
 def test_given_poses_may_miss_the_length_by_the_tolerance_and_no_more(hall, goal_x, fits):
     given_poses = {"start_pose": {"x": 3.025, "y": 3.025}, "goal_poses": [{"x": goal_x, "y": 3.025}]}
     (item,) = evaluate(path_variation(path_length=4, path_length_tolerance=0.5), {"map_file": hall, **given_poses})
     assert isinstance(item, Rejection) is not fits
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("inputs", "reason"),
     [
         ({"start_pose": {"x": 90, "y": 0}}, r"the given start \(90, 0\) is no place for a robot 0.35 m across"),
@@ -305,7 +305,7 @@ def test_the_papers_listing_is_complete(hall):
     assert len(item.values["goal_poses"]) == 2
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "message"),
     [
         ({}, "Field required"),
@@ -357,7 +357,7 @@ def test_a_path_of_20_m_in_a_large_building_takes_tens_of_milliseconds(shared_ma
     assert all(isinstance(item, Fragment) for item in items)
 
 
-@pytest.mark.parametrize(("name", "longest_m"), [("rooms", 18.7), ("hallways", 49.5)])
+@each_row(("name", "longest_m"), [("rooms", 18.7), ("hallways", 49.5)])
 def test_a_building_without_such_a_path_is_proved_to_have_none(shared_map, name, longest_m):
     (item,) = evaluate(path_variation(path_length=60), {"map_file": shared_map(name)})
     assert item.reason.startswith("this map has no path of 60 m")

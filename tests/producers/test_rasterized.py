@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydantic import ValidationError
 from skimage.graph import MCP_Geometric
+from table import each_row
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
@@ -175,7 +176,7 @@ def test_a_start_among_the_parameters_is_written(hall):
     assert len(item.values["goal_poses"]) == 2
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "inputs", "reason"),
     [
         ({}, {"map_file": "m.yaml"}, "map_file is 'm.yaml', not a map file"),
@@ -202,7 +203,7 @@ def test_a_map_of_its_own_becomes_the_configurations_map(hall):
     assert (producer.needs, producer.writes["map_file"]) == ((), "environment")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "message"),
     [
         ({"path_length": 3}, "raster_size\n.*Field required"),

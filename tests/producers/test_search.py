@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.faults import CampaignError
@@ -64,7 +65,7 @@ def said(tmp_path: Path) -> Said:
     return faults
 
 
-@pytest.mark.parametrize(
+@each_row(
     "parts",
     [
         {},
@@ -84,7 +85,7 @@ def test_a_search_of_every_form_has_no_fault(said: Said, parts: dict[str, str]) 
     assert said(**parts) == []
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parts", "why"),
     [
         ({"variation": "wind.py:Wind: {speed: $wind}"}, "9:5: search.variations[0].wind.py:Wind: its code raised SystemExit"),
@@ -99,44 +100,9 @@ def test_a_plug_in_of_another_kind_leaves_the_file_valid_and_is_said(
     assert why in found
 
 
-@pytest.mark.parametrize(
-    ("parts", "fault"),
-    [
-        ({"domain": "{type: float, low: 3, high: 1}"}, "6:5: search.search_space.gain: low 3 is greater than high 1; low <= high"),
-        ({"domain": "{type: float, low: 3}"}, "6:5: search.search_space.gain: a range without both bounds; low and high"),
-        ({"domain": "{type: float, low: 0, high: 1, log: true}"}, "low 0 on a logarithmic scale; low > 0"),
-        ({"domain": "{type: float, low: 0, high: 1, step: 1}"}, "6:48: search.search_space.gain.step: 'step' has no meaning for type float; known: high, log, low"),
-        ({"domain": "{type: int, low: 1, high: 9, log: true, step: 2}"}, "log and step are both given; one of them"),
-        ({"domain": "{type: int, low: 0.5, high: 9}"}, "6:28: search.search_space.gain.low: found 0.5; a whole number, as type int has"),
-        ({"domain": "{type: choice}"}, "a choice without values; values: [...]"),
-        ({"domain": "{type: bool, values: [1]}"}, "'values' has no meaning for type bool; its type alone"),
-        ({"domain": "{type: gaussian}"}, "6:18: search.search_space.gain.type: found 'gaussian'"),
-        ({"domain": "{low: 0, high: 1}"}, "6:5: search.search_space.gain: no 'type'"),
-        ({"budget": "[{}]"}, "found {}; one of batches, time, evaluations, runs, simulated_hours"),
-        ({"budget": "[]"}, "3:1: search: neither budget nor stopping; at least one of them"),
-        ({"budget": "[{batches: 0}]"}, "13:22: search.budget[0].batches: found 0; 1 or more"),
-        ({"budget": "[{batch: 5}]"}, "search.budget[0]: unknown key 'batch'; did you mean 'batches'?"),
-        ({"stopping": "[{metric: {name: coverage, op: '=>', value: 0.3}}]"}, "14:44: search.stopping[0].metric.op: found '=>'; did you mean '>'?"),
-        ({"stopping": "[{no_improvement: 0}]"}, "found 0; 1 or more"),
-        ({"variation": "ParameterVariationList: {name: force, values: [$wnd]}"}, "9:52: search.variations[0].ParameterVariationList.values[0]: found '$wnd', a dimension that search_space does not have; did you mean 'wind'?"),
-        ({"variation": "ParameterVariationList: {name: force, values: [$wind], seeds: 1}"}, "unknown key 'seeds'"),
-        ({"variation": "ParameterVariationLst: {name: force, values: [$wind]}"}, "did you mean 'ParameterVariationList'?"),
-        ({"variation": "ParameterVariationList: {name: farce, values: [$wind]}"}, "3:1: search: scenario.osc needs force, which nothing writes"),
-        ({"variation": "wind.py:Wnd: {}"}, "9:5: search.variations[0].wind.py:Wnd: no class 'Wnd' in wind.py; file.py:Class"),
-        ({"strategy": "randm"}, "4:13: search.strategy: no strategy 'randm'; did you mean 'random'?"),
-        ({"strategy": "qd"}, "3:1: search: no 'archive'"),
-        ({"strategy": "boundary", "domain": "{type: bool}"}, "5:3: search.search_space: 'gain' is no range of numbers; ranges for boundary"),
-        ({"extract": "failure"}, "10:21: search.extract.plugin: no plug-in 'failure'; did you mean 'failure_rate'?"),
-        ({"extract": "metrics, params: {time: {metric: time}}"}, "metric without oracle; the oracle that measures it"),
-        ({"stopping": "[{metric: {name: coverage, op: '>=', value: 0.3}}]"}, "14:30: search.stopping[0].metric.name: no metric of random 'coverage'; it reports none"),
-        ({"budget": "[{runs: 20}]"}, "13:19: search.budget[0].runs: found 20, less than a batch of 8 points with 3 runs each; 24 or more"),
-        ({"variation": "ParameterVariationList: {name: force, values: [$wind, 1]}"}, "9:5: search.variations[0].ParameterVariationList: ParameterVariationList makes several configurations of one point"),
-        ({"extract": "gone.py:Extract"}, "10:21: search.extract.plugin: found 'gone.py:Extract', and there is no such file"),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_with_a_search_is_one_fault_with_its_place(said: Said, parts: dict[str, str], fault: str) -> None:
-    (found,) = said(**parts)
-    assert fault in found
+def test_faults_of_a_search_have_place_and_message(golden, said: Said) -> None:
+    """An input has the replaced parts, one a line."""
+    golden("campaign_files", "search", lambda parts: said(**dict(line.split(": ", 1) for line in parts.splitlines())))
 
 
 def test_a_criterion_that_is_a_number_is_short_for_its_main_field() -> None:
@@ -152,7 +118,7 @@ def test_a_criterion_that_is_a_number_is_short_for_its_main_field() -> None:
     assert spec.stopping[0].no_improvement == NoImprovement(patience=5)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "name"),
     [
         ("$a", "a"),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 PROOFS = Path(__file__).parents[1] / "proofs"
 
@@ -19,7 +20,7 @@ def proof():
         yield search
 
 
-@pytest.mark.parametrize(("strategy", "library"), [("optuna", "optuna"), ("qd", "ribs")])
+@each_row(("strategy", "library"), [("optuna", "optuna"), ("qd", "ribs")])
 def test_a_driven_strategy_finds_a_narrow_pocket_with_a_third_of_randoms_runs(proof, strategy, library):
     pytest.importorskip(library)
     runs = {

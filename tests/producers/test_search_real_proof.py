@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 PROOFS = Path(__file__).parents[1] / "proofs"
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.producers.search.boundary import Boundary, BoundaryParameters
 from vastflow.producers.search.conformance import CHECKS, check_strategy
@@ -61,8 +62,8 @@ def searched(kind, parameters, problem, objective, batches):
     return found, told
 
 
-@pytest.mark.parametrize("check", CHECKS)
-@pytest.mark.parametrize("name", STRATEGIES)
+@each_row("check", CHECKS)
+@each_row("name", STRATEGIES)
 def test_a_shipped_strategy_keeps_the_contract(name, check):
     check(*strategy(*STRATEGIES[name]))
 
@@ -76,7 +77,7 @@ def test_a_strategy_that_keeps_no_contract_is_found():
         check_strategy(Careless, SamplingParameters(), Problem(Space(PLANE), per_batch=2))
 
 
-@pytest.mark.parametrize("unit", [0.0, 0.2, 0.5, 0.999, 1.0])
+@each_row("unit", [0.0, 0.2, 0.5, 0.999, 1.0])
 def test_a_point_that_is_coded_and_decoded_is_the_same(unit):
     space = Space(MIXED)
     point = space.decoded([unit] * len(MIXED))
@@ -122,7 +123,7 @@ def test_a_search_by_optuna_comes_nearer_than_one_at_random():
 PLACES = {"archive": {"bins": 5, "measures": {name: {"low": -2, "high": 2} for name in PLANE}}}
 
 
-@pytest.mark.parametrize(("name", "given"), [("optuna", {}), ("qd", PLACES)])
+@each_row(("name", "given"), [("optuna", {}), ("qd", PLACES)])
 def test_where_nothing_is_better_points_come_from_the_whole_space(name, given):
     kind, parameters, problem = strategy(name, given, PLANE)
     _, told = searched(kind, parameters, problem, lambda point: 0.0, 40)
@@ -198,7 +199,7 @@ def batches(*objectives):
     ]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("objective", "direction", "runs"),
     [(0.8, "maximize", 10), (0.9, "maximize", None), (0.1, "minimize", 20), (0.5, "minimize", 5)],
 )
@@ -207,7 +208,7 @@ def test_runs_are_counted_until_a_point_is_as_good(objective, direction, runs):
     assert runs_until(told, objective, direction) == runs
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("asked", "met"),
     [
         ({"budget": {"batches": 2}}, "batches 2 of 2"),
@@ -247,7 +248,7 @@ def test_a_plan_names_each_end_with_its_unit():
     )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("points", "message"),
     [
         (

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.configuration import Fragment
@@ -40,7 +41,7 @@ PATH = "start_pose: '@start_pose', goal_poses: '@goal_poses'"
 PLACED = "obstacle_configs: [%s]"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("producer", "asked"),
     [
         (f"PathVariationRandom: {{path_length: 5, num_paths: 1000000000, {PATH}}}", "1,000,000,000"),
@@ -90,7 +91,7 @@ def test_a_number_of_runs_is_refused_like_a_number_of_configurations(tmp_path):
         found.runs_asked(500_001)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("producer", "message"),
     [
         (f"ObstacleVariation: {{{PLACED % '{amount: 1000000000, max_distance: 0}'}}}", "found 1000000000; 1000 or less"),

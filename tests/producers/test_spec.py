@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import yaml
 from pydantic import ValidationError
+from table import each_row
 
 from vastflow.producers.vast.document import read_document
 from vastflow.producers.vast.model_faults import faults_of
@@ -105,88 +106,25 @@ def test_what_is_left_out_has_the_documented_default() -> None:
     assert (spec.version, spec.execution.runs, spec.execution.seed, spec.execution.timeout) == (1, 1, 0, None)
 
 
-@pytest.mark.parametrize("section", ["metadata", "general", "execution", "results_processing", "evaluation"])
+@each_row("section", ["metadata", "general", "execution", "results_processing", "evaluation"])
 def test_a_section_with_nothing_below_it_is_as_if_left_out(section: str) -> None:
     assert spec_of(f"configuration: [{{name: a}}]\n{section}:\n").execution.runs == 1
 
 
-@pytest.mark.parametrize("name", ["a", "rooms-10m", "2d", "büro"])
+@each_row("name", ["a", "rooms-10m", "2d", "büro"])
 def test_a_family_may_be_called(name: str) -> None:
     assert spec_of(f"configuration: [{{name: {name}}}]").configuration[0].name == name
 
 
-@pytest.mark.parametrize("name", ["Rooms", "a_b", "a b", "a.b", "a/b", "-a", "", "a" * 101])
+@each_row("name", ["Rooms", "a_b", "a b", "a.b", "a/b", "-a", "", "a" * 101])
 def test_a_family_may_not_be_called(tmp_path: Path, name: str) -> None:
     (complaint,) = complaints(tmp_path, f"configuration:\n- name: '{name}'\n")
     assert complaint.startswith("2:9: configuration[0].name: found ")
     assert complaint.endswith("; lowercase letters, digits and hyphens, such as 'rooms-noise', at most 100")
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        ("version: 2", "1:10: version: found 2; 1"),
-        ("metdata: {}", "1:1: file: unknown key 'metdata'; did you mean 'metadata'?"),
-        ("execution:\n  timout: 3", "2:3: execution: unknown key 'timout'; did you mean 'timeout'?"),
-        ("execution:\n  Runs: 3", "2:3: execution: unknown key 'Runs'; did you mean 'runs'?"),
-        ("execution:\n  runs: five", "2:9: execution.runs: found 'five'; a whole number"),
-        ("execution:\n  runs: 0", "2:9: execution.runs: found 0; 1 or more"),
-        ("execution:\n  runs: yes", "2:9: execution.runs: found true; a whole number"),
-        (
-            "execution:\n  runs: {min: 2, stop: {}}",
-            "2:3: execution.runs: no 'max'; max: runs after which a configuration is undecided",
-        ),
-        ("execution:\n  runs: {max: 9}", "2:3: execution.runs: no 'stop'; stop: when a class counts as shown"),
-        ("execution:\n  runs: {min: 5, max: 3, stop: {}}", "2:3: execution.runs: min is 5 and max 3; min of max or less"),
-        ("execution:\n  runs: {max: 20, stop: {error: 0.7}}", "2:33: execution.runs.stop.error: found 0.7; less than 0.5"),
-        ("execution:\n  runs: {max: 20, stop: {systematic: 0.8, reliable: 0.2}}", "2:19: execution.runs.stop: systematic is 0.8 and reliable 0.2; systematic below reliable"),
-        ("execution:\n  runs: {max: 20, stop: {}, most: 3}", "2:29: execution.runs: unknown key 'most'; known: max, min, stop"),
-        ("execution:\n  runs: {max: none, stop: {}}", "2:15: execution.runs.max: found 'none'; a whole number"),
-        ("execution:\n  runs: {max: 20, stop: 0.05}", "2:25: execution.runs.stop: found 0.05; a mapping"),
-        ("execution:\n  seed: -1", "2:9: execution.seed: found -1; 0 or more"),
-        ("execution:\n  timeout: 0", "2:12: execution.timeout: found 0; greater than 0"),
-        ("execution: 3", "1:12: execution: found 3; a mapping"),
-        ("execution:\n  image: 3", "2:10: execution.image: found 3; text; put it in quotes"),
-        (
-            "execution:\n  scenario_file: ../a.osc",
-            "2:18: execution.scenario_file: found '../a.osc'; a path below the campaign file's folder",
-        ),
-        (
-            "execution:\n  resources: {cpu: [{a: x}]}",
-            "2:25: execution.resources.cpu[0].a: found 'x'; a whole number",
-        ),
-        (
-            "execution:\n  resources: {memory: 4}",
-            "2:23: execution.resources.memory: found 4; text; put it in quotes or a list",
-        ),
-        (
-            "execution:\n  secondary_containers:\n  - sim:\n    resources: {mem: 1}",
-            "4:17: execution.secondary_containers[0].resources: unknown key 'mem'; did you mean 'memory'?",
-        ),
-        (
-            "execution:\n  env:\n  - CAMPAIGN_ID: 1",
-            "3:18: execution.env[0].CAMPAIGN_ID: CAMPAIGN_ID is set for every run; another name",
-        ),
-        ("configuration: rooms", "1:16: configuration: found 'rooms'; a list"),
-        ("configuration:\n- parameters: []", "2:3: configuration[0]: no 'name'; name: lowercase letters, digits and hyphens"),
-        (
-            "configuration:\n- name: a\n  variatons: []",
-            "3:3: configuration[0]: unknown key 'variatons'; did you mean 'variations'?",
-        ),
-        (
-            "configuration:\n- name: a\n  variations:\n  - Path:\n    seed: 2",
-            ("5:5: configuration[0].variations[0].seed: a second key in an entry of one; "
-            "indent it below 'Path', or begin its own entry with '- '"),
-        ),
-        ("configuration:\n- name: a\n  parameters:\n  - 3", "4:5: configuration[0].parameters[0]: found 3; 'name: value'"),
-        ("evaluation:\n  oracles: [{safety: 3}]", "2:22: evaluation.oracles[0].safety: found 3; its parameters as a mapping"),
-        ("a:\n", "1:1: file: unknown key 'a'; known: configuration, constraints, evaluation, execution, general, metadata, results_processing, search, version"),
-        ("search:\n  strategy: random\n  search_space: {a: {type: bool}}", "1:1: search: neither budget nor stopping; at least one of them"),
-        ("search:\n  strategy: random\n  search_space: {}\n  budget: {batches: 1}", "3:17: search.search_space: found {}; 1 or more entries"),
-    ],
-)  # fmt: skip
-def test_a_slip_is_one_fault_with_its_place_and_what_would_be_right(tmp_path: Path, text: str, complaint: str) -> None:
-    assert complaints(tmp_path, text) == [complaint]
+def test_faults_of_keys_have_place_and_message(golden, tmp_path: Path) -> None:
+    golden("campaign_files", "keys", lambda text: complaints(tmp_path, text))
 
 
 def test_everything_without_an_effect_is_found_and_nothing_else() -> None:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Polygon, box
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.faults import CampaignError
@@ -64,7 +65,7 @@ def fits(found):
     return bool(found.configurations)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("x_m", "free"),
     [(4.0, True), (0.231, True), (0.229, False), (0.1, False), (-0.5, False), (7.769, True), (7.771, False)],
 )
@@ -73,7 +74,7 @@ def test_a_given_start_is_realised_exactly_where_the_padded_footprint_fits(made,
     assert fits(made(poses((x_m, 2.0)))) is free
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("goals", "free"),
     [
         ("goal_pose: {x: 4.0, y: 2.0}", True),
@@ -108,7 +109,7 @@ def test_without_the_check_a_robot_may_begin_in_a_wall(made):
     assert fits(made("  start_check: none\n" + poses((0.1, 2.0))))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("more", "free"),
     [
         ("  - robot_radius: 0.3\n", False),
@@ -157,7 +158,7 @@ def test_a_radius_that_a_later_producer_varies_is_looked_at_on_the_finished_conf
     assert rejection.parent == "a-3"
 
 
-@pytest.mark.parametrize("design", ["t_way: {strength: 2}", "sample: {method: lhs, size: 6, seed: 1}"])
+@each_row("design", ["t_way: {strength: 2}", "sample: {method: lhs, size: 6, seed: 1}"])
 def test_a_design_is_of_what_fits(made, design):
     radii = "  variations:\n  - ParameterVariationList: {name: robot_radius, values: [0.2, 0.25, 0.3]}\n"
     noise = "  - ParameterVariationList: {name: laserscan_gaussian_noise_std_deviation, values: [0.0, 0.1, 0.2]}\n"
@@ -167,9 +168,7 @@ def test_a_design_is_of_what_fits(made, design):
     assert [(r.producer, r.parent) for r in found.rejections] == [("start_check", "a-3")]
 
 
-@pytest.mark.parametrize(
-    ("box", "free"), [("x: 0.5, y: 0.0", False), ("x: 3.0, y: 3.0", True), ("x: 4.0, y: 2.0", True)]
-)
+@each_row(("box", "free"), [("x: 0.5, y: 0.0", False), ("x: 3.0, y: 3.0", True), ("x: 4.0, y: 2.0", True)])
 def test_an_obstacle_is_in_the_way_at_the_start_and_not_at_the_goal(made, box, free):
     more = f"  - static_objects: [{{entity_name: crate, spawn_pose: {{{box}}}}}]\n"
     found = made(poses((0.5, 0.4), (4.0, 2.0), more))
@@ -211,7 +210,7 @@ def gap_m(pose):
     return min(pose.x_m - LEFT_M, 8.0 + LEFT_M - pose.x_m, pose.y_m - LOW_M, 6.0 + LOW_M - pose.y_m)
 
 
-@pytest.mark.parametrize("lines", [PATHS.format(seed=3), RASTER], ids=["drawn", "raster"])
+@each_row("lines", [PATHS.format(seed=3), RASTER])
 def test_what_is_drawn_fits_and_is_not_rejected_afterwards(made, lines):
     loose, checked = made("  start_check: none\n" + lines), made(lines)
     assert [r.reason for r in checked.rejections if r.producer == "start_check"] == []
@@ -325,7 +324,7 @@ def test_the_outline_is_a_polygon_of_the_map(room):
     )
 
 
-@pytest.mark.parametrize("start", [(9.3, 2.0), (-1.4, 2.0), (1e9, 100.0)])
+@each_row("start", [(9.3, 2.0), (-1.4, 2.0), (1e9, 100.0)])
 def test_a_start_outside_of_the_map_is_a_rejection_however_far_it_is(made, start):
     (rejected,) = made(poses(start)).rejections
     assert rejected.reason == f"start_pose ({start[0]:g}, {start[1]:g}) lies outside of the map"

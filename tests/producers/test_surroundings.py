@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.morphology import medial_axis
+from table import each_row
 
 from vastflow.producers.places.surroundings import clearance_of, narrowest_passage_cells, turning_rad
 
@@ -55,8 +56,8 @@ def test_between_a_box_and_a_wall_there_is_the_gap(gap, edge):
     assert narrowest_passage_cells(clearance_of(free), straight((row, 20), (row, 100))) == pytest.approx(gap, abs=0.1)
 
 
-@pytest.mark.parametrize("thickness", [1, 2, 6])
-@pytest.mark.parametrize("width", [8, 17])
+@each_row("thickness", [1, 2, 6])
+@each_row("width", [8, 17])
 def test_a_door_counts_however_thin_its_wall_is(thickness, width):
     free = np.zeros((90, LENGTH), dtype=bool)
     free[5:85, 5:-5] = True

@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 from shapely.geometry import LineString, Point
+from table import each_row
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
@@ -171,7 +172,7 @@ def test_an_amount_per_meter_that_comes_to_one_is_one(site):
     assert len(item.values["static_objects"]) == 1
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "reason"),
     [
         ({"trigger_distance": 12.0}, "ends before 12 m, where the trigger could be set off"),
@@ -217,7 +218,7 @@ def test_of_a_path_that_is_too_short_nothing_is_left():
     assert len(beyond(np.array([[0.0, 0.0], [3.0, 0.0]]), 3.1)) == 0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "message"),
     [
         ({"obstacle_configs": [{"amount": 2, "max_distance": 0}]}, "found 2 obstacles; one for one trigger"),

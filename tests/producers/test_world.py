@@ -2,6 +2,7 @@
 
 import pytest
 from pydantic import ValidationError
+from table import each_row
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
@@ -95,7 +96,7 @@ def test_without_stops_any_world_will_do(inputs):
     assert isinstance(item, Fragment)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "message"),
     [
         ({"wall_offset": -0.1}, "greater than or equal to 0"),

@@ -63,7 +63,10 @@ def built(source: Path) -> Path:
         if name and ((ROOT / name).is_symlink() or (ROOT / name).exists()):
             (source / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, source / name, follow_symlinks=False)
-    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", source.parent, source]
+    if uv := shutil.which("uv"):
+        command = [uv, "build", "--quiet", "--wheel", "--out-dir", source.parent, source]
+    else:
+        command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", source.parent, source]
     subprocess.run(command, check=True)
     (wheel,) = source.parent.glob("*.whl")
     return wheel

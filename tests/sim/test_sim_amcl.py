@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
+from table import each_row
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.amcl import Filter, weight
@@ -130,7 +131,7 @@ def one_beam(pose_xyt, reading_m, occupied, **values):
     return weight(pose_xyt=pose_xyt, ranges_m=[reading_m], **laser, **place(occupied))
 
 
-@pytest.mark.parametrize(("reading_m", "cells_off"), [(0.276, 0), (0.324, 0), (0.274, 1), (0.326, 1), (0.2, 2)])
+@each_row(("reading_m", "cells_off"), [(0.276, 0), (0.324, 0), (0.274, 1), (0.326, 1), (0.2, 2)])
 def test_the_cell_of_an_end_point_is_found_by_rounding_as_amcl_does(one_wall_cell, reading_m, cells_off):
     """Column 8 is x 0.40..0.45 m of the map; AMCL takes 0.375..0.425 for it."""
     found = one_beam((0.1, 0.2, 0.0), reading_m, one_wall_cell)
@@ -143,12 +144,12 @@ def test_end_points_turn_with_the_pose_and_the_scanner(one_wall_cell):
     assert one_beam((0.4, 0.0, 0.0), 0.2, one_wall_cell, laser_xyt=(0.0, 0.0, math.pi / 2)) == on_the_wall
 
 
-@pytest.mark.parametrize("pose", [(-9.0, 0.2, 0.0), (9.0, 0.2, 0.0), (0.1, 9.0, 0.0), (0.1, -9.0, 0.0)])
+@each_row("pose", [(-9.0, 0.2, 0.0), (9.0, 0.2, 0.0), (0.1, 9.0, 0.0), (0.1, -9.0, 0.0)])
 def test_off_the_map_the_distance_is_the_cap(one_wall_cell, pose):
     assert one_beam(pose, 0.3, one_wall_cell) == pytest.approx(1 + pz(2.0) ** 3, abs=1e-9)
 
 
-@pytest.mark.parametrize("reading_m", [math.inf, math.nan, 20.0, 25.0, 0.164, 0.1, -0.2])
+@each_row("reading_m", [math.inf, math.nan, 20.0, 25.0, 0.164, 0.1, -0.2])
 def test_a_reading_beyond_the_limits_or_too_near_counts_as_none(one_wall_cell, reading_m):
     assert one_beam((0.1, 0.2, 0.0), reading_m, one_wall_cell) == 1.0
 
@@ -161,7 +162,7 @@ def test_of_360_beams_every_sixth_is_used(room):
     assert weight(ranges_m=scrambled, **arguments) == weight(ranges_m=ranges_m, **arguments)
 
 
-@pytest.mark.parametrize("occupied", [np.zeros((20, 20), dtype=np.bool_), np.ones((1, 1), dtype=np.bool_)])
+@each_row("occupied", [np.zeros((20, 20), dtype=np.bool_), np.ones((1, 1), dtype=np.bool_)])
 def test_maps_without_walls_or_of_one_cell_have_weights_too(occupied):
     assert 1.0 < one_beam((0.0, 0.0, 0.0), 0.3, occupied) < 1.2
 
@@ -180,7 +181,7 @@ def corridor_weights():
     return at
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("offset", "upstream", "tolerance"),
     [
         ((0.0, 0.0, 0.0), 9.31, 0.01),
@@ -195,7 +196,7 @@ def test_weights_in_a_corridor_are_those_measured_with_nav2_s_filter_in_one_like
     assert corridor_weights()(*offset) == pytest.approx(upstream, rel=tolerance)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("values", "message"),
     [
         ({"sigma_hit_m": 0.0}, "sigma_hit must lie in"),
@@ -317,7 +318,7 @@ def test_setting_the_pose_again_begins_anew(filters, room):
     assert len(amcl.weights) == 2000
 
 
-@pytest.mark.parametrize("beams", [1, 59, 361, 362, 363, 364, 1440])
+@each_row("beams", [1, 59, 361, 362, 363, 364, 1440])
 def test_scans_may_change_their_number_of_beams(filters, room, beams):
     amcl = filters(max_beams=2000)
     amcl.set_pose(START, np.zeros(3))
@@ -359,7 +360,7 @@ def test_a_laser_range_too_short_for_the_walls_leaves_the_particles_unweighted(f
     assert np.ptp(amcl.weights) == pytest.approx(0.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameters", "message"),
     [
         ({"max_particle": 3000}, "no modeled parameter 'max_particle'; one of alpha1, .*max_particles"),
@@ -379,7 +380,7 @@ def test_an_update_before_a_pose_is_refused(filters, room):
         updated(filters(), room)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "covariance",
     [[0.1, 0.1], [-0.1, 0.1, 0.1], [0.1, 0.1, math.nan], [[0.1, 0.2, 0], [0.2, 0.1, 0], [0, 0, 0.1]], "wide", 0.1],
 )
@@ -388,7 +389,7 @@ def test_what_is_no_covariance_is_refused(covariance):
         covariance_of(covariance, "initial_pose_covariance")
 
 
-@pytest.mark.parametrize("covariance", [[0.25, 0.16, 0.07], [[0.25, 0.1, 9], [0.1, 0.16, 9], [9, 9, 0.07]]])
+@each_row("covariance", [[0.25, 0.16, 0.07], [[0.25, 0.1, 9], [0.1, 0.16, 9], [9, 9, 0.07]]])
 def test_a_covariance_is_its_planar_block_and_its_yaw(covariance):
     xx, xy, yy, yaw = covariance_of(covariance, "initial_pose_covariance")
     assert (xx, yy, yaw) == (0.25, 0.16, 0.07)

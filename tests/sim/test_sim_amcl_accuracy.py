@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.world.lidar_model import Lidar
@@ -109,7 +110,7 @@ def test_the_number_of_particles_adapts_to_what_is_known(room, errors):
     assert blind.mean() > 1600
 
 
-@pytest.mark.parametrize("noise_m", [0.1, 0.2])
+@each_row("noise_m", [0.1, 0.2])
 def test_noise_up_to_the_width_of_the_likelihood_hardly_hurts(room, corridor, errors, noise_m):
     for place in (room, corridor):
         assert errors(place, noise_m=noise_m)["position_m"].mean() < 1.3 * errors(place)["position_m"].mean() + 0.02

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
+from table import each_row
 
 from vastflow.sim.nav.likelihood import FRAME, UNREACHED, WIDTH, likelihood_cubed, squared_distances, usable_range_m
 from vastflow.sim.nav.parameters.amcl import AmclParameters
@@ -79,7 +80,7 @@ def test_beyond_the_greatest_distance_no_wall_is_found():
     np.testing.assert_array_equal(squared_distances(occupied, 3)[0, :6], [0, 1, 4, 9, UNREACHED, UNREACHED])
 
 
-@pytest.mark.parametrize("cells", [0, 1, 4, 39])
+@each_row("cells", [0, 1, 4, 39])
 def test_a_cell_weighs_by_the_likelihood_of_its_distance(cells):
     occupied = np.zeros((3, 60), dtype=np.bool_)
     occupied[1, 5] = True
@@ -112,7 +113,7 @@ def test_the_table_has_a_whole_frame_and_an_odd_multiple_of_its_width(rows, colu
     assert shape[1] % WIDTH == 0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("low", "high", "expected"),
     [(-1.0, 100.0, (0.164, 20.0)), (0.5, 12.0, (0.5, 12.0)), (0.1, -1.0, (0.164, 20.0)), (0.0, 0.0, (0.164, 20.0))],
 )

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
@@ -30,7 +31,7 @@ def drawn(cloud, n, stream, x, y, yaw, covariance):
     spread(cloud, n, stream, x, y, yaw, covariance)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("motion", "updates"),
     [
         ((0.25, 0.25, 0.2), False),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
@@ -37,7 +38,7 @@ def scattered(cloud, bins):
     return covariance(cloud.sums, bins)
 
 
-@pytest.mark.parametrize(("bins", "expected"), [(0, 2000), (1, 2000), (2, 500), (40, 500), (100, 1129), (200, 2000)])
+@each_row(("bins", "expected"), [(0, 2000), (1, 2000), (2, 500), (40, 500), (100, 1129), (200, 2000)])
 def test_the_number_of_particles_for_some_bins(bins, expected):
     assert limit(bins, PARAMETERS) == expected
 
@@ -74,13 +75,13 @@ def test_a_cloud_in_two_bins_is_resampled_to_one_more_than_the_least_number():
     assert resampled(cloud, n, streams_of([1])[0], PARAMETERS) == (501, 2)
 
 
-@pytest.mark.parametrize("pose", [(0.6, 0.1, 0.01), (0.1, -0.1, 0.01), (0.1, 0.1, 0.2), (0.1, 0.1, 0.01 - 2 * math.pi)])
+@each_row("pose", [(0.6, 0.1, 0.01), (0.1, -0.1, 0.01), (0.1, 0.1, 0.2), (0.1, 0.1, 0.01 - 2 * math.pi)])
 def test_bins_are_half_a_meter_and_ten_degrees_of_the_raw_yaw(pose):
     cloud, n = filled([(350, 0.1, 0.1, 0.01), (350, *pose)])
     assert resampled(cloud, n, streams_of([1])[0], PARAMETERS)[1] == 2
 
 
-@pytest.mark.parametrize("pose", [(0.4, 0.1, 0.01), (0.1, 0.0, 0.01), (0.1, 0.1, 0.17)])
+@each_row("pose", [(0.4, 0.1, 0.01), (0.1, 0.0, 0.01), (0.1, 0.1, 0.17)])
 def test_poses_in_one_bin_count_once(pose):
     cloud, n = filled([(350, 0.1, 0.1, 0.01), (350, *pose)])
     assert resampled(cloud, n, streams_of([1])[0], PARAMETERS)[1] == 1
@@ -122,7 +123,7 @@ def test_the_pose_is_the_mean_of_the_heaviest_cluster_and_not_of_the_cloud():
     assert clustered(cloud, bins) == pytest.approx((5.2, 5.2, 1.0))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@each_row("seed", range(5))
 def test_bins_that_touch_at_a_corner_are_one_cluster_whichever_is_found_first(seed):
     """Apart, each half is lighter than the third group; together they are heavier."""
     cloud, n = filled([(450, 0.1, 0.1, 0.1), (450, 0.6, 0.6, 0.2), (600, 5.2, 5.2, 1.0)])

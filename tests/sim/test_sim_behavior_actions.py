@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from py_trees.common import Status
+from table import each_row
 
 from vastflow.sim.behavior.action import ActionSituation
 from vastflow.sim.behavior.helpers import HELPERS, helper_functions
@@ -43,7 +44,7 @@ def test_log_writes_a_line(made, lines):
     assert lines == ["alive"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("left", "sign", "right", "holds"),
     [
         (1, "==", 1, True),

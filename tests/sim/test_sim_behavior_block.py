@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.recordings.archive import columns_of
 from vastflow.sim.recordings.behavior_block import behaviors_below, read_behaviors, write_behaviors
@@ -56,7 +57,7 @@ def test_equal_behaviors_have_equal_bytes():
     assert write_behaviors({0: table(rows)}) == write_behaviors({0: table(rows)})
 
 
-@pytest.mark.parametrize("damaged", [b"", b"PAR1", b"x 12", b"12"])
+@each_row("damaged", [b"", b"PAR1", b"x 12", b"12"])
 def test_what_is_no_block_of_behaviors_is_refused(damaged):
     with pytest.raises((ValueError, OSError)):
         read_behaviors(damaged)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from py_trees.common import Status
+from table import each_row
 
 from vastflow.sim.behavior.action import Action
 from vastflow.sim.behavior.helpers import HELPERS, helper_functions
@@ -104,7 +105,7 @@ BODIES = {
 }
 
 
-@pytest.mark.parametrize("body", BODIES)
+@each_row("body", BODIES)
 def test_a_file_ends_as_its_words_say(body):
     text = "import osc.helpers\nimport osc.x11\nscenario visit:\n" + textwrap.indent(body, "  ")
     tree = ended(tree_of(text))

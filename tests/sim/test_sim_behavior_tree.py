@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import pytest
 from py_trees.common import Status
+from table import each_row
 
 from vastflow.sim.behavior.action import Action
 from vastflow.sim.behavior.helpers import HELPERS
@@ -332,7 +333,7 @@ def test_retry_begins_again_at_the_next_tick_and_fails_with_the_last_failure(out
     )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("modifier", "success", "failure", "running"),
     [
         ("inverter", (False, 0.1), (True, 0.1), (False, 0.4)),

@@ -6,17 +6,17 @@ import math
 import pytest
 from bench_show import shown
 from bench_simulator import LARGE, ROUTES, SMALL, bench, benchmark_map, benchmark_routes
+from table import each_row
 
 from vastflow.sim.maps.octile import passable, shortest_path
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("floor", "shape", "digest"),
     [
         (LARGE, (1400, 2000), "4b81e330fcdd2310eae21c696bc16a8ff887bb27fe050f20540a942f46686ec1"),
         (SMALL, (400, 400), "bb0fe3f30afcb6791c224b22cdc6ca6e9e690a779577cf57375f49c9d01323da"),
     ],
-    ids=["large", "small"],
 )
 def test_the_map_is_pinned(floor, shape, digest):
     occupancy = benchmark_map(floor)
@@ -24,7 +24,7 @@ def test_the_map_is_pinned(floor, shape, digest):
     assert occupancy.digest == digest
 
 
-@pytest.mark.parametrize("floor", [LARGE, SMALL], ids=["large", "small"])
+@each_row("floor", [LARGE, SMALL])
 def test_every_route_has_the_length_of_its_floor(floor):
     occupancy = benchmark_map(floor)
     free = passable(occupancy, 0.4)
@@ -57,7 +57,7 @@ def test_what_was_measured_says_what_it_was_measured_with(measured):
     assert 1.0 <= measured["floods_per_s"] < 1.5
 
 
-@pytest.mark.parametrize("floor", ["large", "small"])
+@each_row("floor", ["large", "small"])
 def test_the_routes_are_driven_to_their_ends(measured, floor):
     found = measured if floor == "large" else measured["small"]
     assert (found["runs"], found["reached"], found["contacts"]) == (ROUTES, ROUTES, 0)

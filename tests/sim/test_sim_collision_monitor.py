@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.collision_monitor import approach, gather_near_points
@@ -140,7 +141,7 @@ def test_the_footprint_is_the_padded_polygon_and_not_a_circle():
         assert factor_of(parameters, memory, 0.0, 0.0) == expected
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("noise_m", "half_width_m", "both", "one"),
     [
         (0.1, 0.25, 1.00, None),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.loop.prepared import prepare
@@ -103,7 +104,7 @@ def driven(parameters: NavParameters, length_m: float = 10.0):
 # The worked example.
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@each_row("check", CHECKS)
 def test_the_page_s_controller_keeps_the_contract(pursuit, check):
     check(pursuit, sample_situations())
 
@@ -138,7 +139,7 @@ def test_the_shipped_controllers_are_found_by_entry_points():
     assert all(issubclass(find_controller(name), Controller) for name in known_controllers())
 
 
-@pytest.mark.parametrize("name", ["dwb", "mppi", "rpp"])
+@each_row("name", ["dwb", "mppi", "rpp"])
 def test_a_shipped_controller_keeps_the_contract(name):
     check_controller(find_controller(short_names()[name])())
 
@@ -159,7 +160,7 @@ def test_one_that_raises_is_refused_at_the_line_that_does(tmp_path):
     assert said == f"{line_of(tmp_path, 'raise')}: Own.compute_velocity must not raise, and raised ValueError: no path"
 
 
-@pytest.mark.parametrize("value", ["math.nan", "math.inf"])
+@each_row("value", ["math.nan", "math.inf"])
 def test_one_whose_command_is_no_number_is_refused(tmp_path, value):
     said = refused(own(tmp_path, f"return True, {value} * q.gain, 0.0\n"))
     assert said.startswith(line_of(tmp_path, "@kernel"))
@@ -208,7 +209,7 @@ def test_random_numbers_of_its_stream_are_no_fault(tmp_path):
     check_controller(own(tmp_path, "return True, 0.0, uniform(memory[0])\n", members))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("body", "members", "message"),
     [
         (
@@ -264,7 +265,7 @@ def test_parameters_of_a_plug_in_are_checked_at_their_lines(tmp_path, folder):
     assert f"{name}.max_angular_vel: found 'fast'; max_angular_vel must be a number" in said[2]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("plugin", "message"),
     [
         (
@@ -353,7 +354,7 @@ def test_the_parameters_of_built_in_controllers_are_read_without_numba_and_scipy
     assert done.stdout.splitlines() == ["['DwbParameters', 'MppiParameters', 'RppParameters']", ""]
 
 
-@pytest.mark.parametrize("name", ["dwb", "mppi", "rpp"])
+@each_row("name", ["dwb", "mppi", "rpp"])
 def test_a_built_in_controller_has_the_parameters_that_were_read(name):
     parameters = parameters_of({"controller": name}).controller
     controller = controller_of(parameters)

@@ -3,11 +3,11 @@
 import math
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from shapely import Point, Polygon
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.costmap import (
@@ -83,7 +83,7 @@ def test_a_beam_touches_no_other_row():
     assert (layer == UNSEEN).all()
 
 
-@pytest.mark.parametrize(("short", "kept"), [(GLOBAL, 1), (LOCAL, 2)])
+@each_row(("short", "kept"), [(GLOBAL, 1), (LOCAL, 2)])
 def test_the_local_layer_stops_clearing_two_cells_before_the_end_of_a_beam(short, kept):
     layer = np.full((80, 160), MARKED, dtype=np.uint8)
     row = seen([2.0], short, layer)[ROW, COLUMN : COLUMN + 42]
@@ -109,13 +109,13 @@ def test_clearing_ends_at_its_range_and_nothing_is_marked_beyond():
     assert (row[COLUMN + 61 :] == UNSEEN).all()
 
 
-@pytest.mark.parametrize(("range_m", "mark"), [(2.45, True), (2.5, True), (2.55, False)])
+@each_row(("range_m", "mark"), [(2.45, True), (2.5, True), (2.55, False)])
 def test_marking_ends_at_its_range(range_m, mark):
     assert (seen([range_m]) == MARKED).any() == mark
 
 
-@pytest.mark.parametrize("range_m", [math.inf, math.nan, 0.1, 20.0, -0.3])
-@pytest.mark.parametrize("short", [GLOBAL, LOCAL])
+@each_row("range_m", [math.inf, math.nan, 0.1, 20.0, -0.3])
+@each_row("short", [GLOBAL, LOCAL])
 def test_a_beam_without_a_valid_return_neither_marks_nor_clears(range_m, short):
     layer = np.full((80, 160), MARKED, dtype=np.uint8)
     assert (seen([range_m], short, layer) == MARKED).all()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.nav.planners.curves import pose_on, shortest
 
@@ -52,7 +53,7 @@ def test_nowhere_on_a_curve_is_a_turn_tighter_than_the_radius(x, y, heading, rev
     assert (np.hypot(*np.diff(poses[:, :2], axis=0).T) <= step + 1e-9).all()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("pose", "dubins", "reeds_shepp"),
     [
         ((5.0, 0.0, 0.0), 5.0, 5.0),

@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.digest import FileContent, canonical, digest, file_digest
 from vastflow.sim.scenario import Scenario, scenario_of
@@ -14,7 +15,7 @@ VALUES = st.recursive(
 )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("value", "text"),
     [
         (None, "[null]"),
@@ -70,7 +71,7 @@ def test_not_a_number_is_refused():
         digest({"a": [float("nan")]})
 
 
-@pytest.mark.parametrize("value", [{1, 2}, b"bytes", object()])
+@each_row("value", [{1, 2}, b"bytes", object()])
 def test_a_type_without_a_canonical_form_is_refused(value):
     with pytest.raises(TypeError, match="has no canonical form; use None, bool, int"):
         digest(value)  # type: ignore[arg-type]
@@ -120,7 +121,7 @@ def test_the_digest_of_a_situation_is_pinned():
     assert a_scenario().situation_digest == "bcc541ce17c8653f67bfdb1a8ed29df0e5289900fb3d77bd87469f61994618e0"
 
 
-@pytest.mark.parametrize(
+@each_row(
     "change",
     [
         {"abstract": "builtin:follow_waypoints"},
@@ -138,7 +139,7 @@ def test_the_system_is_left_out_of_the_situation():
     assert a_scenario(system={"robot_radius": 0.3}).situation_digest == a_scenario().situation_digest
 
 
-@pytest.mark.parametrize("change", [{"environment": {}}, {"task": {}}])
+@each_row("change", [{"environment": {}}, {"task": {}}])
 def test_environment_and_task_are_in_the_situation(change):
     assert a_scenario(**change).situation_digest != a_scenario().situation_digest
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.loop.prepared import prepare
@@ -145,7 +146,7 @@ def test_a_robot_may_be_another_than_mppi_reckons_with():
     assert robot_of(parameters_of({**ACKERMANN, "robot.drive": "differential"})).drive == "differential"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("system", "fault"),
     [
         ({"FollowPath.motion_model": "Tracked"}, r"motion_model.*'Tracked'.*'DiffDrive'"),
@@ -281,7 +282,7 @@ def test_particles_of_the_omni_motion_model_go_along_the_step_s_bearing_whatever
     assert spread[True][:, 2] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("noisy", "along_m", "across_m", "turn_rad"),
     [("alpha3", 0.2, 0.0, 0.0), ("alpha5", 0.0, 0.2, 0.0), ("alpha2", 0.0, 0.0, 0.2)],
 )

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb
@@ -114,7 +115,7 @@ def plan_cells(w, plan):
 # The samples.
 
 
-@pytest.mark.parametrize("current", [-0.4, 0.0, 0.13, 0.9])
+@each_row("current", [-0.4, 0.0, 0.13, 0.9])
 def test_samples_reach_both_ends_and_hold_zero(current):
     memory = dwb.new_memory(HUMBLE, CELLS, CELLS)
     scored(record_of(HUMBLE), memory, window(), (*CENTER, 0.0), (0.1, current), straight(), 50, (9.0, 0.0, 0.0))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb
@@ -69,7 +70,7 @@ def test_an_upright_rectangle_lies_on_the_cells_of_its_border_and_may_not_leave_
     assert found == max(box[0].max(), box[-1].max(), box[:, 0].max(), box[:, -1].max())
 
 
-@pytest.mark.parametrize(("cost", "expected"), [(253, 253), (254, -1), (255, -1)])
+@each_row(("cost", "expected"), [(253, 253), (254, -1), (255, -1)])
 def test_lethal_and_unknown_cells_are_forbidden_under_the_outline_and_inscribed_ones_are_not(cost, expected):
     costs = np.zeros((20, 20), dtype=np.uint8)
     costs[10, 12] = cost
@@ -97,7 +98,7 @@ def test_a_sample_is_scored_by_the_greatest_cost_under_the_outline_at_its_end():
         assert found[i, j] - without[i, j] == pytest.approx(0.02 * expected, abs=1e-3)
 
 
-@pytest.mark.parametrize("name", ["BaseObstacle", "ObstacleFootprint"])
+@each_row("name", ["BaseObstacle", "ObstacleFootprint"])
 def test_with_sum_scores_the_costs_of_all_poses_add_up_the_last_one_twice(name):
     """Over equal costs a sample's sum is that of one pose times its poses: the robot's own, one a step, and the last again."""
     costs = np.full((CELLS, CELLS), 7, dtype=np.uint8)

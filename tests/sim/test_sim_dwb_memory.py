@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import dwb
@@ -81,14 +82,14 @@ def test_a_turn_that_was_reversed_is_not_reversed_again_on_the_spot():
     assert fourth < 0.0
 
 
-@pytest.mark.parametrize(("moved_m", "turned_rad"), [(0.06, 0.0), (0.0, -0.25)])
+@each_row(("moved_m", "turned_rad"), [(0.06, 0.0), (0.0, -0.25)])
 def test_once_moved_or_turned_the_robot_may_reverse_its_turn_again(moved_m, turned_rad):
     memory = dwb.new_memory(IN_PLACE, CELLS, CELLS)
     *_, third, fourth = turning_about(memory, IN_PLACE, moved_m, turned_rad)
     assert third < 0.0 < fourth
 
 
-@pytest.mark.parametrize(("moved_m", "turned_rad"), [(0.04, 0.0), (0.0, -0.15)])
+@each_row(("moved_m", "turned_rad"), [(0.04, 0.0), (0.0, -0.15)])
 def test_a_smaller_move_does_not_lift_the_restriction(moved_m, turned_rad):
     *_, fourth = turning_about(dwb.new_memory(IN_PLACE, CELLS, CELLS), IN_PLACE, moved_m, turned_rad)
     assert fourth < 0.0

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+from table import each_row
 
 from vastflow.sim import files
 from vastflow.sim.files import Missing, Unreadable, json_value, read_json, read_picture, read_text, yaml_value
@@ -45,14 +46,14 @@ def test_what_is_no_regular_file_is_refused(tmp_path, monkeypatch, place, found)
             read_text(place)
 
 
-@pytest.mark.parametrize("name", ["none", "dangling"])
+@each_row("name", ["none", "dangling"])
 def test_a_file_that_is_not_there_is_missing(tmp_path, name):
     (tmp_path / "dangling").symlink_to("nowhere")
     with pytest.raises(Missing, match=r"no such file; the path of a \.vast file"):
         read_text(tmp_path / name, "a .vast file")
 
 
-@pytest.mark.parametrize("name", ["circle", "a" * 300, "nul\0"])
+@each_row("name", ["circle", "a" * 300, "nul\0"])
 def test_a_path_that_leads_nowhere_is_refused(tmp_path, name):
     (tmp_path / "circle").symlink_to("circle")
     with pytest.raises(Unreadable, match="can't be read: "):
@@ -91,7 +92,7 @@ def test_an_error_can_be_sent_to_another_process():
 # YAML
 
 
-@pytest.mark.parametrize("opening", ["[", "{a: ", "- ", "? "])
+@each_row("opening", ["[", "{a: ", "- ", "? "])
 def test_yaml_that_is_deeper_than_parsers_recurse_is_refused(opening):
     with pytest.raises(Unreadable, match="more than 100 levels deep; fewer levels"):
         yaml_value(opening * 100_000)
@@ -119,13 +120,13 @@ def test_yaml_of_too_many_values_is_refused_before_any_is_kept():
         yaml_value("[" + "[]," * 600_000 + "]")
 
 
-@pytest.mark.parametrize("text", ["&a [*a]", "&a {<<: *a}", "&a {b: {c: [*a]}}"])
+@each_row("text", ["&a [*a]", "&a {<<: *a}", "&a {b: {c: [*a]}}"])
 def test_an_alias_inside_of_what_it_stands_for_is_refused(text):
     with pytest.raises(Unreadable, match="found an alias inside of what it stands for"):
         yaml_value(text)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         "!!python/object/apply:os.system [true]",
@@ -167,9 +168,7 @@ def test_whatever_the_text_a_value_comes_or_a_refusal(value):
         assert 1 <= error.place[0] <= text.count("\n") + 2
 
 
-@pytest.mark.parametrize(
-    ("content", "message"), [(None, "no such file; "), (b"a: [", "not YAML: "), (b"\xff", "not UTF-8")]
-)
+@each_row(("content", "message"), [(None, "no such file; "), (b"a: [", "not YAML: "), (b"\xff", "not UTF-8")])
 def test_a_yaml_file_in_which_a_value_is_to_be_set_is_read_with_the_same_limits(tmp_path, content, message):
     if content is not None:
         put(tmp_path, content)
@@ -180,7 +179,7 @@ def test_a_yaml_file_in_which_a_value_is_to_be_set_is_read_with_the_same_limits(
 # JSON
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "message"),
     [
         ("[" * 100_000, "more than 100 levels deep"),
@@ -216,12 +215,12 @@ def encoded(kind: str, picture: Image.Image | None = None, **options) -> bytes:
     return found.getvalue()
 
 
-@pytest.mark.parametrize("kind", ["PPM", "PNG", "BMP"])
+@each_row("kind", ["PPM", "PNG", "BMP"])
 def test_the_formats_of_maps_are_read(tmp_path, kind):
     assert read_picture(put(tmp_path, encoded(kind))).size == (4, 3)
 
 
-@pytest.mark.parametrize("kind", ["GIF", "TIFF", "JPEG", "PCX", "TGA"])
+@each_row("kind", ["GIF", "TIFF", "JPEG", "PCX", "TGA"])
 def test_other_formats_are_refused_whatever_the_file_is_called(tmp_path, kind):
     with pytest.raises(Unreadable, match="no picture in PGM, PNG or BMP; one of these formats"):
         read_picture(put(tmp_path, encoded(kind), "map.png"))
@@ -249,7 +248,7 @@ def test_a_picture_that_moves_is_refused(tmp_path):
         read_picture(put(tmp_path, moving))
 
 
-@pytest.mark.parametrize(
+@each_row(
     "content",
     [
         encoded("PNG")[:-20],

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.loop.drive import drive
@@ -210,7 +211,7 @@ def limits_at(kind, q, values, names):
     return rows
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "names", "full"),
     [
         ("mppi", ("vx_max", "vx_min", "vy_max", "wz_max", "ax_max"), (0.5, -0.35, 0.5, 1.9, 3.0)),
@@ -262,7 +263,7 @@ def test_with_a_keepout_filter_a_robot_drives_ten_meters_round_an_area_that_with
     assert within == [False, True]
 
 
-@pytest.mark.parametrize("controller", ["mppi", "dwb", "rpp"])
+@each_row("controller", ["mppi", "dwb", "rpp"])
 def test_with_a_speed_filter_a_robot_drives_ten_meters_and_the_middle_of_them_at_half_its_speed(controller):
     values = np.zeros((80, 280))
     values[:, 100:160] = 50  # from x = 5 m to x = 8 m

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.footprint import outline_hits
@@ -43,9 +44,7 @@ def outline_cells(x, y, yaw):
     return cells
 
 
-@pytest.mark.parametrize(
-    ("robot_radius", "inscribed", "circumscribed"), [(0.22, 0.225498, 0.234142), (0.175, 0.181353, 0.189142)]
-)
+@each_row(("robot_radius", "inscribed", "circumscribed"), [(0.22, 0.225498, 0.234142), (0.175, 0.181353, 0.189142)])
 def test_the_padded_footprint_has_nav2s_radii(robot_radius, inscribed, circumscribed):
     outline = padded_outline(robot_radius, 0.01)
     assert inscribed_radius_m(outline) == pytest.approx(inscribed, abs=5e-7)
@@ -76,7 +75,7 @@ def test_a_lethal_cell_is_hit_where_one_of_the_outlines_lines_crosses_it_and_now
     assert hit == {(c, r) for c, r in outline_cells(x, y, yaw) if 0 <= r < 40 and 0 <= c < 40}
 
 
-@pytest.mark.parametrize("cost", [1, 252, 253, 255])
+@each_row("cost", [1, 252, 253, 255])
 def test_no_other_cost_than_lethal_is_a_hit(cost):
     assert not hits(Window(np.full((40, 40), cost, dtype=np.uint8), PLACE), OUTLINE, 0.0, 3.0, 0.4)
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.loop.drive import drive
 from vastflow.sim.loop.prepared import prepare
@@ -93,7 +94,7 @@ DIGESTS: Final[Mapping[str, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", STACKS)
+@each_row("name", STACKS)
 def test_a_short_run_has_the_bytes_it_had(name):
     """Round the end of a wall, 8 s of a path that begins with a turn, with noise on scan and odometry."""
     cells = np.zeros((120, 200), dtype=np.int8)

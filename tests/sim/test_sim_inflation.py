@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
+from table import each_row
 
 from vastflow.sim.nav.inflation import cost_stamp, inflate
 from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
@@ -40,14 +41,14 @@ def test_every_cell_has_the_cost_of_the_formula(costmap, parameters):
     np.testing.assert_array_equal(inflate(costmap, *parameters), by_formula(costmap, *parameters))
 
 
-@pytest.mark.parametrize("name", ["rooms", "hallways"])
+@each_row("name", ["rooms", "hallways"])
 def test_no_cell_of_a_map_of_the_dataset_differs_from_the_formula(shared_map, name):
     occupancy = load_map(shared_map(name))
     static = np.where(occupancy.occupied, 254, np.where(occupancy.cells < 0, 255, 0)).astype(np.uint8)
     np.testing.assert_array_equal(inflate(static, *JAZZY), by_formula(static, *JAZZY))
 
 
-@pytest.mark.parametrize(("robot_radius", "inscribed_m"), [(0.22, 0.225498), (0.175, 0.181353)])
+@each_row(("robot_radius", "inscribed_m"), [(0.22, 0.225498), (0.175, 0.181353)])
 def test_the_inscribed_radius_is_that_of_the_padded_footprint(robot_radius, inscribed_m):
     assert inscribed_radius_m(padded_outline(robot_radius, 0.01)) == pytest.approx(inscribed_m, abs=5e-7)
 

@@ -140,12 +140,14 @@ def installation(tmp_path):
     return make
 
 
+@pytest.mark.slow
 def test_another_installation_of_the_same_version_compiles_nothing(installation):
     assert installation("first") == (0, 3)
     loaded, compiled = installation("second")
     assert loaded > 0 and compiled == 0
 
 
+@pytest.mark.slow
 def test_another_version_of_any_kernel_compiles_its_own(installation):
     def edit(package):
         with (package / "sim/kernels/ziggurat.py").open("a") as file:

@@ -13,6 +13,7 @@ from numba.core import errors, types, typing
 from numba.core.compiler import DefaultPassBuilder
 from numba.core.runtime import _nrt_python, rtsys
 from numba.extending import overload
+from table import each_row
 
 from vastflow.sim.kernels import numeric, target, typing_context
 from vastflow.sim.kernels.pipeline import UNNEEDED
@@ -73,7 +74,7 @@ def error_with_a_value(x):
     return x
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("function", "why"),
     [
         (closure, "make_function"),
@@ -81,7 +82,6 @@ def error_with_a_value(x):
         (python_within, "enter_with"),
         (error_with_a_value, "Unsupported constraint encountered: raise"),
     ],
-    ids=lambda each: getattr(each, "__name__", ""),
 )
 def test_a_kernel_that_needs_one_of_those_passes_does_not_compile(compiled, function, why):
     with pytest.raises(errors.NumbaError, match=why):
@@ -189,13 +189,12 @@ def copies(result):
     return [np.copy(each) for each in (result if isinstance(result, tuple) else (result,))]
 
 
-@pytest.mark.parametrize(
+@each_row(
     "function",
     [
         *(tuple_of_views, named_tuple, view, argument, fresh_array, masked),
         *(at_indices, sorted_copy, reversed_in_place, rows, kept_in_a_list),
     ],
-    ids=lambda function: function.__name__,
 )
 def test_a_part_that_makes_or_returns_arrays_counts_references_so_that_each_is_freed_after_its_last_use(
     compiled, allocations, function
@@ -244,7 +243,7 @@ def written(a, b):
     return a[1]
 
 
-@pytest.mark.parametrize("function", [sum_of_tail, of_tuples, swapped, written], ids=lambda function: function.__name__)
+@each_row("function", [sum_of_tail, of_tuples, swapped, written])
 def test_a_part_that_only_looks_at_arrays_or_writes_numbers_to_them_counts_nothing(compiled, allocations, function):
     part = numeric.inner(function)
 

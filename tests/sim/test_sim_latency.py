@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.streams import LATENCY, streams_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
@@ -75,7 +76,7 @@ def test_the_preset_ideal_is_the_run_without_latency(loop):
     assert recorded(loop(preset="ideal")) == recorded(loop())
 
 
-@pytest.mark.parametrize("preset", ["gazebo", "loaded"])
+@each_row("preset", ["gazebo", "loaded"])
 def test_a_latency_is_drawn_from_the_runs_seed(loop, preset):
     once, again, other = (
         recorded(loop(preset=preset)),
@@ -159,7 +160,7 @@ def test_odometry_never_goes_back_however_late_it_is(loop):
     assert max(np.diff(seen_m)) > 2 * 0.5 * 0.05  # and catches up
 
 
-@pytest.mark.parametrize(("controller_time", "ticks"), [(0.0, 0), (0.05, 1), (0.12, 3), (0.4, 8)])
+@each_row(("controller_time", "ticks"), [(0.0, 0), (0.05, 1), (0.12, 3), (0.4, 8)])
 def test_a_command_takes_effect_when_the_controller_has_computed_it(loop, controller_time, ticks):
     def first_sent(**latency):
         made = loop(**latency)
@@ -237,7 +238,7 @@ def test_a_standing_robots_sweep_is_a_scan_taken_at_once(loop):
     np.testing.assert_allclose(sweeping.stack.m[0]["ranges"][:360], still.stack.m[0]["ranges"][:360], atol=1e-9)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "value", "message"),
     [
         ("scan_age", -0.1, r"robot.latency.scan_age: found -0.1; scan_age must lie in \[0, 0.5\]"),

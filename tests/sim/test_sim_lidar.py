@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from shapely.affinity import affine_transform
 from shapely.geometry import LineString, Point, box
+from table import each_row
 
 from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.world.lidar import perturb, range_to_obstacle, scan
@@ -94,7 +95,7 @@ def test_a_beam_that_leaves_the_map_beside_a_wall_at_its_border_comes_to_an_end(
     assert found == math.inf
 
 
-@pytest.mark.parametrize("x", [11.0, 0.5])
+@each_row("x", [11.0, 0.5])
 def test_a_beam_along_a_border_of_cells_never_goes_back(x):
     """By rounding it lies on one side and is looked up on the other; a step to where it crossed would lead back."""
     occupied = np.zeros((32, 12), dtype=np.bool_)
@@ -273,7 +274,7 @@ def perturbed(ranges, dropout=0.0, noise_m=0.0, entropy=1):
     return out, stream
 
 
-@pytest.mark.parametrize(("dropout", "count"), [(0.0, 0), (0.002, 0), (0.1, 36), (0.5, 180), (0.999, 359), (1.0, 360)])
+@each_row(("dropout", "count"), [(0.0, 0), (0.002, 0), (0.1, 36), (0.5, 180), (0.999, 359), (1.0, 360)])
 def test_dropout_takes_exactly_the_whole_part_of_its_share_of_beams(dropout, count):
     assert np.isinf(perturbed(np.ones(360), dropout)[0]).sum() == count
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers.controller import PlanCut
@@ -103,7 +104,7 @@ def test_it_is_given_in_the_odom_frame():
     np.testing.assert_allclose(plan[4], (0.0, -0.1), atol=1e-12)
 
 
-@pytest.mark.parametrize(("length_m", "end_yaw_rad"), [(1.0, 0.7), (4.0, -0.3)])
+@each_row(("length_m", "end_yaw_rad"), [(1.0, 0.7), (4.0, -0.3)])
 def test_its_end_has_the_goal_s_heading_only_where_it_is_the_goal(length_m, end_yaw_rad):
     """Every other pose of NavFn has the map's heading, which localization has turned by 0.3 rad in odom."""
     _, found_rad = Follower(straight(length_m), map_odom=(0.0, 0.0, 0.3), goal_yaw_rad=1.0).plan()
@@ -126,7 +127,7 @@ def test_without_a_point_that_is_near_the_cut_begins_where_the_search_ends():
     np.testing.assert_allclose(far.plan()[0][0], (0.525, 0.0))
 
 
-@pytest.mark.parametrize(("two_points", "count"), [(True, 2), (False, 1)])
+@each_row(("two_points", "count"), [(True, 2), (False, 1)])
 def test_a_robot_past_the_end_of_its_path_may_keep_a_second_point(two_points, count):
     cut = PlanCut(search_m=1.5, two_points=two_points, around_m=1.5)
     assert len(Follower(straight(1.0), x_m=1.1, cut=cut).plan()[0]) == count
@@ -160,7 +161,7 @@ def test_without_it_what_lies_behind_a_reversal_is_in_the_local_plan_at_once():
     assert len(plan) == len(THERE_AND_BACK)
 
 
-@pytest.mark.parametrize(("x_m", "yaw_rad", "goes_on"), [(0.7, 0.3, True), (0.6, 0.3, False), (0.7, 0.5, False)])
+@each_row(("x_m", "yaw_rad", "goes_on"), [(0.7, 0.3, True), (0.6, 0.3, False), (0.7, 0.5, False)])
 def test_the_next_stretch_follows_once_the_robot_is_near_the_reversal_and_looks_as_the_path_does_there(
     x_m, yaw_rad, goes_on
 ):

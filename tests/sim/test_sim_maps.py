@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from table import each_row
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.reading.map_file import MapError, load_map, map_content
@@ -58,7 +59,7 @@ def test_an_origin_may_leave_its_yaw_out(write):
     assert load_map(write(origin="[1, 2]")).origin_xy_m == (1.0, 2.0)
 
 
-@pytest.mark.parametrize(("free_thresh", "cell"), [(0.196, -1), (0.25, 0)])
+@each_row(("free_thresh", "cell"), [(0.196, -1), (0.25, 0)])
 def test_gray_205_is_unknown_to_the_old_threshold_and_free_to_the_new_one(write, free_thresh, cell):
     assert cells(write([[205]], free_thresh=free_thresh)) == [[cell]]
 
@@ -99,12 +100,12 @@ def test_every_gray_value_is_read_by_the_formula_of_map_server(write, free, span
     assert cells(path) == [[by_map_server(gray, mode, negate, **thresholds) for gray in range(256)]]
 
 
-@pytest.mark.parametrize("mode", ["Trinary", "SCALE", "rAw"])
+@each_row("mode", ["Trinary", "SCALE", "rAw"])
 def test_a_mode_may_be_written_in_any_case(write, mode):
     assert cells(write([[0, 50, 150, 254]], mode=mode)) == cells(write(None, mode=mode.lower()))
 
 
-@pytest.mark.parametrize("negate", [1, "true"])
+@each_row("negate", [1, "true"])
 def test_a_negated_map_is_occupied_where_it_is_bright(write, negate):
     assert cells(write([[0, 255]], negate=negate)) == [[0, 100]]
 
@@ -227,7 +228,7 @@ def test_numbers_may_be_written_with_an_exponent(write):
     assert (occupancy.resolution_m, occupancy.origin_xy_m) == (0.05, (-10.0, 2.0))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("changes", "message"),
     [
         ({"image": None}, "no key 'image'; a map has image, resolution and origin"),
@@ -269,7 +270,7 @@ def test_a_map_that_is_not_there_is_refused(tmp_path):
         load_map(tmp_path / "none.yaml")
 
 
-@pytest.mark.parametrize(("text", "message"), [("a: [", "not YAML"), ("- 1\n", "found list; a map is a mapping")])
+@each_row(("text", "message"), [("a: [", "not YAML"), ("- 1\n", "found list; a map is a mapping")])
 def test_a_file_that_is_no_mapping_is_refused(tmp_path, text, message):
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(MapError, match=message):
@@ -292,9 +293,7 @@ def test_the_digest_is_of_the_grid_and_not_of_the_files(write, tmp_path):
     assert map_content(write(None, image="other.png")) == first
 
 
-@pytest.mark.parametrize(
-    "changes", [{"gray": [[254, 0], [254, 254]]}, {"resolution": 0.1}, {"origin": "[-1.0, -2.5, 0.0]"}]
-)
+@each_row("changes", [{"gray": [[254, 0], [254, 254]]}, {"resolution": 0.1}, {"origin": "[-1.0, -2.5, 0.0]"}])
 def test_another_grid_or_frame_has_another_digest(write, changes):
     first = map_content(write())
     assert map_content(write(**changes)) != first
@@ -323,7 +322,7 @@ def test_an_origin_s_yaw_turns_the_grid_about_it(write):
         assert occupancy.cell_of(*center) == (row, column)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("yaw", "turned", "corner"),
     [
         (math.pi / 2, np.rot90(TALL), (-0.15, 0.0)),

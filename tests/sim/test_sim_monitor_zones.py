@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.collision_monitor import zoned
@@ -65,7 +66,7 @@ def test_an_area_slows_down_by_its_ratio_and_the_smallest_command_counts():
     assert left([zone("slowdown", slowdown_ratio=0.4), zone("stop")], inside) == 0.0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("v_mps", "w_radps", "expected"),
     [(0.5, 0.0, 0.4), (0.1, 0.0, 1.0), (0.0, 2.0, 0.25), (0.5, 2.0, 0.25), (0.0, 0.0, 1.0)],
 )

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from shapely.geometry import Point
+from table import each_row
 
 from vastflow.sim.loop.closed_loop import obstacle_rows, trigger_rows
 from vastflow.sim.maps.occupancy import OccupancyMap
@@ -93,7 +94,7 @@ def test_a_body_moves_freely_just_when_no_step_ends_within_a_millimeter_of_an_ob
         assert free == (away > ROBOT.radius_m + MARGIN_M)
 
 
-@pytest.mark.parametrize("at", [(0.0, 3.0), (0.0, 2.0), (-1.0, 2.0)])
+@each_row("at", [(0.0, 3.0), (0.0, 2.0), (-1.0, 2.0)])
 def test_a_body_deep_in_a_wall_is_not_free(at):
     solid = OccupancyMap(np.full((40, 44), 100, dtype=np.int8), RESOLUTION_M, ORIGIN)
     assert not free_motion(solid, (*at, 0.0), np.zeros((5, 3)))[0]
@@ -105,7 +106,7 @@ def test_what_has_not_appeared_is_in_nobody_s_way():
     assert free_motion(empty, (0.0, 3.0, 0.0), np.full((5, 3), 0.1), (waiting,))[0]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("hold", "v_mps", "free"),
     [(FREE, 0.1, True), (FREE, 0.0, True), (TOUCHING, 0.1, False), (TOUCHING, 0.0, True), (MOVING, 0.0, False)],
 )

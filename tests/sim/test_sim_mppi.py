@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import mppi
@@ -217,7 +218,7 @@ SITUATIONS = {
 }
 
 
-@pytest.mark.parametrize("name", SITUATIONS)
+@each_row("name", SITUATIONS)
 def test_three_cycles_give_the_commands_of_the_plain_reading(name):
     costs, pose, twist, plan, goal = SITUATIONS[name]
     memory, win = memory_of(SMALL), window(costs)
@@ -244,7 +245,7 @@ def test_the_costs_of_the_samples_are_those_of_the_plain_reading():
     assert np.mean(np.abs(found[near] - expected[near]) > 0.1) < 0.02
 
 
-@pytest.mark.parametrize("goal_m", [5.0, 0.4])
+@each_row("goal_m", [5.0, 0.4])
 def test_obstacles_critic_prices_the_samples_by_distances_to_obstacles_as_nav2_does(goal_m):
     costs, pose, twist, plan, _ = SITUATIONS["beside a blob"]
     goal, win, q = (goal_m, 0.0, 0.0), window(costs), SMALL.with_values(**BY_DISTANCE)
@@ -261,9 +262,9 @@ def test_obstacles_critic_prices_the_samples_by_distances_to_obstacles_as_nav2_d
     assert np.mean(np.abs(apart[free]) > 0.1) < 0.03
 
 
-@pytest.mark.parametrize("name", ["a bend", "at the goal"])
-@pytest.mark.parametrize("power", [1, 2])
-@pytest.mark.parametrize("critic", [TURNING_LITTLE, TURNING_FAST])
+@each_row("name", ["a bend", "at the goal"])
+@each_row("power", [1, 2])
+@each_row("critic", [TURNING_LITTLE, TURNING_FAST])
 def test_what_a_critic_of_speeds_adds_to_the_samples_is_what_the_plain_reading_adds(name, power, critic):
     costs, pose, twist, plan, goal = SITUATIONS[name]
     win, found, expected = window(costs), [], []
@@ -289,7 +290,7 @@ def judged_by_headings(q, pose, twist, heading_rad):
     return np.asarray(memory.costs)[: q.batch_size], expected
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "changed", "pose", "twist", "heading_rad"),
     [
         ("PathAlignCritic", {"use_path_orientations": True}, (0.0, 0.1, 0.3), (0.4, 0.1), 0.8),
@@ -308,7 +309,7 @@ def test_a_critic_that_is_told_to_looks_at_the_plan_s_headings(name, changed, po
     assert (np.ptp(found - usual) > 0.1) == (heading_rad != 0.2)
 
 
-@pytest.mark.parametrize(("vx_min", "alike"), [(0.0, True), (-0.35, False)])
+@each_row(("vx_min", "alike"), [(0.0, True), (-0.35, False)])
 def test_a_robot_that_can_not_reverse_has_its_front_toward_the_path_where_it_might_choose(vx_min, alike):
     found = []
     for mode in (0, 1):
@@ -317,7 +318,7 @@ def test_a_robot_that_can_not_reverse_has_its_front_toward_the_path_where_it_mig
     assert np.array_equal(*found) == alike
 
 
-@pytest.mark.parametrize(
+@each_row(
     "critic",
     ["ConstraintCritic", "CostCritic", "PathAlignCritic", "PathFollowCritic", "PreferForwardCritic"],
 )
@@ -343,7 +344,7 @@ def test_with_collisions_wherever_it_goes_there_is_no_valid_command():
     assert not np.asarray(memory.sequence).any()
 
 
-@pytest.mark.parametrize(("retry_scores", "valid"), [(False, 0), (True, 12)])
+@each_row(("retry_scores", "valid"), [(False, 0), (True, 12)])
 def test_after_a_batch_in_which_all_collide_a_retry_gives_a_command_only_where_critics_judge_it(retry_scores, valid):
     """At full speed before a wall, with a sequence that goes on: afresh, samples that brake would pass. Nav2's retry is lost."""
     parameters = SMALL.with_values(retry_scores=retry_scores)
@@ -405,7 +406,7 @@ def test_the_noise_of_speed_and_turning_share_a_word_and_nothing_else():
         assert np.corrcoef(f, g)[0, 1] == pytest.approx(0.0, abs=0.005)
 
 
-@pytest.mark.parametrize("name", ["open", "beside a blob", "near the goal"])
+@each_row("name", ["open", "beside a blob", "near the goal"])
 def test_commands_from_the_pool_are_spread_like_those_from_fresh_noise(name):
     """Sixty first commands each, by the pool at seeded places and by the plain reading with fresh numbers."""
     costs, pose, twist, plan, goal = SITUATIONS[name]

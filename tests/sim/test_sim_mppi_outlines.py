@@ -48,7 +48,7 @@ def poses_of(rng, count=400):
     return np.column_stack([rng.uniform(0.0, 1.0, count), rng.uniform(0.0, 1.0, count), rng.uniform(-9.0, 9.0, count)])
 
 
-@pytest.mark.parametrize("outline", [CARRIER, ARROW], ids=["carrier", "arrow"])
+@pytest.mark.parametrize("outline", [CARRIER, ARROW])
 @given(
     seed=st.integers(0, 2**32 - 1),
     shape=st.tuples(st.integers(40, 130), st.integers(40, 130)),

@@ -65,6 +65,7 @@ def narrow():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("needed", "features"), [("avx2", "+avx2"), ("avx512f", AVX512)], ids=["AVX2", "AVX-512"])
 def test_wide_and_narrow_registers_give_the_same_commands_and_costs(narrow, needed, features):
     if not binding.get_host_cpu_features().get(needed):

@@ -27,6 +27,7 @@ def test_mppi_commands_what_nav2_commands_with_the_same_noise(answers):
     assert too_great(nav2_conformance.of_mppi(answers)) == []
 
 
+@pytest.mark.slow
 def test_dwb_cuts_scores_and_commands_as_nav2_does(answers):
     assert too_great(nav2_conformance.of_dwb(answers)) == []
 

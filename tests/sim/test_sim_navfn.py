@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from table import each_row
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.nav.inflation import inflate
@@ -139,7 +140,7 @@ def rooms_with_a_door(door_cells):
     return OccupancyMap(cells, 0.05, (0.0, 0.0))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("resolution_m", "radius_m", "scaling", "robot_radius", "cells", "passes"),
     [
         (0.05, 0.70, 3.0, 0.22, 9, True),

@@ -10,6 +10,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 MEANWHILE = {
     "numba is set up": """
 from numba.core import config

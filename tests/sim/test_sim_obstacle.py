@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.pose import Pose, pose_of
 from vastflow.sim.world.obstacle import FRICTION, MASS_KG, Obstacle, Trigger
@@ -19,7 +20,7 @@ def test_a_pose_is_read_back_from_its_value(x, y, yaw):
     assert pose_of(Pose(x, y, yaw).value()) == Pose(x, y, yaw)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("value", "pose"),
     [
         ({"x": 1, "y": 2.5, "yaw": 0.5}, Pose(1.0, 2.5, 0.5)),
@@ -34,7 +35,7 @@ def test_a_pose_may_be_written_long_or_short(value, pose):
     assert pose_of(value) == pose
 
 
-@pytest.mark.parametrize(
+@each_row(
     "value",
     [
         None,
@@ -57,7 +58,7 @@ def read(model="box", arguments="", **others):
     return obstacle_of({"model": model, "xacro_arguments": arguments, "spawn_pose": {"x": 1, "y": 2}, **others})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "length_m", "width_m"),
     [
         ("", 0.5, 0.5),
@@ -71,7 +72,7 @@ def test_a_box_has_the_size_of_its_arguments(arguments, length_m, width_m):
     assert read("models/box.sdf.xacro", arguments) == Obstacle("obstacle", "box", Pose(1, 2), length_m, width_m)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "diameter_m"),
     [("", 0.5), ("diameter:=0.4", 0.4), ("radius:=0.4, height:=1", 0.8), ("width:=0.3", 0.3), ("length:=2.0", 0.5)],
 )
@@ -95,7 +96,7 @@ def test_obstacles_are_the_entries_with_a_spawn_pose_of_any_list_in_order_of_key
     assert [o.name for o in obstacles_of(environment)] == ["a[0]", "z[0]"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("model", "arguments", "message"),
     [
         ("box", "w:=3", "obstacle: a box has no argument 'w'; it has width, length, height, box_width"),
@@ -179,31 +180,30 @@ def test_the_trigger_of_the_usual_keys_is_that_of_the_obstacle_at_its_point():
     assert (static.trigger, triggered.trigger) == (None, Trigger(1.5, -2.0, 2.0))
 
 
-@pytest.mark.parametrize(
+@each_row(
     "spawn_trigger",
     [{"point": {"x": 4, "y": 5}, "threshold": 1}, {"point": "where", "threshold": "near"}],
-    ids=["values", "keys"],
 )
 def test_an_entry_s_own_trigger_is_written_as_values_or_as_keys_of_the_environment(spawn_trigger):
     environment = {"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}], "where": {"x": 4, "y": 5, "z": 0}, "near": 1}
     assert [o.trigger for o in obstacles_of(environment)] == [Trigger(4.0, 5.0, 1.0)]
 
 
-@pytest.mark.parametrize("delay", [0.8, "late"])
+@each_row("delay", [0.8, "late"])
 def test_the_delay_of_an_entry_s_own_trigger_is_a_value_or_a_key(delay):
     spawn_trigger = {"point": {"x": 4, "y": 5}, "threshold": 1, "delay": delay}
     (obstacle,) = obstacles_of({"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}], "late": 0.8})
     assert obstacle.trigger == Trigger(4.0, 5.0, 1.0, 0.8)
 
 
-@pytest.mark.parametrize("delay", [-1, True, "nowhere", float("inf")])
+@each_row("delay", [-1, True, "nowhere", float("inf")])
 def test_a_delay_that_is_no_time_is_refused(delay):
     spawn_trigger = {"point": {"x": 4, "y": 5}, "threshold": 1, "delay": delay}
     with pytest.raises(ValueError, match=r"crates\[0\]\.spawn_trigger\.delay: found .*; a time in seconds, 0 or more"):
         obstacles_of({"crates": [{**ENTRY, "spawn_trigger": spawn_trigger}]})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("environment", "message"),
     [
         ({"spawn_trigger_point": POINT}, "spawn_trigger_threshold: found None; a distance in meters, 0 or more"),
@@ -220,7 +220,7 @@ def test_a_trigger_that_can_not_be_read_or_is_no_obstacle_s_is_refused(environme
         obstacles_of({"crates": [ENTRY], **environment})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("spawn_trigger", "message"),
     [
         (2.0, r"crates\[0\]\.spawn_trigger: found 2\.0; \{point: …, threshold: …\}"),

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from skimage.graph import MCP_Geometric
+from table import each_row
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.maps.octile import (
@@ -75,7 +76,7 @@ def test_a_diagonal_step_passes_between_two_blocked_cells():
     assert distance_field(np.array([[True, False], [False, True]]), 0, 0)[1, 1] == pytest.approx(math.sqrt(2))
 
 
-@pytest.mark.parametrize("source", [(-1, 0), (0, 3), (2, 0)])
+@each_row("source", [(-1, 0), (0, 3), (2, 0)])
 def test_from_outside_the_grid_nothing_is_reached(source):
     assert not np.isfinite(distance_field(np.ones((2, 3), dtype=np.bool_), *source)).any()
 
@@ -133,7 +134,7 @@ def test_a_robot_stands_where_every_cell_of_its_disc_is_free_and_part_of_a_cell_
         assert found[row, column] == all(inside[row + whole + i, column + whole + j] for i, j in disc)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("radius_m", "resolution_m", "cells"),
     [(0.175, 0.05, 4), (0.22, 0.05, 5), (0.2, 0.05, 4), (0.35, 0.05, 7), (1.1, 0.1, 11), (0.6, 0.1, 6), (0.0, 0.05, 0)],
 )

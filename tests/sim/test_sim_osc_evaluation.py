@@ -4,6 +4,7 @@ import pickle
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.sim.behavior.evaluation import EvaluationError, evaluate
 from vastflow.sim.osc.definition import EnumValue
@@ -21,7 +22,7 @@ def value(text, functions=None, **names):
     return evaluate(expression(text), names, functions or {})
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "result"),
     [
         ("1 + 2 * 3", 7),
@@ -69,7 +70,7 @@ def test_functions_get_the_values_of_their_arguments():
     assert value("random.get_int(1, 2 + 3)", {"random.get_int": lambda a, b: a + b}) == 6
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "words"),
     [
         ("1 / n", "a.osc:8:14: '/' can't be done: "),

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.osc.definition import EnumValue
 from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
@@ -39,7 +40,7 @@ def test_without_overrides_all_parameters_have_their_defaults_in_order():
     assert values["c"] == [1, 2]
 
 
-@pytest.mark.parametrize("type_", ["string", "float", "speed", "pose_3d", "list of pose_3d", "signal"])
+@each_row("type_", ["string", "float", "speed", "pose_3d", "list of pose_3d", "signal"])
 def test_a_parameter_without_default_needs_a_value(type_):
     assert refused(f"p: {type_}").startswith("found nothing; a value, ")
 
@@ -48,7 +49,7 @@ def test_actors_and_variables_are_no_parameters():
     assert bound(scenario("bot: differential_drive_robot", "var n: int = 3"), {}) == {}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameter", "given", "value_"),
     [
         ("p: string", "maps/flat.yaml", "maps/flat.yaml"),
@@ -80,7 +81,7 @@ def test_an_override_takes_the_place_of_the_default(parameter, given, value_):
     assert found == value_ and type(found) is type(value_)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameter", "given", "words"),
     [
         ("p: float", "fast", "found 'fast'; a number"),

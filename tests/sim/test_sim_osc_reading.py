@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.osc.definition import (
     Actor,
@@ -99,12 +100,12 @@ def test_the_navigation_scenario_becomes_a_tree_with_its_modifiers_round_it():
     assert isinstance(end, Emit) and end.event == "end"
 
 
-@pytest.mark.parametrize("name", library_names())
+@each_row("name", library_names())
 def test_every_library_can_be_read_alone(name):
     assert library(name).units
 
 
-@pytest.mark.parametrize("action", ["init_nav2", "nav_to_pose", "nav_through_poses", "follow_waypoints"])
+@each_row("action", ["init_nav2", "nav_to_pose", "nav_through_poses", "follow_waypoints"])
 def test_a_robot_of_ros_can_navigate_once_nav2_is_imported(action):
     assert f"differential_drive_robot.{action}" in library("osc.nav2").actions
 
@@ -141,7 +142,7 @@ def test_a_struct_is_made_by_position_by_name_and_by_default():
         assert pose.members["orientation"].members["yaw"].value == 0.0
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "type_", "si"),
     [
         ("3s", "time", 3.0),
@@ -169,7 +170,7 @@ def test_the_unit_of_a_default_is_kept():
     assert scenario("v: speed = 36.0kmph\ndo log('x')").parameters[0].unit == "kmph"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "type_", "plain"),
     [
         ("0x1F", "int", 31),
@@ -254,7 +255,7 @@ def test_a_composition_takes_a_with_block_behind_its_members():
     assert (root.modifier, root.child.modifier, root.child.child.kind) == ("timeout", "retry", "serial")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "modifier",
     [
         "inverter()",
@@ -370,7 +371,7 @@ def test_external_functions_are_called_by_their_library():
     assert root.arguments["msg"].operands[1].function == "common.get_output_directory"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "type_"),
     [
         ("'a' + 'b'", "string"),

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.behavior.helpers import HELPERS, helper_functions
 from vastflow.sim.behavior.tree import ScenarioTree
@@ -53,7 +54,7 @@ def test_a_parameter_hides_a_global_of_its_name():
     assert logged("g: string = 'mine'\ndo log(g)", "global g: string = 'everyones'\n") == ["mine"]
 
 
-@pytest.mark.parametrize("kind", ["struct", "actor"])
+@each_row("kind", ["struct", "actor"])
 def test_defaults_of_members_name_globals_and_members_above(kind):
     before = f"global g: int = 3\n{kind} box:\n    f: int = g\n    h: int = f + 1\n"
     value = " = box()" if kind == "struct" else ""
@@ -66,7 +67,7 @@ def test_a_member_that_names_another_follows_the_value_that_is_given():
     assert logged("v: box\ndo log(v.h)", before, v={"f": 7}) == ["8"]
 
 
-@pytest.mark.parametrize("kind", ["struct", "actor"])
+@each_row("kind", ["struct", "actor"])
 def test_what_inherits_may_give_a_member_another_default(kind):
     before = f"{kind} base:\n    x: int = 1\n    y: int = x\n{kind} derived inherits base:\n    x: int = 2\n"
     fields = "v: derived = derived()\nw: base = base()" if kind == "struct" else "v: derived\nw: base"
@@ -155,7 +156,7 @@ def test_actors_and_variables_have_their_values_in_whatever_order_they_are_writt
     assert logged("var double: int = bot.top * 2\nbot: rover\ndo log(double)", before) == ["8"]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "name", "value"),
     [
         ("bot.odometry_distance_traveled(2)", "distance", 2),
@@ -174,7 +175,7 @@ def test_in_the_brackets_of_a_call_plain_numbers_stand_for_si_units_and_for_text
         assert found.value == value and type(found.value) is type(value)
 
 
-@pytest.mark.parametrize("duration", ["random.get_int(1, 2)", "random.get_float(0.1, 0.3)"])
+@each_row("duration", ["random.get_int(1, 2)", "random.get_float(0.1, 0.3)"])
 def test_a_function_that_gives_a_number_gives_the_seconds_of_a_wait_and_of_a_timeout(duration):
     assert logged(f"do serial:\n    wait elapsed({duration})\n    log('waited')") == ["waited"]
     assert logged(f"do log('in time') with:\n    timeout({duration})") == ["in time"]
@@ -199,7 +200,7 @@ do serial:
     assert travel.arguments["distance"].value == 3
 
 
-@pytest.mark.parametrize("kind", ["struct", "actor"])
+@each_row("kind", ["struct", "actor"])
 def test_the_name_of_a_type_has_the_defaults_of_its_members(kind):
     before = f"struct load:\n    n: int = 3\n    w: length = 2km\n{kind} truck:\n    wheels: int = 6\n    cargo: load = load(n: 4)\n"
     body = "do serial:\n    log(truck.wheels)\n    log(truck.cargo.n)\n    log(load.n)\n    log(load.w)"

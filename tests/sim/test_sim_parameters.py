@@ -1,6 +1,7 @@
 """The stack's parameters as a scenario's system dimension chooses them."""
 
 import pytest
+from table import each_row
 
 from vastflow.sim.digest import FileContent, canonical
 from vastflow.sim.nav.parameters.chosen import (
@@ -48,7 +49,7 @@ def test_nothing_chosen_is_nav2_jazzys_default():
     assert parameters_of({}) == NavParameters()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("parameter", "value"),
     [
         ("local_costmap.robot_radius", 0.22),
@@ -100,7 +101,7 @@ def test_the_last_names_of_a_path_rewrite_what_ends_so():
     )
 
 
-@pytest.mark.parametrize("order", [1, -1])
+@each_row("order", [1, -1])
 def test_the_longest_key_counts_whatever_the_order(order):
     keys = [("robot_radius", 0.1), (GLOBAL_RADIUS, 0.3), ("global_costmap.robot_radius", 0.2)]
     assert radii(dict(keys[::order])) == (0.1, 0.3)
@@ -110,7 +111,7 @@ def test_an_item_of_a_list_is_rewritten_by_its_number():
     assert parameters_of({"max_velocity.0": 0.4}).velocity_smoother.max_velocity == (0.4, 0.0, 2.0)
 
 
-@pytest.mark.parametrize("end", ["max_velocity.x", "max_velocity.7", "max_velocity.\u00b2", ""])
+@each_row("end", ["max_velocity.x", "max_velocity.7", "max_velocity.\u00b2", ""])
 def test_what_is_no_item_of_a_list_is_unread_or_refused(end):
     key = f"velocity_smoother.ros__parameters.{end}"
     try:
@@ -168,7 +169,7 @@ def test_the_initial_covariance_is_a_list_of_three():
     assert covariances == (0.25, 0.2, 0.0685)
 
 
-@pytest.mark.parametrize(("name", "default"), [("dwb", DwbParameters()), ("rpp", RppParameters())])
+@each_row(("name", "default"), [("dwb", DwbParameters()), ("rpp", RppParameters())])
 def test_a_controller_by_name_has_its_own_default_parameters(name, default):
     assert parameters_of({"controller": name}) == NavParameters().with_values(controller=default)
 
@@ -295,15 +296,13 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("system", "message"), WRONG)
+@each_row(("system", "message"), WRONG)
 def test_a_value_that_cannot_be_used_is_refused_by_its_key(system, message):
     with pytest.raises(ParameterError, match=message):
         parameters_of(system)
 
 
-@pytest.mark.parametrize(
-    ("system", "message"), [wrong for wrong in WRONG if not {"nav2_params", "min_particles"} & wrong[0].keys()]
-)
+@each_row(("system", "message"), [wrong for wrong in WRONG if not {"nav2_params", "min_particles"} & wrong[0].keys()])
 def test_one_more_key_is_refused_as_in_the_whole(system, message):
     *others, (key, value) = system.items()
     with pytest.raises(DocumentError, match=message):

@@ -1,6 +1,6 @@
 """What Nav2 parameter files set the costmaps and their layers to."""
 
-import pytest
+from table import each_row
 
 from vastflow.sim.nav.parameters.costmap import ObstacleLayer, StaticLayer
 from vastflow.sim.nav.parameters.document import parse
@@ -58,14 +58,14 @@ def test_a_layer_may_be_switched_off():
     assert local(text).static_layer == StaticLayer(enabled=False)
 
 
-@pytest.mark.parametrize(("layer", "cells"), [("VoxelLayer", 2), ("ObstacleLayer", 0)])
+@each_row(("layer", "cells"), [("VoxelLayer", 2), ("ObstacleLayer", 0)])
 def test_a_voxel_layer_clears_short_of_the_beams_end(layer, cells):
     scan = "observation_sources: s, s: {data_type: LaserScan, clearing: true, obstacle_max_range: 2.0}"
     found = local(f"plugins: [a], a: {{plugin: 'nav2_costmap_2d::{layer}', {scan}}}").obstacle_layer
     assert found == ObstacleLayer(obstacle_max_range=2.0, short_clearing_cells=cells)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "sources", ["", "observation_sources: [],", "observation_sources: s, s: {data_type: PointCloud2, marking: false},"]
 )
 def test_a_layer_without_a_source_that_marks_neither_marks_nor_clears(sources):
@@ -86,7 +86,7 @@ def test_a_point_cloud_that_marks_is_read_as_the_laser_scan_where_there_is_none(
     }
 
 
-@pytest.mark.parametrize(
+@each_row(
     "other",
     [
         "o: {plugin: nav2_costmap_2d::VoxelLayer, observation_sources: camera, camera: {data_type: PointCloud2}}",

@@ -5,6 +5,7 @@ import pickle
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.files import MOST_LEVELS
 from vastflow.sim.nav.parameters.document import DocumentError, parse, read_document
@@ -33,7 +34,7 @@ def test_dotted_names_are_nested_ones():
     assert values("a: {ros__parameters: {B.c: 1}}") == values("a: {ros__parameters: {B: {c: 1}}}")
 
 
-@pytest.mark.parametrize("written", ["/a/b: {ros__parameters: {c: 1}}", "a/b: {ros__parameters: {c: 1}}"])
+@each_row("written", ["/a/b: {ros__parameters: {c: 1}}", "a/b: {ros__parameters: {c: 1}}"])
 def test_nodes_may_be_written_with_their_namespace(written):
     assert values(written) == values("a: {b: {ros__parameters: {c: 1}}}")
 
@@ -91,44 +92,8 @@ def test_a_node_is_found_in_its_namespace_and_the_least_deep_of_two():
     assert document.node("b") is None
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "nav2.yaml:1:1: file: empty; a whole Nav2 parameter file"),
-        ("# nothing\n", "nav2.yaml:1:1: file: empty; "),
-        ("- a\n", "nav2.yaml:1:1: file: found no mapping; a whole Nav2 parameter file"),
-        ("word", "nav2.yaml:1:1: file: found no mapping; "),
-        ("{}", "nav2.yaml:1:1: file: no ros__parameters anywhere; "),
-        ("a: {b: {}}", "nav2.yaml:1:1: file: no ros__parameters anywhere; "),
-        ("a: [\n", "nav2.yaml:2:1: file: not YAML: "),
-        ("a:\n\tb: 1", "nav2.yaml:2:1: file: not YAML: "),
-        ("  a: {ros__parameters: {b: 1}}\nc: {ros__parameters: {d: 1}}", "nav2.yaml:2:1: file: not YAML: "),
-        ("a: \x00", "nav2.yaml:1:4: file: not YAML: "),
-        ("a:\n  alpha1: 0.2\n", "nav2.yaml:2:11: a.alpha1: a value outside of ros__parameters; parameters below"),
-        (
-            "a:\n  ros__parameters: 5\n",
-            "nav2.yaml:2:20: a.ros__parameters: found no mapping; parameters, 'name: value'",
-        ),
-        (
-            "a: {ros__parameters: {b: [{c: 1}]}}",
-            "nav2.yaml:1:27: a.ros__parameters.b: found a list or a mapping in a list",
-        ),
-        ("a: {ros__parameters: {b: .nan}}", "nav2.yaml:1:26: a.ros__parameters.b: found '.nan'; text, a number"),
-        ("a: {ros__parameters: {b: !x 1}}", "nav2.yaml:1:26: a.ros__parameters.b: found the tag !x; "),
-        ("a: {ros__parameters: {b: !!int x}}", "nav2.yaml:1:26: a.ros__parameters.b: found 'x'; "),
-        (
-            "a: {ros__parameters: {[1]: 1}}",
-            "nav2.yaml:1:23: a.ros__parameters: found a list, a mapping or nothing as a name",
-        ),
-        ("a: &a {ros__parameters: {b: 1}, c: *a}", "nav2.yaml:1:4: file: found an alias inside of what it stands for"),
-        ("a: {ros__parameters: {<<: 1}}", "nav2.yaml:1:27: a.ros__parameters: found no mapping to merge; "),
-        ("a: " + "[" * 200, "file: more than 100 levels deep; fewer levels"),
-    ],
-)
-def test_a_file_that_is_no_parameter_file_is_one_fault_at_its_place(text, message):
-    found = fault(text)
-    assert message in found
-    assert len(found.splitlines()) == 1
+def test_faults_of_a_parameter_document_have_place_and_message(golden):
+    golden("nav2_parameters", "document", lambda text: fault(text).splitlines())
 
 
 def test_all_faults_come_at_once_in_the_order_of_the_file():
@@ -173,7 +138,7 @@ def test_any_text_is_a_document_or_has_faults(text):
         assert document.values
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "value"),
     [
         ("1", 1),

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.nav.parameters.document import DocumentError, parse
 from vastflow.sim.nav.parameters.findings import findings
@@ -51,46 +52,8 @@ local_costmap:
     ]
 
 
-PLUGIN_FAULTS = [
-    (controller("plugin: nav2_mppi_controller::MPPIController, motion_model: Tracked"), "C.motion_model: found 'Tracked'; motion_model: Input should be 'DiffDrive', 'Ackermann' or 'Omni'"),
-    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k]}}}", "local_costmap.ros__parameters.filters.0: no 'plugin' below 'k'; the class of a costmap filter; known: nav2_costmap_2d::KeepoutFilter, "),
-    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k.plugin: nav2_costmap_2d::BinaryFilter}}}", "k.plugin: nav2_costmap_2d::BinaryFilter is not modeled; a costmap filter that is: "),
-    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k.plugin: nav2_costmap_2d::SpeedFilter}}}", "k: no 'filter_info_topic'; filter_info_topic: costmap_filter_info, and a node costmap_filter_info_server with the same"),
-    ("local_costmap: {local_costmap: {ros__parameters: {filters: [k], k: {plugin: nav2_costmap_2d::SpeedFilter, filter_info_topic: /zones}}}}", "k.filter_info_topic: no node publishes on 'zones'; a node that does, costmap_filter_info_server: {ros__parameters: {filter_info_topic: zones, "),
-    (controller(f"{OBSTACLES}, ObstaclesCritic: {{consider_footprint: true}}"), "C.ObstaclesCritic.consider_footprint: found true, which is not modeled; false"),
-    (controller(OBSTACLES.replace("GoalCritic", "CostCritic")), "C.critics: CostCritic and ObstaclesCritic together are not modeled; one of them"),
-    (controller("plugin: 'my::Controller'"), "C.plugin: no controller 'my::Controller' is known; known: dwb_core::DWBLocalPlanner, nav2_mppi_controller::MPPIController, "),
-    (controller("plugin: nav2_rotation_shim_controller::RotationShimController"), "controller_plugins.0: no 'primary_controller' below 'C'; the class of a controller; known: "),
-    (controller("gain: 1"), "controller_plugins.0: no 'plugin' below 'C'; the class of a controller; known: "),
-    ("planner_server: {ros__parameters: {planner_plugins: [G], G.plugin: 'nav2_smac_planner/SmacPlannerLattice'}}", "G.plugin: nav2_smac_planner::SmacPlannerLattice is not modeled; a planner that is: nav2_navfn_planner::NavfnPlanner"),
-    ("planner_server: {ros__parameters: {planner_plugins: [GridBased, G], G.plugin: nav2_navfn_planner::NavfnPlanner}}", "planner_plugins.0: no 'plugin' below 'GridBased'; the class of a planner; known: nav2_navfn_planner::NavfnPlanner, "),
-    ("controller_server: {ros__parameters: {controller_plugins: [FollowPath, G], G.plugin: dwb_core::DWBLocalPlanner}}", "controller_plugins.0: no 'plugin' below 'FollowPath'; the class of a controller; known: "),
-    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [o, inflation_layer], o.plugin: nav2_costmap_2d::ObstacleLayer}}}", "plugins.1: no 'plugin' below 'inflation_layer'; the class of a costmap layer; known: nav2_costmap_2d::StaticLayer, "),
-    ("planner_server: {ros__parameters: {planner_plugins: []}}", "planner_plugins: found an empty list; the name of a planner"),
-    ("planner_server: {ros__parameters: {planner_plugins: 3}}", "planner_plugins: found 3; a list of names"),
-    (controller("plugin: graceful_controller/GracefulControllerROS"), "C.plugin: graceful_controller::GracefulControllerROS is not modeled; a controller that is: dwb_core::DWBLocalPlanner, "),
-    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [i, o], i.plugin: nav2_costmap_2d::InflationLayer, o.plugin: nav2_costmap_2d::ObstacleLayer}}}", "o.plugin: o comes after the inflation: Nav2 does not inflate what it marks, which is not modeled; 'o' before 'i' in the list 'plugins'"),
-    ("slam_toolbox: {ros__parameters: {resolution: 0.05}}", "nav2.yaml:1:1: file: none of its nodes is modeled; one that is, beside others: amcl, controller_server, "),
-    (controller("plugin: dwb_core::DWBLocalPlanner"), "C: no 'critics'; a list of them, without which DWB does not start: RotateToGoal, "),
-    ("planner_server: {ros__parameters: {GridBased.plugin: 3}}", "GridBased.plugin: found 3; text"),
-    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, goal_checker_plugins: [g], g.plugin: nav2_controller::AxisGoalChecker}}", "g.plugin: nav2_controller::AxisGoalChecker is not modeled; a goal checker that is: "),
-    ("controller_server: {ros__parameters: {controller_plugins: [F], F.plugin: nav2_mppi_controller::MPPIController, progress_checker_plugins: [g], g.plugin: x::P}}", "g.plugin: no progress checker 'x::P' is known; known: "),
-    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: nav2_costmap_2d::RangeSensorLayer}}}", "d.plugin: nav2_costmap_2d::RangeSensorLayer is not modeled; a costmap layer that is: nav2_costmap_2d::StaticLayer, "),
-    ("local_costmap: {local_costmap: {ros__parameters: {plugins: [d], d.plugin: x::L}}}", "d.plugin: no costmap layer 'x::L' is known; known: "),
-    (controller("plugin: nav2_mppi_controller::MPPIController, critics: [CostCritic, Cost]"), "C.critics.1: MPPI has no critic 'Cost'; known: "),
-    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [MapGrid]"), "C.critics.0: the critic MapGrid of DWB is not modeled; known: RotateToGoal, "),
-    (controller("plugin: dwb_core::DWBLocalPlanner, critics: [1]"), "C.critics: found [1]; a list of names"),
-    ("local_costmap: {local_costmap: {ros__parameters: {robot_radius: -0.2}}}", "robot_radius: found -0.2; robot_radius must lie in [0.01, 10]"),
-    ("local_costmap: {local_costmap: {ros__parameters: {robot_radius: '0.2'}}}", "robot_radius: found '0.2'; robot_radius must be a number"),
-    ("amcl: {ros__parameters: {pf_err: }}", "amcl.ros__parameters.pf_err: found nothing; pf_err must be a number"),
-    ("amcl: {ros__parameters: {min_particles: 9, max_particles: 8}}", "amcl.ros__parameters.min_particles: found parameters that contradict each other: amcl.min_particles 9 must be <= max_particles 8; values that agree"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "message"), PLUGIN_FAULTS)
-def test_what_the_stack_cannot_be_set_to_is_a_fault(text, message):
-    (found,) = faults(text)
-    assert message in found
+def test_faults_of_a_parameter_file_have_place_and_message(golden):
+    golden("nav2_parameters", "file", faults)
 
 
 def test_faults_are_at_their_places_and_all_there():
@@ -186,7 +149,7 @@ def test_a_footprint_to_consider_must_be_a_polygon_as_nav2_does_not_start_otherw
     assert parameters(OUTLINED + costmap).controller.CostCritic.consider_footprint
 
 
-@pytest.mark.parametrize("value", ["0.3", "'[[0.2, 0.2]]'"])
+@each_row("value", ["0.3", "'[[0.2, 0.2]]'"])
 def test_a_footprint_that_is_no_text_or_no_polygon_is_a_fault_with_its_place(value):
     (fault,) = faults(
         f"local_costmap: {{local_costmap: {{ros__parameters: {{robot_radius: 0.2, footprint: {value}}}}}}}"
@@ -200,7 +163,7 @@ def test_a_period_longer_than_mppis_step_is_a_fault_as_nav2_does_not_start():
         parameters(text)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("own", "handler", "fault"),
     [
         ("plugin: nav2_mppi_controller::MPPIController", "enforce_path_rotation: true", "enforce_path_rotation"),

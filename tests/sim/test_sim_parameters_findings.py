@@ -1,6 +1,6 @@
 """What is said of each parameter of a Nav2 parameter file."""
 
-import pytest
+from table import each_row
 
 from vastflow.sim.nav.parameters.built_in import TABLES, BuiltIn
 from vastflow.sim.nav.parameters.document import parse
@@ -36,7 +36,7 @@ def test_a_difference_names_what_is_built_in():
     assert (found.status, found.used, found.place) == ("differs", 0.3, (1, 63))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("rule", "value"),
     [
         (BuiltIn((20.0, 1.0)), 20.0),
@@ -94,7 +94,7 @@ def test_another_behavior_tree_is_not_the_one_built_in():
     ) == {"default_nav_to_pose_bt_xml": "differs"}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "asked_for"),
     [
         (
@@ -121,7 +121,7 @@ def test_plug_ins_that_no_list_has_are_without_effect():
     assert statuses(text)["Old.a"] == "no effect"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "status"),
     [
         ("planner_server: {ros__parameters: {GridBased: {plugin: nav2_smac_planner/SmacPlanner2D, X}}}", "built in"),
@@ -166,7 +166,7 @@ def test_nothing_that_is_modeled_is_called_built_in():
     assert modeled & {name for kind in ("amcl", "scan", "NavFn", "velocity_smoother") for name in TABLES[kind]} == set()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("rule", "agreeing", "other"),
     [
         (BuiltIn((20.0,)), 20, 10.0),

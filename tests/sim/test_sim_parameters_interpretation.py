@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.sim.nav.parameters.controller_server import critics_of
 from vastflow.sim.nav.parameters.costmap import InflationLayer
@@ -93,7 +94,7 @@ def test_the_shipped_file_with_dwb_is_a_turtlebot_4_under_humble():
     assert found.velocity_smoother.max_velocity == (0.26, 0.0, 1.0)
 
 
-@pytest.mark.parametrize("name", ["jazzy_mppi.yaml", "dwb.yaml", "rpp.yaml"])
+@each_row("name", ["jazzy_mppi.yaml", "dwb.yaml", "rpp.yaml"])
 def test_everything_in_a_shipped_file_is_modeled_or_built_in(name):
     others = {dotted(found.path): found.status for found in findings(shipped(name))}
     assert {path: status for path, status in others.items() if status in ("differs", "not modeled")} == {}

@@ -1,6 +1,7 @@
 """What Nav2 parameter files set the collision monitor to."""
 
 import pytest
+from table import each_row
 
 from vastflow.sim.nav.parameters.document import DocumentError, parse
 from vastflow.sim.nav.parameters.findings import findings
@@ -24,7 +25,7 @@ def test_the_monitors_approach_polygon_is_read_with_the_nodes_timeout():
     assert monitor(f"{APPROACH}, source_timeout: 3.0, s: {{source_timeout: 0.5}}").source_timeout == 0.5
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         "polygons: []",
@@ -84,7 +85,7 @@ def test_an_area_that_is_not_enabled_or_does_nothing_is_none():
     assert monitor(f"polygons: [quiet, idle], {SCANNED}, quiet: {off}, idle: {none}").zones == ()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("area", "message"),
     [
         ("{type: circle, radius: 0.3}", "no 'action_type' or 'type' below 'a'; both of them"),

@@ -1,6 +1,7 @@
 """Wildcards in the names of nodes: whom they speak of, what counts of several values, and where mistakes in them are."""
 
 import pytest
+from table import each_row
 
 from vastflow.sim.nav.parameters.document import DocumentError, parse
 from vastflow.sim.nav.parameters.dwb import DwbParameters
@@ -34,7 +35,7 @@ def test_a_wildcard_gives_each_node_that_has_such_a_parameter_the_value_beside_i
     assert (found.local_costmap.width, found.local_costmap.footprint_padding) == (4, 0.02)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "expected"),
     [
         ("/**: {ros__parameters: {alpha1: 0.5}}\namcl: {ros__parameters: {alpha1: 0.3}}", 0.3),
@@ -46,7 +47,7 @@ def test_of_several_values_the_last_of_the_file_counts(text, expected):
     assert alpha(text) == expected
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "own", "stands"),
     [
         ("/**", "amcl", True),

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
@@ -36,7 +37,7 @@ def proof():
     return module
 
 
-@pytest.mark.parametrize("condition", ["nothing else", "boxes", "noise 0.1 m"])
+@each_row("condition", ["nothing else", "boxes", "noise 0.1 m"])
 def test_in_closed_loop_a_path_costs_what_a_fresh_one_does(proof, condition):
     configurations = proof.instantiated(OFFICE, condition, 7.0, 3).configurations
     excess = np.concatenate([proof.excesses(configuration.scenario, 0) for configuration in configurations])

@@ -8,6 +8,7 @@ import shapely
 import shapely.affinity
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.maps.occupancy import OccupancyMap
@@ -40,12 +41,12 @@ def test_a_polygon_counts_in_place_of_the_radius():
     assert circumscribed_radius_m(outline) == pytest.approx(math.hypot(0.36, 0.26))
 
 
-@pytest.mark.parametrize("text", ["", "[]", " [] "])
+@each_row("text", ["", "[]", " [] "])
 def test_without_a_polygon_the_robot_is_the_disc_of_its_radius(text):
     assert np.array_equal(outline_of(Costmap(footprint=text)), outline_of(Costmap()))
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "right"),
     [
         ("[[0.2, 0.2]]", "three or more vertices"),
@@ -156,7 +157,7 @@ def test_free_motion_is_the_exact_arc(text, yaw, v, w):
     assert driven.world.events == []
 
 
-@pytest.mark.parametrize(("yaw", "reach_m"), [(0.0, 0.35), (math.pi, 0.35)])
+@each_row(("yaw", "reach_m"), [(0.0, 0.35), (math.pi, 0.35)])
 def test_it_stops_with_its_front_or_its_back_at_the_wall(yaw, reach_m):
     driven = Driven(Pose(4.5, 2.0, yaw))
     driven.drive(0.5 if yaw == 0.0 else -0.5, 0.0, 5.0)

@@ -1,11 +1,12 @@
 """Poses as campaign files write them."""
 
 import pytest
+from table import each_row
 
 from vastflow.sim.pose import Pose, pose_of, written_pose_of
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("value", "pose"),
     [
         ({"x": 1, "y": 2.5}, Pose(1.0, 2.5, 0.0)),
@@ -20,13 +21,13 @@ def test_a_pose_may_be_short_without_a_yaw_or_of_numbers_in_quotes(value, pose):
     assert pose_of(value) == pose
 
 
-@pytest.mark.parametrize("x", [None, True, "east", "", "nan", "inf", [1], float("inf"), float("nan")])
+@each_row("x", [None, True, "east", "", "nan", "inf", [1], float("inf"), float("nan")])
 def test_what_is_no_number_makes_no_pose(x):
     with pytest.raises(ValueError, match=r"^goal_pose: found .*; a pose is \{x, y, yaw\} or"):
         pose_of({"x": x, "y": 1.0}, "goal_pose")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("pose", "unread"),
     [
         ({"position": {"x": 1, "y": 2}, "orientation": {"x": 0, "y": 0, "z": 0.7, "w": 0.7}}, "orientation.x"),

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from py_trees.common import Status
+from table import each_row
 
 from vastflow.sim.behavior.action import ActionSituation
 from vastflow.sim.osc.definition import EnumValue
@@ -69,7 +70,7 @@ def test_a_program_that_exits_with_another_code_fails_with_its_last_words(entere
     assert message.endswith(" exited with code 1: no route")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("command", "message"),
     [
         ("no-such-program --fast", "'no-such-program' could not be started: no program of this name in PATH"),
@@ -84,7 +85,7 @@ def test_a_command_that_can_not_be_started_is_no_failure_of_a_program(entered, r
         entered("run_process", command=command)
 
 
-@pytest.mark.parametrize("code", [126, 127])
+@each_row("code", [126, 127])
 def test_what_a_shell_could_not_start_is_the_shells_exit_code(entered, code):
     status, message = outcome(entered("run_process", command=f"sh -c 'exit {code}'"))
     assert (status, message) == (Status.FAILURE, f"sh exited with code {code}")
@@ -213,7 +214,7 @@ def test_resources_are_not_written_outside_of_the_runs_folder(entered):
         entered("monitor_resources", file_name="../use.csv")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "changed"),
     [
         ({"key_path": "a.b", "value": "x"}, {"a": {"b": "x", "c": [1, 2]}}),
@@ -229,7 +230,7 @@ def test_a_value_of_a_yaml_file_is_set(entered, run, arguments, changed):
     assert yaml.safe_load((run.folders.out / "x.yaml").read_text()) == changed
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "message"),
     [
         ({"key_path": "a.c.2"}, "key_path 'a.c.2' leads nowhere: there is no '2'"),

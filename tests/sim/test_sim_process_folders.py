@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.process import mounts
 from vastflow.sim.process import run as run_module
@@ -134,7 +135,7 @@ def test_a_program_that_names_a_folder_has_the_arguments_environment_and_signals
         assert printed(run, "sh", "-c", f"{show} # /out", "sh", "", "a  b", "--", "*") == plain
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "rewritten"),
     [
         ("/out", "/tmp/a run/run"),
@@ -155,7 +156,7 @@ def test_a_text_without_a_name_is_left_as_it_is(text):
         assert FOLDERS.rewritten(text) == text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "path"),
     [
         ("/config/files/pre.sh", "files/pre.sh"),

@@ -7,6 +7,7 @@ import pyarrow.parquet
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.process import outputs
 from vastflow.sim.process.outputs import read_outputs, stamps
@@ -56,7 +57,7 @@ def test_a_second_column_of_one_name_is_left_out():
     assert notes == ("a second column 'a' is left out",)
 
 
-@pytest.mark.parametrize("text", ["", "a,b\n1\n", "a,b\n1,2,3\n"])
+@each_row("text", ["", "a,b\n1\n", "a,b\n1,2,3\n"])
 def test_a_broken_csv_is_no_table(text):
     with pytest.raises(TableFault, match="not a table: "):
         csv(text)

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels.streams import LIDAR, run_entropy, streams_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
@@ -97,6 +98,7 @@ def test_a_run_after_another_map_mission_and_system_is_the_same_bytes(noisy, sce
     assert content(run(noisy, 1, 5)) == alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("controller", "before"), [("rpp", ""), ("mppi", ""), ("rpp", THE_USER_S_OWN)])
 def test_a_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
     """Where this process had to compile its kernels, the new one loads them: cold and warm give the same bytes too."""
@@ -121,7 +123,7 @@ def test_a_run_in_a_new_process_is_the_same_bytes(scenario, controller, before):
     assert found.stdout.strip() == hashlib.sha256(content(run(noisy, 1, 5))).hexdigest()
 
 
-@pytest.mark.parametrize(("run_index", "seed"), [(2, 5), (1, 6)])
+@each_row(("run_index", "seed"), [(2, 5), (1, 6)])
 def test_another_run_or_another_seed_is_another_recording(noisy, run_index, seed):
     assert run(noisy, run_index, seed).digest != run(noisy, 1, 5).digest
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.nav.parameters.document import DocumentError, parse
@@ -80,13 +81,13 @@ def test_a_file_s_shim_has_its_own_parameters_and_the_controller_its_own():
     assert {finding.status for finding in findings(found)} == {"modeled"}
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@each_row("name", CLASSES)
 def test_a_stack_with_a_shim_is_the_same_read_from_its_document(name):
     stack = shimmed(name, forward_sampling_distance=0.7, rotate_to_goal_heading=True)
     assert interpretation(document_of(stack)).parameters == stack
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "fault"),
     [
         (f"plugin: {SHIM}", "no 'primary_controller' below 'FollowPath'"),

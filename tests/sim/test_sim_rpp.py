@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.controllers import rpp
@@ -181,7 +182,7 @@ def test_on_a_straight_plan_it_drives_straight_at_the_desired_speed():
     assert command(straight()) == (True, pytest.approx(0.5), pytest.approx(0.0))
 
 
-@pytest.mark.parametrize("radius_m", [0.5, -0.7])
+@each_row("radius_m", [0.5, -0.7])
 def test_on_a_circle_it_drives_the_circle_slower_by_its_radius(radius_m):
     valid, v, w = command(arc(radius_m))
     assert valid

@@ -7,6 +7,7 @@ import weakref
 import numpy as np
 import pytest
 from shapely.geometry import Point
+from table import each_row
 
 from vastflow.sim.digest import FileContent
 from vastflow.sim.loop.closed_loop import ClosedLoop, obstacle_rows
@@ -176,9 +177,7 @@ def test_a_goal_in_a_wall_is_replaced_by_the_nearest_one_within_the_tolerance(sc
     assert 0.2 < final_m(recording, 8.3, 3.0) < 1.0
 
 
-@pytest.mark.parametrize(
-    "start_pose", [{"x": 4.2, "y": 4.5}, {"x": 0.1, "y": 0.1}, {"x": -5.0, "y": 2.0}, {"x": 0.25, "y": 3.0}]
-)
+@each_row("start_pose", [{"x": 4.2, "y": 4.5}, {"x": 0.1, "y": 0.1}, {"x": -5.0, "y": 2.0}, {"x": 0.25, "y": 3.0}])
 def test_a_robot_that_starts_in_a_wall_or_outside_the_map_ends_with_an_outcome_and_a_reason(scenario, start_pose):
     recording = run(scenario(start_pose=start_pose), 0)
     assert recording.run.outcome == "succeeded" or recording.run.reason
@@ -335,7 +334,7 @@ def test_an_obstacle_appears_when_the_robot_comes_within_its_distance(scenario):
     assert recording.run.outcome == "succeeded"
 
 
-@pytest.mark.parametrize("delay_s", [0.4, 0.8])
+@each_row("delay_s", [0.4, 0.8])
 def test_an_obstacle_with_a_delay_appears_that_much_after_its_trigger(scenario, delay_s):
     (at_once,) = happened(run(scenario(obstacles=[appearing(1.5)]), 0), "spawned")
     carton = appearing(1.5)
@@ -385,7 +384,7 @@ def test_a_box_that_appears_on_the_robot_is_a_contact_and_the_run_ends_all_the_s
     assert recording.run.outcome == "succeeded" or recording.run.reason
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("changes", "error", "message"),
     [
         ({"map_file": "map.yaml"}, ScenarioError, "map_file: found 'map.yaml'; a map file that the campaign names"),

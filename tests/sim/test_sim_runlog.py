@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from table import each_row
 
 from vastflow.sim.process.resources import Use
 from vastflow.sim.process.run import LogText
@@ -16,7 +17,7 @@ LOG = RunLog(
 )
 
 
-@pytest.mark.parametrize("log", [LOG, RunLog(0.0, 0.5, 0.25, 1000)], ids=["programs", "simulated"])
+@each_row("log", [LOG, RunLog(0.0, 0.5, 0.25, 1000)])
 def test_a_log_comes_back_from_json_as_it_was(log):
     assert run_log_of(json.loads(json.dumps(run_log_row(log)))) == log
 

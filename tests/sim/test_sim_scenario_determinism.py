@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.nav.rates import TICK_S
@@ -166,6 +167,7 @@ BEHAVIORS = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(behavior=BEHAVIORS, run_index=st.integers(0, 3))
 def test_whatever_a_scenario_does_ticks_passed_over_change_nothing(staged, behavior, run_index):
@@ -233,6 +235,7 @@ def test_another_word_in_the_file_is_another_scenario_with_the_same_noise(staged
     assert run(changed, 0).run.seed == run(mixed, 0).run.seed
 
 
+@pytest.mark.slow
 def test_a_run_in_another_process_is_the_same(mixed):
     code = f"""
 from pathlib import Path
@@ -264,7 +267,7 @@ def test_a_run_within_a_run_disturbs_neither(staged, mixed):
     assert (nested.digest, within) == (alone, [inner_alone] * 3)
 
 
-@pytest.mark.parametrize("name", TEXTS)
+@each_row("name", TEXTS)
 def test_a_replay_is_the_run_and_looks_at_every_tick(staged, name):
     scenario = staged(TEXTS[name], timeout_s=30.0)
     replayed, executed = replay(scenario, 1, 0, {}), run(scenario, 1)

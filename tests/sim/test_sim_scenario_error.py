@@ -1,6 +1,7 @@
 """What a scenario can't work with, as opposed to what its robot or its program fails at."""
 
 import pytest
+from table import each_row
 
 from vastflow.sim.run import run
 from vastflow.sim.scenario_error import ScenarioError
@@ -8,7 +9,7 @@ from vastflow.sim.scenario_error import ScenarioError
 REFUSED = "Nav2 takes no goal before the robot was told where it is; init_nav2 first; nav_to_pose at trial.osc:"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "why"),
     [
         (
@@ -40,7 +41,7 @@ def test_a_campaign_whose_time_is_over_before_the_mission_begins_says_so(staged)
         run(staged("robot.nav_to_pose(near)", timeout_s=0.04), 0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "outcome"),
     [
         ("wait elapsed(1s)", "succeeded"),

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.reading.map_file import load_map
@@ -157,7 +158,7 @@ def test_waypoints_loop_as_often_as_the_file_says(staged):
     assert kinds(recording, "goal_reached") == ["0", "1", "0", "1"]
 
 
-@pytest.mark.parametrize("action", ["nav_through_poses", "follow_waypoints"])
+@each_row("action", ["nav_through_poses", "follow_waypoints"])
 def test_a_mission_without_goals_can_not_work(staged, action):
     with pytest.raises(ScenarioError, match=rf"no goals; one or more; {action} at trial\.osc:"):
         run(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.nav.state import COLUMNS
 from vastflow.sim.osc.parameters import ParameterMismatch
@@ -18,7 +19,7 @@ def statuses(recording, name):
     return [(float(t), s) for n, t, s in zip(b["name"], b["t_s"], b["status"], strict=True) if n == name]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "outcome", "reason"),
     [
         ("emit fail", "failed", "emit fail at trial.osc:"),
@@ -46,7 +47,7 @@ def test_a_timeout_of_the_whole_scenario_is_its_time(staged):
     assert recording.run.reason.endswith("ran out while nav_to_pose was running")
 
 
-@pytest.mark.parametrize("timeout_s", [2.0, 2.05, 2.1])
+@each_row("timeout_s", [2.0, 2.05, 2.1])
 def test_the_campaign_s_timeout_ends_a_run_at_its_last_whole_tenth_of_a_second(staged, timeout_s):
     recording = run(
         staged("robot.nav_to_pose(beyond)", timeout_s=timeout_s), 0, watch=lambda *_: None, watch_ticks=range(99)
@@ -172,7 +173,7 @@ def test_behaviors_are_a_table_of_every_change_of_status(staged):
 KEPT_ALWAYS = {"t_ms", "x_mm", "estimated_x_mm", "speed_mmps", "localized"}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("topics", "kept", "left_out"),
     [
         ("'/tf'", KEPT_ALWAYS, ("covariance_", "sent_", "command_")),

@@ -6,6 +6,7 @@ import time
 
 import psutil
 import pytest
+from table import each_row
 
 from vastflow.sim.loop.play import PERIOD_S
 from vastflow.sim.run import execute
@@ -76,7 +77,7 @@ def test_a_program_that_dies_fails_the_scenario_with_its_last_words(staged):
     assert ended(execution, "nav_to_pose")[0][2] == "cancelled"
 
 
-@pytest.mark.parametrize("modifier", ["", "failure_is_success()\n", "inverter()\n"])
+@each_row("modifier", ["", "failure_is_success()\n", "inverter()\n"])
 def test_a_scenario_whose_program_is_not_there_can_not_work_whatever_it_makes_of_failures(staged, modifier):
     text = f"serial:\n    {modifier}{'    ' if modifier else ''}run_process('no-such-program-here')"
     with pytest.raises(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.behavior.support import unsupported
 from vastflow.sim.behavior.vocabulary import ACTIONS
@@ -200,7 +201,7 @@ def test_nodes_and_topics_that_are_here_are_here_at_once(staged):
     assert run(staged(text), 0).run.simulated_s < 0.4
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "reason"),
     [
         ("wait_for_data('/camera', 'sensor_msgs.msg.Image')", "nothing publishes /camera here; there are /amcl_pose,"),
@@ -235,7 +236,7 @@ def test_a_topic_that_only_a_run_knows_and_nobody_publishes_is_a_fault_of_the_ru
         run(staged(text), 0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "words"),
     [
         (f"check_data({ODOMETRY}, member_name: 'pose.pose.z', expected_value: '1')", "no member 'z' of 'pose.pose.z'; position"),

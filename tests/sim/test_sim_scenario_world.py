@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.oracles.observe import observer_of
 from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
@@ -62,7 +63,7 @@ def test_a_box_without_mass_is_fixed_and_driven_round(staged):
     assert np.abs(way(recording) - [2.0, 1.0]).max(axis=1).min() > 0.3
 
 
-@pytest.mark.parametrize(("arguments", "gives_way"), [("width:=0.3", False), ("width:=0.3, mass:=2.0", True)])
+@each_row(("arguments", "gives_way"), [("width:=0.3", False), ("width:=0.3, mass:=2.0", True)])
 def test_a_box_in_front_of_a_robot_at_speed_is_struck_and_one_with_a_mass_gives_way(staged, arguments, gives_way):
     text = f"""
         parallel:
@@ -78,7 +79,7 @@ def test_a_box_in_front_of_a_robot_at_speed_is_struck_and_one_with_a_mass_gives_
     assert bool(happened(recording, "obstacle_moved")) == gives_way
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         f"spawn_multiple([{box('crate', 2, 3)}])\nspawn_multiple([{box('crate', 3, 3)}])",
@@ -202,9 +203,7 @@ def test_what_is_spawned_relative_to_the_robot_lies_ahead_of_it_and_is_turned_li
     assert spawned.value == 2.0
 
 
-@pytest.mark.parametrize(
-    "spawned", ["robot.spawn(start, 'topic:///robot_description')", "turtlebot4.spawn(start, 'turtlebot4.sdf')"]
-)
+@each_row("spawned", ["robot.spawn(start, 'topic:///robot_description')", "turtlebot4.spawn(start, 'turtlebot4.sdf')"])
 def test_the_robot_itself_stands_there_already_when_a_file_spawns_it(staged, spawned):
     text = f"turtlebot4: osc_actor\ndo serial:\n    {spawned}\n    robot.init_nav2(start)\n    robot.nav_to_pose(near)"
     recording = run(staged(text), 0)

@@ -1,6 +1,7 @@
 """Scripts: what a scenario's runs are to do, as far as that is known before one."""
 
 import pytest
+from table import each_row
 
 from vastflow.sim.osc.parameters import ParameterMismatch
 from vastflow.sim.pose import Pose
@@ -21,7 +22,7 @@ def test_to_a_pose_there_is_one_goal():
     assert (script.start, script.goals, script.rounds) == (Pose(1, 2), (Pose(3, 4, 1),), 1)
 
 
-@pytest.mark.parametrize("kind", ["navigate_through_poses", "follow_waypoints"])
+@each_row("kind", ["navigate_through_poses", "follow_waypoints"])
 def test_through_poses_and_waypoints_take_a_list_or_one_goal(kind):
     assert a_script(kind, goal_poses=[THERE, HERE]).goals == (Pose(3, 4, 1), Pose(1, 2))
     assert a_script(kind, goal_pose=THERE).goals == (Pose(3, 4, 1),)
@@ -49,7 +50,7 @@ def test_without_a_start_pose_the_robot_starts_where_init_nav2_puts_it(tmp_path)
     assert script_of(Scenario(abstract_content(file), 60.0, {}, {}, {})).start == Pose(5.0, 1.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("kind", "task", "message"),
     [
         ("navigate_to_pose", {}, "parameter goal_pose of scenario navigate_to_pose: found nothing; a value"),

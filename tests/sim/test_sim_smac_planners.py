@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.nav.inflation import inflate
@@ -114,7 +115,7 @@ def raw_path(parameters, given, costmap=None):
 # What a file says.
 
 
-@pytest.mark.parametrize(
+@each_row(
     "planner",
     [
         SmacPlanner2D(tolerance=0.3, cost_travel_multiplier=2.0, smoother=SmootherParameters(w_data=0.1)),
@@ -137,7 +138,7 @@ def test_a_file_s_planner_has_its_parameters_and_those_of_its_smoother():
     assert {finding.path[-1]: finding.status for finding in findings(found)}["max_planning_time"] == "no effect"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "fault"),
     [
         ("plugin: nav2_smac_planner::SmacPlanner2D, downsample_costmap: true", "found true, which is not modeled"),
@@ -203,6 +204,7 @@ def test_a_path_over_the_cells_costs_what_the_best_of_all_paths_costs(seed, pena
     assert cost_2d(costs, path, penalty) == pytest.approx(least, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_goal_in_an_obstacle_is_replaced_by_a_cell_within_the_tolerance():
     lethal = rooms()
     lethal[40, 90] = True
@@ -252,6 +254,7 @@ def curvature(poses):
     return 2.0 * np.sin(0.5 * turned) / np.maximum(chord, 1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     st.integers(0, 10_000),
@@ -313,8 +316,8 @@ def test_a_path_begins_at_the_start_and_ends_at_the_goal_with_their_headings():
     assert poses[[0, -1], 2] == pytest.approx([0.3, 1.5], abs=0.5 * 2.0 * math.pi / 72)
 
 
-@pytest.mark.parametrize("model", ["DUBIN", "REEDS_SHEPP"])
-@pytest.mark.parametrize(("start", "goal"), [((1.0, 1.0, 0.0), (5.0, 4.0, -1.5)), ((5.0, 2.0, 3.0), (1.0, 4.0, 3.0))])
+@each_row("model", ["DUBIN", "REEDS_SHEPP"])
+@each_row(("start", "goal"), [((1.0, 1.0, 0.0), (5.0, 4.0, -1.5)), ((5.0, 2.0, 3.0), (1.0, 4.0, 3.0))])
 def test_a_smoothed_path_leaves_along_the_start_s_heading_and_arrives_along_the_goal_s(model, start, goal):
     """Within what an arc of the least radius turns between two points, and half of a bin; the smoother alone keeps neither."""
     values = {"motion_model_for_search": model, "minimum_turning_radius": 0.8, "analytic_expansion_max_length": 0.0}
@@ -334,7 +337,7 @@ def test_a_smoothed_path_leaves_along_the_start_s_heading_and_arrives_along_the_
         assert abs(turned) <= np.hypot(*step) / 0.8 + math.pi / 72
 
 
-@pytest.mark.parametrize("reversing", [False, True], ids=["forward", "in reverse"])
+@each_row("reversing", [False, True])
 def test_curves_at_the_ends_keep_both_headings_whether_the_robot_drives_the_stretch_forward_or_in_reverse(reversing):
     radius_m, flip = 0.5, math.pi if reversing else 0.0
     q = record_of(
@@ -399,7 +402,7 @@ def lattice_dijkstra(q, costs, start, goal_cell):
     return math.inf
 
 
-@pytest.mark.parametrize("model", ["DUBIN", "REEDS_SHEPP"])
+@each_row("model", ["DUBIN", "REEDS_SHEPP"])
 def test_a_path_on_the_lattice_costs_within_two_percent_of_an_exhaustive_search(model):
     lethal = rooms(rows=60, columns=80, door=slice(22, 40))
     costs = costs_of(lethal)
@@ -452,6 +455,7 @@ def test_a_long_robot_passes_a_door_lengthwise_only_where_its_outline_fits():
 # Driven.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "planner",
     [SmacPlanner2D(), SmacPlannerHybrid(), SmacPlannerHybrid(motion_model_for_search="REEDS_SHEPP")],

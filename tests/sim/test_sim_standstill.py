@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.loop.standstill import CAUSES, STOOD_STILL, standstill
 from vastflow.sim.recordings.recording import Event
@@ -28,7 +29,7 @@ LATER = (Event(3.0, "stopped_by_monitor", 1.5, 2.5, "0"),)
 NONE, AHEAD, TURN = (0, 0), (200, 0), (0, -400)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("commanded", "sent", "events", "cause"),
     [
         ([NONE, AHEAD, TURN], [NONE, NONE, NONE], AT_REST, "points in footprint"),
@@ -67,7 +68,7 @@ def test_a_robot_that_is_refused_its_goal_was_sent_and_stood_still(scenario):
     assert recording.run.reason.startswith("the goal is outside the map")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         "robot.nav_to_pose(near)",
@@ -75,7 +76,6 @@ def test_a_robot_that_is_refused_its_goal_was_sent_and_stood_still(scenario):
         "wait elapsed(2s)\nemit fail",
         "parallel:\n    robot.nav_to_pose(beyond)\n    serial:\n        wait elapsed(3s)\n        emit fail",
     ],
-    ids=["arrives", "is there already", "is never sent", "is under way"],
 )
 def test_other_robots_have_not_stood_still(staged, text):
     assert stood(run(staged(text), 0)) == []

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from table import each_row
 
 from vastflow.sim.kernels import numeric
 from vastflow.sim.kernels.streams import (
@@ -40,7 +41,7 @@ def test_the_streams_of_a_run_are_pinned():
     ]
 
 
-@pytest.mark.parametrize("other", [(1, DIGEST, 0), (0, "ff00" * 16, 0), (0, DIGEST, 1)])
+@each_row("other", [(1, DIGEST, 0), (0, "ff00" * 16, 0), (0, DIGEST, 1)])
 def test_another_seed_situation_or_run_has_other_streams(other):
     assert (streams_of(run_entropy(*other)) != streams_of(run_entropy(0, DIGEST, 0))).all()
 
@@ -125,6 +126,7 @@ def test_another_numba_has_another_folder_of_compiled_kernels(monkeypatch):
     assert numeric.kernel_cache_dir() != before
 
 
+@pytest.mark.slow
 def test_where_indices_are_to_be_checked_no_kernel_is_taken_that_does_not_check_them(tmp_path):
     file = tmp_path / "beyond.py"
     file.write_text(

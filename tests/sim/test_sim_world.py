@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point
+from table import each_row
 
 from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.pose import Pose
@@ -112,9 +113,7 @@ def test_the_engine_holds_a_robot_while_it_touches_and_no_longer():
     assert found == [True, False, True]
 
 
-@pytest.mark.parametrize(
-    ("shape", "length_m", "width_m", "face_m"), [("box", 0.4, 1.0, 0.2), ("cylinder", 0.6, 0.6, 0.3)]
-)
+@each_row(("shape", "length_m", "width_m", "face_m"), [("box", 0.4, 1.0, 0.2), ("cylinder", 0.6, 0.6, 0.3)])
 def test_an_obstacle_stops_the_robot_and_is_named_in_the_contact(shape, length_m, width_m, face_m):
     driven = Driven(Pose(1.0, 2.0), [Obstacle("crate", shape, Pose(3.0, 2.0), length_m, width_m)])
     driven.drive(0.5, 0.0, 5.0)
@@ -200,7 +199,7 @@ def test_a_box_that_nothing_touches_stays_where_it_appeared():
     assert driven.world.hold == FREE
 
 
-@pytest.mark.parametrize("shape", ["box", "cylinder"])
+@each_row("shape", ["box", "cylinder"])
 def test_the_robot_pushes_a_light_box_before_it(shape):
     driven = Driven(Pose(1.0, 2.0), [carton(shape=shape)])
     driven.appear()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import ndimage
+from table import each_row
 
 from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.sim.reading.checked import checked_digest
@@ -37,7 +38,7 @@ def test_offsets_of_less_than_a_cell_show():
     assert np.abs(offsets_m).max() <= 0.1
 
 
-@pytest.mark.parametrize(("correlation_m", "shared"), [(0.5, 0.14), (2.0, 0.88)])
+@each_row(("correlation_m", "shared"), [(0.5, 0.14), (2.0, 0.88)])
 def test_places_share_their_offset_as_far_as_the_correlation_length_says(correlation_m, shared):
     """A squared exponential: at 1 m exp(-1 / (2 · 0.5²)) = 0.14, and exp(-1 / (2 · 2²)) = 0.88."""
     walls = np.array([offsets_of_a_wall(s, wall_offset_m=0.1, correlation_length_m=correlation_m) for s in range(60)])
@@ -132,7 +133,7 @@ def test_the_body_keeps_out_of_the_worlds_walls(scenario, two_rooms_map, seed):
     assert room_m[cells[:, 0], cells[:, 1]].min() >= Robot().radius_m - world.resolution_m
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("value", "message"),
     [
         (3, r"^world: found 3; a mapping of seed, wall_offset, correlation_length, missing_furniture"),

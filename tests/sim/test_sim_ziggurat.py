@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
@@ -37,8 +38,8 @@ def test_mean_variance_and_fourth_moment_are_a_normal_s(many):
     assert (many**4).mean() == pytest.approx(3.0, abs=5 * np.sqrt(96 / N))
 
 
-@pytest.mark.parametrize("beyond", [2.0, 3.0, TAIL, 4.0])
-@pytest.mark.parametrize("side", [-1.0, 1.0])
+@each_row("beyond", [2.0, 3.0, TAIL, 4.0])
+@each_row("side", [-1.0, 1.0])
 def test_tails_hold_their_share_on_both_sides(many, side, beyond):
     share = stats.norm.sf(beyond)
     assert (side * many > beyond).mean() == pytest.approx(share, abs=5 * np.sqrt(share / N))

@@ -16,8 +16,6 @@ import fsspec
 import platformdirs
 import pytest
 
-from vastflow.tasks.store import Store, open_store
-
 KEY_ID, SECRET = "TESTKEYID", "TESTSECRET"
 BUCKET = "bucket"
 
@@ -168,12 +166,3 @@ def memory(tmp_path, monkeypatch) -> str:
     """Address of an empty store that only this process sees."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return f"memory://{uuid.uuid4().hex}"
-
-
-@pytest.fixture(params=["folder", "memory", "s3"])
-def any_store(request, tmp_path):
-    """An empty store of each kind."""
-    if request.param == "folder":
-        return open_store(tmp_path / "store")
-    address = request.getfixturevalue(request.param)
-    return Store(address) if request.param == "memory" else open_store(address)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table import each_row
 
 import vastflow.oracles
 import vastflow.producers
@@ -56,12 +57,12 @@ SAME = {
 }
 
 
-@pytest.mark.parametrize(("one", "other"), DIFFERENT.values(), ids=DIFFERENT.keys())
+@each_row(("one", "other"), DIFFERENT.values())
 def test_different_programs_have_different_digests(one, other):
     assert code_digest(one) != code_digest(other)
 
 
-@pytest.mark.parametrize(("one", "other"), SAME.values(), ids=SAME.keys())
+@each_row(("one", "other"), SAME.values())
 def test_a_program_that_looks_different_has_the_same_digest(one, other):
     assert code_digest(one) == code_digest(other)
 
@@ -84,6 +85,7 @@ def test_the_code_digest_is_pinned():
     assert code_digest(text) == pinned
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(SOURCES), st.integers(0, 2**32))
 def test_equal_digests_mean_equal_trees(file, seed):

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import pytest
+from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.tasks.controllers import controllers_in
@@ -30,7 +30,7 @@ QUICKSTART = Path(__file__).parents[2] / "campaigns" / "quickstart" / "quickstar
 NOTHING = 'import osc.helpers\n\nscenario nothing:\n    level: int\n    do serial:\n        log("done")\n'
 
 
-@pytest.mark.parametrize("campaign, drives", [("room", True), ("nothing", False)])
+@each_row("campaign, drives", [("room", True), ("nothing", False)])
 def test_a_family_says_whether_a_robot_drives_in_it(tmp_path, campaign, drives):
     (tmp_path / "nothing.osc").write_text(NOTHING)
     nothing = tmp_path / "nothing.vast"

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 CHOSEN = frozenset(
     {"helper: a comment", "helper: a constant", "vastflow: code of the judging", "meanwhile: oracle: code"}
 )

@@ -46,6 +46,7 @@ def gone(record, timeout_s=60):
     return record.process is None
 
 
+@pytest.mark.slow
 def test_one_server_stays_for_the_next_call_is_not_ended_while_used_and_ends_when_idle(tmp_path):
     first = KeptServer(tmp_path / "log", 4.0)
     url = first.url()
@@ -65,6 +66,7 @@ def test_one_server_stays_for_the_next_call_is_not_ended_while_used_and_ends_whe
     assert not answers(url)
 
 
+@pytest.mark.slow
 def test_a_server_ends_though_who_used_it_was_killed_and_one_that_is_asked_to_ends_at_once(tmp_path):
     script = "import sys, time, pathlib; from vastflow.tasks.kept_server import KeptServer; "
     script += "KeptServer(pathlib.Path(sys.argv[1]), 600).url(); print('used', flush=True); time.sleep(600)"
@@ -81,6 +83,7 @@ def test_a_server_ends_though_who_used_it_was_killed_and_one_that_is_asked_to_en
     assert end_kept() == []
 
 
+@pytest.mark.slow
 def test_a_server_that_dies_while_it_is_used_is_replaced_on_its_port_by_one_that_ends_with_the_call(tmp_path):
     server = KeptServer(tmp_path / "log", 600)
     url = server.url()

@@ -1,7 +1,7 @@
 import sys
 from dataclasses import replace
 
-import pytest
+from table import each_row
 
 from vastflow.tasks.keys import Keys, numeric_class
 
@@ -78,7 +78,7 @@ def test_another_minor_version_of_python_is_another_class():
     assert numeric_class().endswith(f"; {sys.version_info.major}.{sys.version_info.minor}")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "variable",
     [
         "NUMBA_OPT=0",
@@ -93,7 +93,7 @@ def test_a_setting_that_may_change_compiled_code_is_another_class(variable):
     assert numeric_class(environment={name: value}) != numeric_class(environment={})
 
 
-@pytest.mark.parametrize("name", ["NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DUMP_IR", "NUMBA_WARNINGS"])
+@each_row("name", ["NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DUMP_IR", "NUMBA_WARNINGS"])
 def test_a_setting_that_changes_no_code_changes_no_class(name):
     assert numeric_class(environment={name: "1"}) == numeric_class(environment={})
 

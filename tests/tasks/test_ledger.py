@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+from table import each_row
 
 from vastflow.tasks import ledger
 
@@ -68,7 +69,7 @@ def test_a_flow_run_is_in_the_ledger_by_a_tag_until_it_has_begun_and_its_task_ru
             assert TagsContext.get().current_tags == {"mine"}
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"pid": 1}'])
+@each_row("content", ["", "{", "[]", '{"pid": 1}'])
 def test_a_damaged_entry_is_passed_over(content):
     ledger.enter(RUN, "http://x/api")
     (ledger.folder() / f"{RUN}.json").write_text(content)

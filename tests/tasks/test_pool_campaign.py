@@ -22,7 +22,7 @@ from vastflow.flows.request.work_pool import WorkPool, WorkPoolError
 from vastflow.tasks.remote_files import RemoteFiles
 from vastflow.tasks.store import open_store
 
-pytestmark = pytest.mark.timeout(580)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(580)]
 more = pytest.mark.skipif(os.environ.get("VASTFLOW_DEPLOYMENTS") != "all", reason="VASTFLOW_DEPLOYMENTS=all runs it")
 
 END_S = 200

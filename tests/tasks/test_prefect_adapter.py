@@ -61,6 +61,7 @@ def client(started_api, tmp_path_factory):
         yield client
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(280)
 def test_every_route_answers(client):
     assert adapter.post(client, "/task_runs/count", {}) == 0
@@ -85,6 +86,7 @@ def test_what_begins_under_exact_tags_has_no_others(client):
     assert client.read_flow_run(state.state_details.flow_run_id).tags == ["one"]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(280)
 def test_services_that_have_begun_end_and_may_begin_again(client):
     from prefect import flow

@@ -7,6 +7,7 @@ import time
 from datetime import datetime
 
 import pytest
+from table import each_row
 
 from vastflow.tasks.prefect_database import set_aside_if_damaged
 from vastflow.tasks.server import ApiServer
@@ -64,7 +65,7 @@ def test_a_database_that_another_process_has_locked_stays(database):
     assert database.exists()
 
 
-@pytest.mark.parametrize("connection_url", ["postgresql+asyncpg://me@host/prefect", "sqlite+aiosqlite:///:memory:"])
+@each_row("connection_url", ["postgresql+asyncpg://me@host/prefect", "sqlite+aiosqlite:///:memory:"])
 def test_a_database_that_is_no_file_is_nobodys_business(connection_url):
     assert set_aside_if_damaged(connection_url, NOW) is None
 

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from table import each_row
 
 from vastflow.sim.digest import FileContent
 from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, nav2_file
@@ -72,7 +73,7 @@ def test_what_computes_takes_values_from_what_reads_and_calls_nothing_else_there
     assert others <= RESULTS_OF_READING | WORDS_ONLY
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@each_row("stage", STAGES)
 def test_no_stage_has_code_that_reads_in_its_source(stage):
     code = installed_tree().code(*STAGES[stage])
     assert not [module for module in code.modules if any(below(module, package) for package in READING)]
@@ -147,14 +148,13 @@ def parameters(folder, text):
 AMCL = "amcl:\n  ros__parameters:\n    alpha1: 0.3\n    alpha2: 0.4\n"
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         "# a comment\n" + AMCL,
         "amcl:\n  ros__parameters:\n    alpha2: 0.4\n    alpha1: 0.3\n",
         AMCL + "some_other_node:\n  ros__parameters: {rate: 3}\n",
     ],
-    ids=["a comment", "another order", "a node that is not simulated"],
 )
 def test_a_parameter_file_with_the_same_numbers_computes_nothing_again(tmp_path, text):
     before = checked_digest(driving(system=parameters(tmp_path, AMCL)))
@@ -222,7 +222,7 @@ def test_whole_seconds_are_the_same_with_a_point_and_without():
     assert checked_digest(driving(timeout_s=20)) == checked_digest(driving(timeout_s=20.0))
 
 
-@pytest.mark.parametrize("part", ["environment", "task"])
+@each_row("part", ["environment", "task"])
 def test_what_seeds_runs_computes_again_even_where_nothing_reads_it(part):
     other = {"environment": {"map_file": MAP}, "task": POSES, part: {**getattr(driving(), part), "_x": 1}}
     scenario = Scenario("builtin:navigate_to_pose", 20.0, other["environment"], other["task"], {})

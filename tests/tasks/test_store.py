@@ -19,9 +19,13 @@ KEY = "execute/ab/abcd/0-5"
 CONTENT = "338736d3cc5239f43388b32f21328523e790542620966d1e65b34ce99582cf83"
 
 
-@pytest.fixture
-def store(any_store):
-    return any_store
+@pytest.fixture(params=["folder", "memory", pytest.param("s3", marks=pytest.mark.slow)])
+def store(request, tmp_path):
+    """An empty store of each kind."""
+    if request.param == "folder":
+        return open_store(tmp_path / "store")
+    address = request.getfixturevalue(request.param)
+    return Store(address) if request.param == "memory" else open_store(address)
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
@@ -114,7 +115,7 @@ def test_wrong_credentials_are_said_in_a_sentence(shared_s3, s3_variables):
     assert "check the credentials" in result.stderr and "Traceback" not in result.stderr
 
 
-@pytest.mark.parametrize(
+@each_row(
     "command",
     [["explain", "ADDRESS", "only"], ["coverage", "ADDRESS"], ["resume", "ADDRESS"], ["compare", "ADDRESS", "."]],
 )

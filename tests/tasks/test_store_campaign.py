@@ -15,7 +15,7 @@ from vastflow.tasks.remote_files import RemoteFiles
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import StoreError, open_store
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 CAMPAIGN = """
 version: 1

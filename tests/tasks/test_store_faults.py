@@ -104,6 +104,7 @@ def damage(files, rng):
     return f"{kind} {path} at {at} of {len(content)}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["folder", "memory", "s3"])
 def test_every_fault_is_noticed_and_healed_and_nothing_damaged_is_served(kind, request, tmp_path, raw):
     if kind == "folder":

@@ -69,6 +69,7 @@ def test_an_address_that_cannot_be_is_refused_and_not_made_into_a_folder(tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_server_that_does_not_answer_is_asked_six_times_and_named(monkeypatch):
     monkeypatch.setattr("vastflow.tasks.remote_files._ANSWER_S", 0.2)
     asked = []
@@ -113,6 +114,7 @@ def test_no_credentials_are_no_riddle(shared_s3, s3_variables, monkeypatch):
         open_store("s3://bucket/x")
 
 
+@pytest.mark.slow
 def test_a_server_that_does_not_answer_is_named(start_s3, s3_variables):
     server = start_s3()
     s3_variables(server)
@@ -123,6 +125,7 @@ def test_a_server_that_does_not_answer_is_named(start_s3, s3_variables):
             ask()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2])
 def test_a_server_that_dies_during_a_put_leaves_no_artifact_and_all_goes_on_when_it_is_back(
     start_s3, s3_variables, monkeypatch, number
