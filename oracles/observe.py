@@ -21,9 +21,9 @@ from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.trace import NOWHERE_MM, MaybeReference, NoReference, Reference, levelled, reference_row
 from vastflow.sim.digest import FileContent
 from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.nav.outline import inscribed_radius_of
 from vastflow.sim.nav.parameters.chosen import parameters_of
 from vastflow.sim.reading.map_file import MapError, load_map
-from vastflow.sim.reading.robot import inscribed_radius_of
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.recordings.blocks import read_recordings, write_block
 from vastflow.sim.recordings.recording import Recording, si

@@ -92,7 +92,7 @@ def prefect_log(log: Path) -> Iterator[None]:
             for logger, (handlers, propagate) in before.items():
                 logger.removeHandler(handler)
                 if is_first:
-                    logger.handlers += [each for each in handlers if each not in logger.handlers]
+                    logger.handlers[:] = [*handlers, *(each for each in logger.handlers if each not in handlers)]
                     logger.propagate = propagate
             if is_first:
                 logging.raiseExceptions = raises

@@ -112,14 +112,14 @@ def _drawn(failed: Floats, runs: Floats, values: Floats | None) -> float:
 
     observed = float(statistic(failed.sum(axis=0)[None])[0]) + 1e-9
     larger = drawn = 0
-    for sums in _ways(runs.astype(np.int64), total.astype(np.int64), np.random.default_rng(_SEED)):
+    for sums in _assignments(runs.astype(np.int64), total.astype(np.int64), np.random.default_rng(_SEED)):
         larger, drawn = larger + int((statistic(sums) <= observed).sum()), drawn + len(sums)
         if larger >= _ENOUGH:  # far from showing anything; more draws would tell the same (Besag and Clifford 1991)
             break
     return (1 + larger) / (1 + drawn)
 
 
-def _ways(runs: NDArray[np.int64], total: NDArray[np.int64], rng: np.random.Generator) -> Iterator[Floats]:
+def _assignments(runs: NDArray[np.int64], total: NDArray[np.int64], rng: np.random.Generator) -> Iterator[Floats]:
     """(`_CHUNK`, L) failures at each level over all sets, `DRAWS` in all: level by level, hypergeometric."""
     for _ in range(DRAWS // _CHUNK):
         left = np.broadcast_to(total, (_CHUNK, len(total)))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.nav.parameters.costmap import Costmap
+from vastflow.sim.nav.parameters.stack import NavParameters
 from vastflow.sim.nav.polygon import as_array, vertices_of
 
 VERTICES: Final = 16
@@ -48,3 +49,12 @@ def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
 def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
     """Radius of the smallest circle round the robot's center that holds the outline (0.234142 m for 0.22 m and 0.01 m)."""
     return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))
+
+
+def inscribed_radius_of(parameters: NavParameters) -> float:
+    """Radius (m) of the largest disc round the center in the body that `robot` gives, else in the local costmap's footprint."""
+    given, costmap = parameters.robot, parameters.local_costmap
+    if given.radius is not None:
+        return given.radius
+    vertices = vertices_of(given.polygon or costmap.footprint)
+    return inscribed_radius_m(as_array(vertices)) if vertices else costmap.robot_radius

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from vastflow.sim.nav.outline import inscribed_radius_m
 from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, is_omni
 from vastflow.sim.nav.parameters.latency import IDEAL, Latency
 from vastflow.sim.nav.parameters.mppi import MotionModel, MppiParameters
@@ -13,7 +12,7 @@ from vastflow.sim.nav.parameters.robot import LidarParameters
 from vastflow.sim.nav.parameters.servers import VelocitySmoother
 from vastflow.sim.nav.parameters.smac import SmacPlannerHybrid
 from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.polygon import Vertices, as_array, vertices_of
+from vastflow.sim.nav.polygon import Vertices, vertices_of
 from vastflow.sim.nav.rates import held_hz
 from vastflow.sim.world.lidar_model import Lidar
 from vastflow.sim.world.robot_model import Drive, Robot
@@ -88,15 +87,6 @@ def lidar_of(parameters: NavParameters) -> Lidar:
         (x_m, y_m, yaw_rad),
         bool(given.sweeps),
     )
-
-
-def inscribed_radius_of(parameters: NavParameters) -> float:
-    """Radius (m) of the largest disc round the center in the body that `robot` gives, else in the local costmap's footprint."""
-    given, costmap = parameters.robot, parameters.local_costmap
-    if given.radius is not None:
-        return given.radius
-    vertices = vertices_of(given.polygon or costmap.footprint)
-    return inscribed_radius_m(as_array(vertices)) if vertices else costmap.robot_radius
 
 
 def robot_facts(parameters: NavParameters) -> tuple[RobotFact, ...]:

@@ -142,7 +142,9 @@ def test_validate_refuses_strategy_whose_library_is_missing(tmp_path, monkeypatc
     )
     result = called("validate", tmp_path / "search.vast")
     assert (result.exit_code, result.stdout) == (2, "")
-    assert "the library optuna is not installed; pip install 'vastflow[search]'" in result.stderr
+    assert (
+        "the library optuna is not installed; pip install -e '.[search]' in the checkout of vastflow" in result.stderr
+    )
 
 
 def test_lidar_with_own_angles_looks_ahead_from_center():

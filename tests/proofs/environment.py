@@ -67,7 +67,7 @@ def _full(place: str, size: str = "64k") -> str:
 
 
 CONDITIONS: Final = (
-    Condition("read-only home", "mount -t tmpfs -o ro none LAB/home", r"can't write to '.*' \(Read-only file system\); set XDG_\w+", early=True,
+    Condition("read-only home", "mount -t tmpfs -o ro none LAB/home", r"can't (write to|be written below) '.*' \(Read-only file system\); set XDG_\w+", early=True,
               environment=(("HOME", "LAB/home"), ("XDG_CACHE_HOME", ""), ("XDG_STATE_HOME", ""))),
     Condition("read-only Prefect home", "mount -t tmpfs -o ro none LAB/prefect", r"can't write to '.*prefect' \(Read-only .*\); set PREFECT_HOME",
               early=True, environment=(("PREFECT_HOME", "LAB/prefect"),)),
@@ -78,8 +78,9 @@ CONDITIONS: Final = (
               environment=(("TMPDIR", "LAB/tmp"),)),
     Condition("read-only results", "mkdir -p LAB/results && mount -t tmpfs -o ro none LAB/results", r"results: .*Read-only file system|--results .*no permission"),
     Condition("full results", _full("LAB/results"), r"results: can't write to '.*results' \(No space left on device\); make room"),
-    Condition("another user's store", "mkdir -p LAB/store && chmod 755 LAB/store && chmod 777 LAB", r"store: can't write to '.*store' \(Permission denied\)", user=65534, early=True),
-    Condition("another user's home", "chmod 777 LAB", r"can't write to '.*' \(Permission denied\); set XDG_", user=65534, early=True,
+    Condition("another user's store", "mkdir -p LAB/store && chmod 755 LAB/store && chmod 777 LAB", r"store: can't write to '.*store' \(Permission denied\)", user=65534, early=True,
+              environment=(("XDG_CACHE_HOME", "LAB/cache"),)),
+    Condition("another user's home", "chmod 777 LAB", r"can't (write to|be written below) '.*' \(Permission denied\); set XDG_", user=65534, early=True,
               environment=(("HOME", "LAB/home"), ("XDG_CACHE_HOME", ""), ("XDG_STATE_HOME", ""))),
     Condition("results name too long", "true", r"--results .*File name too long; name a folder", results="a" * 300, early=True),
     Condition("results at a dangling link", "ln -s nowhere LAB/link", r"--results .*link is a link that leads nowhere", results="link", early=True),

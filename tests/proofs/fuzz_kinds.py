@@ -56,7 +56,7 @@ configuration:
           start_pose: "@start_pose", goal_poses: "@goal_poses", num_goal_poses: 2, robot_diameter: 0.2, seed: 3}
       - ObstacleVariation: {obstacle_configs: [{amount: 1, max_distance: 0.3, xacro_arguments: "width:=0.1, length:=0.1"}],
           count: 1, robot_diameter: 0.1}
-      - ParameterVariationList: {name: speed, values: [0.1, 0.5]}
+      - ParameterVariationList: {name: robot.max_speed, values: [0.1, 0.5]}
     design: {t_way: {strength: 2}}
     dimensions: {inflation_radius: system}
   - name: raster

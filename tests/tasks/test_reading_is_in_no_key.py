@@ -30,6 +30,7 @@ RESULTS_OF_READING = {
     "vastflow.sim.reading.checked.checked_of",
     "vastflow.sim.reading.map_file.load_map",
     "vastflow.sim.reading.map_file.map_content",
+    "vastflow.sim.reading.robot.robot_of",
     "vastflow.sim.reading.script.script_of",
     "vastflow.sim.reading.world.difference_of",
 }
