@@ -160,7 +160,7 @@ def test_writers_at_the_same_time_are_harmless(kind, tmp_path, request):
             assert store.read(f"execute/ab/k{i}/0-1", "a.bin")[:1] in (b"0", b"1")
         except Lost:  # rclone keeps neither of two that write one object at once
             lost += 1
-    assert lost == 0 or kind == "s3"
+    assert lost <= (3 if kind == "s3" else 0)
     if kind == "folder":
         assert list((store.local / "temporary").iterdir()) == []
 
