@@ -37,9 +37,16 @@ def marked(mark: str) -> Iterator[int]:
 
 
 def kill_marked(mark: str, for_s: float = KILL_FOR_S) -> tuple[int, ...]:
-    """Kill every process that bears `mark` until there is none; the ids of those left after `for_s` seconds."""
+    """Kill every process that bears `mark` until two looks find none; the ids of those left after `for_s` seconds.
+
+    One look may miss a process: while it executes a program, it has no environment for a moment.
+    """
     until_s = time.monotonic() + for_s
-    while found := tuple(marked(mark)):
+    found: tuple[int, ...] = ()
+    looks_without = 0
+    while looks_without < 2:
+        found = tuple(marked(mark))
+        looks_without = 0 if found else looks_without + 1
         for pid in found:
             try:
                 os.kill(pid, signal.SIGKILL)

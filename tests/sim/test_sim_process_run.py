@@ -87,6 +87,8 @@ def test_exports_of_the_pre_command_reach_the_programs(begun, campaign):
 def test_what_the_pre_command_started_runs_until_the_end(begun, campaign):
     (campaign / "pre.sh").write_text("sleep 600 &\n")
     with begun(pre_command="pre.sh") as run:
+        while not run.pids():  # a process that is just executing `sleep` has no environment for a moment
+            time.sleep(0.005)
         assert len(run.pids()) == 1
         run.close()
         assert run.pids() == set()
