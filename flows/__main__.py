@@ -34,7 +34,7 @@ from vastflow.flows.commands.server import server
 from vastflow.flows.commands.show import show
 from vastflow.flows.commands.store import store
 from vastflow.flows.terminal.exit_code import BAD_INPUT
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.garbage import few_collections
 
 

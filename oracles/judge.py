@@ -9,12 +9,12 @@ from vastflow.oracles.oracle import Oracle
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.trace import Trace, trace_of
 from vastflow.oracles.verdict import Verdict
+from vastflow.sim.model.archive import read_outputs
+from vastflow.sim.model.blocks import read_block, read_recordings
+from vastflow.sim.model.recording import Outputs
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.watch import watched
-from vastflow.sim.process.outputs import Outputs
-from vastflow.sim.recordings.archive import read_outputs
-from vastflow.sim.recordings.blocks import read_block, read_recordings
-from vastflow.sim.scenario import Scenario
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +40,9 @@ def judge_block(
     """Every oracle's verdict on every run of a block, and why those failed that did.
 
     Args:
-        recording_block: Runs of `scenario`, by `vastflow.sim.recordings.blocks.write_recordings`.
+        recording_block: Runs of `scenario`, by `vastflow.sim.model.blocks.write_recordings`.
         trace_block: The same runs, by `vastflow.oracles.observe.observe_block`.
-        outputs: What the runs' programs wrote, by `vastflow.sim.recordings.archive.write_outputs`; None where there is nothing.
+        outputs: What the runs' programs wrote, by `vastflow.sim.model.archive.write_outputs`; None where there is nothing.
 
     Raises:
         ValueError: the blocks are not of the same runs.

@@ -19,17 +19,17 @@ from vastflow.oracles.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.reference import reference_path
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.trace import NOWHERE_MM, MaybeReference, NoReference, Reference, levelled, reference_row
-from vastflow.sim.digest import FileContent
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.outline import inscribed_radius_of
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.reading.map_file import MapError, load_map
+from vastflow.sim.model.blocks import read_recordings, write_block
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.recording import Recording, si
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
-from vastflow.sim.recordings.blocks import read_recordings, write_block
-from vastflow.sim.recordings.recording import Recording, si
-from vastflow.sim.scenario import Scenario
 from vastflow.sim.world.difference import world_of
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.map_file import MapError, load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 
 _CANDIDATES: Final = 9
 """Cells looked at for the nearest wall: the nearest square is among the nine nearest centers, or at most a

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.situation import Situation
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.recording import Event, Run
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Run
 
 _SPAWNED, _MOVED, _DELETED = "spawned", "obstacle_moved", "deleted"
 _AWAY: Final = (math.inf, math.inf)

@@ -8,13 +8,12 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from vastflow.oracles.oracle_base import Oracle, Parameters
-from vastflow.sim.files import is_file
-from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins
-from vastflow.sim.plug_ins.loading import module_of
+from vastflow.sim.model.files import is_file
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.plug_ins.effects import plug_in_code
+from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, module_of
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
-from vastflow.sim.reading.names import did_you_mean
 
 __all__ = [
     "GROUP",

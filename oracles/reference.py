@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import MaybeReference, NoReference, Reference
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.maps.octile import inflated_free, shortest_path
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.octile import inflated_free, shortest_path
 
 
 def reference_path(occupancy: OccupancyMap | None, situation: Situation, radius_m: float) -> MaybeReference:

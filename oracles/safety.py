@@ -14,7 +14,7 @@ from vastflow.oracles.response import Braking, responses
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Verdict
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
 
 Reading: TypeAlias = Literal["footprint", "cube"]
 READINGS: Final[tuple[Reading, ...]] = ("footprint", "cube")

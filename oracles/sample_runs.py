@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.recording import Event, Outcome, Run
-from vastflow.sim.world.obstacle import Obstacle, Trigger
+from vastflow.sim.model.obstacle import Obstacle, Trigger
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Outcome, Run
 
 STEP_S: Final = 0.1
 _START, _GOAL = Pose(0.0, 0.0), Pose(5.0, 0.0)

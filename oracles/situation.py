@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from vastflow.sim.nav.outline import inscribed_radius_of
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.reading.robot import TURTLEBOT_4, TURTLEBOT_4_RADIUS_M, robot_of
 from vastflow.sim.reading.script import script_of
-from vastflow.sim.scenario import Scenario
-from vastflow.sim.world.obstacle import Obstacle
 
 
 @dataclass(frozen=True, slots=True)

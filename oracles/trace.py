@@ -7,8 +7,8 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.process.tables import Columns
-from vastflow.sim.recordings.recording import Event, Recording, Run, si
+from vastflow.sim.model.recording import Event, Recording, Run, si
+from vastflow.sim.model.tables import Columns
 
 SI_SUFFIX: Mapping[str, str] = {
     "mmps": "mps",
@@ -96,7 +96,7 @@ class Trace:
         return np.asarray(self["localization_error_m"][self["localized"] > 0])
 
     def events(self, kind: str) -> tuple[Event, ...]:
-        """What happened of one kind, such as `contact` or `recovery`, in order; see `vastflow.sim.recordings.recording.Event`."""
+        """What happened of one kind, such as `contact` or `recovery`, in order; see `vastflow.sim.model.recording.Event`."""
         return tuple(event for event in self.run.events if event.kind == kind)
 
     @property

@@ -9,17 +9,16 @@ from vastflow.producers.faults import Fault, Location
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.producers.vast.document import Document
-from vastflow.sim.behavior.support import unsupported
-from vastflow.sim.behavior.vocabulary import ACTIONS, WORLDLY
-from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.files import is_file
-from vastflow.sim.osc.definition import ScenarioDefinition
-from vastflow.sim.osc.faults import OscError
-from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.files import is_file
+from vastflow.sim.model.names import did_you_mean
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, AbstractError, abstract_content, definition_of
-from vastflow.sim.reading.goals import goal_keys
-from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.reading.script import calls_of, is_optional_list, overrides_of
+from vastflow.sim.reading.script import calls_of, goal_keys, is_optional_list, overrides_of
+from vastflow.sim.reading.vocabulary import ACTIONS, WORLDLY
+from vastflow.sim.scenario.definition import ScenarioDefinition
+from vastflow.sim.scenario.language.faults import OscError
+from vastflow.sim.scenario.language.parameters import ParameterMismatch, bound, default_of
+from vastflow.sim.scenario.tree.support import unsupported
 
 WHERE: Final[Location] = ("execution", "scenario_file")
 

@@ -30,8 +30,8 @@ from vastflow.producers.vast.spec import (
     is_tolerated_in_family,
     unexecuted,
 )
-from vastflow.sim.digest import FileContent
-from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.scenario import ProcessSetup
 
 __all__ = ["Campaign", "Family", "OracleRequest", "load_campaign", "oracle_requests"]
 

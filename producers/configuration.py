@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from vastflow.sim.digest import Value, digest
-from vastflow.sim.scenario import Dimension, Scenario
+from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.scenario import Dimension, Scenario
 
 REQUESTED: Final = "_requested_"
 """Before the key of a drawn value: provenance of what the file requested there, by the file's names. The report compares it."""

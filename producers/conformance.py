@@ -5,10 +5,10 @@ from typing import Any, Final, get_args
 
 from vastflow.producers.configuration import Fragment, Rejection, restricted_digest
 from vastflow.producers.producer import Parameters, Producer, draws_of, evaluate
-from vastflow.sim.digest import Value, digest
+from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.plug_ins.conformance import must, watched_generators
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.scenario import Dimension
 
 Inputs = Sequence[Mapping[str, Value]]
 

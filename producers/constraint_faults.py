@@ -12,7 +12,7 @@ from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.growth import InstantiableFamily
 from vastflow.producers.instantiate import contradictions
 from vastflow.producers.producer import Producer, draws_of
-from vastflow.sim.digest import Value
+from vastflow.sim.model.digest import Value
 
 MOST_LOOKED_AT: Final = 20_000
 """Combinations of values; more are left to instantiation."""

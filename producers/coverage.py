@@ -15,8 +15,8 @@ from vastflow.producers.designs.array import admissible_tuples, designed_factors
 from vastflow.producers.designs.space import FactorBlock, product_of
 from vastflow.producers.producer import Producer
 from vastflow.producers.vast.design import DesignSpec
-from vastflow.sim.digest import Texts
-from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.model.digest import Texts
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 
 STRENGTH: Final = 2
 """Of the combinations of choices that are counted."""

@@ -11,7 +11,7 @@ from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.producers.producer import Producer
 from vastflow.producers.scenario_values import LOOPS_KEY
 from vastflow.producers.vast.document import Document
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 MISSION_KEYS: Final = frozenset({START_KEY, GOAL_KEY, GOALS_KEY, LOOPS_KEY})
 

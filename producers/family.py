@@ -44,14 +44,14 @@ from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.model_faults import faults_of
 from vastflow.producers.vast.robot_section import robot_places
 from vastflow.producers.vast.spec import ExecutionSpec, FamilySpec, StartCheckKind, is_tolerated_in_family
-from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.nav.parameters.robot import ROBOT_KEY, robot_keys
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.nav2.parameters.robot import ROBOT_KEY, robot_keys
+from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.reading.abstract import hall_file
-from vastflow.sim.reading.map_file import MissingMap
-from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.world.map_file import MissingMap
 
 OVERRIDES: Final[Location] = ("execution", "local", "parameter_overrides")
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 Location: TypeAlias = tuple[str | int, ...]
 """Path of a value from the top of the file: keys of mappings and indices of lists."""

@@ -10,8 +10,8 @@ from vastflow.producers.coverage import FamilyCount
 from vastflow.producers.producer import Producer
 from vastflow.producers.vast.design import DesignSpec
 from vastflow.producers.vast.spec import StartCheckKind
-from vastflow.sim.digest import Value
-from vastflow.sim.scenario import Dimension
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.scenario import Dimension
 
 
 class InstantiableFamily(Protocol):

@@ -28,9 +28,8 @@ from vastflow.producers.growth import Grown, Growth, InstantiableFamily
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY
 from vastflow.producers.producer import Producer, evaluate, tags_of
-from vastflow.sim.digest import FileContent, Texts, Value
-from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.scenario import Dimension, scenario_of
+from vastflow.sim.model.digest import FileContent, Texts, Value
+from vastflow.sim.model.scenario import Dimension, ProcessSetup, scenario_of
 
 
 class InstantiableCampaign(Protocol):

@@ -24,10 +24,9 @@ from vastflow.producers.quantities import (
     Positive,
     Seed,
 )
-from vastflow.sim.digest import Value, digest
-from vastflow.sim.scenario import Dimension
-from vastflow.sim.world.obstacle import Obstacle
-from vastflow.sim.world.obstacle_values import obstacle_of
+from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.obstacle import Obstacle, obstacle_of
+from vastflow.sim.model.scenario import Dimension
 
 MOST_OBSTACLES: Final = 1_000
 """In one configuration."""

@@ -12,10 +12,10 @@ from vastflow.producers import producer
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.faults import Note
 from vastflow.producers.producer import Draws, Producer, UnknownProducer, evaluate, find_producer
-from vastflow.sim.digest import Value
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.scenario import Dimension
 
 PYDANTICS_OWN: Final = frozenset(get_args(ErrorType))
 PRECEDENCE: Final[tuple[Dimension | None, ...]] = ("environment", "task", None, "system")

@@ -17,9 +17,9 @@ from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.places.ground import MAP_FILE_KEYS, map_value, serializable
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Count, NotNegative, Number, Seed
-from vastflow.sim.digest import Value, digest
-from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.world.obstacle_values import lists_obstacles
+from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.obstacle import lists_obstacles
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
 
 ParameterName: TypeAlias = Annotated[str, Field(min_length=1)]
 ParameterKind: TypeAlias = Literal["int", "integer", "float", "double", "number", "bool", "boolean", "str", "string"]

@@ -59,9 +59,9 @@ from vastflow.producers.quantities import (
     Positives,
     Seed,
 )
-from vastflow.sim.digest import FileContent, Value, digest
-from vastflow.sim.pose import Pose
-from vastflow.sim.scenario import Dimension
+from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Dimension
 
 ARRIVAL_M: Final = 0.5
 """The end of a leg whose direction is the goal's yaw: long enough that a grid step does not decide it."""

@@ -3,7 +3,7 @@
 import ast
 from pathlib import Path
 
-from vastflow.sim.files import is_file
+from vastflow.sim.model.files import is_file
 
 
 def names_file(reference: str) -> bool:

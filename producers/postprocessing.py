@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, TypeAlias
 from vastflow.producers import plug_in_file
 from vastflow.producers.faults import NOT_EXECUTED, Location, Note
 from vastflow.producers.vast.document import Document
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 COMMAND: Final = "command"
 CONFIG: Final = "/config/"

@@ -11,15 +11,14 @@ from pydantic import BaseModel, ConfigDict
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.faults import Note
-from vastflow.sim.digest import FileContent, Value, digest
-from vastflow.sim.files import Unreadable, read_text, yaml_value
-from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins, plug_in_of_file
-from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.files import Unreadable, read_text, yaml_value
+from vastflow.sim.model.obstacle import lists_obstacles
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.plug_ins.effects import plug_in_code
+from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, plug_in_of_file, snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
-from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.plug_ins.watch import watched
-from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.world.obstacle_values import lists_obstacles
 
 GROUP: Final = "vastflow.producers"
 ROOM_KEY: Final = "_room_m"

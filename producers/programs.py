@@ -8,13 +8,12 @@ from vastflow.producers.abstract_scenario import AbstractScenario
 from vastflow.producers.faults import Fault, Location, Note
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.spec import ExecutionSpec
-from vastflow.sim.digest import FileContent, file_digest
-from vastflow.sim.files import is_file
-from vastflow.sim.process.actions import PROCESSES
-from vastflow.sim.process.folder import RunFileError, files_matching, unmatched
-from vastflow.sim.process.folders import CONFIG, below_config
-from vastflow.sim.process.setup import ProcessSetup, RunFiles
+from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.files import is_file
+from vastflow.sim.model.scenario import ProcessSetup, RunFiles
 from vastflow.sim.reading.script import calls_of
+from vastflow.sim.scenario.programs.actions import PROCESSES
+from vastflow.sim.scenario.programs.folders import CONFIG, RunFileError, below_config, files_matching, unmatched
 
 KEYS: Final = ("run_files", "env", "pre_command", "post_command")
 

@@ -25,9 +25,9 @@ from vastflow.producers.places.route import FIELD_ERROR_M, Cell, Leg, LegRequest
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, StartParameter, given_start, start_key
 from vastflow.producers.producer import ROOM_KEY, Draws, Producer
 from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M, Goals, NotNegative, Number, Positive, Positives
-from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.pose import Pose
-from vastflow.sim.scenario import Dimension
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Dimension
 
 MAX_POINTS: Final = 5000
 """Points of a raster that is still a raster: of more, the pairs are tens of millions."""

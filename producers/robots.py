@@ -5,11 +5,10 @@ from typing import Any
 
 from vastflow.producers.family import Family
 from vastflow.producers.scenario_values import dimension_of
-from vastflow.sim.nav.outline import inscribed_radius_of
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.local_footprint import FOOTPRINT_NAMES
-from vastflow.sim.nav.parameters.robot import robot_keys
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_of
+from vastflow.sim.nav2.parameter_files.chosen import FOOTPRINT_NAMES, parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameters.robot import robot_keys
 from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
 
 

@@ -6,9 +6,12 @@ from typing import TypeAlias
 
 from vastflow.producers.faults import shown
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
-from vastflow.sim.digest import Value
-from vastflow.sim.nav.controllers.registry import short_names
-from vastflow.sim.nav.parameters.chosen import (
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.obstacle import lists_obstacles, obstacle_of
+from vastflow.sim.model.pose import written_pose_of
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.nav2.controllers.registry import short_names
+from vastflow.sim.nav2.parameter_files.chosen import (
     CONTROLLER_KEY,
     check_key,
     intended_key,
@@ -16,12 +19,9 @@ from vastflow.sim.nav.parameters.chosen import (
     unread,
     unused_because,
 )
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.filters import MASK_KEYS, filtered_by, missing_mask
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
-from vastflow.sim.pose import written_pose_of
-from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.world.obstacle_values import lists_obstacles, obstacle_of
+from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by, missing_mask
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 LOOPS_KEY = "number_of_loops"
 

@@ -18,9 +18,9 @@ from vastflow.producers.places.site import SiteRequest
 from vastflow.producers.places.stops import GOAL_KEY, START_KEY, GoalsParameter, KeyParameter, StartParameter
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import NotNegatives, Positives
-from vastflow.sim.digest import Value
-from vastflow.sim.pose import pose_of
-from vastflow.sim.scenario import Dimension
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.pose import pose_of
+from vastflow.sim.model.scenario import Dimension
 
 
 class TriggeredObstacleParameters(ObstacleParameters):

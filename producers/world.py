@@ -13,12 +13,12 @@ from vastflow.producers.places.ground import MAP_KEY, map_of, occupancy_of
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY, given_goals, given_start
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M, Count, NotNegatives, Positive, Seed
-from vastflow.sim.digest import Value, digest
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.digest import Value, digest
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Dimension
 from vastflow.sim.reading.world import LONGEST_M, SHORTEST_M, WORLD_KEY, difference_of
-from vastflow.sim.scenario import Dimension
 from vastflow.sim.world.difference import world_of
+from vastflow.sim.world.occupancy import OccupancyMap
 
 OFFSET_KEY: Final = "_wall_offset_m"
 MISSING_KEY: Final = "_missing_furniture"
@@ -138,7 +138,7 @@ class WorldVariation(Producer[WorldParameters]):
         """Why the robot finds no path in a world; empty where it does."""
         from skimage.measure import label  # half a second with what follows
 
-        from vastflow.sim.maps import octile
+        from vastflow.sim.world import octile
 
         radius_cells = octile.whole_cells(self.parameters.robot_diameter / 2, world.resolution_m)
         passable = octile.inflated_free(world.free, radius_cells)

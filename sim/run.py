@@ -1,11 +1,12 @@
 """One scenario, one seed → one run's recording."""
 
 import functools
+import math
 import os
 import resource
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -13,33 +14,103 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.behavior.entities import ENTITIES
-from vastflow.sim.behavior.helpers import HELPERS, helper_functions
-from vastflow.sim.behavior.navigation import NAVIGATION
-from vastflow.sim.behavior.stand_ins import stand_ins
-from vastflow.sim.behavior.topics import ROS
-from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.behavior.world import in_world
-from vastflow.sim.digest import FileContent
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.drive import Ending, recording_of, recording_without_world
-from vastflow.sim.loop.play import Watch, play
-from vastflow.sim.loop.prepared import KEPT_MAPS, prepare
 from vastflow.sim.loop.simulation import Simulation, recorded
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.filters import KEEPOUT_KEY, SPEED_KEY
-from vastflow.sim.process.actions import PROCESSES, process_actions
-from vastflow.sim.process.folders import CONFIG, OUT
-from vastflow.sim.process.run import ProcessRecord, ProcessRun, process_run
-from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.model.archive import table
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.model.recording import Recording
+from vastflow.sim.model.runlog import RunLog
+from vastflow.sim.model.scenario import ProcessSetup, Scenario
+from vastflow.sim.nav2.navigator.prepared import KEPT_MAPS, prepare
+from vastflow.sim.nav2.navigator.state import Stack
+from vastflow.sim.nav2.parameter_files.costmaps import KEEPOUT_KEY, SPEED_KEY
 from vastflow.sim.reading.checked import MAP_KEY, CheckedScenario, RobotSetup, checked_of
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.archive import table
-from vastflow.sim.recordings.recording import Recording
-from vastflow.sim.recordings.runlog import RunLog
-from vastflow.sim.scenario import Scenario
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.scenario.programs.actions import PROCESSES, process_actions
+from vastflow.sim.scenario.programs.folders import CONFIG, OUT
+from vastflow.sim.scenario.programs.run import ProcessRecord, ProcessRun, process_run
+from vastflow.sim.scenario.tree.entities import ENTITIES
+from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
+from vastflow.sim.scenario.tree.navigation import NAVIGATION
+from vastflow.sim.scenario.tree.stand_ins import stand_ins
+from vastflow.sim.scenario.tree.topics import ROS
+from vastflow.sim.scenario.tree.tree import ScenarioTree
+from vastflow.sim.scenario.tree.world import in_world
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
+
+PERIOD_S: Final = 0.1
+"""Between two ticks of a scenario's tree."""
+
+TICKS: Final = round(PERIOD_S / TICK_S)
+"""Ticks of the closed loop between two of the tree's."""
+
+Watch = Callable[[Stack, int], None]
+
+
+def play(
+    tree: ScenarioTree,
+    timeout_s: float,
+    loop: ClosedLoop | None,
+    programs: ProcessRun | None,
+    watch: Watch | None = None,
+    watch_ticks: Sequence[int] = (),
+) -> None:
+    """Run a scenario to its end, or to the end of its time.
+
+    The tree is ticked ten times a simulated second, but for ticks that can change nothing: those are passed over until
+    the robot's mission ends or something in the tree is due. While a program runs no tick is passed over, and each lasts its
+    0.1 s of host time, or until the program ends: a program's time can't be simulated.
+
+    Args:
+        loop: The robot in its world; None for a scenario without.
+        programs: What the scenario starts programs in, if it does.
+        watch, watch_ticks: See `vastflow.sim.run.run`.
+    """
+    world = _World(loop, watch, watch_ticks) if loop else None
+    last = math.floor(timeout_s / PERIOD_S + 1e-9)
+    number = 0
+    began_s = time.monotonic()
+    while not tree.ended and number < last:
+        waiting = programs is not None and programs.waiting
+        due = number + 1 if waiting else min(tree.next_tick(), last)
+        number = world.advance(int(due)) if world else int(due)
+        if programs is not None and waiting:
+            programs.wait(max(0.0, began_s + PERIOD_S - time.monotonic()))
+        began_s = time.monotonic()
+        tree.tick(number)
+
+
+class _World:
+    """The closed loop, advanced by the tree's ticks, with a look after some of its own."""
+
+    def __init__(self, loop: ClosedLoop, watch: Watch | None, watch_ticks: Sequence[int]) -> None:
+        self._loop = loop
+        self._watch = watch
+        self._ticks: Iterator[int] = iter(watch_ticks)
+        self._next = next(self._ticks, None) if watch else None
+
+    def advance(self, number: int) -> int:
+        """Go on until tick `number` of the tree, or the first one after the mission's end; which it is."""
+        self._advance(number * TICKS)
+        reached = -(-self._loop.tick // TICKS)
+        self._advance(reached * TICKS)
+        return reached
+
+    def _advance(self, until_tick: int) -> None:
+        status = self._loop.status
+        while self._watch is not None and self._next is not None and self._next < until_tick:
+            self._loop.advance(self._next + 1)
+            if self._loop.tick > self._next:
+                self._watch(self._loop.stack, self._next)
+                self._next = next(self._ticks, None)
+            if self._loop.status != status:
+                return
+        self._loop.advance(until_tick)
+
 
 BEHAVIORS: Final[Mapping[str, type]] = {
     "t_s": float,

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.sim.digest import digest
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.digest import digest
+from vastflow.sim.model.faults import UserError
 
 MANIFEST: Final = "manifest"
 

@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from vastflow.oracles.oracle import Oracle, oracle_of
-from vastflow.sim.digest import FileContent, Value, digest
-from vastflow.sim.nav.parameters.parameter_file import plug_ins_in
-from vastflow.sim.osc.faults import OscError
+from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.scenario import ProcessSetup, Scenario, setup_of
+from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
-from vastflow.sim.process.setup import ProcessSetup, setup_of
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.scenario.language.faults import OscError
 from vastflow.tasks.artifact import inside
 from vastflow.tasks.bundle_files import needed_files
 from vastflow.tasks.index import Member

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim.files import Unreadable, read_text, yaml_value
-from vastflow.sim.osc.reading import files_of
+from vastflow.sim.model.files import Unreadable, read_text, yaml_value
+from vastflow.sim.scenario.language.reading import files_of
 
 _SCENARIO: Final = ".osc"
 _HEADERS: Final = (".yaml", ".yml")

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Mapping
 
-from vastflow.sim.digest import Value
-from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, parameters_of
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+from vastflow.sim.model.digest import Value
+from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 
 def controllers_in(systems: Iterable[Mapping[str, Value]]) -> list[dict[str, Value]]:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final, Generic, Protocol, TypeAlias, TypeVar
 
-from vastflow.sim.digest import Value
+from vastflow.sim.model.digest import Value
 from vastflow.tasks import work
 from vastflow.tasks.controllers import controllers_in
 from vastflow.tasks.evaluation import PackedProducer

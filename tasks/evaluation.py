@@ -13,7 +13,7 @@ from pydantic_core import to_jsonable_python
 
 from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.producer import Producer
-from vastflow.sim.digest import FileContent, Value
+from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.plug_ins.loading import module_of, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import Snapshot
 from vastflow.tasks.keys import EVALUATE_SOURCE, Keys

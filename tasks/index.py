@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.member_pack import MemberPack
 from vastflow.tasks.store import Artifact, Store

@@ -9,7 +9,7 @@ from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.growth import Growth
 from vastflow.producers.instantiate import Instantiation, growth_of, instantiation_of, mark_duplicates
 from vastflow.producers.producer import Producer
-from vastflow.sim.digest import Value
+from vastflow.sim.model.digest import Value
 from vastflow.tasks.evaluation import FRAGMENTS, evaluation_keys, files_in, read_evaluation
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree

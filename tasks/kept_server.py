@@ -21,8 +21,8 @@ from typing import IO, Any, Final
 import platformdirs
 import psutil
 
-from vastflow.sim.digest import digest
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.digest import digest
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.prefect_adapter import settings_of_user
 from vastflow.tasks.server import AUTH, STARTUP_S, ApiServer, PrefectUnavailable, answers, server_environment
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim.digest import Value, digest, file_digest
+from vastflow.sim.model.digest import Value, digest, file_digest
 from vastflow.tasks.source_files import SourceFiles
 
 LAYOUT: Final = 1
@@ -15,9 +15,9 @@ LAYOUT: Final = 1
 
 EXECUTE_SOURCE: Final = (
     "vastflow.sim.run",
-    "vastflow.sim.recordings.behavior_block",
-    "vastflow.sim.recordings.blocks",
-    "vastflow.sim.nav.controllers.*",
+    "vastflow.sim.model.archive",
+    "vastflow.sim.model.blocks",
+    "vastflow.sim.nav2.controllers.*",
 )
 OBSERVE_SOURCE: Final = ("vastflow.oracles.observe",)
 JUDGE_SOURCE: Final = ("vastflow.oracles.judge",)

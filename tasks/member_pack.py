@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-from vastflow.sim.digest import digest
+from vastflow.sim.model.digest import digest
 from vastflow.tasks.artifact import MANIFEST, Artifact, FileEntry
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.store import Store

@@ -16,7 +16,7 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 import fsspec
 import platformdirs
 
-from vastflow.sim.digest import digest
+from vastflow.sim.model.digest import digest
 from vastflow.tasks.artifact import MANIFEST, Artifact, FileEntry, StoreError, entry_of, present
 from vastflow.tasks.manifest_copies import ManifestCopies
 from vastflow.tasks.store_files import Listed

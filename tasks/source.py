@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim.digest import digest, file_digest
+from vastflow.sim.model.digest import digest, file_digest
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.snapshot import Snapshot
 from vastflow.tasks import code_digest, source_cache
@@ -41,12 +41,16 @@ NUMERIC_LIBRARIES: Final[Mapping[str, tuple[str, ...]]] = {
 """Import name to the distributions whose versions can change a number or a stored byte."""
 
 READING: Final = (
-    "vastflow.sim.nav.controllers.conformance",
-    "vastflow.sim.nav.controllers.registry",
-    "vastflow.sim.nav.parameters",
-    "vastflow.sim.osc",
+    "vastflow.sim.nav2.controllers.conformance",
+    "vastflow.sim.nav2.controllers.registry",
+    "vastflow.sim.nav2.parameter_files",
+    "vastflow.sim.nav2.parameters",
+    "vastflow.sim.model.names",
     "vastflow.sim.plug_ins",
     "vastflow.sim.reading",
+    "vastflow.sim.scenario.definition",
+    "vastflow.sim.scenario.language",
+    "vastflow.sim.world.map_file",
 )
 """Packages that read and check, and that let plug-ins in. No result follows from their code: what they make of files is in
 keys as a value, and a plug-in as its snapshot."""

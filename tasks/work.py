@@ -17,17 +17,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec, TypeAlias, TypeVar
 
-from vastflow.sim.digest import Value
-from vastflow.sim.plug_ins.plug_in import plug_in_code
-from vastflow.sim.scenario import Scenario
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.tasks.evaluation import FRAGMENTS, PackedProducer, write_evaluation
 from vastflow.tasks.garbage import few_collections
 from vastflow.tasks.store import Lost, Store, StoreError
 from vastflow.tasks.surroundings import check_temporary
 
 if TYPE_CHECKING:
-    from vastflow.sim.recordings.recording import Recording
+    from vastflow.sim.model.recording import Recording
 
 WorkStage: TypeAlias = Literal["instantiate", "execute", "observe", "judge", "flow"]
 
@@ -104,8 +104,8 @@ def compile_kernels(systems: Sequence[Mapping[str, Value]] = ({},)) -> None:
         systems: System dimensions, one for each controller that is driven by.
     """
     _log_plainly()
-    from vastflow.sim.reading.map_file import map_content
     from vastflow.sim.run import run
+    from vastflow.sim.world.map_file import map_content
 
     with few_collections(), tempfile.TemporaryDirectory() as folder:
         room = Path(folder, "room.yaml")
@@ -129,7 +129,7 @@ def execute(store: Store, key: str, scenario: Scenario, start: int, stop: int, s
     if (stored := store.find(f"{key}/{start}-{stop}")) is not None:
         return Executed({int(run): float(s) for run, s in stored.info["runs"]}, {})
     from vastflow.sim import run
-    from vastflow.sim.recordings.runlog import run_log_row
+    from vastflow.sim.model.runlog import run_log_row
     from vastflow.sim.run import Execution
 
     whole: list[Execution] = []
@@ -203,9 +203,8 @@ def evaluate(store: Store, key: str, producer: PackedProducer, inputs: Mapping[s
 
 def _files(recordings: "Sequence[Recording]") -> dict[str, bytes]:
     """A block's recordings, the behaviors of their scenarios, and what their programs wrote, if anything."""
-    from vastflow.sim.recordings.archive import write_outputs
-    from vastflow.sim.recordings.behavior_block import write_behaviors
-    from vastflow.sim.recordings.blocks import write_recordings
+    from vastflow.sim.model.archive import write_behaviors, write_outputs
+    from vastflow.sim.model.blocks import write_recordings
 
     behaviors = write_behaviors({recording.run.run_index: recording.behaviors for recording in recordings})
     files = {RECORDINGS: write_recordings(recordings), BEHAVIORS: behaviors}

@@ -122,14 +122,14 @@ def test_every_package_says_that_it_is_typed():
 
 def test_the_way_through_the_code_names_every_package_with_its_own_words():
     page = (ROOT / "docs" / "find-your-way-in-the-code.md").read_text()
-    named = re.findall(r"^\| `([a-z_/]+)/` \| (.*) \|$", page, re.MULTILINE)
+    named = re.findall(r"^\| `([a-z0-9_/]+)/` \| (.*) \|$", page, re.MULTILINE)
     said = {folder: ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) for folder in package_folders()}
     assert sorted(named) == sorted((str(folder.relative_to(ROOT)), words) for folder, words in said.items())
 
 
 def test_the_places_that_the_way_through_the_code_names_are_there():
     page = (ROOT / "docs" / "find-your-way-in-the-code.md").read_text()
-    files = re.findall(r"`([a-z_/]+\.py)`", page)
+    files = re.findall(r"`([a-z0-9_/]+\.py)`", page)
     assert files and [file for file in files if not (ROOT / file).is_file()] == []
 
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Final, NoReturn
 
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 PROOFS: Final = Path(__file__).resolve().parents[2] / "tests" / "proofs"
 

@@ -13,7 +13,7 @@ from vastflow.flows.results.at_hand import check_directory, meant_address
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.options import AsJson, AsV1, MapDir
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

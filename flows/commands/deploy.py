@@ -13,7 +13,7 @@ from vastflow.flows.request.work_pool import NO_API
 from vastflow.flows.terminal.exit_code import FAULT
 from vastflow.flows.terminal.options import CampaignFile, Context
 from vastflow.flows.terminal.request_options import asking
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.execution.job import DATA, IMAGE, NAME, PoolType
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def _check_schedule(deployment: "Deployment") -> None:
     from zoneinfo import available_timezones
 
     from vastflow.flows.pool.registration import is_cron
-    from vastflow.sim.reading.names import did_you_mean
+    from vastflow.sim.model.names import did_you_mean
 
     if deployment.cron is None:
         return

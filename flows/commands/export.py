@@ -10,7 +10,7 @@ import typer
 from vastflow.flows.commands.show import PLACE_HELP
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.writing import writing
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from vastflow.flows.export.export import Exported

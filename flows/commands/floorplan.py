@@ -12,7 +12,7 @@ import typer
 
 from vastflow.flows.terminal.exit_code import BAD_INPUT
 from vastflow.flows.terminal.writing import check_writable, writing
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from vastflow.producers.floorplan.building import Building

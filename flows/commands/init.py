@@ -11,7 +11,7 @@ from typing import Annotated, Final
 import typer
 
 from vastflow.flows.terminal.writing import check_writable, writing
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 _SHIPPED: Final = "vastflow.campaigns.quickstart"
 _CAMPAIGN: Final = "quickstart.vast"
@@ -101,11 +101,11 @@ def _random_paths(folder: Path, map_file: Path, nav2_params: Path | None, comman
     from vastflow.producers.places.ground import ground_of
     from vastflow.producers.places.route import farthest_m
     from vastflow.producers.vast.nav2_params import parameter_faults
-    from vastflow.sim.nav.outline import circumscribed_radius_m
-    from vastflow.sim.nav.parameters.document import DocumentError
-    from vastflow.sim.nav.parameters.local_footprint import local_outline
-    from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, nav2_file
-    from vastflow.sim.reading.map_file import MapError, map_content
+    from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
+    from vastflow.sim.nav2.parameter_files.chosen import local_outline
+    from vastflow.sim.nav2.parameter_files.document import DocumentError
+    from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
+    from vastflow.sim.world.map_file import MapError, map_content
 
     try:
         outline = local_outline({} if nav2_params is None else {FILE_KEY: nav2_file(nav2_params)})

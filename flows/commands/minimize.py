@@ -15,7 +15,7 @@ from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.options import AsJson, ResultsFolder
 from vastflow.flows.terminal.request_options import asking
 from vastflow.flows.terminal.writing import check_writable, writing
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from vastflow.flows.minimization.minimized import Minimized

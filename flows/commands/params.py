@@ -13,8 +13,8 @@ import typer
 from vastflow.flows.terminal.options import AsJson
 
 if TYPE_CHECKING:
-    from vastflow.sim.nav.parameters.findings import Finding
-    from vastflow.sim.nav.parameters.interpretation import Interpretation
+    from vastflow.sim.nav2.parameter_files.findings import Finding
+    from vastflow.sim.nav2.parameter_files.interpretation import Interpretation
 
 MEANING: Final[Mapping[str, str]] = {
     "modeled": "used",
@@ -35,10 +35,10 @@ def params(
     """
     from vastflow.producers.faults import CampaignError
     from vastflow.producers.vast.nav2_params import parameter_faults
-    from vastflow.sim.nav.parameters.document import DocumentError
-    from vastflow.sim.nav.parameters.findings import findings
-    from vastflow.sim.nav.parameters.interpretation import interpretation
-    from vastflow.sim.nav.parameters.wildcards import read_nav2_document
+    from vastflow.sim.nav2.parameter_files.document import DocumentError
+    from vastflow.sim.nav2.parameter_files.findings import findings
+    from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+    from vastflow.sim.nav2.parameter_files.parameter_file import read_nav2_document
 
     try:
         found = interpretation(read_nav2_document(file))
@@ -53,8 +53,8 @@ def params(
 
 
 def _as_json(found: "Interpretation", rows: Sequence["Finding"]) -> Mapping[str, Any]:
-    from vastflow.sim.nav.parameters.document import dotted
-    from vastflow.sim.nav.parameters.findings import left_out
+    from vastflow.sim.nav2.parameter_files.document import dotted
+    from vastflow.sim.nav2.parameter_files.findings import left_out
     from vastflow.sim.reading.robot import lidar_of, robot_facts, robot_of
 
     return {
@@ -112,7 +112,7 @@ def _said(row: "Finding") -> str:
 
 
 def _summary(found: "Interpretation", rows: Sequence["Finding"]) -> Iterator[str]:
-    from vastflow.sim.nav.parameters.findings import left_out
+    from vastflow.sim.nav2.parameter_files.findings import left_out
     from vastflow.sim.reading.robot import robot_facts, robot_words
 
     for status, count in _counts(rows).items():

@@ -180,11 +180,11 @@ def _executed(recorded: "RecordedRun", asked: ShownTicks) -> "tuple[Replay, list
 def _story(title: str, recorded: "RecordedRun", replayed: "Replay", difference: "Difference | None") -> "Story":
     from vastflow.oracles.figures.zones import zones_of
     from vastflow.oracles.replay.story import Story, view_of
-    from vastflow.sim.digest import FileContent
-    from vastflow.sim.reading.map_file import load_map
+    from vastflow.sim.model.digest import FileContent
     from vastflow.sim.reading.script import script_of
     from vastflow.sim.reading.world import WORLD_KEY, difference_of
     from vastflow.sim.world.difference import world_of
+    from vastflow.sim.world.map_file import load_map
 
     metadata = recorded.metadata
     equal = "" if difference else ", equal to the recording bit for bit"

@@ -30,7 +30,7 @@ def resume(
     directory = _directory(results)
     from vastflow.flows.request.asked import asked_of
     from vastflow.flows.results.replica import replica
-    from vastflow.sim.files import read_json
+    from vastflow.sim.model.files import read_json
 
     with reading(directory):
         metadata = read_json(directory / "metadata.json")

@@ -17,7 +17,7 @@ from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.options import CampaignFile
 from vastflow.flows.terminal.request_options import asking
 from vastflow.flows.terminal.writing import check_writable
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from vastflow.flows.results.summary import Results

@@ -9,8 +9,8 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vastflow.sim.osc.definition import EnumValue, Field, ScenarioDefinition
-    from vastflow.sim.osc.faults import OscFault
+    from vastflow.sim.model.faults import Fault
+    from vastflow.sim.scenario.definition import EnumValue, Field, ScenarioDefinition
 
 scenario = typer.Typer(
     help="Look at scenario files (.osc, OpenSCENARIO DSL).", no_args_is_help=True, rich_markup_mode=None
@@ -26,8 +26,8 @@ def check(file: ScenarioArgument) -> None:
     Every fault is said at once, with its place and what would be right; in a file without any, every action that nothing
     here can do, with the reason.
     """
-    from vastflow.sim.osc.faults import OscError
-    from vastflow.sim.osc.reading import read_scenarios
+    from vastflow.sim.scenario.language.faults import OscError
+    from vastflow.sim.scenario.language.reading import read_scenarios
 
     definitions = read_scenarios(file)
     if lacking := _lacking(definitions):
@@ -42,7 +42,7 @@ def parameters(file: ScenarioArgument) -> None:
 
     With name, type, whether it is a list, and default: SI units, null where a value has to be given.
     """
-    from vastflow.sim.osc.reading import read_scenarios
+    from vastflow.sim.scenario.language.reading import read_scenarios
 
     listed = [
         {"scenario": definition.name, "parameters": [_described(definition, one) for one in definition.parameters]}
@@ -51,21 +51,21 @@ def parameters(file: ScenarioArgument) -> None:
     print(json.dumps(listed, indent=2, default=_member))
 
 
-def _lacking(definitions: "Sequence[ScenarioDefinition]") -> "list[OscFault]":
+def _lacking(definitions: "Sequence[ScenarioDefinition]") -> "list[Fault]":
     """What the scenarios do that can't be done here."""
-    from vastflow.sim.behavior.support import unsupported
-    from vastflow.sim.behavior.vocabulary import ACTIONS
-    from vastflow.sim.osc.faults import OscFault
+    from vastflow.sim.model.faults import Fault
+    from vastflow.sim.reading.vocabulary import ACTIONS
+    from vastflow.sim.scenario.tree.support import unsupported
 
     return [
-        OscFault(found.place, f"{found.name} can't be run here", found.reason)
+        Fault(found.place, f"{found.name} can't be run here", found.reason)
         for definition in definitions
         for found in unsupported(definition, ACTIONS)
     ]
 
 
 def _described(definition: "ScenarioDefinition", parameter: "Field") -> dict[str, Any]:
-    from vastflow.sim.osc.parameters import default_of
+    from vastflow.sim.scenario.language.parameters import default_of
 
     return {
         "name": parameter.name,

@@ -13,7 +13,7 @@ from vastflow.flows.results.at_hand import check_directory
 from vastflow.flows.terminal.interruptible import Interruptible
 from vastflow.flows.terminal.options import AsJson
 from vastflow.flows.terminal.words import count_text
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 if TYPE_CHECKING:
     from vastflow.flows.results.cleaning import Cleaning

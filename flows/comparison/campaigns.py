@@ -24,7 +24,7 @@ from vastflow.oracles.statistics.comparison import (
     difference,
 )
 from vastflow.oracles.statistics.factors import factors_of
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import Tables
 from vastflow.oracles.evidence.pairing import Pairing
 from vastflow.producers.vast.document import Document, read_document
-from vastflow.sim.files import TextPlace
-from vastflow.sim.nav.parameters.document import PARAMETERS
-from vastflow.sim.nav.parameters.document import read_document as read_parameters
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+from vastflow.sim.model.files import TextPlace
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS
+from vastflow.sim.nav2.parameter_files.document import read_document as read_parameters
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 _PAIRED: Final = ("environment", "task")
 """Dimensions of a scenario that are equal in every pair."""

@@ -15,8 +15,8 @@ from vastflow.oracles.figures.picture import png
 from vastflow.oracles.figures.zones import zones_of
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.statistics.comparison import Change
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.world.map_file import load_map
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,8 +15,8 @@ from vastflow.flows.export.junit import Case, Suite, campaign_report
 from vastflow.flows.export.run import ExportedRun, brief, case_of, files_of
 from vastflow.flows.export.source import ExportSource
 from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.artifact import inside
 
 SHARED: Final = "_config"

@@ -17,11 +17,10 @@ from vastflow.flows.export.junit import Case, Flaw, Suite, suite_report
 from vastflow.flows.results.found import FAULT
 from vastflow.oracles.trace import signal_name
 from vastflow.oracles.verdict import run_judgement
-from vastflow.sim.loop.play import PERIOD_S
-from vastflow.sim.process.resources import Use
-from vastflow.sim.process.tables import Columns
-from vastflow.sim.recordings.blocks import Columns as Recorded
-from vastflow.sim.recordings.runlog import RunLog
+from vastflow.sim.model.blocks import Columns as Recorded
+from vastflow.sim.model.runlog import RunLog, Use
+from vastflow.sim.model.tables import Columns
+from vastflow.sim.run import PERIOD_S
 
 BRIEFLY: Final = ("simulated_time_s", "wall_time_s", "outcome")
 """Properties that a case keeps in a report of many."""

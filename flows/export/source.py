@@ -13,13 +13,12 @@ from vastflow.oracles.directory.column import table_of
 from vastflow.oracles.directory.executed import KeptFiles
 from vastflow.oracles.directory.tables import read_tables
 from vastflow.oracles.directory.unusable import reading
-from vastflow.sim.files import yaml_value
-from vastflow.sim.pose import pose_of
+from vastflow.sim.model.blocks import read_block
+from vastflow.sim.model.files import yaml_value
+from vastflow.sim.model.pose import pose_of
+from vastflow.sim.model.runlog import run_log_of
 from vastflow.sim.reading.abstract import BUILTIN
-from vastflow.sim.reading.goals import GOAL_KEY, GOALS_KEY
-from vastflow.sim.reading.script import START_KEY
-from vastflow.sim.recordings.blocks import read_block
-from vastflow.sim.recordings.runlog import run_log_of
+from vastflow.sim.reading.script import GOAL_KEY, GOALS_KEY, START_KEY
 
 _NO_NAME: Final = "scenario"
 

@@ -22,10 +22,10 @@ from vastflow.producers.instantiate import instantiate
 from vastflow.producers.minimization.minimize import Candidate
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.scenario_values import dimension_of
-from vastflow.sim.digest import FileContent
-from vastflow.sim.files import read_text, yaml_value
-from vastflow.sim.nav.parameters.filters import MASK_KEYS
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.files import read_text, yaml_value
+from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 FAMILY: Final = "minimal"
 FILE: Final = "minimal.vast"

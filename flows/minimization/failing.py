@@ -15,13 +15,13 @@ from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
 from vastflow.producers.places.ground import MAP_KEY
-from vastflow.sim.digest import FileContent
-from vastflow.sim.files import read_json, read_text, yaml_value
-from vastflow.sim.nav.parameters.filters import MASK_KEYS
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
-from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.scenario import Scenario
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.files import read_json, read_text, yaml_value
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
 
 MESH_KEY = "mesh_file"
 """Of no meaning for a run, see `vastflow.producers.family`."""

@@ -16,8 +16,8 @@ from vastflow.flows.results.replica import replica
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.producers.faults import CampaignError
-from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.index import Index, Member
 from vastflow.tasks.store import open_store
 from vastflow.tasks.stored import Stored

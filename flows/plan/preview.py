@@ -16,8 +16,8 @@ from vastflow.oracles.situation import situation_of
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.places.stops import PATH_KEY, PATH_LENGTH_KEY
-from vastflow.sim.digest import FileContent
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.world.map_file import load_map
 
 if TYPE_CHECKING:
     from vastflow.oracles.figures.plan_view import PlanView

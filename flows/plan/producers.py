@@ -12,7 +12,7 @@ from vastflow.flows.results.tables import json_text
 from vastflow.producers.family import Family
 from vastflow.producers.floorplan.environment import environments_in
 from vastflow.producers.producer import Producer, evaluate
-from vastflow.sim.digest import Value
+from vastflow.sim.model.digest import Value
 from vastflow.tasks.evaluation import FRAGMENTS, write_evaluation
 from vastflow.tasks.instantiation import Evaluation, EvaluationRequest
 from vastflow.tasks.store import Store

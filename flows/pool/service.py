@@ -28,7 +28,7 @@ from prefect.states import Cancelled, Crashed
 
 from vastflow.flows.pool.registration import OtherPool, register_flow, type_of_pool
 from vastflow.flows.request.work_pool import WorkPoolError
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 from vastflow.tasks.execution.deployment import BAR, TAG, ShardDeployment
 from vastflow.tasks.execution.job import PoolType
 from vastflow.tasks.ledger import CALLED_OFF_S, LATE

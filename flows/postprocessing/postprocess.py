@@ -19,7 +19,7 @@ from vastflow.flows.postprocessing.processed import FOLDER, Processed, earlier, 
 from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.summary import Results
 from vastflow.producers.postprocessing import CONFIG, ProcessingStep
-from vastflow.sim.digest import digest, file_digest
+from vastflow.sim.model.digest import digest, file_digest
 
 STAGE: Final = "postprocessing"
 _SAID: Final = 2000

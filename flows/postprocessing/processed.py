@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from vastflow.sim.digest import file_digest
+from vastflow.sim.model.digest import file_digest
 
 FOLDER: Final = "postprocessing"
 STEPS: Final = "steps.json"

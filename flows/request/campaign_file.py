@@ -13,9 +13,9 @@ from vastflow.producers.campaign import Campaign, OracleRequest, load_campaign, 
 from vastflow.producers.faults import CampaignError, Fault, Location, Note
 from vastflow.producers.vast.document import Document, read_document
 from vastflow.producers.vast.spec import EvaluationSpec
-from vastflow.sim.nav.parameters.parameter_file import plug_ins_in
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
-from vastflow.sim.reading.names import did_you_mean
 from vastflow.tasks.evaluation import producers_in
 
 

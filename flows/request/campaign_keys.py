@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from vastflow.oracles.oracle import Oracle
-from vastflow.sim.digest import FileContent, Value, digest
+from vastflow.sim.model.digest import FileContent, Value, digest
 from vastflow.tasks.evaluation import content_of
 from vastflow.tasks.keys import EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE, Keys, numeric_class
 from vastflow.tasks.source import SourceTree

@@ -7,7 +7,7 @@ from typing import Final
 
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
-from vastflow.sim.digest import digest
+from vastflow.sim.model.digest import digest
 
 
 @dataclass(frozen=True, slots=True)

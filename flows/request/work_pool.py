@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 NO_API: Final = (
     "no API of Prefect is configured; start one by `prefect server start`, and name it by "

@@ -8,7 +8,7 @@ from typing import Final
 
 from vastflow.flows.results.delivery import METADATA
 from vastflow.oracles.directory.unusable import UnusableDirectory
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.store import is_address
 
 WITHOUT_RUNS: Final = ("recordings", "traces", "outputs", "logs", "inputs", "environments", "figures")

@@ -11,10 +11,9 @@ from vastflow.flows.results.report_key import REPORT_LIBRARIES
 from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.postprocessing import steps_of
-from vastflow.sim.nav.controllers.registry import known_controllers
-from vastflow.sim.nav.parameters.parameter_file import plug_ins_in
-from vastflow.sim.plug_ins.code import OWN
-from vastflow.sim.plug_ins.loading import snapshot_behind
+from vastflow.sim.nav2.controllers.registry import known_controllers
+from vastflow.sim.nav2.parameter_files.parameter_file import plug_ins_in
+from vastflow.sim.plug_ins.loading import OWN, snapshot_behind
 from vastflow.sim.plug_ins.snapshot import Snapshot
 from vastflow.tasks.evaluation import producers_in
 from vastflow.tasks.source import NUMERIC_LIBRARIES, live_source

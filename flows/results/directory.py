@@ -17,8 +17,8 @@ from typing import Final
 
 import psutil
 
-from vastflow.sim.files import read_json
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.files import read_json
 from vastflow.tasks.store import StoreError
 
 ABANDONED_S: Final = 24 * 3600.0

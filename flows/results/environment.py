@@ -9,9 +9,9 @@ import yaml
 from PIL import Image
 
 from vastflow.producers.floorplan.environment import MESH, PLAN, PROVENANCE
-from vastflow.sim.digest import FileContent
-from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 _GRAY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 """The gray values of ROS' map_saver."""

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 
 from vastflow.oracles.trace import levelled
 from vastflow.oracles.verdict import Verdict, read_verdicts
-from vastflow.sim.recordings.blocks import read_block, read_rows, write_block
+from vastflow.sim.model.blocks import read_block, read_rows, write_block
 from vastflow.tasks.store import Store
 from vastflow.tasks.stored import Stored
 from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS, RUN_LOG, TRACES, VERDICTS
@@ -64,11 +64,11 @@ class Found(Protocol):
 
     @property
     def behaviors(self) -> Sequence[bytes]:
-        """Blocks of the scenarios' behaviors, as `vastflow.sim.recordings.behavior_block` has them."""
+        """Blocks of the scenarios' behaviors, as `vastflow.sim.model.archive` has them."""
 
     @property
     def outputs(self) -> Sequence[bytes]:
-        """Blocks of what programs wrote, as `vastflow.sim.recordings.archive` has them."""
+        """Blocks of what programs wrote, as `vastflow.sim.model.archive` has them."""
 
     @property
     def logs(self) -> Sequence[bytes]:

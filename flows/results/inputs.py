@@ -13,14 +13,14 @@ from vastflow.oracles.oracle import Oracle
 from vastflow.producers.campaign import Campaign
 from vastflow.producers.floorplan.files import PlanFile, VariationFile
 from vastflow.producers.postprocessing import steps_of
-from vastflow.sim.digest import FileContent, digest
-from vastflow.sim.files import read_text, yaml_value
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, ParameterFile, plug_ins_in
-from vastflow.sim.osc.reading import files_of
+from vastflow.sim.model.digest import FileContent, digest
+from vastflow.sim.model.files import read_text, yaml_value
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, ParameterFile, plug_ins_in
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.snapshot import Snapshot
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.scenario.language.reading import files_of
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.tasks.evaluation import files_in, producers_in
 
 

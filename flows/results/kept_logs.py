@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from vastflow.flows.results.campaign_tables import LOGS_FILE
-from vastflow.sim.files import read_json
+from vastflow.sim.model.files import read_json
 
 
 class KeptLogs:

@@ -12,7 +12,7 @@ from vastflow.flows.results.summary import OutcomeTally
 from vastflow.flows.results.table_part import TablePart
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.producers.configuration import Configuration
-from vastflow.sim.digest import Value, digest
+from vastflow.sim.model.digest import Value, digest
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.shards import chunks
 from vastflow.tasks.source import SourceTree

@@ -11,7 +11,7 @@ from vastflow.flows.request.asked import asked_of
 from vastflow.flows.results.past_content import check_configurations, check_metadata, check_runs
 from vastflow.oracles.directory.column import table_rows
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
-from vastflow.sim.files import read_json
+from vastflow.sim.model.files import read_json
 
 PARTS = ("environment", "task", "system")
 

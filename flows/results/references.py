@@ -12,7 +12,7 @@ from vastflow.flows.results.past import recorded_as
 from vastflow.flows.results.replica import replica
 from vastflow.oracles.directory.column import table_rows
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
-from vastflow.sim.files import read_json
+from vastflow.sim.model.files import read_json
 from vastflow.tasks.instantiation import EvaluationRequest, Instantiator, NotEvaluated
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import SourceTree, installed_tree

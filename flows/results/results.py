@@ -33,8 +33,8 @@ from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.robots import robots_json
-from vastflow.sim.digest import FileContent, file_digest
-from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.tasks.keys import Keys
 
 LOGGER: Final = logging.getLogger("vastflow.results")

@@ -24,8 +24,8 @@ from vastflow.oracles.directory.behaviors import CONFIGURATION
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Judgement, Verdict, run_judgement
 from vastflow.producers.configuration import Configuration
-from vastflow.sim.recordings.behavior_block import behaviors_below, read_behaviors
-from vastflow.sim.recordings.blocks import read_rows
+from vastflow.sim.model.archive import behaviors_below, read_behaviors
+from vastflow.sim.model.blocks import read_rows
 
 _NAMES: Final = ("configuration", "family")
 

@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 
 from vastflow.oracles.verdict import Verdict, metrics_text
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
-from vastflow.sim.digest import FileContent, Value
 from vastflow.sim.loop.standstill import STOOD_STILL
+from vastflow.sim.model.digest import FileContent, Value
 from vastflow.sim.reading.checked import checked_digest
 
 Row = Mapping[str, Any]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from vastflow.producers.vast.search import SearchSpec
-from vastflow.sim.digest import digest
+from vastflow.sim.model.digest import digest
 from vastflow.tasks.store import Store
 
 _BATCHES: Final = "batches"

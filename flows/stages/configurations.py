@@ -13,8 +13,8 @@ from vastflow.flows.results.tables import CONFIGURATIONS, configuration_row
 from vastflow.flows.terminal.words import count_text
 from vastflow.producers.configuration import Configuration, ExcludedInstance, RejectedInstance
 from vastflow.producers.instantiate import Instantiation
-from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.names import did_you_mean
 
 
 class UnknownConfiguration(UserError, LookupError):

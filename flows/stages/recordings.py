@@ -10,14 +10,14 @@ from vastflow.flows.results.found import RunFault
 from vastflow.flows.results.tables import RUNS, column_table, run_columns
 from vastflow.flows.stages.configurations import Configurations, faults_text
 from vastflow.flows.terminal.words import count_text
-from vastflow.sim.recordings.blocks import read_rows
+from vastflow.sim.model.blocks import read_rows
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.store import Lost, Store
 from vastflow.tasks.stored import Block
 from vastflow.tasks.work import BEHAVIORS, OUTPUTS, RECORDINGS
 
 if TYPE_CHECKING:
-    from vastflow.sim.recordings.recording import Recording
+    from vastflow.sim.model.recording import Recording
 
 
 @dataclass(frozen=True, repr=False)
@@ -58,10 +58,9 @@ class Recordings:
             UnknownConfiguration: there is none of this name.
             Lost: something is no longer in the store or damaged; `execute` computes it again.
         """
-        from vastflow.sim.process.outputs import Outputs
-        from vastflow.sim.recordings.archive import columns_of, read_outputs
-        from vastflow.sim.recordings.behavior_block import read_behaviors
-        from vastflow.sim.recordings.blocks import read_recordings
+        from vastflow.sim.model.archive import columns_of, read_behaviors, read_outputs
+        from vastflow.sim.model.blocks import read_recordings
+        from vastflow.sim.model.recording import Outputs
 
         store = self.configurations.opened.store
         found = {}
@@ -92,7 +91,7 @@ class Recordings:
 
 
 def outputs_of(store: Store, block: Block) -> bytes | None:
-    """What the programs of a block's runs wrote, as `vastflow.sim.recordings.archive` has it; None where they wrote nothing.
+    """What the programs of a block's runs wrote, as `vastflow.sim.model.archive` has it; None where they wrote nothing.
 
     Raises:
         Lost: the block is no longer in the store, or damaged.

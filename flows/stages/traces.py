@@ -70,9 +70,9 @@ class Traces:
             Lost: something is no longer in the store or damaged; `execute` and `observe` compute it again.
         """
         from vastflow.oracles.trace import trace_of
-        from vastflow.sim.process.outputs import Outputs
-        from vastflow.sim.recordings.archive import read_outputs
-        from vastflow.sim.recordings.blocks import read_block, read_recordings
+        from vastflow.sim.model.archive import read_outputs
+        from vastflow.sim.model.blocks import read_block, read_recordings
+        from vastflow.sim.model.recording import Outputs
 
         store = self.configurations.opened.store
         found = {}

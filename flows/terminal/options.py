@@ -5,7 +5,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 CampaignFile: TypeAlias = Annotated[Path, typer.Argument(metavar="FILE", help="Campaign file.")]
 ResultsFolder: TypeAlias = Annotated[

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vastflow.oracles.directory.column import RowGroups, read_columns
-from vastflow.sim.recordings.archive import columns_of
+from vastflow.sim.model.archive import columns_of
 
 BEHAVIORS_FILE: Final = "behaviors.parquet"
 CONFIGURATION: Final = "configuration"

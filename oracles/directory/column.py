@@ -17,7 +17,7 @@ import pyarrow.json
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vastflow.sim.files import Missing, Unreadable
+from vastflow.sim.model.files import Missing, Unreadable
 
 
 def read_columns(file: Path, *texts: str) -> pa.Table:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.sim.files import read_json
+from vastflow.sim.model.files import read_json
 
 Coverage = Mapping[str, Any]
 """What `vastflow.producers.coverage.coverage_of` gives."""

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from vastflow.sim.files import read_json
-from vastflow.sim.reading.map_file import map_content
+from vastflow.sim.model.files import read_json
+from vastflow.sim.world.map_file import map_content
 
 
 def environment_names(directory: Path, environments: Iterable[str]) -> dict[str, str]:

@@ -7,13 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.sim.digest import FileContent, file_digest
-from vastflow.sim.files import read_json
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
-from vastflow.sim.process.setup import setup_of
+from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.files import read_json
+from vastflow.sim.model.scenario import Scenario, setup_of
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.reading.abstract import abstract_content
-from vastflow.sim.reading.map_file import map_content
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.world.map_file import map_content
 
 NAMED_FILES: Final = "files.json"
 """In `environments/`: digest to place there of files whose digest is not that of their bytes, such as a mesh's of what is solid."""

@@ -12,7 +12,7 @@ from vastflow.oracles.directory.column import read_columns
 from vastflow.oracles.directory.configuration_table import ConfigurationTable
 from vastflow.oracles.directory.verdict_table import VerdictTable, verdict_table
 from vastflow.oracles.statistics.factors import blocks_of
-from vastflow.sim.files import read_json, read_text
+from vastflow.sim.model.files import read_json, read_text
 
 
 @dataclass(frozen=True, eq=False)

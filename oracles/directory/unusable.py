@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 _MOST_CHARACTERS: Final = 500
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.oracles.obstacle_tracks import spawned_by
-from vastflow.sim.recordings.blocks import read_columns, read_rows
-from vastflow.sim.recordings.recording import run_of, si
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.blocks import read_columns, read_rows
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.recording import run_of, si
 
 _STEP_M: Final = 0.05
 

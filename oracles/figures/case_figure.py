@@ -14,8 +14,8 @@ from vastflow.oracles.figures.palette import COLORS, INK
 from vastflow.oracles.figures.zones import NO_ZONES, Zones
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.verdict import Judgement
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.world.occupancy import OccupancyMap
 
 _WIDTH_IN: Final = 5.0
 _HEIGHT_IN: Final = 3.4

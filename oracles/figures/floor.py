@@ -26,8 +26,8 @@ from vastflow.oracles.figures.palette import (
 )
 from vastflow.oracles.figures.scene import known_cells, known_extent_m
 from vastflow.oracles.figures.zones import NO_ZONES, Zones
-from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 DPI: Final = 120
 _WALL, _UNKNOWN, _FREE = (58, 63, 71), (226, 229, 232), (255, 255, 255)

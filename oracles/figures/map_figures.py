@@ -31,7 +31,7 @@ from vastflow.oracles.figures.palette import COLORS, INK, RATES, SOFT_INK
 from vastflow.oracles.figures.scene import Scene, known_extent_m
 from vastflow.oracles.statistics.failure_map import MINIMUM_VISITS, FailureGrid, grid_over
 from vastflow.oracles.verdict import Judgement
-from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.world.occupancy import OccupancyMap
 
 BLUR_M: Final = 0.2
 """Standard deviation of the blur of final poses; the paper's blur radius."""

@@ -17,9 +17,9 @@ from vastflow.oracles.figures.floor import draw_ends, draw_obstacles, legend, ma
 from vastflow.oracles.figures.palette import INK, OBSTACLE_COLOR, OBSTACLE_EDGE
 from vastflow.oracles.figures.zones import NO_ZONES, Zones
 from vastflow.oracles.situation import Situation
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.world.occupancy import OccupancyMap
 
 PATH_COLOR: Final = "#0072B2"
 _DASHES: Final = (0, (4, 3))

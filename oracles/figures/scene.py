@@ -17,10 +17,10 @@ from vastflow.oracles.figures.zones import NO_ZONES, Zones, zones_of
 from vastflow.oracles.oracle import SUCCESS
 from vastflow.oracles.situation import Situation, situation_of
 from vastflow.oracles.statistics.failure_map import FailureGrid, FailureMap, empty_map, failure_map, grid_over
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.scenario import Scenario
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 
 MAX_LINES: Final = 1000
 """Trajectories drawn per judgement and environment, as in the paper; more hide each other."""

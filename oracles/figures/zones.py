@@ -4,13 +4,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
-from vastflow.sim.digest import FileContent
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.filters import MASK_KEYS
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.reading.masks import masks_of
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, masks_of
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ValidationError
 
-from vastflow.sim.files import Unreadable, read_json
+from vastflow.sim.model.files import Unreadable, read_json
 
 SKIPPED: Final = "skip-execution"
 """Tag of cells that are for looking alone; nbclient leaves them out, too."""

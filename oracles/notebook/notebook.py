@@ -16,8 +16,8 @@ from vastflow.oracles.oracle_base import Oracle, Parameters
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import Trace
 from vastflow.oracles.verdict import Judgement, Verdict
+from vastflow.sim.plug_ins.effects import plug_in_code
 from vastflow.sim.plug_ins.loading import empty_module, frozen_builtins
-from vastflow.sim.plug_ins.plug_in import plug_in_code
 from vastflow.sim.plug_ins.snapshot import Snapshot
 
 __all__ = ["NotebookError", "NotebookOracle", "notebook_oracle"]

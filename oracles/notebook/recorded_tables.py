@@ -8,7 +8,7 @@ from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.notebook.run_tables import RunTables, run_tables
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.trace import trace_of
-from vastflow.sim.recordings.blocks import read_block, read_recordings
+from vastflow.sim.model.blocks import read_block, read_recordings
 
 
 def recorded_tables(directory: Path | str, configuration: str) -> RunTables:

@@ -33,10 +33,10 @@ from vastflow.oracles.figures.threshold_figure import threshold_figure
 from vastflow.oracles.figures.zones import zones_of
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.verdict import Judgement
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.model.obstacle import Obstacle
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
 from vastflow.sim.world.difference import world_of
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.world.map_file import load_map
 
 MAX_EMBEDDED: Final = 11_000_000
 """Bytes of pictures within the page; those beyond are in `figures/` alone, so that the page stays below 20 MB."""

@@ -41,7 +41,7 @@ from vastflow.oracles.page.table import bar, rate_cell, rate_words
 from vastflow.oracles.page.words import capital, chance, criterion_text, number, percent, points, sentence, span
 from vastflow.oracles.page.work_section import with_work
 from vastflow.oracles.statistics.classes import passes_that_show, runs_for_a_claim
-from vastflow.sim.files import Unreadable, yaml_value
+from vastflow.sim.model.files import Unreadable, yaml_value
 
 _PAGE: Final = Path(__file__).parent
 _MOST_LISTED: Final = 200

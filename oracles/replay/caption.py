@@ -5,7 +5,7 @@ from typing import Final
 
 from vastflow.sim.loop.simulation import REASONS
 from vastflow.sim.loop.standstill import told
-from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.replay.snapshot import Activity, Moment
 
 SLOW_S: Final = 3.0

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from vastflow.oracles.figures.floor import draw_zones
 from vastflow.oracles.figures.palette import GOAL_COLOR, INK, OBSTACLE_COLOR
 from vastflow.oracles.figures.zones import NO_ZONES, Zones
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.inflation import INSCRIBED, LETHAL, UNKNOWN
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, LETHAL, UNKNOWN
 from vastflow.sim.replay.snapshot import Box, Patch, TickSnapshot
+from vastflow.sim.world.occupancy import OccupancyMap
 
 BELIEF_COLOR: Final = "#E69F00"
 INTENT_COLOR: Final = "#6A3D9A"

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import Final
 
-from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.model.recording import Event, Run
 
 FRAMES: Final = 12
 """Pictures of a run where nothing else is asked for, at the most."""

@@ -13,12 +13,12 @@ from vastflow.oracles.directory.column import read_columns, table_rows
 from vastflow.oracles.directory.executed import KeptFiles, executed_scenario
 from vastflow.oracles.directory.unusable import UnusableDirectory, reading
 from vastflow.oracles.verdict import Judgement, run_judgement
-from vastflow.sim.files import read_json
 from vastflow.sim.kernels.streams import run_entropy
-from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.recordings.blocks import read_recordings
-from vastflow.sim.recordings.recording import Recording
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.blocks import read_recordings
+from vastflow.sim.model.files import read_json
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.recording import Recording
+from vastflow.sim.model.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,10 @@ from vastflow.oracles.replay.caption import happening
 from vastflow.oracles.replay.close_up import DrivenPath
 from vastflow.oracles.replay.highlights import tick_of
 from vastflow.oracles.verdict import Judgement
-from vastflow.sim.maps.occupancy import UNKNOWN, OccupancyMap
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.recording import Run
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Run
 from vastflow.sim.replay.snapshot import Box, Moment
+from vastflow.sim.world.occupancy import UNKNOWN, OccupancyMap
 
 WHOLE_M: Final = 6.5
 """A run that fits into such a square is shown whole in every picture."""

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgba
 from vastflow.oracles.figures.palette import COLORS, INK
 from vastflow.oracles.replay.caption import SLOW_S
 from vastflow.oracles.replay.close_up import BELIEF_COLOR
-from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.replay.snapshot import Moment
 
 _GRAY: Final = "#6B7280"

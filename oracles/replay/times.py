@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.rates import TICK_S
 
 _EXACT_S: Final = 1e-6
 

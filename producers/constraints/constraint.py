@@ -9,7 +9,7 @@ from vastflow.producers.constraints.expression import ConstraintExpression, Expr
 from vastflow.producers.constraints.quantities import QUANTITIES, Quantities, may_write_for
 from vastflow.producers.faults import CampaignError, Fault
 from vastflow.producers.producer import Producer
-from vastflow.sim.digest import Value
+from vastflow.sim.model.digest import Value
 
 MOST_REPORTED: Final = 3
 """Instances in which a constraint can't be evaluated that are told of, for each constraint."""

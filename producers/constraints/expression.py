@@ -28,7 +28,7 @@ from vastflow.producers.constraints.operations import (
     result_kind,
     spelled,
 )
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 __all__ = ["ConstraintExpression", "ExpressionFault", "ExpressionName", "NotEvaluable", "expression_of"]
 

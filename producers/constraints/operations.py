@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Final, Literal, TypeAlias
 
-from vastflow.sim.digest import FileContent
+from vastflow.sim.model.digest import FileContent
 
 ValueKind: TypeAlias = Literal["number", "text", "truth", "list", "file", "map", "nothing"]
 

@@ -24,10 +24,10 @@ from vastflow.producers.places.stops import (
 )
 from vastflow.producers.producer import Producer, may_list_obstacles
 from vastflow.producers.quantities import DEFAULT_ROBOT_DIAMETER_M
-from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 
 MOST_MAPS: Final = 4
 """Maps whose distances are kept; the next one pushes the oldest out."""

@@ -8,7 +8,7 @@ from vastflow.producers.constraints.expression import ExpressionFault, Expressio
 from vastflow.producers.constraints.quantities import QUANTITIES
 from vastflow.producers.faults import Fault, Location, path_text, shown
 from vastflow.producers.vast.document import Document
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 RIGHT: Final = "a list of named expressions, '- name: \"expression\"'"
 MOST_NAME: Final = 60

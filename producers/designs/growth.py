@@ -14,7 +14,7 @@ from vastflow.producers.designs.space import DesignSpace, FactorBlock, TooLarge
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.growth import Grown, InstantiableFamily
 from vastflow.producers.places.start_check import StartCheck
-from vastflow.sim.digest import Value
+from vastflow.sim.model.digest import Value
 
 
 class DesignGrowth:

@@ -27,8 +27,8 @@ from vastflow.producers.configuration import (
 from vastflow.producers.constraints.constraint import Checker, Constraint
 from vastflow.producers.places.start_check import StartCheck
 from vastflow.producers.producer import Producer, tags_of
-from vastflow.sim.digest import Value
-from vastflow.sim.scenario import Dimension
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.scenario import Dimension
 
 MOST_COMBINATIONS: Final = 300_000
 """Of choices that depend on each other."""

@@ -17,7 +17,7 @@ import platformdirs
 from vastflow.producers.floorplan.building import Building
 from vastflow.producers.floorplan.grid import FloorGrid
 from vastflow.producers.floorplan.plan import Outline
-from vastflow.sim.digest import FileContent, digest
+from vastflow.sim.model.digest import FileContent, digest
 
 MAP: Final = "map.yaml"
 PICTURE: Final = "map.pgm"
@@ -37,7 +37,7 @@ class Environment:
 
     Attributes:
         files: Name to content: map, picture, mesh and plan. The same plan gives the same bytes.
-        map_digest: Of the decoded map, as `vastflow.sim.reading.map_file.map_content` has it.
+        map_digest: Of the decoded map, as `vastflow.sim.world.map_file.map_content` has it.
         mesh_digest: Of what is solid, whatever triangles a version of a library makes of it.
         provenance: Where it came from; in no digest.
     """

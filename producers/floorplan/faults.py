@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Final, NoReturn
 
 from vastflow.producers.faults import Fault, Note
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 __all__ = ["START", "Fault", "FloorplanError", "Note", "Place", "complain"]
 

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 from vastflow.producers.floorplan.building import Building, SolidBlock, Wall
 from vastflow.producers.floorplan.faults import START, complain
 from vastflow.producers.floorplan.plan import Outline
-from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 
 RESOLUTION_M: Final = 0.05
 LASER_HEIGHT_M: Final = 0.193

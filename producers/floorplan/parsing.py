@@ -8,8 +8,8 @@ from typing import Any, Final
 from lark import Lark, UnexpectedCharacters, UnexpectedToken
 
 from vastflow.producers.floorplan.faults import complain
-from vastflow.sim import files
-from vastflow.sim.reading.names import nearest
+from vastflow.sim.model import files
+from vastflow.sim.model.names import nearest
 
 MOST_BYTES: Final = 1_000_000
 

@@ -29,8 +29,8 @@ from vastflow.producers.floorplan.variation import GREATEST_SEED
 from vastflow.producers.places.ground import MAP_KEY
 from vastflow.producers.producer import Draws, Producer
 from vastflow.producers.quantities import Count, NotNegative, Positive, Seed
-from vastflow.sim.digest import Value
-from vastflow.sim.scenario import Dimension
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.scenario import Dimension
 
 MESH_KEY = "mesh_file"
 FLOORPLAN_KEY = "_floorplan"

@@ -21,7 +21,7 @@ from vastflow.producers.floorplan.syntax import (
     ShapeText,
     parse,
 )
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 LARGEST_M: Final = 10_000.0
 """No length is greater: a building of that size is a slip, and its grid would fill the memory."""

@@ -12,7 +12,7 @@ from vastflow.producers.faults import Fault
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.syntax import PlanSection, PlanText, Quantity
 from vastflow.producers.floorplan.variation_syntax import Distribution, Path, VariationText
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 GREATEST_SEED: Final = 2**32 - 1
 """Of numpy's legacy generator."""

@@ -9,15 +9,14 @@ from vastflow.producers.minimization.delta_debugging import LEVELS
 from vastflow.producers.minimization.shortened import shortened
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.producers.scenario_values import LOOPS_KEY
-from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.nav.parameters.chosen import COVARIANCE_KEY, OWN_KEYS, default_document
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
-from vastflow.sim.nav.parameters.rewriting import targets
-from vastflow.sim.nav.parameters.robot import ROBOT_KEY
-from vastflow.sim.pose import pose_of
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.obstacle import TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY
+from vastflow.sim.model.pose import pose_of
+from vastflow.sim.model.scenario import Dimension
+from vastflow.sim.nav2.parameter_files.chosen import COVARIANCE_KEY, OWN_KEYS, default_document, targets
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.nav2.parameters.robot import ROBOT_KEY
 from vastflow.sim.reading.world import WORLD_KEY
-from vastflow.sim.scenario import Dimension
-from vastflow.sim.world.obstacle_values import TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY
 
 WORLD_PARTS: Final[Mapping[str, str]] = {"wall_offset": "moved walls", "missing_furniture": "missing furniture"}
 """What of the world differs from the map; without both it is the map."""

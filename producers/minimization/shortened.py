@@ -9,11 +9,11 @@ from shapely.geometry import Point
 from vastflow.producers.places.ground import MAP_KEY, Ground, ground_of
 from vastflow.producers.places.route import shortest_leg
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
-from vastflow.sim.digest import FileContent
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.local_footprint import local_outline
-from vastflow.sim.pose import Pose, pose_of
-from vastflow.sim.world.obstacle_values import obstacle_of
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.obstacle import obstacle_of
+from vastflow.sim.model.pose import Pose, pose_of
+from vastflow.sim.nav2.parameter_files.chosen import local_outline
+from vastflow.sim.nav2.parameter_files.document import DocumentError
 
 
 def shortened(values: dict[str, Any], key: str, share: float) -> None:

@@ -3,15 +3,20 @@
 from collections.abc import Mapping
 from typing import Final, TypeAlias
 
-from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.nav.controllers.registry import name_of, short_name
-from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY, default_document, parameters_of, with_controller
-from vastflow.sim.nav.parameters.document import PARAMETERS, DocumentError, ParameterLocation, dotted
-from vastflow.sim.nav.parameters.mppi import MppiParameters
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, ParameterFile
-from vastflow.sim.nav.parameters.rewriting import targets
-from vastflow.sim.nav.parameters.wildcards import read_nav2_document
-from vastflow.sim.nav.parameters.written import document_of
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.nav2.controllers.registry import name_of, short_name
+from vastflow.sim.nav2.parameter_files.chosen import (
+    CONTROLLER_KEY,
+    default_document,
+    parameters_of,
+    targets,
+    with_controller,
+)
+from vastflow.sim.nav2.parameter_files.document import PARAMETERS, DocumentError, dotted
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, ParameterFile, read_nav2_document
+from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameters.mppi import MppiParameters
+from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 
 _MONITOR: Final = "collision_monitor.FootprintApproach.enabled"
 """Off where a file has no such node, which no key takes away."""

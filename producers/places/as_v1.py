@@ -12,7 +12,7 @@ from vastflow.producers.places.cells import centerd_cells
 from vastflow.producers.places.ground import Ground
 from vastflow.producers.places.outline import Line
 from vastflow.producers.places.placement import MAX_ATTEMPTS, Site, Wanted, is_connected
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
 
 FROM_STOPS: Final = 2.0
 """Least distance of a center from start and goals, in diameters of the robot."""

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
 
-from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.world.occupancy import OccupancyMap
 
 
 def touched_cells(occupancy: OccupancyMap, footprint: Polygon) -> NDArray[np.int64]:

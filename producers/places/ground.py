@@ -16,10 +16,10 @@ from vastflow.producers.configuration import Rejection
 from vastflow.producers.faults import MISSING_FILE
 from vastflow.producers.places.map_search import MapSearch
 from vastflow.producers.producer import ROOM_KEY
-from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.filters import MASK_KEYS
-from vastflow.sim.reading.map_file import MapError, MissingMap, load_map
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS
+from vastflow.sim.world.map_file import MapError, MissingMap, load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 
 MAP_KEY: Final = "map_file"
 MAP_FILE_KEYS: Final = (MAP_KEY, *MASK_KEYS)
@@ -78,7 +78,7 @@ def ground_of(map_file: FileContent, robot_diameter_m: float, room_m: float = 0.
     """
     from skimage.measure import label  # half a second with what follows, see `vastflow.producers.places.lengths`
 
-    from vastflow.sim.maps import octile
+    from vastflow.sim.world import octile
 
     occupancy = occupancy_of(map_file)
     radius_cells = octile.whole_cells(robot_diameter_m / 2, occupancy.resolution_m)

@@ -4,10 +4,10 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vastflow.sim.digest import FileContent
-from vastflow.sim.files import is_file
-from vastflow.sim.reading.map_file import MissingMap, map_content
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.files import is_file
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.world.map_file import MissingMap, map_content
 
 
 @dataclass

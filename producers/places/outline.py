@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry import Point, Polygon
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.world.occupancy import OccupancyMap
 
 Position: TypeAlias = tuple[float, float]
 

@@ -14,7 +14,7 @@ from shapely.geometry import Polygon
 from vastflow.producers.places.cells import touched_cells
 from vastflow.producers.places.ground import Ground
 from vastflow.producers.places.outline import ROUNDING_M, Line, ObstacleOutline
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
 
 MARGIN_M: Final = 0.05
 """Least gap between two obstacles, and between an obstacle and the robot at its stops."""

@@ -23,10 +23,9 @@ from vastflow.producers.places.stops import (
 )
 from vastflow.producers.places.surroundings import surroundings_at
 from vastflow.producers.producer import ROOM_KEY
-from vastflow.sim.digest import FileContent, Value
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.obstacle import Obstacle
-from vastflow.sim.world.obstacle_values import obstacle_of
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.obstacle import Obstacle, obstacle_of
+from vastflow.sim.model.pose import Pose
 
 LIST_KEY: Final = "static_objects"
 """The usual key of a list of obstacles."""

@@ -15,17 +15,15 @@ from vastflow.producers.places.cells import touched_cells
 from vastflow.producers.places.ground import MAP_KEY, occupancy_of
 from vastflow.producers.places.stops import GOAL_KEY, GOALS_KEY, START_KEY
 from vastflow.producers.producer import ROOM_KEY, Producer, draws_of, may_list_obstacles
-from vastflow.sim.digest import FileContent, Value, canonical
-from vastflow.sim.nav.outline import circumscribed_radius_m
-from vastflow.sim.nav.parameters.chosen import CONTROLLER_KEY
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.local_footprint import FOOTPRINT_NAMES, local_outline
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY
-from vastflow.sim.nav.parameters.robot import ROBOT_KEY
-from vastflow.sim.pose import Pose, pose_of
-from vastflow.sim.scenario import DIMENSION_OF_KEY, Dimension
-from vastflow.sim.world.obstacle import Obstacle
-from vastflow.sim.world.obstacle_values import obstacle_of
+from vastflow.sim.model.digest import FileContent, Value, canonical
+from vastflow.sim.model.obstacle import Obstacle, obstacle_of
+from vastflow.sim.model.pose import Pose, pose_of
+from vastflow.sim.model.scenario import DIMENSION_OF_KEY, Dimension
+from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m
+from vastflow.sim.nav2.parameter_files.chosen import CONTROLLER_KEY, FOOTPRINT_NAMES, local_outline
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY
+from vastflow.sim.nav2.parameters.robot import ROBOT_KEY
 
 LABEL: Final = "start_check"
 """Who rejects, in tables and reports."""

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Final, TypeAlias
 from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
-from vastflow.sim.digest import Value
-from vastflow.sim.pose import Pose, pose_of, written_pose_of
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.pose import Pose, pose_of, written_pose_of
 
 START_KEY: Final = "start_pose"
 GOAL_KEY: Final = "goal_pose"

@@ -15,9 +15,9 @@ from vastflow.producers.places.ground import Ground
 from vastflow.producers.places.lengths import shortest_path
 from vastflow.producers.places.placement import Site, around
 from vastflow.producers.places.route import corners
-from vastflow.sim.digest import Value
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.world.occupancy import OccupancyMap
 
 NARROWEST_KEY: Final = "_narrowest_passage_m"
 START_CLEARANCE_KEY: Final = "_start_clearance_m"

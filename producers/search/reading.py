@@ -22,7 +22,7 @@ from vastflow.producers.vast.repetition import Sequential
 from vastflow.producers.vast.search import FAILURE_RATE, METRICS, Quantity, SearchSpec
 from vastflow.producers.vast.search_template import SEARCH, marker_faults
 from vastflow.producers.vast.spec import ExecutionSpec
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 _EXTRACT: Location = (*SEARCH, "extract")
 _PARAMETERS: Location = (*SEARCH, "strategy_parameters")

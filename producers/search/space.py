@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.producers.vast.search import SearchDimension
-from vastflow.sim.digest import Value
+from vastflow.sim.model.digest import Value
 
 Point: TypeAlias = Mapping[str, Value]
 """Name of each dimension to its value, in the file's order."""

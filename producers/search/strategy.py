@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict
 
 from vastflow.producers.search.evaluation import Evaluation
 from vastflow.producers.search.space import Point, Space
-from vastflow.sim.plug_ins.finding import installed_plug_in, known_plug_ins, plug_in_of_file
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.plug_ins.loading import installed_plug_in, known_plug_ins, plug_in_of_file
 
 GROUP: Final = "vastflow.strategies"
 

@@ -11,7 +11,7 @@ from yaml.constructor import SafeConstructor
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from vastflow.producers.faults import CampaignError, Fault, Location, Note, path_text, shown
-from vastflow.sim.files import TextPlace, Unreadable, place_of, read_text, yaml_node
+from vastflow.sim.model.files import TextPlace, Unreadable, place_of, read_text, yaml_node
 
 TAG: Final = "tag:yaml.org,2002:"
 EXPONENT: Final = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+")

@@ -9,7 +9,7 @@ from pydantic_core import ErrorDetails
 
 from vastflow.producers.faults import MISSING_FILE, Fault, Location, path_text, shown
 from vastflow.producers.vast.document import Document
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 EXPECTED: Final[Mapping[str, str]] = {
     "int_type": "a whole number",

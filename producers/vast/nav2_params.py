@@ -8,14 +8,14 @@ from typing import Final
 
 from vastflow.producers.faults import Fault, Location, Note, shown
 from vastflow.producers.vast.document import Document
-from vastflow.sim.digest import Value
-from vastflow.sim.files import is_file
-from vastflow.sim.nav.parameters import document as parameters
-from vastflow.sim.nav.parameters.controller_server import critics_of
-from vastflow.sim.nav.parameters.findings import Finding, findings, slips
-from vastflow.sim.nav.parameters.interpretation import Interpretation, interpretation
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, file_value, frozen
-from vastflow.sim.nav.parameters.wildcards import read_nav2_document
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.files import is_file
+from vastflow.sim.nav2.parameter_files import document as parameters
+from vastflow.sim.nav2.parameter_files.controller_server import critics_of
+from vastflow.sim.nav2.parameter_files.findings import Finding, findings, slips
+from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, file_value, frozen, read_nav2_document
+from vastflow.sim.nav2.parameters.parameter import ParameterLocation
 
 WHERE: Final[Location] = ("execution", FILE_KEY)
 
@@ -101,6 +101,6 @@ def _note(document: parameters.ParameterDocument, finding: Finding, size: int) -
     return Note("not modeled", document.file, *document.place(finding.about), short(finding.about), what, right)
 
 
-def short(path: parameters.ParameterLocation) -> str:
+def short(path: ParameterLocation) -> str:
     """A path without `ros__parameters`, as campaign files may have it for a key."""
     return ".".join(name for name in path if name != parameters.PARAMETERS)

@@ -8,13 +8,12 @@ from pydantic import Field, WithJsonSchema
 from vastflow.producers.faults import Fault, Location
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.section import EmptyIsMap, Section
-from vastflow.sim.nav.parameters.latency import PRESETS
-from vastflow.sim.nav.parameters.robot import robot_keys
+from vastflow.sim.nav2.parameters.robot import PRESETS, robot_keys
 from vastflow.sim.world.robot_model import Drive
 
 _NUMBER: Final = WithJsonSchema({"type": ["number", "null"]})
 Quantity: TypeAlias = Annotated[Any, _NUMBER]
-"""A quantity of a robot; `vastflow.sim.nav.parameters.robot` reads and checks it."""
+"""A quantity of a robot; `vastflow.sim.nav2.parameters.robot` reads and checks it."""
 Flag: TypeAlias = Annotated[Any, WithJsonSchema({"type": ["boolean", "null"]})]
 
 

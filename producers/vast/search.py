@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 from vastflow.producers.faults import shown
 from vastflow.producers.quantities import Amount, Count, NotNegative, Number, Positive, Seed
 from vastflow.producers.vast.section import NamedSteps, Section, SingleKeys
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 FAILURE_RATE: Final = "failure_rate"
 """The plug-in of `extract`, and the number that it gives."""

@@ -8,7 +8,7 @@ from typing import Any, Final
 from vastflow.producers.faults import Fault, Location, shown
 from vastflow.producers.vast.document import Document
 from vastflow.producers.vast.search import SearchSpec
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
 
 SEARCH: Final[Location] = ("search",)
 

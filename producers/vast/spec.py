@@ -22,8 +22,8 @@ from vastflow.producers.vast.section import (
     SingleKeys,
     Unexecuted,
 )
-from vastflow.sim.reading.names import did_you_mean
-from vastflow.sim.scenario import Dimension
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.model.scenario import Dimension
 
 DEFAULT_TIMEOUT_S: Final = 360.0
 """Simulated time after which a run ends where the file says nothing: the timeout of the paper's scenario file."""

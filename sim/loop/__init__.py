@@ -1,1 +1,1 @@
-"""The closed loop: navigation stack, world, scenario and programs in turn, on one clock."""
+"""The closed loop: navigation stack and world in turn, on one clock."""

@@ -8,20 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.loop.prepared import PreparedMap
-from vastflow.sim.maps.grid_frame import GridFrame
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.nav.state import ROW_TICKS, SUBSTEPS, give, new_stack, set_pose
-from vastflow.sim.nav.tick import APPEARS, PHYSICS, advance, conclude, halt, start
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.recording import Event
-from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import GridFrame, Pose
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.model.recording import Event
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.navigator.prepared import PreparedMap
+from vastflow.sim.nav2.navigator.state import ROW_TICKS, SUBSTEPS, give, new_stack, set_pose
+from vastflow.sim.nav2.navigator.tick import APPEARS, PHYSICS, advance, conclude, halt, start
+from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.world.motion import FREE, MOVING, NOT_THERE, Body, new_body
-from vastflow.sim.world.obstacle import Obstacle
 from vastflow.sim.world.physics import World
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 
 class ClosedLoop:

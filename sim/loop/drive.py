@@ -7,25 +7,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.loop.prepared import PreparedMap
 from vastflow.sim.loop.simulation import told
 from vastflow.sim.loop.standstill import STANDSTILL_M, standstill
 from vastflow.sim.loop.standstill import told as standstill_told
-from vastflow.sim.maps.grid_frame import GridFrame
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.state import EVENT_KINDS, EVENT_RECOVERY, RECOVERIES, RUNNING, SUCCEEDED, Stack, columns_of
-from vastflow.sim.pose import Pose
-from vastflow.sim.process.tables import Columns
-from vastflow.sim.recordings.recording import Entity, Event, Outcome, Recording, Run
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.obstacle import Obstacle
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import GridFrame, Pose
+from vastflow.sim.model.recording import Entity, Event, Outcome, Recording, Run
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.model.tables import Columns
+from vastflow.sim.nav2.navigator.prepared import PreparedMap
+from vastflow.sim.nav2.navigator.state import (
+    EVENT_KINDS,
+    EVENT_RECOVERY,
+    RECOVERIES,
+    RUNNING,
+    SUCCEEDED,
+    Stack,
+    columns_of,
+)
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """How a run ended; see `vastflow.sim.recordings.recording.Run`."""
+    """How a run ended; see `vastflow.sim.model.recording.Run`."""
 
     outcome: Outcome
     reason: str = ""

@@ -5,12 +5,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.maps.grid_frame import GridFrame
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.state import ABORTED, RUNNING, SUCCEEDED, Stack
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.blocks import Columns
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.blocks import Columns
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import GridFrame, Pose
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.navigator.state import ABORTED, RUNNING, SUCCEEDED, Stack
 
 REASONS: Final[Mapping[int, str]] = {
     103: "the plan led out of the local costmap (INVALID_PATH)",
@@ -82,7 +81,7 @@ class Simulation:
 
     @property
     def status(self) -> int:
-        """What became of the robot's mission, see `vastflow.sim.nav.state`."""
+        """What became of the robot's mission, see `vastflow.sim.nav2.navigator.state`."""
         return self._loop.status
 
     @property

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.recordings.recording import Event
+from vastflow.sim.model.recording import Event
 
 STANDSTILL_M: Final = 0.1
 """A robot that was sent and drove less has stood still (m)."""

@@ -1,4 +1,4 @@
-"""Effects: what code of others would change outside of this process, refused where a campaign is only looked at.
+"""Effects: code of others, entered so that whatever ends it is an error, and what it may not change outside of this process.
 
 Python tells of opened files, programs and connections as audit events. Native code that calls the system itself passes by.
 """
@@ -136,3 +136,27 @@ def _libraries() -> tuple[str, ...]:
 def _vastflow() -> tuple[str, ...]:
     root = Path(__file__).parents[2]
     return tuple(f"{root / name}{os.sep}" for name in _OWN)
+
+
+class PlugInExit(RuntimeError):
+    """A plug-in tried to end the process, as `sys.exit` does."""
+
+
+@contextmanager
+def plug_in_code() -> Iterator[None]:
+    """Run a plug-in's code in the body.
+
+    `SystemExit` and its like pass by every `except Exception`, so that a plug-in's exit code would become vastflow's.
+
+    Raises:
+        PlugInExit: instead of what is raised and is no `Exception`; Ctrl-C stays what it is.
+        EffectRefused: see `vastflow.sim.plug_ins.effects.foreign_code`.
+    """
+    try:
+        with foreign_code():
+            yield
+    except (Exception, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        code = f"({error.code!r})" if isinstance(error, SystemExit) else ""
+        raise PlugInExit(f"its code raised {type(error).__name__}{code}, which would end vastflow") from error

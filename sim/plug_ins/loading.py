@@ -1,22 +1,27 @@
-"""Loading: a plug-in's module from its snapshot, with its imports of neighbors bound to the same snapshot.
+"""Loading: a plug-in found, its module from its snapshot, and its code as a value.
 
 Each snapshot is a package of a name of its own, so that two plug-ins may have helpers of one name, and an edited helper is never
 taken for the one before.
 """
 
 import builtins
+import functools
+import hashlib
 import importlib
 import importlib.machinery
+import importlib.metadata
 import importlib.util
 import sys
 from collections.abc import Mapping, Sequence
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
-from vastflow.sim.digest import digest
-from vastflow.sim.plug_ins.plug_in import plug_in_code
-from vastflow.sim.plug_ins.snapshot import Snapshot
+from vastflow.sim.model.digest import Value, digest, file_digest
+from vastflow.sim.model.files import is_file
+from vastflow.sim.plug_ins.effects import plug_in_code
+from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
 from vastflow.sim.plug_ins.watch import watched
 
 _PACKAGE: Final = "vastflow_plug_in_"
@@ -157,3 +162,73 @@ def _dotted(place: str) -> str:
     stem, _, _ = last.rpartition(".")
     parts = [part for part in folders if part] if last == "__init__.py" else [*folders, stem]
     return ".".join(part.replace(".", "_") for part in parts)
+
+
+@functools.cache
+def _installed(group: str) -> tuple[EntryPoint, ...]:
+    """Entry points of a group; to look through all distributions takes 10 ms, and a campaign may name many plug-ins."""
+    return tuple(entry_points(group=group))
+
+
+def known_plug_ins(group: str) -> tuple[str, ...]:
+    """Names in a group of entry points, sorted."""
+    return tuple(sorted({entry.name for entry in _installed(group)}))
+
+
+def installed_plug_in(group: str, name: str) -> Any | None:
+    """What an entry point of this name loads; None where there is none."""
+    found = next((entry for entry in _installed(group) if entry.name == name), None)
+    return None if found is None else found.load()
+
+
+def plug_in_of_file(name: str, base: Path) -> Any | None:
+    """What `file.py:Class`, relative to `base`, names; None where there is no such file or class.
+
+    Raises:
+        PlugInError: what the file uses can't be taken; and whatever its code raises.
+    """
+    file, _, class_name = name.rpartition(":")
+    return getattr(module_of(snapshot_of(base / file, base)), class_name, None) if is_file(base / file) else None
+
+
+OWN: Final = "vastflow."
+
+_Stamp: TypeAlias = tuple[str, int, int]
+"""Path, size (bytes) and time of the last change (ns since 1970) of a file."""
+
+
+def code_value(kind: type) -> Value:
+    """What tells the code of a class from any other: its files to the byte, and the versions of what they import.
+
+    None for vastflow's own, which the source digest of execution has. Of a class from a file that is its snapshot, of an
+    installed one its package.
+    """
+    if kind.__module__.startswith(OWN):
+        return None
+    if (snapshot := snapshot_behind(kind)) is not None:
+        return [snapshot.digest, _versions(snapshot.outside)]
+    top = kind.__module__.partition(".")[0]
+    return [_content(_stamps(top)), _versions((top,))]
+
+
+def _stamps(top: str) -> tuple[_Stamp, ...]:
+    module = sys.modules[top]
+    folders = [Path(folder) for folder in getattr(module, "__path__", ())]
+    files = [file for folder in folders for file in folder.rglob("*.py")] or [Path(module.__file__ or "")]
+    return tuple((str(file), status.st_size, status.st_mtime_ns) for file in sorted(files) if (status := file.stat()))
+
+
+@functools.lru_cache(maxsize=16)
+def _content(files: tuple[_Stamp, ...]) -> str:
+    return hashlib.sha256("".join(file_digest(file) for file, _, _ in files).encode()).hexdigest()
+
+
+def _versions(imported: tuple[str, ...]) -> dict[str, str]:
+    names = (name for top in imported for name in _distributions().get(top, ()))
+    return {name: importlib.metadata.version(name) for name in names}
+
+
+@functools.cache
+def _distributions() -> Mapping[str, list[str]]:
+    """Import name to the distributions that are installed under it; takes a tenth of a second."""
+    return importlib.metadata.packages_distributions()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from vastflow.sim.files import Unreadable, read_bytes
+from vastflow.sim.model.files import Unreadable, read_bytes
 
 FILES: Final = "files"
 """Name under which a class, or a notebook at its top, declares the data files it reads."""

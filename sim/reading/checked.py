@@ -9,25 +9,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from vastflow.sim.behavior.vocabulary import WORLDLY
-from vastflow.sim.digest import FileContent, Value, digest
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.robot import RobotParameters
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.plug_ins.code import code_value
-from vastflow.sim.pose import Pose
-from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of
-from vastflow.sim.reading.masks import NO_MASKS, Masks, masks_of
-from vastflow.sim.reading.plain import plain_value
+from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import ProcessSetup, Scenario
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.costmaps import NO_MASKS, Masks, masks_of
+from vastflow.sim.nav2.parameters.robot import RobotParameters
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.plug_ins.loading import code_value
+from vastflow.sim.reading.abstract import content_digest, definition_digest, definition_of, plain_value
 from vastflow.sim.reading.robot import lidar_of, robot_of
 from vastflow.sim.reading.script import Script, calls_of, navigates, script_of
+from vastflow.sim.reading.vocabulary import WORLDLY
 from vastflow.sim.reading.world import WORLD_KEY, difference_of
-from vastflow.sim.scenario import Scenario
-from vastflow.sim.scenario_error import ScenarioError
 from vastflow.sim.world.difference import WorldDifference
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 MAP_KEY: Final = "map_file"
 _KEPT: Final = "checked_digest"

@@ -5,17 +5,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
-from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, is_omni
-from vastflow.sim.nav.parameters.latency import IDEAL, Latency
-from vastflow.sim.nav.parameters.mppi import MotionModel, MppiParameters
-from vastflow.sim.nav.parameters.robot import LidarParameters
-from vastflow.sim.nav.parameters.servers import VelocitySmoother
-from vastflow.sim.nav.parameters.smac import SmacPlannerHybrid
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.polygon import Vertices, vertices_of
-from vastflow.sim.nav.rates import held_hz
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Drive, Robot
+from vastflow.sim.model.polygon import Vertices, vertices_of
+from vastflow.sim.model.rates import held_hz
+from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, is_omni
+from vastflow.sim.nav2.parameters.mppi import MotionModel, MppiParameters
+from vastflow.sim.nav2.parameters.robot import IDEAL, Latency, LidarParameters
+from vastflow.sim.nav2.parameters.servers import SmacPlannerHybrid, VelocitySmoother
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.robot_model import Drive, Lidar, Robot
 
 TURTLEBOT_4: Final = Robot()
 TURTLEBOT_4_LIDAR: Final = Lidar()

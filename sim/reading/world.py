@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Final
 
-from vastflow.sim.digest import Value
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.world.difference import WorldDifference
 
 WORLD_KEY: Final = "world"

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from vastflow.sim.digest import digest
-from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.nav.state import Stack
-from vastflow.sim.recordings.recording import Recording, run_row
+from vastflow.sim.model.digest import digest
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.model.recording import Recording, run_row
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.navigator.state import Stack
 from vastflow.sim.replay.snapshot import Box, Moment, TickSnapshot, moment_of, snapshot_of
 from vastflow.sim.run import run
-from vastflow.sim.scenario import Scenario
 
 
 @dataclass(frozen=True, eq=False, slots=True)

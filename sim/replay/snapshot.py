@@ -8,15 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.maps.grid_frame import GridFrame
-from vastflow.sim.nav.controllers.local_plan import local_plan
-from vastflow.sim.nav.controllers.mppi import Mppi
-from vastflow.sim.nav.inflation import UNKNOWN
-from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.nav.state import BACKING_UP, ENDED, FOLLOWING, PAUSING, RESTING, SPINNING, STARTING, WAITING, Stack
-from vastflow.sim.nav.window import Window
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.robot import wrapped
+from vastflow.sim.model.pose import GridFrame, Pose
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.nav2.controllers.local_plan import local_plan
+from vastflow.sim.nav2.controllers.mppi import Mppi
+from vastflow.sim.nav2.costmaps.inflation import UNKNOWN
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.navigator.state import (
+    BACKING_UP,
+    ENDED,
+    FOLLOWING,
+    PAUSING,
+    RESTING,
+    SPINNING,
+    STARTING,
+    WAITING,
+    Stack,
+)
+from vastflow.sim.world.motion import wrapped
 from vastflow.sim.world.robot_model import Robot
 
 Activity: TypeAlias = Literal["starting", "following", "spin", "wait", "back up", "pausing", "resting", "ended"]

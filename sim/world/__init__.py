@@ -1,1 +1,1 @@
-"""The world of one run: walls, obstacles, the robot's body, and its lidar."""
+"""The world of one run: maps, walls, obstacles, the robot's body, and its lidar with its noise."""

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.maps.occupancy import FREE, OccupancyMap
+from vastflow.sim.world.occupancy import FREE, OccupancyMap
 
 FURNITURE_M: Final = 2.0
 """Longest side of the bounding box of what counts as furniture: pieces that stand apart from all other occupied cells."""

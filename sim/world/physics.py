@@ -13,9 +13,9 @@ import pymunk
 import shapely
 from numpy.typing import NDArray
 
-from vastflow.sim.recordings.recording import Event
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.recording import Event
 from vastflow.sim.world.motion import FREE, MOVING, TOUCHING
-from vastflow.sim.world.obstacle import Obstacle
 from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.walls import WallIndex
 

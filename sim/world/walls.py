@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.world.occupancy import OccupancyMap
 
 
 def wall_rectangles(occupancy: OccupancyMap) -> NDArray[np.float64]:

@@ -13,8 +13,8 @@ from vastflow.producers.faults import CampaignError, Fault, Location, shown
 from vastflow.producers.programs import run_files
 from vastflow.producers.vast.document import EXPONENT
 from vastflow.producers.vast.spec import Resources
-from vastflow.sim.process.folder import RunFileError
-from vastflow.sim.reading.names import did_you_mean
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.scenario.programs.folders import RunFileError
 from vastflow.tasks.execution.description import MAIN, Container, Needs, RunDescription, label_of
 from vastflow.tasks.execution.memory import memory_bytes
 

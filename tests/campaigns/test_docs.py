@@ -26,17 +26,17 @@ from vastflow.producers.obstacle import ObstacleConfig
 from vastflow.producers.producer import find_producer, known_producers
 from vastflow.producers.vast.section import Unexecuted
 from vastflow.producers.vast.spec import CampaignSpec, EvaluationSpec, ExecutionSpec, FamilySpec, ResultsProcessingSpec
-from vastflow.sim.behavior.modifier import MODIFIERS
-from vastflow.sim.behavior.ros_graph import TOPICS
-from vastflow.sim.behavior.stand_ins import stand_ins
-from vastflow.sim.behavior.support import unsupported
-from vastflow.sim.behavior.vocabulary import ACTIONS
-from vastflow.sim.osc.libraries import library, library_names
-from vastflow.sim.osc.reading import read_scenarios
+from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
+from vastflow.sim.model.recording import Outcome
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED
-from vastflow.sim.recordings.blocks import read_block, read_recordings, write_recordings
-from vastflow.sim.recordings.recording import Outcome
+from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import run
+from vastflow.sim.scenario.language.declaring import library, library_names
+from vastflow.sim.scenario.language.reading import read_scenarios
+from vastflow.sim.scenario.tree.modifier import MODIFIERS
+from vastflow.sim.scenario.tree.ros_graph import TOPICS
+from vastflow.sim.scenario.tree.stand_ins import stand_ins
+from vastflow.sim.scenario.tree.support import unsupported
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "campaigns" / "quickstart" / "maps"

@@ -19,17 +19,17 @@ from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import trace_of
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.osc.parameters import bound
-from vastflow.sim.osc.reading import read_scenarios
-from vastflow.sim.process.actions import process_actions
-from vastflow.sim.process.folder import files_matching
-from vastflow.sim.process.run import process_run
-from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.recordings.archive import read_outputs, write_outputs
-from vastflow.sim.recordings.blocks import read_block, write_recordings
-from vastflow.sim.recordings.recording import Run
+from vastflow.sim.model.archive import read_outputs, write_outputs
+from vastflow.sim.model.blocks import read_block, write_recordings
+from vastflow.sim.model.recording import Run
+from vastflow.sim.model.scenario import ProcessSetup
 from vastflow.sim.run import execute
+from vastflow.sim.scenario.language.parameters import bound
+from vastflow.sim.scenario.language.reading import read_scenarios
+from vastflow.sim.scenario.programs.actions import process_actions
+from vastflow.sim.scenario.programs.folders import files_matching
+from vastflow.sim.scenario.programs.run import process_run
+from vastflow.sim.scenario.tree.tree import ScenarioTree
 
 GROWTH = Path(__file__).parents[2] / "campaigns/growth"
 RUN = Run(0, "", "succeeded", 0, "", 1.0, 0.0, 0, 0)

@@ -5,7 +5,7 @@ from latency_presets import CAMPAIGN, PRESET, Classes, classes_of, table
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.robots import robots_json
-from vastflow.sim.nav.parameters.latency import PRESETS
+from vastflow.sim.nav2.parameters.robot import PRESETS
 
 
 def test_the_campaign_varies_nothing_of_the_robot_but_its_latency():

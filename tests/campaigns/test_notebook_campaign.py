@@ -10,7 +10,7 @@ from vastflow.flows.results.inputs import inputs_of
 from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.recordings.blocks import write_recordings
+from vastflow.sim.model.blocks import write_recordings
 from vastflow.sim.run import run
 
 LOST = Path(__file__).parents[2] / "campaigns" / "notebook" / "lost.vast"

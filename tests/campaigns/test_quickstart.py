@@ -11,8 +11,8 @@ from scipy import ndimage
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.request.stopping import stopping_of
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.maps.octile import passable
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.octile import passable
 
 ROOT = Path(__file__).parents[2]
 QUICKSTART = ROOT / "campaigns" / "quickstart" / "quickstart.vast"

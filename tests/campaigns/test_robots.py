@@ -7,10 +7,10 @@ from table import each_row
 
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.robots import robots_json
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.model.recording import Event, Recording, Run
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.reading.robot import lidar_of, robot_of
-from vastflow.sim.recordings.recording import Event, Recording, Run
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Robot
 
 POSE = ("t_ms", "x_mm", "y_mm", "yaw_mrad")

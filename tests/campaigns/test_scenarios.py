@@ -20,12 +20,12 @@ from vastflow.oracles.observe import observe_block
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.behavior.support import unsupported
-from vastflow.sim.behavior.vocabulary import ACTIONS
-from vastflow.sim.pose import pose_of
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.pose import pose_of
 from vastflow.sim.reading.abstract import BUILTIN, SHIPPED, abstract_content, definition_digest, definition_of
-from vastflow.sim.recordings.blocks import write_recordings
+from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import run
+from vastflow.sim.scenario.tree.support import unsupported
 from vastflow.tasks.keys import Keys
 
 SCENARIOS = Path(__file__).parents[2] / "campaigns" / "scenarios"

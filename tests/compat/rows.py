@@ -25,22 +25,21 @@ from vastflow.producers.floorplan.rendering import render
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.postprocessing import steps_of
 from vastflow.producers.programs import run_files
-from vastflow.sim.behavior.support import unsupported
-from vastflow.sim.behavior.vocabulary import ACTIONS
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.wildcards import read_nav2_document
-from vastflow.sim.osc.definition import Field
-from vastflow.sim.osc.faults import OscError
-from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.model.archive import write_outputs
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.scenario import ProcessSetup, Scenario, scenario_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.parameter_file import read_nav2_document
 from vastflow.sim.reading.abstract import AbstractError, abstract_content, definition_of
-from vastflow.sim.reading.map_file import map_content
 from vastflow.sim.reading.script import script_of
-from vastflow.sim.recordings.archive import write_outputs
-from vastflow.sim.recordings.blocks import write_recordings
+from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import execute
-from vastflow.sim.scenario import Scenario, scenario_of
+from vastflow.sim.scenario.definition import Field
+from vastflow.sim.scenario.language.faults import OscError
+from vastflow.sim.scenario.tree.support import unsupported
+from vastflow.sim.world.map_file import map_content
 
 DRIVEN_M: Final = 1.0
 """A robot that was given a goal and covered less did not drive."""

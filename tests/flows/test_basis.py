@@ -7,7 +7,7 @@ import pytest
 from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.basis import basis_of
 from vastflow.flows.results.inputs import inputs_of
-from vastflow.sim.digest import file_digest
+from vastflow.sim.model.digest import file_digest
 
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
 

@@ -17,8 +17,8 @@ from vastflow.oracles.directory.behaviors import Behaviors
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.configuration import Configuration
-from vastflow.sim.recordings.behavior_block import write_behaviors
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.archive import write_behaviors
+from vastflow.sim.model.scenario import Scenario
 
 ORACLES = ("success", "safety")
 NAMES = ("room-1", "room-2", "room-3")

@@ -10,7 +10,7 @@ from vastflow.flows.request.campaign_file import read_campaign
 from vastflow.flows.results.inputs import inputs_of
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.tasks.bundle import Packer, unpacked
 from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys

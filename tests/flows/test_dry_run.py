@@ -18,7 +18,7 @@ from vastflow.flows.plan.dry_run_text import whys
 from vastflow.flows.results.past import newest_past
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.producers.faults import CampaignError
-from vastflow.sim.recordings.blocks import read_rows
+from vastflow.sim.model.blocks import read_rows
 from vastflow.tasks import source
 from vastflow.tasks.source import SourceTree, installed_tree
 from vastflow.tasks.store import StoreError

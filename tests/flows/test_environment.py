@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from vastflow.flows.results.environment import write_map
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.reading.map_file import LARGEST_CELL_M, LEAST_CELL_M, load_map
+from vastflow.sim.world.map_file import LARGEST_CELL_M, LEAST_CELL_M, load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 
 METERS = st.floats(-1e3, 1e3, allow_nan=False)
 RESOLUTIONS = st.sampled_from([0.05, 0.025, 0.1, 1.0, LEAST_CELL_M, LARGEST_CELL_M, 1 / 3])

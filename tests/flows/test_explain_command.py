@@ -21,8 +21,8 @@ from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Verdict, write_verdicts
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.recordings.blocks import write_recordings
-from vastflow.sim.recordings.recording import Recording, Run
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.recording import Recording, Run
 from vastflow.tasks.index import Index, Member
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import open_store

@@ -22,17 +22,13 @@ from vastflow.flows.results.summary import Work
 from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.process.outputs import Outputs
-from vastflow.sim.process.resources import Use
-from vastflow.sim.process.run import LogText
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.archive import table, write_outputs
-from vastflow.sim.recordings.behavior_block import write_behaviors
-from vastflow.sim.recordings.blocks import write_recordings
-from vastflow.sim.recordings.recording import Recording, Run
-from vastflow.sim.recordings.runlog import RunLog, run_log_row
+from vastflow.sim.model.archive import table, write_behaviors, write_outputs
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.recording import Outputs, Recording, Run
+from vastflow.sim.model.runlog import LogText, RunLog, Use, run_log_row
 from vastflow.sim.run import BEHAVIORS
-from vastflow.sim.user_error import UserError
+from vastflow.sim.world.map_file import load_map
 from vastflow.tasks.keys import Keys
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])

@@ -12,7 +12,7 @@ from vastflow.flows.commands import export as export_command
 from vastflow.flows.export import export as layout
 from vastflow.flows.export.export import Exported, refuse
 from vastflow.flows.export.junit import Case, Flaw, Suite
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 FAILURE, ERROR, SKIPPED = Flaw("failure", "f"), Flaw("error", "e"), Flaw("skipped", "s")
 

@@ -11,7 +11,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.world.map_file import load_map
 
 EXAMPLE = Path(__file__).parents[1] / "producers" / "test_floorplan_example.fpm"
 

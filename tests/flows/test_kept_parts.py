@@ -17,8 +17,8 @@ from vastflow.flows.results.summary import OutcomeTally
 from vastflow.oracles.evidence.rates import Counts
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.configuration import Configuration
-from vastflow.sim.recordings.behavior_block import write_behaviors
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.archive import write_behaviors
+from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import installed_tree
 from vastflow.tasks.store import StoreError, open_store
@@ -169,7 +169,7 @@ def test_the_code_that_makes_rows_is_all_that_rows_pass():
     tree = installed_tree()
     made_by = tree.with_packages("vastflow.flows.request", "vastflow.flows.results").code(PART_SOURCE)
     assert made_by.digest == part_source(tree)
-    passed = ("flows.results.tables", "flows.results.found", "oracles.verdict", "sim.recordings.blocks")
+    passed = ("flows.results.tables", "flows.results.found", "oracles.verdict", "sim.model.blocks")
     assert {f"vastflow.{name}" for name in passed} <= made_by.modules.keys()
     assert {"numpy", "pyarrow"} <= made_by.libraries.keys()
 

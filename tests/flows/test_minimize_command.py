@@ -22,9 +22,9 @@ from vastflow.flows.stages.call import StageRun
 from vastflow.producers.minimization.circumstance import Subject
 from vastflow.producers.minimization.minimize import Candidate
 from vastflow.producers.minimization.spelled_out import assumed_keys, spelled_out
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, nav2_file
-from vastflow.sim.reading.map_file import map_content
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
+from vastflow.sim.world.map_file import map_content
 
 PROOFS = Path(__file__).parents[1] / "proofs"
 CAMPAIGNS = Path(__file__).parents[2] / "campaigns"

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
 from vastflow.oracles.situation import situation_of
-from vastflow.sim.nav.parameters.chosen import parameters_of
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.reading.robot import lidar_of, robot_facts
-from vastflow.sim.scenario import Scenario
 
 SQUARE = "[[0.4, 0.3], [0.4, -0.3], [-0.4, -0.3], [-0.4, 0.3]]"
 

@@ -5,7 +5,7 @@ from table import each_row
 from typer.testing import CliRunner
 
 from vastflow.flows.__main__ import app
-from vastflow.sim.plug_ins.plug_in import PlugInExit, plug_in_code
+from vastflow.sim.plug_ins.effects import PlugInExit, plug_in_code
 from vastflow.tasks.work import Broken, answered
 
 PRODUCER = """

@@ -12,7 +12,7 @@ from vastflow.flows.pool import driver as pool_driver
 from vastflow.flows.pool.driver import Driver
 from vastflow.flows.pool.service import Seen
 from vastflow.flows.request.work_pool import WorkersFailed, WorkPool, WorkPoolError, shard_count
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.bundle_report import Report, ReportPart, read_part, write_part
 from vastflow.tasks.engine import Engine, MemberFault
 from vastflow.tasks.execution.deployment import OTHER_CODE, STORE_AWAY

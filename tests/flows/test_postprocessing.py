@@ -18,10 +18,9 @@ from vastflow.flows.results.summary import Work
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.postprocessing import steps_of
-from vastflow.sim.process.outputs import Outputs
-from vastflow.sim.recordings.archive import write_outputs
-from vastflow.sim.recordings.blocks import write_recordings
-from vastflow.sim.recordings.recording import Recording, Run
+from vastflow.sim.model.archive import write_outputs
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.recording import Outputs, Recording, Run
 from vastflow.tasks.keys import Keys
 
 KEYS = Keys("x86_64; glibc 2.36; avx2 fma; ", "e" * 64, "o" * 64, "j" * 64, 0, [])

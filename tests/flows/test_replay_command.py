@@ -29,12 +29,12 @@ from vastflow.oracles.directory.unusable import UnusableDirectory
 from vastflow.oracles.replay.recorded import recorded_run
 from vastflow.oracles.verdict import Verdict
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.digest import FileContent
 from vastflow.sim.kernels.streams import run_entropy
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.recordings.behavior_block import write_behaviors
-from vastflow.sim.recordings.blocks import read_recordings, write_recordings
-from vastflow.sim.recordings.recording import Recording, Run
+from vastflow.sim.model.archive import write_behaviors
+from vastflow.sim.model.blocks import read_recordings, write_recordings
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.recording import Recording, Run
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.run import run
 from vastflow.tasks.keys import EXECUTE_SOURCE, Keys, numeric_class
 from vastflow.tasks.source import installed_tree

@@ -169,7 +169,7 @@ CODE = [
     "vastflow.flows.results/results.py",
     "vastflow.flows.request/members.py",
     "vastflow.producers/coverage.py",
-    "vastflow.sim/recordings/blocks.py",
+    "vastflow.sim/model/blocks.py",
 ]
 
 

@@ -21,9 +21,9 @@ from vastflow.oracles.page.report import write_report
 from vastflow.oracles.trace import NOWHERE_MM
 from vastflow.oracles.verdict import Metric, Verdict
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.blocks import read_block, read_recordings, read_rows, write_block, write_recordings
-from vastflow.sim.recordings.recording import Event, Recording, Run
+from vastflow.sim.model.blocks import read_block, read_recordings, read_rows, write_block, write_recordings
+from vastflow.sim.model.recording import Event, Recording, Run
+from vastflow.sim.world.map_file import load_map
 from vastflow.tasks.keys import Keys
 
 CREATED = datetime(2026, 11, 21, 6, 5, 4)

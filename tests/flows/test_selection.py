@@ -13,7 +13,7 @@ from vastflow.flows.request.selection import EVERYTHING, Selection, sampled
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import Instantiation, mark_duplicates
-from vastflow.sim.scenario import scenario_of
+from vastflow.sim.model.scenario import scenario_of
 from vastflow.tasks.instantiation import Instantiated
 
 FILE = "campaign.vast"

@@ -21,9 +21,9 @@ from vastflow.flows.results.tables import (
 )
 from vastflow.oracles.verdict import Metric, Verdict, read_verdicts, write_verdicts
 from vastflow.producers.configuration import Configuration, RejectedInstance, Step
-from vastflow.sim.digest import FileContent
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.sim.scenario import Scenario
 
 CONFIGURATION = Configuration(
     name="rooms-1",

@@ -6,7 +6,7 @@ import pickle
 
 from table import each_row
 
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks.store import StoreError
 
 FAMILY = [
@@ -15,8 +15,8 @@ FAMILY = [
     "oracles.directory.unusable.UnusableDirectory",
     "producers.faults.CampaignError",
     "producers.floorplan.faults.FloorplanError",
-    "sim.nav.parameters.document.DocumentError",
-    "sim.osc.faults.OscError",
+    "sim.nav2.parameter_files.document.DocumentError",
+    "sim.scenario.language.faults.OscError",
     "tasks.artifact.StoreError",
     "tasks.surroundings.SurroundingsError",
 ]

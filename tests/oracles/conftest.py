@@ -16,12 +16,12 @@ from PIL import Image
 from vastflow.oracles.judge import judge_block
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.oracle import oracles_of
-from vastflow.sim.digest import FileContent
 from vastflow.sim.loop.standstill import STOOD_STILL
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.blocks import write_recordings
-from vastflow.sim.recordings.recording import Event, Recording, Run
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.recording import Event, Recording, Run
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.world.map_file import load_map
 
 RESOLUTION_M = 0.05
 

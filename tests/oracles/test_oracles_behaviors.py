@@ -6,7 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from vastflow.oracles.directory.behaviors import BEHAVIORS_FILE, Behaviors
-from vastflow.sim.recordings.archive import write_table
+from vastflow.sim.model.archive import write_table
 
 
 @pytest.fixture

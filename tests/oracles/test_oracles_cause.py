@@ -15,13 +15,13 @@ from vastflow.oracles.oracle import oracles_of
 from vastflow.oracles.page.report import write_report
 from vastflow.oracles.trace import NoReference, Trace
 from vastflow.oracles.verdict import Verdict
-from vastflow.sim.digest import FileContent
 from vastflow.sim.loop.standstill import STOOD_STILL
-from vastflow.sim.reading.map_file import load_map, map_content
-from vastflow.sim.recordings.blocks import write_recordings
-from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.recording import Event, Run
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import run as simulated
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.world.map_file import load_map, map_content
 
 START, GOAL = (1.0, 2.0), (9.0, 2.0)
 ALONG = [(1.0 + 0.05 * k, 2.0) for k in range(161)]

@@ -12,9 +12,9 @@ from vastflow.oracles.performance import path_rmse_m, resampled
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace
 from vastflow.oracles.verdict import Verdict
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.recording import Event, Run
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Run
 
 GOAL = Pose(10.0, 0.0)
 STRAIGHT = Reference(np.array([[0.0, 0.0], [10.0, 0.0]]), 10.0)

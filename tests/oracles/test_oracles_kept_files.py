@@ -6,7 +6,7 @@ import re
 import pytest
 
 from vastflow.oracles.directory.executed import NAMED_FILES, KeptFiles
-from vastflow.sim.digest import file_digest
+from vastflow.sim.model.digest import file_digest
 
 
 def test_a_file_is_found_by_its_bytes_wherever_it_lies_among_the_inputs(tmp_path):

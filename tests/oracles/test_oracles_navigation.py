@@ -11,8 +11,8 @@ from vastflow.oracles.navigation import stops
 from vastflow.oracles.oracle import oracle_of
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Run
 
 STRAIGHT = Reference(np.array([[0.0, 0.0], [10.0, 0.0]]), 10.0)
 

@@ -14,11 +14,11 @@ from vastflow.oracles.observe import observe_block, observer_of
 from vastflow.oracles.oracle import oracles_of
 from vastflow.oracles.situation import situation_of
 from vastflow.oracles.trace import MaybeReference, NoReference, Reference, Trace, trace_of
-from vastflow.sim.digest import FileContent
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.blocks import read_block, read_recordings, write_recordings
-from vastflow.sim.recordings.recording import Event, Recording
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.recording import Event, Recording
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.world.map_file import load_map
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 ScenarioOn = Callable[..., Scenario]

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from vastflow.oracles.obstacle_tracks import ObstacleTrack, obstacle_tracks_of
 from vastflow.oracles.situation import Situation
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.recording import Event, Run
-from vastflow.sim.world.obstacle import Obstacle, Trigger
+from vastflow.sim.model.obstacle import Obstacle, Trigger
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Run
 
 NOWHERE = (math.inf, math.inf)
 

@@ -12,9 +12,9 @@ from vastflow.oracles.oracle import oracle_of
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import NoReference, Trace
 from vastflow.oracles.verdict import Verdict
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.recording import Event, Run
-from vastflow.sim.world.obstacle import Obstacle, Trigger
+from vastflow.sim.model.obstacle import Obstacle, Trigger
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Run
 
 STEP_S = 0.1
 

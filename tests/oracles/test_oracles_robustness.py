@@ -11,7 +11,7 @@ from vastflow.oracles.robustness import full_meters
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import NoReference, Trace
 from vastflow.oracles.verdict import Verdict
-from vastflow.sim.recordings.recording import Run
+from vastflow.sim.model.recording import Run
 
 RUN = Run(0, "0", "succeeded", 0, "", 1.0, 1.0, 0, 0)
 BASES = ("update", "step", "metre", "mean", "maximum")

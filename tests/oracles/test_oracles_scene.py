@@ -13,7 +13,7 @@ from vastflow.oracles.directory.walk import read_walks
 from vastflow.oracles.figures import scene as scenes
 from vastflow.oracles.figures.floor import map_figure
 from vastflow.oracles.figures.scene import known_extent_m, scenes_of
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.world.map_file import load_map
 
 TASK = {"start_pose": {"x": 1.0, "y": 2.0}, "goal_pose": {"x": 5.0, "y": 2.0}}
 WAY = [(1.0 + 0.1 * i, 2.0) for i in range(41)]

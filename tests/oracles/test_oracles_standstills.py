@@ -12,9 +12,9 @@ from vastflow.oracles.evidence.evidence import evidence_of
 from vastflow.oracles.evidence.findings import findings_of, shape_of
 from vastflow.oracles.evidence.standstills import Standstills, standstills_of
 from vastflow.oracles.page.report import write_report
-from vastflow.sim.reading.map_file import map_content
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import run
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.world.map_file import map_content
 
 CONFIGURATIONS, RUNS = 12, 10
 NEAR_A_WALL = 4

@@ -7,11 +7,11 @@ import numpy as np
 
 from vastflow.oracles.observe import observe_block
 from vastflow.oracles.trace import trace_of
-from vastflow.sim.digest import FileContent
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.blocks import read_block, read_recordings, write_recordings
+from vastflow.sim.model.blocks import read_block, read_recordings, write_recordings
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import run
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.world.map_file import load_map
 
 OFFICE: Final = Path(__file__).parents[2] / "campaigns" / "quickstart" / "maps" / "office.yaml"
 RUNS: Final = 20

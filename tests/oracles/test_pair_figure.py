@@ -8,8 +8,8 @@ from PIL import Image
 from vastflow.oracles.figures.pair_figure import Side, pair_figure
 from vastflow.oracles.figures.picture import png
 from vastflow.oracles.situation import Situation
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.world.map_file import load_map
 
 
 def a_side(build, tmp_path, title, said, chosen=0):

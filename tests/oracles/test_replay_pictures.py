@@ -20,10 +20,10 @@ from vastflow.oracles.replay.still import _image, still_images
 from vastflow.oracles.replay.story import FOLLOWED_M, Story, view_of
 from vastflow.oracles.replay.strip import strip_figure
 from vastflow.oracles.replay.timeline import bands
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.pose import Pose
-from vastflow.sim.recordings.recording import Event, Run
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Event, Run
 from vastflow.sim.replay.snapshot import Box, Moment, Patch, TickSnapshot
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Robot
 
 GOAL = Pose(3.0, 1.0)

@@ -10,11 +10,11 @@ from vastflow.oracles.figures.pair_figure import Side, pair_figure
 from vastflow.oracles.figures.plan_view import PlanView, plan_view_figure
 from vastflow.oracles.figures.zones import NO_ZONES, Zones, zones_of
 from vastflow.oracles.situation import Situation
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.map_file import map_content
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.occupancy import OccupancyMap
 
 ROOM = np.zeros((80, 80), dtype=np.int8)
 ROOM[[0, -1], :] = ROOM[:, [0, -1]] = 100

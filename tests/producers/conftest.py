@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vastflow.sim.digest import FileContent
-from vastflow.sim.reading.map_file import map_content
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.world.map_file import map_content
 
 GRAY = {".": 254, "#": 0, "?": 205}
 

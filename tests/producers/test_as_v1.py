@@ -17,9 +17,9 @@ from vastflow.producers.obstacle import ObstacleVariation
 from vastflow.producers.path import PathVariationRandom
 from vastflow.producers.producer import evaluate
 from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger
-from vastflow.sim.maps import octile
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.obstacle_values import obstacles_of
+from vastflow.sim.model.obstacle import obstacles_of
+from vastflow.sim.world import octile
+from vastflow.sim.world.map_file import load_map
 
 DIAMETER_M = 0.35
 CORRIDOR = ["?" * 16, "?" + "." * 14 + "?", "?" + "." * 14 + "?", "?" * 16]

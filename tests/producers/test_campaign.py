@@ -12,9 +12,9 @@ from table import each_row
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.digest import FileContent
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.obstacle_values import obstacles_of
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.obstacle import obstacles_of
+from vastflow.sim.world.map_file import load_map
 
 FIXED = """\
 configuration:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.producers.constraints.expression import MOST_CHARACTERS, ExpressionFault, NotEvaluable, expression_of
-from vastflow.sim.digest import FileContent
+from vastflow.sim.model.digest import FileContent
 
 VALUES = {
     "radius": 0.2,

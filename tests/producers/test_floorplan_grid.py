@@ -13,8 +13,8 @@ from vastflow.producers.floorplan.building import build
 from vastflow.producers.floorplan.faults import FloorplanError
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.reading import read_plan
-from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN
 
 EXAMPLE = Path(__file__).with_name("test_floorplan_example.fpm").read_text()
 

@@ -12,7 +12,7 @@ from vastflow.producers.floorplan.environment import solid_digest
 from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.mesh import is_closed, mesh_of, volume_of
-from vastflow.sim.maps.occupancy import FREE, OCCUPIED
+from vastflow.sim.world.occupancy import FREE, OCCUPIED
 
 FOLDER = Path(__file__).parents[2] / "campaigns" / "floorplans"
 

@@ -11,7 +11,7 @@ from table import each_row
 from vastflow.producers.floorplan.files import PlanFile, read_plan_file, read_variation_file
 from vastflow.producers.floorplan.grid import grid_of
 from vastflow.producers.floorplan.mesh import mesh_of, stl
-from vastflow.sim.maps import octile
+from vastflow.sim.world import octile
 
 FOLDER = Path(__file__).parents[2] / "campaigns" / "floorplans"
 NAMES = ["corridors", "hospital_lobby", "nested_rooms", "office_wing", "university"]

@@ -19,8 +19,8 @@ from vastflow.producers.floorplan.producer import FloorplanGeneration, Floorplan
 from vastflow.producers.floorplan.reading import plan_of
 from vastflow.producers.one_of import OneOfVariation
 from vastflow.producers.producer import evaluate, find_producer
-from vastflow.sim.digest import FileContent
-from vastflow.sim.reading.map_file import load_map, map_content
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.world.map_file import load_map, map_content
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import FRAGMENTS, content_of, files_in, packed, read_evaluation
 from vastflow.tasks.store import open_store

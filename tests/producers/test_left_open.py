@@ -10,9 +10,9 @@ from table import each_row
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.digest import FileContent
-from vastflow.sim.maps.octile import passable
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.octile import passable
 
 SCENARIO = """\
 import osc.gazebo

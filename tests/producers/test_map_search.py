@@ -9,7 +9,7 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.places.map_search import MapSearch
-from vastflow.sim.reading.map_file import MapError
+from vastflow.sim.world.map_file import MapError
 
 CAMPAIGN = """\
 configuration:

@@ -11,9 +11,9 @@ from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.scenario_values import complaint_of, unread_keys
-from vastflow.sim.digest import FileContent
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 
 CAMPAIGN = """\
 configuration:

@@ -19,9 +19,9 @@ from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.outline import Line
 from vastflow.producers.places.placement import covered_cells, without
 from vastflow.producers.producer import evaluate
-from vastflow.sim.maps import octile
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.obstacle_values import obstacle_of, obstacles_of
+from vastflow.sim.model.obstacle import obstacle_of, obstacles_of
+from vastflow.sim.world import octile
+from vastflow.sim.world.map_file import load_map
 
 PILLARS = [
     "????????????????????????",

@@ -11,8 +11,8 @@ from shapely.geometry import Point
 from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.outline import Line, ObstacleOutline
 from vastflow.producers.places.placement import covered_cells
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.obstacle import Obstacle
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
 
 near = st.floats(-1.5, 1.5).map(lambda value: round(value, 6))
 sizes = st.sampled_from([0.1, 0.3, 0.5, 0.8])

@@ -13,7 +13,7 @@ from vastflow.producers.parameter import (
     ParameterVariationList,
 )
 from vastflow.producers.producer import evaluate
-from vastflow.sim.digest import FileContent, digest
+from vastflow.sim.model.digest import FileContent, digest
 
 
 def listed(**parameters):

@@ -18,8 +18,8 @@ from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
 from vastflow.producers.path import PathVariationRandom
 from vastflow.producers.producer import evaluate
-from vastflow.sim.pose import pose_of
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.model.pose import pose_of
+from vastflow.sim.world.map_file import load_map
 
 HALL = ["#" * 32, *["#" + "." * 30 + "#"] * 30, "#" * 32]
 """A square hall; with 10 cells of 0.05 m a letter it is 15 m wide inside."""

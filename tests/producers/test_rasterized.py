@@ -17,8 +17,8 @@ from vastflow.producers.conformance import check_producer
 from vastflow.producers.places.ground import ground_of
 from vastflow.producers.producer import evaluate
 from vastflow.producers.raster import PathVariationRasterized, raster_points
-from vastflow.sim.pose import Pose, pose_of
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.model.pose import Pose, pose_of
+from vastflow.sim.world.map_file import load_map
 
 RESOLUTION_M = 0.5
 

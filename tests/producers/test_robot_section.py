@@ -8,9 +8,8 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.faults import CampaignError
 from vastflow.producers.robots import robots_json
 from vastflow.producers.vast.robot_section import LatencySpec, LidarSpec, RobotSpec
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.latency import PRESETS
-from vastflow.sim.nav.parameters.robot import robot_keys
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameters.robot import PRESETS, robot_keys
 from vastflow.sim.reading.robot import lidar_of, robot_of
 
 

@@ -16,10 +16,10 @@ from vastflow.producers.instantiate import instantiate
 from vastflow.producers.places.ground import ground_of
 from vastflow.producers.places.start_check import room_m
 from vastflow.producers.vast.schema import campaign_schema
-from vastflow.sim.maps.octile import inflated_free
-from vastflow.sim.nav.outline import circumscribed_radius_m, padded_outline
-from vastflow.sim.pose import pose_of
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.model.pose import pose_of
+from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, padded_outline
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.octile import inflated_free
 
 WALLED = ["#" * 10, *["#" + "." * 8 + "#"] * 6, "#" * 10]
 """A room of 8 m x 6 m between walls, from (0, -1) to (8, 5) with cells of 1 m, drawn in cells of 0.05 m."""

@@ -17,10 +17,9 @@ from vastflow.producers.obstacle import ObstacleVariation
 from vastflow.producers.path import PathVariationRandom
 from vastflow.producers.producer import evaluate
 from vastflow.producers.trigger import ObstacleVariationWithDistanceTrigger, beyond
-from vastflow.sim.maps import octile
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.obstacle import Trigger
-from vastflow.sim.world.obstacle_values import obstacles_of
+from vastflow.sim.model.obstacle import Trigger, obstacles_of
+from vastflow.sim.world import octile
+from vastflow.sim.world.map_file import load_map
 
 KEYS = {"spawn_trigger_point": "@spawn_trigger_point", "spawn_trigger_threshold": "@spawn_trigger_threshold"}
 BOX = {"amount": 1, "max_distance": 0.6, "args": "width:=0.4"}

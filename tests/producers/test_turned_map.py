@@ -12,10 +12,9 @@ from vastflow.producers.obstacle import ObstacleVariation
 from vastflow.producers.path import PathVariationRandom
 from vastflow.producers.producer import Draws
 from vastflow.producers.raster import PathVariationRasterized
-from vastflow.sim.maps.grid_frame import GridFrame
-from vastflow.sim.pose import pose_of
-from vastflow.sim.reading.map_file import load_map, map_content
-from vastflow.sim.world.obstacle_values import obstacle_of
+from vastflow.sim.model.obstacle import obstacle_of
+from vastflow.sim.model.pose import GridFrame, pose_of
+from vastflow.sim.world.map_file import load_map, map_content
 
 YAW_RAD = 0.5
 FRAME = GridFrame((-1.0, -2.0), YAW_RAD)

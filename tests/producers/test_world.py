@@ -8,9 +8,9 @@ from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.conformance import check_producer
 from vastflow.producers.producer import evaluate
 from vastflow.producers.world import WorldVariation
-from vastflow.sim.reading.map_file import load_map
 from vastflow.sim.reading.world import difference_of
 from vastflow.sim.world.difference import world_of
+from vastflow.sim.world.map_file import load_map
 
 ROOMS = [
     "####################",

@@ -24,14 +24,13 @@ from pathlib import Path
 
 import numpy as np
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.maps.octile import descend, distance_field, passable, path_xy_m
-from vastflow.sim.nav.amcl import Filter
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.nav2.amcl.filter import Filter
 from vastflow.sim.world.lidar import perturb, scan
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot import arc, limited, wrapped
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.motion import arc, limited, wrapped
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.octile import descend, distance_field, passable, path_xy_m
+from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.skip_table import skip_table_of
 
 MAPS = Path(__file__).parents[3] / "shared" / "maps"

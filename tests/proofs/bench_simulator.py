@@ -20,19 +20,18 @@ from numpy.typing import NDArray
 from vastflow.sim.kernels.streams import run_entropy
 from vastflow.sim.loop.closed_loop import ClosedLoop
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.loop.prepared import PreparedMap, prepare
-from vastflow.sim.maps.occupancy import FREE, OCCUPIED, OccupancyMap
-from vastflow.sim.maps.octile import descend, distance_field, passable, path_xy_m
-from vastflow.sim.nav.behavior import REPLAN_TICKS
-from vastflow.sim.nav.controllers.registry import find_controller, short_names
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.profile import CLOCK, STAGES
-from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.nav.state import RUNNING, SUBSTEPS
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.controllers.registry import find_controller, short_names
+from vastflow.sim.nav2.navigator.behavior import REPLAN_TICKS
+from vastflow.sim.nav2.navigator.prepared import PreparedMap, prepare
+from vastflow.sim.nav2.navigator.profile import CLOCK, STAGES
+from vastflow.sim.nav2.navigator.state import RUNNING, SUBSTEPS
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.occupancy import FREE, OCCUPIED, OccupancyMap
+from vastflow.sim.world.octile import descend, distance_field, passable, path_xy_m
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 MAP_SEED: Final = 20
 RESOLUTION_M: Final = 0.05

@@ -21,8 +21,8 @@ import numpy as np
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import Instantiation, instantiate
-from vastflow.sim.pose import pose_of
-from vastflow.sim.recordings.recording import Recording, si
+from vastflow.sim.model.pose import pose_of
+from vastflow.sim.model.recording import Recording, si
 from vastflow.sim.run import run
 
 MAPS = Path(__file__).parents[3] / "shared" / "maps"

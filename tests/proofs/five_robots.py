@@ -21,12 +21,12 @@ from vastflow.producers.campaign import load_campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import instantiate
 from vastflow.producers.places.cells import touched_cells
-from vastflow.sim.digest import FileContent
-from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.recording import Recording
 from vastflow.sim.reading.checked import checked_of
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.recording import Recording
 from vastflow.sim.run import run
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.robot_model import Robot
 
 FOLDER: Final = Path(__file__).parents[2] / "campaigns" / "robots"

@@ -219,10 +219,10 @@ def _campaign(file: Path) -> None:
 
 
 def _scenario(file: Path) -> None:
-    from vastflow.sim.behavior.support import unsupported
-    from vastflow.sim.behavior.vocabulary import ACTIONS
-    from vastflow.sim.osc.reading import files_of, read_scenarios
     from vastflow.sim.reading.abstract import abstract_content
+    from vastflow.sim.reading.vocabulary import ACTIONS
+    from vastflow.sim.scenario.language.reading import files_of, read_scenarios
+    from vastflow.sim.scenario.tree.support import unsupported
 
     for definition in read_scenarios(file):
         unsupported(definition, ACTIONS)
@@ -251,13 +251,13 @@ def _variation(file: Path) -> None:
 
 
 def _map(file: Path) -> None:
-    from vastflow.sim.reading.map_file import load_map
+    from vastflow.sim.world.map_file import load_map
 
     _ = load_map(file).digest
 
 
 def _picture(file: Path) -> None:
-    from vastflow.sim.reading.map_file import load_map
+    from vastflow.sim.world.map_file import load_map
 
     header = file.with_name("of_mutant.yaml")
     header.write_text(
@@ -267,10 +267,10 @@ def _picture(file: Path) -> None:
 
 
 def _parameters(file: Path) -> None:
-    from vastflow.sim.nav.parameters.document import read_document
-    from vastflow.sim.nav.parameters.findings import findings
-    from vastflow.sim.nav.parameters.interpretation import interpretation
-    from vastflow.sim.nav.parameters.parameter_file import file_value
+    from vastflow.sim.nav2.parameter_files.document import read_document
+    from vastflow.sim.nav2.parameter_files.findings import findings
+    from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+    from vastflow.sim.nav2.parameter_files.parameter_file import file_value
 
     found = interpretation(read_document(file))
     findings(found)
@@ -335,11 +335,11 @@ def kinds(folder: Path) -> list[Kind]:
     from vastflow.oracles.oracle import OracleError
     from vastflow.producers.faults import CampaignError
     from vastflow.producers.floorplan.faults import FloorplanError
-    from vastflow.sim.files import Unreadable
-    from vastflow.sim.nav.parameters.document import DocumentError
-    from vastflow.sim.osc.faults import OscError
+    from vastflow.sim.model.files import Unreadable
+    from vastflow.sim.nav2.parameter_files.document import DocumentError
     from vastflow.sim.reading.abstract import AbstractError
-    from vastflow.sim.reading.map_file import MapError
+    from vastflow.sim.scenario.language.faults import OscError
+    from vastflow.sim.world.map_file import MapError
 
     def found(pattern: str) -> list[Path]:
         """Seeds of a kind: no mutant of an earlier call."""

@@ -117,8 +117,8 @@ MUST_NOT: Final[Mapping[str, Edit]] = {
     "vastflow: code of an oracle that is not asked": lambda bed: appended(
         bed.source("oracles/safety.py"), "\nNEW = 1\n"
     ),
-    "vastflow: a hint in other words": lambda bed: replaced(bed.source("sim/reading/names.py"), "did you", "do you"),
-    "vastflow: a stray data file in a package": lambda bed: bed.source("sim/nav/table.csv").write_text("1\n"),
+    "vastflow: a hint in other words": lambda bed: replaced(bed.source("sim/model/names.py"), "did you", "do you"),
+    "vastflow: a stray data file in a package": lambda bed: bed.source("sim/nav2/table.csv").write_text("1\n"),
     "vastflow: a stray report in a package": lambda bed: bed.source("oracles/report.html").write_text("<p>"),
     "vastflow: a scenario beside its own that nobody names": lambda bed: shutil.copy(
         bed.file("drive.osc"), bed.source("campaigns/scenarios/mine.osc")
@@ -190,7 +190,7 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
     "a setting of Numba that changes code": (lambda bed: bed.environment.update(NUMBA_OPT="0"), executed(RUNS, 1)),
     "vastflow: code of the simulator": (lambda bed: appended(bed.source("sim/run.py"), "\nNEW = 1\n"), executed(RUNS)),
     "vastflow: a kernel of a controller": (
-        lambda bed: appended(bed.source("sim/nav/controllers/dwb_critics.py"), "\nNEW = 1\n"),
+        lambda bed: appended(bed.source("sim/nav2/controllers/dwb_critics.py"), "\nNEW = 1\n"),
         executed(RUNS),
     ),
     "vastflow: an oracle's default value": (
@@ -223,10 +223,10 @@ MUST: Final[Mapping[str, tuple[Edit, Counts]]] = {
 ROBOT: Final[Mapping[str, tuple[Edit, int]]] = {
     "nothing": (lambda bed: None, 0),
     "a hint of the parameters' reader in other words": (
-        lambda bed: replaced(bed.source("sim/nav/parameters/amcl.py"), "must be <=", "has to be at most"),
+        lambda bed: replaced(bed.source("sim/nav2/parameters/amcl.py"), "must be <=", "has to be at most"),
         0,
     ),
-    "a hint in other words": (lambda bed: replaced(bed.source("sim/reading/names.py"), "did you", "do you"), 0),
+    "a hint in other words": (lambda bed: replaced(bed.source("sim/model/names.py"), "did you", "do you"), 0),
     "its Nav2 file: a comment": (lambda bed: appended(bed.file("nav2.yaml"), "# a comment\n"), 0),
     "its Nav2 file: a default value written out": (
         lambda bed: bed.replace("nav2.yaml", "alpha1: 0.3", "alpha1: 0.3, alpha2: 0.2"),
@@ -239,7 +239,7 @@ ROBOT: Final[Mapping[str, tuple[Edit, int]]] = {
     "its Nav2 file: another value": (lambda bed: bed.replace("nav2.yaml", "alpha1: 0.3", "alpha1: 0.31"), DRIVES),
     "a default value of a parameter that it leaves out": (
         lambda bed: replaced(
-            bed.source("sim/nav/parameters/amcl.py"), "alpha3: float = parameter(0.2", "alpha3: float = parameter(0.21"
+            bed.source("sim/nav2/parameters/amcl.py"), "alpha3: float = parameter(0.2", "alpha3: float = parameter(0.21"
         ),
         DRIVES,
     ),

@@ -25,9 +25,9 @@ from vastflow.oracles.oracle import Oracle, oracles_of
 from vastflow.producers.campaign import load_campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.digest import digest
-from vastflow.sim.nav.parameters.latency import PRESETS
-from vastflow.sim.recordings.blocks import write_recordings
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.digest import digest
+from vastflow.sim.nav2.parameters.robot import PRESETS
 from vastflow.sim.run import run
 
 CAMPAIGN: Final = Path(__file__).parents[2] / "campaigns" / "latency" / "presets.vast"

@@ -17,9 +17,9 @@ import pyarrow.parquet as pq
 from minimize import box
 from search_real import BOX_M, Y_OF_PASSAGE_M, Place, parameters_of, run
 
-from vastflow.sim.nav.inflation import cost_at_distance
-from vastflow.sim.nav.outline import inscribed_radius_m, outline_of
-from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav2.costmaps.inflation import cost_at_distance
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
+from vastflow.sim.nav2.parameters.stack import NavParameters
 
 INFLATIONS: Final = ((0.7, 3.0), (1.0, 3.0), (1.5, 3.0), (0.7, 6.0), (0.7, 10.0))
 """Radius (m) and `cost_scaling_factor`; the first ones are the default file's."""

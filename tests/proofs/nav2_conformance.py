@@ -22,17 +22,17 @@ import numpy as np
 from PIL import Image
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav import navfn
-from vastflow.sim.nav.controllers import dwb, mppi, rpp
-from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting
-from vastflow.sim.nav.controllers.dwb_rollout import along, step_count, sum_headings
-from vastflow.sim.nav.controllers.local_plan import local_plan
-from vastflow.sim.nav.controllers.mppi_samples import ROW, next_noise, words_of
-from vastflow.sim.nav.inflation import inflate
-from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.state import AHEAD_POINTS, MEMORY
-from vastflow.sim.nav.window import Window
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.controllers import dwb, mppi, rpp
+from vastflow.sim.nav2.controllers.controller import Controller, ControllerInput, Setting
+from vastflow.sim.nav2.controllers.dwb_rollout import along, step_count, sum_headings
+from vastflow.sim.nav2.controllers.local_plan import local_plan
+from vastflow.sim.nav2.controllers.mppi_samples import ROW, next_noise, words_of
+from vastflow.sim.nav2.costmaps.inflation import inflate
+from vastflow.sim.nav2.costmaps.outline import padded_outline
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.navigator.state import AHEAD_POINTS, MEMORY
+from vastflow.sim.nav2.planners import navfn
 
 VARIABLE = "NAV2_CONFORMANCE"
 BESIDE = Path(__file__).parents[3] / "shared" / "reference" / "nav2-conformance"

@@ -24,7 +24,7 @@ from vastflow.oracles.evidence.rates import Counts, Interval
 from vastflow.oracles.evidence.weights import WeightedRate, weighted_counts, weighted_rate
 from vastflow.oracles.statistics.classes import TotalFailures, total_failures
 from vastflow.sim.loop.standstill import CAUSES, STANDSTILL_M
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 
 CORES: Final = 2
 """For which the time of the whole campaigns is said."""

@@ -17,8 +17,8 @@ from vastflow.oracles.evidence.rates import Counts, counts_of, pooled
 from vastflow.oracles.evidence.weights import weights_of
 from vastflow.oracles.statistics.factors import blocks_of
 from vastflow.oracles.verdict import Judgement, run_judgement
-from vastflow.sim.files import read_json
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
+from vastflow.sim.model.files import read_json
 
 READINGS: Final[Mapping[Kind, tuple[str, ...]]] = {
     "robustness": ("update", "step", "metre", "mean", "maximum"),

@@ -13,9 +13,9 @@ from scipy import ndimage
 
 from vastflow.oracles.evidence.rates import Counts, counts_of
 from vastflow.oracles.verdict import Judgement
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 
 COLLISION_M: Final = inscribed_radius_m(padded_outline(LOCAL_RADIUS_M, LOCAL_PADDING_M))
 """Distance of the robot's center from a wall up to which the wall reaches into its padded footprint (m)."""

@@ -18,17 +18,17 @@ from bench_simulator import LARGE, REFERENCE_TURNS, Route, benchmark_map, benchm
 from numpy.typing import NDArray
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.navfn import path
-from vastflow.sim.nav.outline import outline_of
-from vastflow.sim.nav.parameters.smac import SmacPlanner2D, SmacPlannerHybrid
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.planners.planner import Planner, compute_path, planner_of
-from vastflow.sim.nav.planners.search import PlannerInput
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.nav2.costmaps.outline import outline_of
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.planners.navfn import path
+from vastflow.sim.nav2.planners.planner import Planner, compute_path, planner_of
+from vastflow.sim.nav2.planners.search import PlannerInput
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar
 
 PLANNERS = {
     "SmacPlanner2D": SmacPlanner2D(),

@@ -27,8 +27,8 @@ from scipy.sparse.csgraph import dijkstra
 from vastflow.flows.results.tables import CONFIGURATIONS, EXCLUSIONS, JUDGED_RUNS, REJECTIONS, VERDICTS, write_table
 from vastflow.producers.floorplan.files import read_plan_file
 from vastflow.producers.floorplan.grid import grid_of
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.blocks import write_block
+from vastflow.sim.model.blocks import write_block
+from vastflow.sim.world.map_file import load_map
 
 PLANS = Path(__file__).parents[2] / "campaigns" / "floorplans"
 NAMES = ("corridors", "hospital_lobby", "nested_rooms", "office_wing", "university")

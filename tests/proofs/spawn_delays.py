@@ -29,10 +29,10 @@ from vastflow.oracles.verdict import Judgement, run_judgement
 from vastflow.producers.campaign import Campaign, load_campaign
 from vastflow.producers.configuration import Configuration
 from vastflow.producers.instantiate import instantiate
-from vastflow.sim.digest import digest
-from vastflow.sim.recordings.blocks import write_recordings
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.digest import digest
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import run
-from vastflow.sim.scenario import Scenario
 
 SAFETY: Final = Path(__file__).parents[2] / "campaigns" / "paper" / "safety.vast"
 DELAYS_S: Final = (0.0, 0.4, 0.8)

@@ -20,8 +20,8 @@ LAYERS = ("deployments", "flows", "oracles", "producers", "sim", "tasks")
 DATA = (
     "vastflow/__init__.py",
     "vastflow/py.typed",
-    "vastflow/sim/osc/grammar.lark",
-    "vastflow/sim/osc/library/nav2.osc",
+    "vastflow/sim/scenario/language/grammar.lark",
+    "vastflow/sim/scenario/language/library/nav2.osc",
     *(f"vastflow/oracles/page/report.{kind}" for kind in ("html.j2", "css", "js")),
 )
 KEYS = """

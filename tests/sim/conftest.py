@@ -10,19 +10,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vastflow.sim.digest import FileContent
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Recording
+from vastflow.sim.model.scenario import Mission, Scenario, scenario_of
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.abstract import abstract_content
-from vastflow.sim.reading.map_file import map_content
-from vastflow.sim.recordings.recording import Recording
-from vastflow.sim.scenario import Scenario, scenario_of
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.map_file import map_content
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 CELLS = {".": 0, "#": 100, "?": -1}
 GRAY = {0: 254, 100: 0, -1: 205}

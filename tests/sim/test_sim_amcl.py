@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from table import each_row
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.amcl import Filter, weight
-from vastflow.sim.nav.parameters.amcl import AmclParameters, covariance_of
-from vastflow.sim.nav.parameters.parameter import ParameterError
+from vastflow.sim.nav2.amcl.filter import Filter, weight
+from vastflow.sim.nav2.parameters.amcl import AmclParameters, covariance_of
+from vastflow.sim.nav2.parameters.parameter import ParameterError
 from vastflow.sim.world.lidar import scan
-from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar
 from vastflow.sim.world.skip_table import skip_table_of
 
 LIDAR = Lidar()

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar
 
 PROOF = Path(__file__).parents[1] / "proofs" / "amcl_accuracy.py"
 RESOLUTION_M = 0.05

@@ -11,8 +11,8 @@ from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 from table import each_row
 
-from vastflow.sim.nav.likelihood import FRAME, UNREACHED, WIDTH, likelihood_cubed, squared_distances, usable_range_m
-from vastflow.sim.nav.parameters.amcl import AmclParameters
+from vastflow.sim.nav2.amcl.sensor import FRAME, UNREACHED, WIDTH, likelihood_cubed, squared_distances, usable_range_m
+from vastflow.sim.nav2.parameters.amcl import AmclParameters
 
 
 def walls(*rows):

@@ -7,10 +7,10 @@ import pytest
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.record import record_of
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.nav.parameters.amcl import AmclParameters
-from vastflow.sim.nav.particles import gate, move, new_cloud, spread
-from vastflow.sim.nav.record import record_of
+from vastflow.sim.nav2.amcl.particles import gate, move, new_cloud, spread
+from vastflow.sim.nav2.parameters.amcl import AmclParameters
 
 N = 20_000
 SIGMA = math.sqrt(0.2) * 0.25

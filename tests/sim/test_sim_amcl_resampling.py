@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.record import record_of
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.nav.parameters.amcl import AmclParameters
-from vastflow.sim.nav.particles import new_cloud
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.resampling import covariance, heaviest_cluster, kld_limit, resample
+from vastflow.sim.nav2.amcl.particles import covariance, heaviest_cluster, kld_limit, new_cloud, resample
+from vastflow.sim.nav2.parameters.amcl import AmclParameters
 
 PARAMETERS = record_of(AmclParameters())
 

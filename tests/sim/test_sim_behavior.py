@@ -5,10 +5,10 @@ import math
 
 import pytest
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.recording import si
+from vastflow.sim.model.recording import si
 from vastflow.sim.run import run
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 
 ROUND = ["clear both costmaps", "spin", "wait", "back up", "clear both costmaps", "spin"]
 

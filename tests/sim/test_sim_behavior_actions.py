@@ -7,13 +7,13 @@ import pytest
 from py_trees.common import Status
 from table import each_row
 
-from vastflow.sim.behavior.action import ActionSituation
-from vastflow.sim.behavior.helpers import HELPERS, helper_functions
-from vastflow.sim.behavior.stand_ins import SIMULATOR_PROCESSES, stand_ins
-from vastflow.sim.behavior.support import GENERIC, REASONS, unsupported
-from vastflow.sim.osc.definition import Call, Composition, Constant, Emit, Modified, Place, ScenarioDefinition, Until
-from vastflow.sim.osc.definition import Elapsed as ElapsedTime
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.model.faults import Place, ScenarioError
+from vastflow.sim.scenario.definition import Call, Composition, Constant, Emit, Modified, ScenarioDefinition, Until
+from vastflow.sim.scenario.definition import Elapsed as ElapsedTime
+from vastflow.sim.scenario.tree.action import ActionSituation
+from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
+from vastflow.sim.scenario.tree.stand_ins import SIMULATOR_PROCESSES, stand_ins
+from vastflow.sim.scenario.tree.support import GENERIC, REASONS, unsupported
 
 
 @pytest.fixture

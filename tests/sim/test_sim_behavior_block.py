@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.recordings.archive import columns_of
-from vastflow.sim.recordings.behavior_block import behaviors_below, read_behaviors, write_behaviors
+from vastflow.sim.model.archive import behaviors_below, columns_of, read_behaviors, write_behaviors
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=9)
 TABLES = st.lists(st.tuples(st.floats(allow_nan=False), st.integers(-5, 5), TEXTS), max_size=4)

@@ -7,10 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from py_trees.common import Status
 
-from vastflow.sim.behavior.action import Action
-from vastflow.sim.behavior.helpers import HELPERS, helper_functions
-from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.osc.definition import (
+from vastflow.sim.model.faults import Place
+from vastflow.sim.scenario.definition import (
     Call,
     Composition,
     Constant,
@@ -23,12 +21,14 @@ from vastflow.sim.osc.definition import (
     Modified,
     Name,
     Operation,
-    Place,
     ScenarioDefinition,
     Type,
     Until,
     Wait,
 )
+from vastflow.sim.scenario.tree.action import Action
+from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
+from vastflow.sim.scenario.tree.tree import ScenarioTree
 
 PLACE = Place("random.osc", 1, 1)
 TICKS = 120

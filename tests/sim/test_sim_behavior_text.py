@@ -9,14 +9,14 @@ import pytest
 from py_trees.common import Status
 from table import each_row
 
-from vastflow.sim.behavior.action import Action
-from vastflow.sim.behavior.helpers import HELPERS, helper_functions
-from vastflow.sim.behavior.stand_ins import stand_ins
-from vastflow.sim.behavior.support import unsupported
-from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.osc.parameters import bound
-from vastflow.sim.osc.reading import read_text
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.scenario.language.parameters import bound
+from vastflow.sim.scenario.language.reading import read_text
+from vastflow.sim.scenario.tree.action import Action
+from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
+from vastflow.sim.scenario.tree.stand_ins import stand_ins
+from vastflow.sim.scenario.tree.support import unsupported
+from vastflow.sim.scenario.tree.tree import ScenarioTree
 
 
 class Drive(Action):

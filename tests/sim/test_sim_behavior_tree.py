@@ -7,10 +7,8 @@ import pytest
 from py_trees.common import Status
 from table import each_row
 
-from vastflow.sim.behavior.action import Action
-from vastflow.sim.behavior.helpers import HELPERS
-from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.osc.definition import (
+from vastflow.sim.model.faults import Place, ScenarioError
+from vastflow.sim.scenario.definition import (
     Actor,
     Call,
     Composition,
@@ -24,13 +22,14 @@ from vastflow.sim.osc.definition import (
     Modified,
     Name,
     Operation,
-    Place,
     ScenarioDefinition,
     Type,
     Until,
     Wait,
 )
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.scenario.tree.action import Action
+from vastflow.sim.scenario.tree.helpers import HELPERS
+from vastflow.sim.scenario.tree.tree import ScenarioTree
 
 PLACE = Place("visit.osc", 8, 5)
 

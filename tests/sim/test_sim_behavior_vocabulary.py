@@ -3,13 +3,13 @@
 import subprocess
 import sys
 
-from vastflow.sim.behavior.entities import ENTITIES
-from vastflow.sim.behavior.helpers import HELPERS
-from vastflow.sim.behavior.navigation import NAVIGATION
-from vastflow.sim.behavior.stand_ins import stand_ins
-from vastflow.sim.behavior.topics import ROS
-from vastflow.sim.behavior.vocabulary import ACTIONS, WORLDLY
-from vastflow.sim.process.actions import PROCESSES
+from vastflow.sim.reading.vocabulary import ACTIONS, WORLDLY
+from vastflow.sim.scenario.programs.actions import PROCESSES
+from vastflow.sim.scenario.tree.entities import ENTITIES
+from vastflow.sim.scenario.tree.helpers import HELPERS
+from vastflow.sim.scenario.tree.navigation import NAVIGATION
+from vastflow.sim.scenario.tree.stand_ins import stand_ins
+from vastflow.sim.scenario.tree.topics import ROS
 
 
 def test_worldly_actions_are_those_of_the_robot_and_of_entities_but_no_stand_in():
@@ -21,6 +21,6 @@ def test_all_that_is_implemented_may_be_used():
 
 
 def test_the_names_are_known_without_the_simulator():
-    script = "import sys, vastflow.sim.behavior.vocabulary; print(*{'numba', 'pymunk', 'scipy'} & sys.modules.keys())"
+    script = "import sys, vastflow.sim.reading.vocabulary; print(*{'numba', 'pymunk', 'scipy'} & sys.modules.keys())"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=240, check=True)
     assert done.stdout.split() == []

@@ -8,7 +8,7 @@ from bench_show import shown
 from bench_simulator import LARGE, ROUTES, SMALL, bench, benchmark_map, benchmark_routes
 from table import each_row
 
-from vastflow.sim.maps.octile import passable, shortest_path
+from vastflow.sim.world.octile import passable, shortest_path
 
 
 @each_row(

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from vastflow.sim.recordings.blocks import (
+from vastflow.sim.model.blocks import (
     read_block,
     read_columns,
     read_recordings,
@@ -18,7 +18,7 @@ from vastflow.sim.recordings.blocks import (
     write_block,
     write_recordings,
 )
-from vastflow.sim.recordings.recording import Event, Recording, Run, run_of, run_row, si
+from vastflow.sim.model.recording import Event, Recording, Run, run_of, run_row, si
 
 TEXT = st.text(max_size=8)
 NUMBERS = st.floats(-1e6, 1e6)

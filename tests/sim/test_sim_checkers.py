@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.document import DocumentError, parse
-from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.servers import NO_ANGLE_RAD, NO_LIMIT, GoalChecker, ProgressChecker
-from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameters.servers import NO_ANGLE_RAD, NO_LIMIT, GoalChecker, ProgressChecker
+from vastflow.sim.nav2.parameters.stack import NavParameters
 
 
 def read(server, text):

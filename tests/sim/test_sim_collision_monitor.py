@@ -7,12 +7,12 @@ import pytest
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.collision_monitor import approach, gather_near_points
-from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
-from vastflow.sim.nav.parameters.servers import CollisionMonitor, VelocitySmoother
-from vastflow.sim.nav.record import record_dtype, record_row
-from vastflow.sim.nav.state import MEMORY
-from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.kernels.record import record_dtype, record_row
+from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
+from vastflow.sim.nav2.navigator.collision_monitor import approach, gather_near_points
+from vastflow.sim.nav2.navigator.state import MEMORY
+from vastflow.sim.nav2.parameters.servers import CollisionMonitor, VelocitySmoother
+from vastflow.sim.world.robot_model import Lidar
 
 OUTLINE = padded_outline(0.22, 0.01)
 

@@ -11,26 +11,20 @@ import pytest
 from table import each_row
 
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.controllers import conformance, registry
-from vastflow.sim.nav.controllers.built_in import controller_of
-from vastflow.sim.nav.controllers.conformance import CHECKS, check_controller, check_time, sample_situations
-from vastflow.sim.nav.controllers.controller import Controller, Setting
-from vastflow.sim.nav.controllers.registry import (
-    UnknownController,
-    find_controller,
-    known_controllers,
-    short_names,
-)
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.controllers import conformance, registry
+from vastflow.sim.nav2.controllers.conformance import CHECKS, check_controller, check_time, sample_situations
+from vastflow.sim.nav2.controllers.controller import Controller, Setting
+from vastflow.sim.nav2.controllers.registry import UnknownController, find_controller, known_controllers, short_names
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.navigator.state import controller_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 PAGE = Path(__file__).parents[2] / "docs" / "write-a-controller.md"
 
@@ -41,8 +35,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vastflow.sim.kernels.streams import uniform
-from vastflow.sim.nav.controllers.controller import Controller, ControllerInput, Setting, kernel
-from vastflow.sim.nav.parameters.parameter import parameter
+from vastflow.sim.nav2.controllers.controller import Controller, ControllerInput, Setting, kernel
+from vastflow.sim.nav2.parameters.parameter import parameter
 
 
 """
@@ -346,7 +340,7 @@ def test_an_install_whose_metadata_is_older_than_its_source_says_to_install_agai
 
 def test_the_parameters_of_built_in_controllers_are_read_without_numba_and_scipy():
     script = (
-        "import sys; from vastflow.sim.nav.parameters.chosen import parameters_of; "
+        "import sys; from vastflow.sim.nav2.parameter_files.chosen import parameters_of; "
         "print([type(parameters_of({'controller': name}).controller).__name__ for name in ('dwb', 'mppi', 'rpp')]); "
         "print(*{'numba', 'scipy', 'llvmlite'} & sys.modules.keys())"
     )

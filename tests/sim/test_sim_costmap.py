@@ -10,7 +10,8 @@ from shapely import Point, Polygon
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.costmap import (
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.costmaps.costmap import (
     MARKED,
     SEEN_FREE,
     UNSEEN,
@@ -20,10 +21,9 @@ from vastflow.sim.nav.costmap import (
     observe,
     roll,
 )
-from vastflow.sim.nav.inflation import cost_stamp, inflate, inflation_of
-from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.costmap import ObstacleLayer
-from vastflow.sim.nav.record import record_of
+from vastflow.sim.nav2.costmaps.inflation import cost_stamp, inflate, inflation_of
+from vastflow.sim.nav2.costmaps.outline import padded_outline
+from vastflow.sim.nav2.parameters.costmap import ObstacleLayer
 
 RESOLUTION_M = 0.05
 PARAMETERS = (RESOLUTION_M, 0.225498, 0.70, 3.0)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.nav.planners.curves import pose_on, shortest
+from vastflow.sim.nav2.planners.curves import pose_on, shortest
 
 LENGTHS = st.floats(-8.0, 8.0)
 ANGLES = st.floats(-math.pi, math.pi)

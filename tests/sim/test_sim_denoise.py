@@ -7,14 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.denoise import denoised, remove_small_groups
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.costmap import DenoiseLayer
-from vastflow.sim.nav.parameters.document import DocumentError, parse
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.parameters.written import document_of
-from vastflow.sim.nav.record import record_of
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.costmaps.costmap import denoised, remove_small_groups
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameters.costmap import DenoiseLayer
+from vastflow.sim.nav2.parameters.stack import NavParameters
 
 
 @njit

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.digest import FileContent, canonical, digest, file_digest
-from vastflow.sim.scenario import Scenario, scenario_of
+from vastflow.sim.model.digest import FileContent, canonical, digest, file_digest
+from vastflow.sim.model.scenario import Scenario, scenario_of
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),

@@ -9,22 +9,21 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.amcl import Filter
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.written import document_of
-from vastflow.sim.nav.state import OMNI_COLUMNS, SUBSTEPS
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.amcl.filter import Filter
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.navigator.state import OMNI_COLUMNS, SUBSTEPS
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.written import document_of
 from vastflow.sim.reading.robot import robot_facts, robot_of, robot_words
 from vastflow.sim.run import run
-from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.world.motion import arc, moved
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import World
-from vastflow.sim.world.robot import arc, moved
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.robot_model import Lidar, Robot
 from vastflow.sim.world.walls import WallIndex
 
 ACKERMANN = {"FollowPath.motion_model": "Ackermann", "FollowPath.AckermannConstraints.min_turning_r": 0.5}

@@ -8,14 +8,14 @@ import pytest
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.controllers import dwb
-from vastflow.sim.nav.controllers.controller import ControllerInput
-from vastflow.sim.nav.controllers.dwb_critics import grow, lay, new_path_grid
-from vastflow.sim.nav.inflation import inflate
-from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.window import Window
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.controllers import dwb
+from vastflow.sim.nav2.controllers.controller import ControllerInput
+from vastflow.sim.nav2.controllers.dwb_critics import grow, lay, new_path_grid
+from vastflow.sim.nav2.costmaps.inflation import inflate
+from vastflow.sim.nav2.costmaps.outline import padded_outline
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.parameters.dwb import DwbParameters
 
 CELLS = 60
 RESOLUTION_M = 0.05

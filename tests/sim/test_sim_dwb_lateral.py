@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.record import record_of
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.controllers import dwb
-from vastflow.sim.nav.controllers.controller import ControllerInput
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.written import document_of
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.window import Window
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.controllers import dwb
+from vastflow.sim.nav2.controllers.controller import ControllerInput
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameters.dwb import DwbParameters
 from vastflow.sim.reading.robot import robot_of
-from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar
 
 CELLS, RESOLUTION_M = 80, 0.05
 CENTER = (2.012, 1.993)

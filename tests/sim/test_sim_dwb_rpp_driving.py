@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.controllers import dwb, rpp
-from vastflow.sim.nav.controllers.controller import ControllerInput
-from vastflow.sim.nav.inflation import inflate
-from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.rpp import RppParameters
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.window import Window
-from vastflow.sim.world.robot import arc
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.controllers import dwb, rpp
+from vastflow.sim.nav2.controllers.controller import ControllerInput
+from vastflow.sim.nav2.costmaps.inflation import inflate
+from vastflow.sim.nav2.costmaps.outline import padded_outline
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.parameters.dwb import DwbParameters
+from vastflow.sim.nav2.parameters.rpp import RppParameters
+from vastflow.sim.world.motion import arc
 
 CELLS = 60
 RESOLUTION_M = 0.05

@@ -6,8 +6,7 @@ import sys
 
 import pytest
 
-from vastflow.sim.plug_ins.effects import EffectRefused, looking_only
-from vastflow.sim.plug_ins.plug_in import plug_in_code
+from vastflow.sim.plug_ins.effects import EffectRefused, looking_only, plug_in_code
 
 EFFECTS = {
     "open('new', 'w')": r"write to a file \('new'\)",

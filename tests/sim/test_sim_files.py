@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from PIL import Image
 from table import each_row
 
-from vastflow.sim import files
-from vastflow.sim.files import Missing, Unreadable, json_value, read_json, read_picture, read_text, yaml_value
-from vastflow.sim.process.yaml_value import YamlFault, set_yaml_value
-from vastflow.sim.reading.map_file import MapError, load_map
+from vastflow.sim.model import files
+from vastflow.sim.model.files import Missing, Unreadable, json_value, read_json, read_picture, read_text, yaml_value
+from vastflow.sim.scenario.programs.actions import YamlFault, set_yaml_value
+from vastflow.sim.world.map_file import MapError, load_map
 
 
 def put(folder: Path, content: bytes, name: str = "file") -> Path:

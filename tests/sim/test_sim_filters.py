@@ -6,28 +6,28 @@ from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.controllers.binding import running
-from vastflow.sim.nav.controllers.built_in import controller_of
-from vastflow.sim.nav.controllers.controller import ControllerError, Setting
-from vastflow.sim.nav.controllers.registry import find_controller
-from vastflow.sim.nav.filters import keep_out_of_window, keepout_mask, kept_out, limit_speed, on_map, speed_zones
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.chosen import parameters_of, unread
-from vastflow.sim.nav.parameters.costmap import KeepoutFilter, SpeedFilter
-from vastflow.sim.nav.parameters.document import DocumentError, parse
-from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.parameters.written import document_of
-from vastflow.sim.nav.window import Window
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.controllers.binding import running
+from vastflow.sim.nav2.controllers.controller import ControllerError, Setting
+from vastflow.sim.nav2.controllers.registry import find_controller
+from vastflow.sim.nav2.controllers.speed_zones import limit_speed, speed_zones
+from vastflow.sim.nav2.costmaps.filters import keep_out_of_window, keepout_mask, kept_out, on_map
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.navigator.state import controller_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of, unread
+from vastflow.sim.nav2.parameter_files.costmaps import masks_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameters.costmap import KeepoutFilter, SpeedFilter
+from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.sim.reading.masks import masks_of
-from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 RESOLUTION_M = 0.05
 FILE = """
@@ -117,8 +117,8 @@ def test_a_mask_that_no_filter_needs_is_read_by_nothing():
 
 
 OWN = """
-from vastflow.sim.nav.controllers.controller import Controller, SpeedLimits, kernel
-from vastflow.sim.nav.parameters.parameter import parameter
+from vastflow.sim.nav2.controllers.controller import Controller, SpeedLimits, kernel
+from vastflow.sim.nav2.parameters.parameter import parameter
 
 
 @kernel

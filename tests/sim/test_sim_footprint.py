@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.footprint import outline_hits
-from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
-from vastflow.sim.nav.window import Window
+from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, padded_outline
+from vastflow.sim.nav2.costmaps.window import Window, outline_hits
 
 OUTLINE = padded_outline(0.22, 0.01)
 PLACE = np.array([-1.0, 2.0, 0.05])

@@ -2,11 +2,11 @@
 
 import pytest
 
-from vastflow.sim.osc.parameters import ParameterMismatch
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.script import calls_of, script_of
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.scenario.language.parameters import ParameterMismatch
 
 ONE_GOAL = """\
 import osc.gazebo

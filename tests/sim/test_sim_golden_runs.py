@@ -11,16 +11,15 @@ import pytest
 from table import each_row
 
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.servers import RotationShim
-from vastflow.sim.nav.parameters.smac import SmacPlanner2D, SmacPlannerHybrid
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlanner2D, SmacPlannerHybrid
+from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.robot import robot_of
-from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar
 from vastflow.tasks.keys import numeric_class
 
 PINNED_ON: Final = "x86_64; glibc 2.36; avx2 fma; ; 3.11"

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.maps.grid_frame import GridFrame
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.pose import GridFrame, Pose
 
 meters = st.floats(-1e3, 1e3)
 frames = st.builds(GridFrame, st.tuples(meters, meters), st.floats(-math.pi / 4, math.pi / 4))

@@ -10,9 +10,9 @@ from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 from table import each_row
 
-from vastflow.sim.nav.inflation import cost_stamp, inflate
-from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
-from vastflow.sim.reading.map_file import load_map
+from vastflow.sim.nav2.costmaps.inflation import cost_stamp, inflate
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
+from vastflow.sim.world.map_file import load_map
 
 JAZZY = (0.05, inscribed_radius_m(padded_outline(0.22, 0.01)), 0.70, 3.0)
 

@@ -150,7 +150,7 @@ def test_another_installation_of_the_same_version_compiles_nothing(installation)
 @pytest.mark.slow
 def test_another_version_of_any_kernel_compiles_its_own(installation):
     def edit(package):
-        with (package / "sim/kernels/ziggurat.py").open("a") as file:
+        with (package / "sim/kernels/streams.py").open("a") as file:
             file.write("OTHER = 1\n")
 
     installation("first")

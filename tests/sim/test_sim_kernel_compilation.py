@@ -15,7 +15,7 @@ from numba.core.runtime import _nrt_python, rtsys
 from numba.extending import overload
 from table import each_row
 
-from vastflow.sim.kernels import numeric, target, typing_context
+from vastflow.sim.kernels import numeric, target
 from vastflow.sim.kernels.pipeline import UNNEEDED
 
 NEEDED = [
@@ -310,8 +310,8 @@ def test_numba_has_what_kernels_are_compiled_by_instead():
         target._Codegen: ["_function_pass_manager", "_pass_builder", "_customize_tm_options", "set_env"],
         target._Context: ["get_abi_sizeof", "get_executable", "nrt", "enable_nrt"],
         target._Dispatcher: ["get_call_template", "compile"],
-        typing_context.TypingContext: ["resolve_value_type", "resolve_function_type", "_lookup_global", "_functions"],
-        typing_context._Function: ["get_call_type", "get_impl_key"],
+        target.TypingContext: ["resolve_value_type", "resolve_function_type", "_lookup_global", "_functions"],
+        target._Function: ["get_call_type", "get_impl_key"],
     }
     context = typing.Context()
     for each, names in ours.items():

@@ -8,16 +8,15 @@ from table import each_row
 
 from vastflow.sim.kernels.streams import LATENCY, streams_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.costmap import MARKED
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.obstacle import Obstacle
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.costmaps.costmap import MARKED
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 WALL_X_M = 13.5
 GOAL = Pose(11.0, 2.0, 0.0)

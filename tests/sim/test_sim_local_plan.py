@@ -7,11 +7,11 @@ import pytest
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.controllers.controller import PlanCut
-from vastflow.sim.nav.controllers.local_plan import local_plan, renew
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.state import AHEAD_POINTS, MEMORY
-from vastflow.sim.nav.window import Window
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.controllers.controller import PlanCut
+from vastflow.sim.nav2.controllers.local_plan import local_plan, renew
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.navigator.state import AHEAD_POINTS, MEMORY
 
 
 @njit

@@ -7,13 +7,12 @@ from bench_simulator import benchmark_routes
 from table import each_row
 
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.nav.parameters.servers import Perturbation
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.recording import si
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.model.recording import si
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameters.servers import Perturbation
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 ROUTES = 3
 ROUTE_M = 15.0

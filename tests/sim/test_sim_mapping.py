@@ -6,20 +6,19 @@ import pytest
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
 from vastflow.sim.loop.closed_loop import obstacle_rows, trigger_rows
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.nav.costmap import MARKED, SEEN_FREE, UNSEEN
-from vastflow.sim.nav.mapping import update_global, update_local
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.costmap import Costmap, StaticLayer, global_costmap
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.state import COLUMNS, give, new_stack, set_pose
-from vastflow.sim.nav.tick import advance
-from vastflow.sim.pose import Pose, pose_of
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.world.lidar_model import Lidar
+from vastflow.sim.model.obstacle import obstacle_of
+from vastflow.sim.model.pose import Pose, pose_of
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.costmaps.costmap import MARKED, SEEN_FREE, UNSEEN
+from vastflow.sim.nav2.navigator.mapping import update_global, update_local
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.navigator.state import COLUMNS, give, new_stack, set_pose
+from vastflow.sim.nav2.navigator.tick import advance
+from vastflow.sim.nav2.parameters.costmap import Costmap, StaticLayer, global_costmap
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.map_file import load_map
 from vastflow.sim.world.motion import FREE, new_body
-from vastflow.sim.world.obstacle_values import obstacle_of
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 START = {"x": 2.98, "y": 2.42}
 CRATE = {"model": "box", "xacro_arguments": "length:=0.16, width:=0.8", "spawn_pose": {"x": 4.0, "y": 2.42}}

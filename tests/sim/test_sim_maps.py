@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from PIL import Image
 from table import each_row
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.reading.map_file import MapError, load_map, map_content
+from vastflow.sim.world.map_file import MapError, load_map, map_content
+from vastflow.sim.world.occupancy import OccupancyMap
 
 HEADER = {
     "image": "map.pgm",

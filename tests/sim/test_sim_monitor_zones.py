@@ -7,11 +7,10 @@ import pytest
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.collision_monitor import zoned
-from vastflow.sim.nav.monitor_zones import ZONE, zone_rows
-from vastflow.sim.nav.parameters.servers import MOST_ZONES, MonitorZone
-from vastflow.sim.nav.polygon import MOST_VERTICES
-from vastflow.sim.nav.state import MEMORY
+from vastflow.sim.model.polygon import MOST_VERTICES
+from vastflow.sim.nav2.navigator.collision_monitor import ZONE, zone_rows, zoned
+from vastflow.sim.nav2.navigator.state import MEMORY
+from vastflow.sim.nav2.parameters.servers import MOST_ZONES, MonitorZone
 
 AHEAD = ((1.0, 0.3), (1.0, -0.3), (0.2, -0.3), (0.2, 0.3))
 

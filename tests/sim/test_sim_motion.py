@@ -11,12 +11,11 @@ from shapely.geometry import Point
 from table import each_row
 
 from vastflow.sim.loop.closed_loop import obstacle_rows, trigger_rows
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.motion import FREE, MARGIN_M, MOVING, TOUCHING, move_freely, new_body
-from vastflow.sim.world.obstacle import Obstacle, Trigger
+from vastflow.sim.model.obstacle import Obstacle, Trigger
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.world.motion import FREE, MARGIN_M, MOVING, TOUCHING, move_freely, moved, new_body
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import World
-from vastflow.sim.world.robot import moved
 from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.skip_table import skip_table_of
 from vastflow.sim.world.walls import WallIndex

@@ -7,19 +7,19 @@ import pytest
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.controllers import mppi
-from vastflow.sim.nav.controllers.controller import ControllerInput
-from vastflow.sim.nav.controllers.mppi_samples import noise
-from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.mppi import (
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.controllers import mppi
+from vastflow.sim.nav2.controllers.controller import ControllerInput
+from vastflow.sim.nav2.controllers.mppi_samples import noise
+from vastflow.sim.nav2.costmaps.outline import padded_outline
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.parameters.mppi import (
     CostParameters,
     MppiParameters,
     ObstaclesParameters,
     TwirlingParameters,
     VelocityDeadbandParameters,
 )
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.window import Window
 
 PARAMETERS = MppiParameters()
 SMALL = PARAMETERS.with_values(batch_size=400)

@@ -5,20 +5,20 @@ import math
 import numpy as np
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.controllers import mppi
-from vastflow.sim.nav.controllers.controller import ControllerInput
-from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.mppi import (
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.controllers import mppi
+from vastflow.sim.nav2.controllers.controller import ControllerInput
+from vastflow.sim.nav2.costmaps.outline import padded_outline
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameters.mppi import (
     CostParameters,
     MppiParameters,
     ObstaclesParameters,
     TwirlingParameters,
     VelocityDeadbandParameters,
 )
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.window import Window
-from vastflow.sim.world.robot import arc
+from vastflow.sim.world.motion import arc
 
 PARAMETERS = MppiParameters()
 OUTLINE = padded_outline(0.22, 0.01)

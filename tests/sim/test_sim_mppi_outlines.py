@@ -6,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.controllers.mppi_critics import SIDE, cost_values, lay_frame
-from vastflow.sim.nav.controllers.mppi_outlines import lay_room, outline_collides
-from vastflow.sim.nav.footprint import outline_hits
-from vastflow.sim.nav.parameters.mppi import CostParameters, MppiParameters
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.window import Window
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.controllers.mppi_critics import SIDE, cost_values, lay_frame
+from vastflow.sim.nav2.controllers.mppi_outlines import lay_room, outline_collides
+from vastflow.sim.nav2.costmaps.window import Window, outline_hits
+from vastflow.sim.nav2.parameters.mppi import CostParameters, MppiParameters
 
 CARRIER = np.array([[0.55, 0.45], [0.55, -0.45], [-0.55, -0.45], [-0.55, 0.45]])
 ARROW = np.array([[0.5, 0.0], [-0.3, -0.4], [-0.1, 0.05], [-0.3, 0.4]])

@@ -12,12 +12,12 @@ import pytest
 from llvmlite import binding
 
 from vastflow.sim.kernels.numeric import njit
+from vastflow.sim.kernels.record import record_of
 from vastflow.sim.kernels.target import AVX512, widest
-from vastflow.sim.nav.controllers import mppi
-from vastflow.sim.nav.controllers.controller import ControllerInput
-from vastflow.sim.nav.parameters.mppi import MppiParameters
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.window import Window
+from vastflow.sim.nav2.controllers import mppi
+from vastflow.sim.nav2.controllers.controller import ControllerInput
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.parameters.mppi import MppiParameters
 
 FAR, NEAR, THERE = (5.0, 0.0, 0.0), (1.2, 0.1, 1.0), (0.4, 0.0, 1.0)
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from table import each_row
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.inflation import inflate
-from vastflow.sim.nav.navfn import (
+from vastflow.sim.nav2.costmaps.inflation import inflate
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, padded_outline
+from vastflow.sim.nav2.planners.navfn import (
     new_potential,
     new_scratch,
     path,
@@ -20,7 +20,7 @@ from vastflow.sim.nav.navfn import (
     propagate_within,
     travel_costs,
 )
-from vastflow.sim.nav.outline import inscribed_radius_m, padded_outline
+from vastflow.sim.world.occupancy import OccupancyMap
 
 F = np.float32
 UNREACHED = F(1e10)

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.pose import Pose, pose_of
-from vastflow.sim.world.obstacle import FRICTION, MASS_KG, Obstacle, Trigger
-from vastflow.sim.world.obstacle_values import obstacle_of, obstacles_of
+from vastflow.sim.model.obstacle import FRICTION, MASS_KG, Obstacle, Trigger, obstacle_of, obstacles_of
+from vastflow.sim.model.pose import Pose, pose_of
 
 NUMBERS = st.floats(-1e3, 1e3)
 

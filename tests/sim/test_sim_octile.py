@@ -11,8 +11,8 @@ from hypothesis.extra.numpy import arrays
 from skimage.graph import MCP_Geometric
 from table import each_row
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.maps.octile import (
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.octile import (
     descend,
     distance_field,
     inflated_free,

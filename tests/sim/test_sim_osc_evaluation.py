@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from table import each_row
 
-from vastflow.sim.behavior.evaluation import EvaluationError, evaluate
-from vastflow.sim.osc.definition import EnumValue
-from vastflow.sim.osc.reading import read_text
+from vastflow.sim.scenario.definition import EnumValue
+from vastflow.sim.scenario.evaluation import EvaluationError, evaluate
+from vastflow.sim.scenario.language.reading import read_text
 
 
 def expression(text):

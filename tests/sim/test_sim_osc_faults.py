@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from table import each_row
 
-from vastflow.sim.osc.faults import OscError
-from vastflow.sim.osc.grammar import MOST_PARSED
-from vastflow.sim.osc.reading import files_of, read_scenarios, read_text
 from vastflow.sim.reading.abstract import abstract_content
+from vastflow.sim.scenario.language.faults import OscError
+from vastflow.sim.scenario.language.grammar import MOST_PARSED
+from vastflow.sim.scenario.language.reading import files_of, read_scenarios, read_text
 
 HEAD = "import osc.helpers\nimport osc.ros\nimport osc.nav2\nimport osc.gazebo\n"
 

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.osc.definition import EnumValue
-from vastflow.sim.osc.parameters import ParameterMismatch, bound, default_of
-from vastflow.sim.osc.reading import read_text
+from vastflow.sim.scenario.definition import EnumValue
+from vastflow.sim.scenario.language.parameters import ParameterMismatch, bound, default_of
+from vastflow.sim.scenario.language.reading import read_text
 
 
 def scenario(*parameters):

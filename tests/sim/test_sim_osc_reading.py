@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.osc.definition import (
+from vastflow.sim.model.faults import Place
+from vastflow.sim.scenario.definition import (
     Actor,
     Call,
     Composition,
@@ -22,16 +23,15 @@ from vastflow.sim.osc.definition import (
     Modified,
     Name,
     Operation,
-    Place,
     Struct,
     Type,
     Until,
     Wait,
 )
-from vastflow.sim.osc.faults import OscError
-from vastflow.sim.osc.libraries import library, library_names
-from vastflow.sim.osc.parameters import bound
-from vastflow.sim.osc.reading import files_of, read_scenarios, read_text
+from vastflow.sim.scenario.language.declaring import library, library_names
+from vastflow.sim.scenario.language.faults import OscError
+from vastflow.sim.scenario.language.parameters import bound
+from vastflow.sim.scenario.language.reading import files_of, read_scenarios, read_text
 
 NAVIGATION = """\
 import osc.helpers

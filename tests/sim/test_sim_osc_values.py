@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.sim.behavior.helpers import HELPERS, helper_functions
-from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.osc.parameters import bound
-from vastflow.sim.osc.reading import read_text
 from vastflow.sim.reading.abstract import AbstractError, abstract_content, definition_of
+from vastflow.sim.scenario.language.parameters import bound
+from vastflow.sim.scenario.language.reading import read_text
+from vastflow.sim.scenario.tree.helpers import HELPERS, helper_functions
+from vastflow.sim.scenario.tree.tree import ScenarioTree
 
 HEAD = "import osc.helpers\nimport osc.gazebo\nimport osc.nav2\nimport osc.ros\n"
 

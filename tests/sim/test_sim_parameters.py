@@ -3,21 +3,15 @@
 import pytest
 from table import each_row
 
-from vastflow.sim.digest import FileContent, canonical
-from vastflow.sim.nav.parameters.chosen import (
-    OWN_KEYS,
-    check_key,
-    default_document,
-    parameters_of,
-    unread,
-)
-from vastflow.sim.nav.parameters.document import DocumentError
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.parameter import ParameterError
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
-from vastflow.sim.nav.parameters.rpp import RppParameters
-from vastflow.sim.nav.parameters.servers import Perturbation
-from vastflow.sim.nav.parameters.stack import NavParameters
+from vastflow.sim.model.digest import FileContent, canonical
+from vastflow.sim.nav2.parameter_files.chosen import OWN_KEYS, check_key, default_document, parameters_of, unread
+from vastflow.sim.nav2.parameter_files.document import DocumentError
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.nav2.parameters.dwb import DwbParameters
+from vastflow.sim.nav2.parameters.parameter import ParameterError
+from vastflow.sim.nav2.parameters.rpp import RppParameters
+from vastflow.sim.nav2.parameters.servers import Perturbation
+from vastflow.sim.nav2.parameters.stack import NavParameters
 
 GLOBAL_RADIUS = "global_costmap.global_costmap.ros__parameters.robot_radius"
 

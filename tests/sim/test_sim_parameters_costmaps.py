@@ -2,10 +2,10 @@
 
 from table import each_row
 
-from vastflow.sim.nav.parameters.costmap import ObstacleLayer, StaticLayer
-from vastflow.sim.nav.parameters.document import parse
-from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.document import parse
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameters.costmap import ObstacleLayer, StaticLayer
 
 MINIMAL = """
 controller_server:

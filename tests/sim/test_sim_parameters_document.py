@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.files import MOST_LEVELS
-from vastflow.sim.nav.parameters.document import DocumentError, parse, read_document
-from vastflow.sim.nav.parameters.rewriting import converted
+from vastflow.sim.model.files import MOST_LEVELS
+from vastflow.sim.nav2.parameter_files.chosen import converted
+from vastflow.sim.nav2.parameter_files.document import DocumentError, parse, read_document
 
 
 def values(text):

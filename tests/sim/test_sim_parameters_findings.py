@@ -2,12 +2,12 @@
 
 from table import each_row
 
-from vastflow.sim.nav.parameters.built_in import TABLES, BuiltIn
-from vastflow.sim.nav.parameters.document import parse
-from vastflow.sim.nav.parameters.findings import findings, left_out
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.parameters.written import document_of
+from vastflow.sim.nav2.parameter_files.built_in import TABLES, BuiltIn
+from vastflow.sim.nav2.parameter_files.document import parse
+from vastflow.sim.nav2.parameter_files.findings import findings, left_out
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameters.stack import NavParameters
 
 
 def read(text):

@@ -6,17 +6,17 @@ from pathlib import Path
 import pytest
 from table import each_row
 
-from vastflow.sim.nav.parameters.controller_server import critics_of
-from vastflow.sim.nav.parameters.costmap import InflationLayer
-from vastflow.sim.nav.parameters.document import DocumentError, dotted, parse, read_document
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import NO_SMOOTHER, interpretation
-from vastflow.sim.nav.parameters.mppi import MppiParameters
-from vastflow.sim.nav.parameters.rpp import RppParameters
-from vastflow.sim.nav.parameters.servers import CollisionMonitor, NavFn, VelocitySmoother
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.parameters.written import document_of
+from vastflow.sim.nav2.parameter_files.controller_server import critics_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError, dotted, parse, read_document
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import NO_SMOOTHER, interpretation
+from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameters.costmap import InflationLayer
+from vastflow.sim.nav2.parameters.dwb import DwbParameters
+from vastflow.sim.nav2.parameters.mppi import MppiParameters
+from vastflow.sim.nav2.parameters.rpp import RppParameters
+from vastflow.sim.nav2.parameters.servers import CollisionMonitor, NavFn, VelocitySmoother
+from vastflow.sim.nav2.parameters.stack import NavParameters
 
 SHIPPED = Path(__file__).parents[2] / "campaigns" / "nav2"
 

@@ -3,10 +3,10 @@
 import pytest
 from table import each_row
 
-from vastflow.sim.nav.parameters.document import DocumentError, parse
-from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.servers import CollisionMonitor
+from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameters.servers import CollisionMonitor
 
 
 def monitor(text):

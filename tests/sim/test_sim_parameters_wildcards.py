@@ -3,12 +3,11 @@
 import pytest
 from table import each_row
 
-from vastflow.sim.nav.parameters.document import DocumentError, parse
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
-from vastflow.sim.nav.parameters.wildcards import read_nav2_document, resolved
+from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file, read_nav2_document, resolved
+from vastflow.sim.nav2.parameters.dwb import DwbParameters
 
 COSTMAPS = """
 local_costmap: {local_costmap: {ros__parameters: {width: 4, height: 4, footprint_padding: 0.02}}}

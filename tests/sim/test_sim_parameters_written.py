@@ -5,15 +5,15 @@ from typing import Literal, get_args, get_origin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.sim.nav.parameters.costmap import Costmap
-from vastflow.sim.nav.parameters.costmap_layers import OF_THE_MAP
-from vastflow.sim.nav.parameters.dwb import DwbParameters
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.mppi import MppiParameters
-from vastflow.sim.nav.parameters.parameter import ParameterGroup, range_of
-from vastflow.sim.nav.parameters.rpp import RppParameters
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.parameters.written import document_of
+from vastflow.sim.nav2.parameter_files.costmaps import OF_THE_MAP
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameters.costmap import Costmap
+from vastflow.sim.nav2.parameters.dwb import DwbParameters
+from vastflow.sim.nav2.parameters.mppi import MppiParameters
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, range_of
+from vastflow.sim.nav2.parameters.rpp import RppParameters
+from vastflow.sim.nav2.parameters.stack import NavParameters
 
 _ONE_BY_ONE = ("short_clearing_cells", "place", "consider_footprint", "group_connectivity_type")
 

@@ -10,17 +10,16 @@ from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.navfn import UNREACHED, path, potential, travel_costs
-from vastflow.sim.nav.parameters.servers import NavFn
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.planning import GOAL_OUTSIDE, NO_VALID_PATH, plan
-from vastflow.sim.nav.state import give, new_stack, set_pose
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.navigator.planning import GOAL_OUTSIDE, NO_VALID_PATH, plan
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.navigator.state import give, new_stack, set_pose
+from vastflow.sim.nav2.parameters.servers import NavFn
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.planners.navfn import UNREACHED, path, potential, travel_costs
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 PROOF = Path(__file__).parents[1] / "proofs" / "path_cost.py"
 OFFICE = Path(__file__).parents[2] / "campaigns" / "quickstart" / "maps" / "office.yaml"

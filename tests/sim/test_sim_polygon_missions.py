@@ -5,8 +5,8 @@ import pytest
 import shapely
 import shapely.affinity
 
-from vastflow.sim.maps.occupancy import OccupancyMap
 from vastflow.sim.run import run
+from vastflow.sim.world.occupancy import OccupancyMap
 
 LONG = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"
 BODY = shapely.box(-0.35, -0.25, 0.35, 0.25)

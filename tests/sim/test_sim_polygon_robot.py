@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.collision_monitor import _in_outline
-from vastflow.sim.nav.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
-from vastflow.sim.nav.parameters.costmap import Costmap
-from vastflow.sim.nav.parameters.servers import VelocitySmoother
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.polygon import vertices_of
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.polygon import vertices_of
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
+from vastflow.sim.nav2.navigator.collision_monitor import _in_outline
+from vastflow.sim.nav2.parameters.costmap import Costmap
+from vastflow.sim.nav2.parameters.servers import VelocitySmoother
+from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.reading.robot import robot_of
+from vastflow.sim.world.motion import arc
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import World
-from vastflow.sim.world.robot import arc
 from vastflow.sim.world.walls import WallIndex
 
 RECTANGLE = "[[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]]"

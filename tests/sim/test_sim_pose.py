@@ -3,7 +3,7 @@
 import pytest
 from table import each_row
 
-from vastflow.sim.pose import Pose, pose_of, written_pose_of
+from vastflow.sim.model.pose import Pose, pose_of, written_pose_of
 
 
 @each_row(

@@ -8,12 +8,12 @@ import yaml
 from py_trees.common import Status
 from table import each_row
 
-from vastflow.sim.behavior.action import ActionSituation
-from vastflow.sim.osc.definition import EnumValue
-from vastflow.sim.process.actions import process_actions
-from vastflow.sim.process.run import process_run
-from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.scenario import ProcessSetup
+from vastflow.sim.scenario.definition import EnumValue
+from vastflow.sim.scenario.programs.actions import process_actions
+from vastflow.sim.scenario.programs.run import process_run
+from vastflow.sim.scenario.tree.action import ActionSituation
 
 pytestmark = pytest.mark.timeout(900)
 

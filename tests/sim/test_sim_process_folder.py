@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.digest import file_digest
-from vastflow.sim.process.folder import RunFileError, copy_in, files_matching, unmatched
-from vastflow.sim.process.folder import _pattern as pattern_of
+from vastflow.sim.model.digest import file_digest
+from vastflow.sim.scenario.programs.folders import RunFileError, copy_in, files_matching, unmatched
+from vastflow.sim.scenario.programs.folders import _pattern as pattern_of
 
 TREE = (
     "run.py",

@@ -11,16 +11,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.process import mounts
-from vastflow.sim.process import run as run_module
-from vastflow.sim.process.environment import CommandFailed
-from vastflow.sim.process.folder import RunFileError, files_matching
-from vastflow.sim.process.folders import RunFolders, below_config, named_in
-from vastflow.sim.process.handed import handed_name
-from vastflow.sim.process.process import NotStarted
-from vastflow.sim.process.run import process_run
-from vastflow.sim.process.setup import ProcessSetup
-from vastflow.sim.reading.map_file import load_map, map_content
+from vastflow.sim.model.scenario import ProcessSetup
+from vastflow.sim.scenario.programs import mounts
+from vastflow.sim.scenario.programs import run as run_module
+from vastflow.sim.scenario.programs.folders import (
+    RunFileError,
+    RunFolders,
+    below_config,
+    files_matching,
+    handed_name,
+    named_in,
+)
+from vastflow.sim.scenario.programs.process import NotStarted
+from vastflow.sim.scenario.programs.run import CommandFailed, process_run
+from vastflow.sim.world.map_file import load_map, map_content
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -172,7 +176,7 @@ def test_a_name_below_config_is_a_path_below_the_campaigns_folder(name, path):
     assert below_config(name) == path
 
 
-PROBE = "from vastflow.sim.process.mounts import can_mount; print(can_mount())"
+PROBE = "from vastflow.sim.scenario.programs.mounts import can_mount; print(can_mount())"
 
 
 def probed(*prefix):

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.sim.process.folders import RunFolders
-from vastflow.sim.process.guard import marked
-from vastflow.sim.process.process import NotStarted, ProcessGroup
+from vastflow.sim.scenario.programs.folders import RunFolders
+from vastflow.sim.scenario.programs.guard import marked
+from vastflow.sim.scenario.programs.process import NotStarted, ProcessGroup
 
 pytestmark = pytest.mark.timeout(900)
 
@@ -211,8 +211,8 @@ def test_what_a_program_and_its_children_used_is_known_when_it_is_released(start
 def test_programs_and_folder_are_gone_with_whoever_started_them_even_by_sigkill(tmp_path, mark):
     script = f"""
 import os, pathlib, sys, time
-from vastflow.sim.process.run import process_run
-from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.scenario.programs.run import process_run
+from vastflow.sim.model.scenario import ProcessSetup
 with process_run(ProcessSetup()) as run:
     group = run.start([sys.executable, "-c", {FORKS!r}, "stay"])
     while b"ready" not in group.log.read():

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.process import outputs
-from vastflow.sim.process.outputs import read_outputs, stamps
-from vastflow.sim.process.tables import TableFault, read_table
+from vastflow.sim.model.tables import TableFault, read_table
+from vastflow.sim.scenario.programs import outputs
+from vastflow.sim.scenario.programs.outputs import read_outputs, stamps
 
 
 def csv(text):

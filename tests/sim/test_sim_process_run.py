@@ -7,14 +7,14 @@ from pathlib import Path
 import psutil
 import pytest
 
-from vastflow.sim.process import run as run_module
-from vastflow.sim.process.environment import CommandFailed
-from vastflow.sim.process.folder import files_matching
-from vastflow.sim.process.guard import VARIABLE
-from vastflow.sim.process.process import NotStarted
-from vastflow.sim.process.resources import Use, write_resources
-from vastflow.sim.process.run import process_run
-from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.model.runlog import Use
+from vastflow.sim.model.scenario import ProcessSetup
+from vastflow.sim.scenario.programs import run as run_module
+from vastflow.sim.scenario.programs.folders import files_matching
+from vastflow.sim.scenario.programs.guard import VARIABLE
+from vastflow.sim.scenario.programs.process import NotStarted
+from vastflow.sim.scenario.programs.resources import write_resources
+from vastflow.sim.scenario.programs.run import CommandFailed, process_run
 
 pytestmark = pytest.mark.timeout(900)
 

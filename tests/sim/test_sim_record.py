@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.record import record_of
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.parameters.stack import NavParameters
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vastflow.sim.nav.inflation import LETHAL, UNKNOWN
-from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.recordings.recording import Recording, Run
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.model.recording import Recording, Run
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.costmaps.inflation import LETHAL, UNKNOWN
 from vastflow.sim.replay.replay import Difference, first_difference, replay
 from vastflow.sim.replay.snapshot import Box
 from vastflow.sim.run import run
-from vastflow.sim.scenario import Scenario
 
 TIMEOUT_S = 5.0
 ROOM = Box(0.5, 0.5, 3.5, 2.0)

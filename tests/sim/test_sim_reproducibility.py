@@ -11,15 +11,14 @@ from table import each_row
 
 from vastflow.sim.kernels.streams import LIDAR, run_entropy, streams_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.pose import pose_of
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.blocks import write_recordings
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.pose import pose_of
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.run import run
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 NOISE = {"laserscan_gaussian_noise_std_deviation": 0.05, "laserscan_random_drop_percentage": 0.1}
 CRATE = {"entity_name": "crate", "model": "box", "xacro_arguments": "width:=0.6", "spawn_pose": {"x": 2.6, "y": 1.7}}
@@ -42,10 +41,10 @@ numba.njit(lambda x: x.sum())(np.ones(3))
 
 IN_A_NEW_PROCESS = """
 import hashlib, json, sys
-from vastflow.sim.recordings.blocks import write_recordings
-from vastflow.sim.digest import FileContent
+from vastflow.sim.model.blocks import write_recordings
+from vastflow.sim.model.digest import FileContent
 from vastflow.sim.run import run
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.scenario import Scenario
 task = json.load(sys.stdin)
 environment = {**task["environment"], "map_file": FileContent(*task["map_file"])}
 scenario = Scenario(task["abstract"], task["timeout_s"], environment, task["task"], task["system"])

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vastflow.sim.world.robot import arc, limited, wrapped
+from vastflow.sim.world.motion import arc, limited, wrapped
 
 SPEEDS = st.floats(-3.0, 3.0)
 

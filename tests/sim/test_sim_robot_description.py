@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.run import run
+from vastflow.sim.world.occupancy import OccupancyMap
 
 FRONT = {
     "robot.lidar.x": 0.1,

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.document import DocumentError, parse
-from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
-from vastflow.sim.nav.parameters.servers import RotationShim
-from vastflow.sim.nav.parameters.smac import SmacPlannerHybrid
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.parameters.written import document_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
+from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameters.servers import RotationShim, SmacPlannerHybrid
+from vastflow.sim.nav2.parameters.stack import NavParameters
 
 SHIM = "nav2_rotation_shim_controller::RotationShimController"
 CLASSES = {
@@ -24,8 +23,8 @@ CLASSES = {
 }
 PLUG_IN = '''"""Straight on."""
 
-from vastflow.sim.nav.controllers.controller import Controller, kernel
-from vastflow.sim.nav.parameters.parameter import parameter
+from vastflow.sim.nav2.controllers.controller import Controller, kernel
+from vastflow.sim.nav2.parameters.parameter import parameter
 
 
 @kernel

@@ -12,14 +12,13 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.controllers import rpp
-from vastflow.sim.nav.controllers.controller import ControllerInput
-from vastflow.sim.nav.footprint import outline_hits
-from vastflow.sim.nav.inflation import inflate
-from vastflow.sim.nav.outline import padded_outline
-from vastflow.sim.nav.parameters.rpp import RppParameters
-from vastflow.sim.nav.record import record_of
-from vastflow.sim.nav.window import Window
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.controllers import rpp
+from vastflow.sim.nav2.controllers.controller import ControllerInput
+from vastflow.sim.nav2.costmaps.inflation import inflate
+from vastflow.sim.nav2.costmaps.outline import padded_outline
+from vastflow.sim.nav2.costmaps.window import Window, outline_hits
+from vastflow.sim.nav2.parameters.rpp import RppParameters
 
 CELLS = 60
 RESOLUTION_M = 0.05

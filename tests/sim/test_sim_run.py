@@ -9,24 +9,23 @@ import pytest
 from shapely.geometry import Point
 from table import each_row
 
-from vastflow.sim.digest import FileContent
 from vastflow.sim.loop.closed_loop import ClosedLoop, obstacle_rows
 from vastflow.sim.loop.drive import drive
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.nav.controllers.rpp import Rpp
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.parameter import ParameterError
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.rates import TICK_S
-from vastflow.sim.nav.state import COLUMNS, SUCCEEDED
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.recording import si
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.obstacle import obstacle_of
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.model.recording import si
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.controllers.rpp import Rpp
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.navigator.state import COLUMNS, SUCCEEDED
+from vastflow.sim.nav2.parameters.parameter import ParameterError
+from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.run import ScenarioError, run
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.obstacle_values import obstacle_of
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,7 @@ import json
 import pytest
 from table import each_row
 
-from vastflow.sim.process.resources import Use
-from vastflow.sim.process.run import LogText
-from vastflow.sim.recordings.runlog import RunLog, run_log_of, run_log_row
+from vastflow.sim.model.runlog import LogText, RunLog, Use, run_log_of, run_log_row
 
 LOG = RunLog(
     *(1_700_000_000.25, 2.5, 1.25, 4096, ("0.1 s: begun",)),

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from vastflow.sim.behavior.tree import ScenarioTree
 from vastflow.sim.reading.abstract import abstract_content, definition_of
 from vastflow.sim.reading.script import script_of
 from vastflow.sim.run import run
+from vastflow.sim.scenario.tree.tree import ScenarioTree
 
 TEXT = """
     do serial:

@@ -12,11 +12,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from table import each_row
 
-from vastflow.sim.behavior.tree import ScenarioTree
-from vastflow.sim.nav.rates import TICK_S
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.rates import TICK_S
 from vastflow.sim.replay.replay import replay
 from vastflow.sim.run import run
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.scenario.tree.tree import ScenarioTree
 
 CRATE = "spawn_entity('crate', pose_3d(position_3d(2.0m, 1.6m)), 'box', 'width:=0.3, mass:=2.0')"
 
@@ -240,9 +240,9 @@ def test_a_run_in_another_process_is_the_same(mixed):
     code = f"""
 from pathlib import Path
 from vastflow.sim.reading.abstract import abstract_content
-from vastflow.sim.reading.map_file import map_content
+from vastflow.sim.world.map_file import map_content
 from vastflow.sim.run import run
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.scenario import Scenario
 content = abstract_content(Path({mixed.abstract.path!r}))
 environment = {{"map_file": map_content({mixed.environment["map_file"].path!r})}}
 print(run(Scenario(content, 60.0, environment, {{}}, {{"controller": "rpp"}}), 0).digest)

@@ -3,8 +3,8 @@
 import pytest
 from table import each_row
 
+from vastflow.sim.model.faults import ScenarioError
 from vastflow.sim.run import run
-from vastflow.sim.scenario_error import ScenarioError
 
 REFUSED = "Nav2 takes no goal before the robot was told where it is; init_nav2 first; nav_to_pose at trial.osc:"
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.recording import si
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.recording import si
 from vastflow.sim.run import run
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.occupancy import OccupancyMap
 
 
 @pytest.fixture(scope="module")

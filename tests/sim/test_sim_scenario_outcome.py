@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.sim.nav.state import COLUMNS
-from vastflow.sim.osc.parameters import ParameterMismatch
+from vastflow.sim.model.blocks import read_recordings, write_recordings
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.recording import si
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.navigator.state import COLUMNS
 from vastflow.sim.reading.script import script_of
-from vastflow.sim.recordings.blocks import read_recordings, write_recordings
-from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import BEHAVIORS, execute, run
-from vastflow.sim.scenario import Scenario
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.scenario.language.parameters import ParameterMismatch
 
 
 def statuses(recording, name):

@@ -8,10 +8,9 @@ import psutil
 import pytest
 from table import each_row
 
-from vastflow.sim.loop.play import PERIOD_S
-from vastflow.sim.run import execute
-from vastflow.sim.scenario import Scenario
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.run import PERIOD_S, execute
 
 pytestmark = pytest.mark.timeout(900)
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from vastflow.sim.behavior.support import unsupported
-from vastflow.sim.behavior.vocabulary import ACTIONS
-from vastflow.sim.osc.reading import read_scenarios
+from vastflow.sim.model.scenario import scenario_of
 from vastflow.sim.reading.abstract import abstract_content, hall_file
-from vastflow.sim.reading.map_file import map_content
+from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import execute
-from vastflow.sim.scenario import scenario_of
+from vastflow.sim.scenario.language.reading import read_scenarios
+from vastflow.sim.scenario.tree.support import unsupported
+from vastflow.sim.world.map_file import map_content
 
 UPSTREAM = Path(__file__).parents[3] / "shared" / "upstream" / "robovast-configs"
 

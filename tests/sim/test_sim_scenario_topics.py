@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from table import each_row
 
-from vastflow.sim.behavior.support import unsupported
-from vastflow.sim.behavior.vocabulary import ACTIONS
-from vastflow.sim.osc.reading import read_text
-from vastflow.sim.recordings.recording import si
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.recording import si
+from vastflow.sim.reading.vocabulary import ACTIONS
 from vastflow.sim.run import run
-from vastflow.sim.scenario_error import ScenarioError
+from vastflow.sim.scenario.language.reading import read_text
+from vastflow.sim.scenario.tree.support import unsupported
 
 ODOMETRY = "topic_name: '/odom', topic_type: 'nav_msgs.msg.Odometry'"
 HEAD = "import osc.helpers\nimport osc.nav2\nimport osc.ros\n"

@@ -10,19 +10,18 @@ from vastflow.oracles.observe import observer_of
 from vastflow.oracles.obstacle_tracks import obstacle_tracks_of
 from vastflow.oracles.situation import situation_of
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.loop.prepared import prepare
-from vastflow.sim.nav.controllers.rpp import Rpp
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.state import SUCCEEDED
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.map_file import load_map
-from vastflow.sim.recordings.recording import Entity, si
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.obstacle import Obstacle
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.recording import Entity, si
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.controllers.rpp import Rpp
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.navigator.state import SUCCEEDED
+from vastflow.sim.nav2.parameters.stack import NavParameters
 from vastflow.sim.run import run
-from vastflow.sim.scenario_error import ScenarioError
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.obstacle import Obstacle
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.world.map_file import load_map
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 BOX = "spawn_entity('{name}', pose_3d(position_3d({x}m, {y}m)), 'box', '{arguments}')"
 PLUG = {

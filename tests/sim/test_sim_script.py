@@ -3,11 +3,11 @@
 import pytest
 from table import each_row
 
-from vastflow.sim.osc.parameters import ParameterMismatch
-from vastflow.sim.pose import Pose
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.reading.abstract import AbstractError, abstract_content, definition_of
 from vastflow.sim.reading.script import script_of
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.scenario.language.parameters import ParameterMismatch
 
 HERE, THERE = {"x": 1.0, "y": 2.0}, {"x": 3.0, "y": 4.0, "yaw": 1.0}
 BOX = {"entity_name": "box", "model": "box", "spawn_pose": {"x": 2.0, "y": 2.0}}

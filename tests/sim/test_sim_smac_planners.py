@@ -11,22 +11,22 @@ from hypothesis import strategies as st
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.nav.inflation import inflate
-from vastflow.sim.nav.outline import inscribed_radius_m, outline_of
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.nav.parameters.costmap import Costmap, global_costmap
-from vastflow.sim.nav.parameters.document import DocumentError, parse
-from vastflow.sim.nav.parameters.findings import findings
-from vastflow.sim.nav.parameters.interpretation import interpretation
-from vastflow.sim.nav.parameters.smac import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
-from vastflow.sim.nav.parameters.stack import NavParameters
-from vastflow.sim.nav.parameters.written import document_of
-from vastflow.sim.nav.planners import smac_2d, smac_hybrid
-from vastflow.sim.nav.planners.ends import keep_ends
-from vastflow.sim.nav.planners.planner import compute_path, planner_of, search_of
-from vastflow.sim.nav.planners.primitives import price, primitives_of
-from vastflow.sim.nav.planners.search import PlannerInput
-from vastflow.sim.nav.record import record_of
+from vastflow.sim.kernels.record import record_of
+from vastflow.sim.nav2.costmaps.inflation import inflate
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
+from vastflow.sim.nav2.parameter_files.document import DocumentError, parse
+from vastflow.sim.nav2.parameter_files.findings import findings
+from vastflow.sim.nav2.parameter_files.interpretation import interpretation
+from vastflow.sim.nav2.parameter_files.written import document_of
+from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap
+from vastflow.sim.nav2.parameters.servers import SmacPlanner2D, SmacPlannerHybrid, SmootherParameters
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.planners import smac_2d, smac_hybrid
+from vastflow.sim.nav2.planners.planner import compute_path, planner_of, search_of
+from vastflow.sim.nav2.planners.search import PlannerInput
+from vastflow.sim.nav2.planners.smac_hybrid import price, primitives_of
+from vastflow.sim.nav2.planners.smoother import keep_ends
 
 RESOLUTION_M = 0.05
 UNSMOOTHED = SmootherParameters(max_iterations=0)

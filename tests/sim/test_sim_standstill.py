@@ -5,7 +5,7 @@ import pytest
 from table import each_row
 
 from vastflow.sim.loop.standstill import CAUSES, STOOD_STILL, standstill
-from vastflow.sim.recordings.recording import Event
+from vastflow.sim.model.recording import Event
 from vastflow.sim.run import run
 
 AGAINST_THE_WALL = {"x": 1.0, "y": 0.4}

@@ -93,14 +93,14 @@ def test_equal_source_has_one_folder_of_compiled_kernels_wherever_it_lies(copied
     assert numeric.kernel_cache_dir() == there
 
 
-@pytest.mark.parametrize("module", ["world/lidar.py", "nav/navfn.py"])
+@pytest.mark.parametrize("module", ["world/lidar.py", "nav2/planners/navfn.py"])
 def test_an_edited_module_has_another_folder_of_compiled_kernels(copied, module):
     before = numeric.kernel_cache_dir()
     (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
     assert numeric.kernel_cache_dir() != before
 
 
-@pytest.mark.parametrize("module", ["world/robot.py", "nav/parameters/mppi.py"])
+@pytest.mark.parametrize("module", ["world/motion.py", "nav2/parameters/mppi.py"])
 def test_what_kernels_take_constants_and_types_from_counts_as_well(copied, module):
     before = numeric.kernel_cache_dir()
     (copied / module).write_text((copied / module).read_text() + "\nX = 1\n")
@@ -110,13 +110,13 @@ def test_what_kernels_take_constants_and_types_from_counts_as_well(copied, modul
 def test_an_edit_that_no_compiled_code_can_follow_from_compiles_nothing_again(copied):
     before = numeric.kernel_cache_dir()
     (copied / "run.py").write_text((copied / "run.py").read_text() + "\nX = 1\n")
-    (copied / "nav" / "new.py").write_text("")
+    (copied / "nav2" / "new.py").write_text("")
     assert numeric.kernel_cache_dir() == before
 
 
 def test_a_new_module_with_kernels_has_another_folder_of_compiled_kernels(copied):
     before = numeric.kernel_cache_dir()
-    (copied / "nav" / "new.py").write_text("from vastflow.sim.kernels.numeric import inner\n")
+    (copied / "nav2" / "new.py").write_text("from vastflow.sim.kernels.numeric import inner\n")
     assert numeric.kernel_cache_dir() != before
 
 

@@ -9,21 +9,19 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from vastflow.oracles.observe import observer_of
-from vastflow.sim.behavior.messages import message
 from vastflow.sim.loop.closed_loop import ClosedLoop
-from vastflow.sim.loop.prepared import prepare
 from vastflow.sim.loop.simulation import Simulation
-from vastflow.sim.maps.grid_frame import GridFrame
-from vastflow.sim.nav.mission import Mission
-from vastflow.sim.nav.parameters.chosen import parameters_of
-from vastflow.sim.pose import Pose
-from vastflow.sim.reading.map_file import load_map, map_content
-from vastflow.sim.recordings.recording import si
+from vastflow.sim.model.pose import GridFrame, Pose
+from vastflow.sim.model.recording import si
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.navigator.prepared import prepare
+from vastflow.sim.nav2.parameter_files.chosen import parameters_of
 from vastflow.sim.replay.replay import replay
 from vastflow.sim.replay.snapshot import Box
 from vastflow.sim.run import run
-from vastflow.sim.world.lidar_model import Lidar
-from vastflow.sim.world.robot_model import Robot
+from vastflow.sim.scenario.tree.messages import message
+from vastflow.sim.world.map_file import load_map, map_content
+from vastflow.sim.world.robot_model import Lidar, Robot
 
 ORIGIN = (-2.0, 1.5)
 """Of the two rooms in these tests, whose poses below are measured from it."""

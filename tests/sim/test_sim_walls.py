@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from vastflow.sim.maps.occupancy import OccupancyMap
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.walls import WallIndex, wall_rectangles
 
 GRIDS = st.tuples(st.integers(1, 16), st.integers(1, 16)).flatmap(

@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 from shapely.geometry import Point
 from table import each_row
 
-from vastflow.sim.maps.occupancy import OccupancyMap
-from vastflow.sim.pose import Pose
-from vastflow.sim.world.motion import FREE, MOVING, TOUCHING
-from vastflow.sim.world.obstacle import Obstacle, Trigger
+from vastflow.sim.model.obstacle import Obstacle, Trigger
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.world.motion import FREE, MOVING, TOUCHING, arc
+from vastflow.sim.world.occupancy import OccupancyMap
 from vastflow.sim.world.physics import GRAVITY_MPS2, TRACTION, World
-from vastflow.sim.world.robot import arc
 from vastflow.sim.world.robot_model import Robot
 from vastflow.sim.world.walls import WallIndex
 

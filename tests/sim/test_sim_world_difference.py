@@ -5,13 +5,13 @@ import pytest
 from scipy import ndimage
 from table import each_row
 
-from vastflow.sim.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.recording import si
 from vastflow.sim.reading.checked import checked_digest
 from vastflow.sim.reading.world import difference_of
-from vastflow.sim.recordings.recording import si
 from vastflow.sim.run import run
-from vastflow.sim.scenario_error import ScenarioError
 from vastflow.sim.world.difference import WorldDifference, world_of
+from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from vastflow.sim.world.robot_model import Robot
 
 RESOLUTION_M = 0.05

@@ -6,8 +6,7 @@ from scipy import stats
 from table import each_row
 
 from vastflow.sim.kernels.numeric import njit
-from vastflow.sim.kernels.streams import streams_of
-from vastflow.sim.kernels.ziggurat import EDGES, TAIL, normals
+from vastflow.sim.kernels.streams import EDGES, TAIL, normals, streams_of
 
 N = 1_000_000
 

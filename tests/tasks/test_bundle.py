@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from vastflow.oracles.oracle import oracles_of
-from vastflow.sim.digest import FileContent, file_digest
-from vastflow.sim.nav.parameters.parameter_file import nav2_file
-from vastflow.sim.process.folder import copy_in, files_matching
-from vastflow.sim.process.setup import ProcessSetup
+from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.scenario import ProcessSetup, Scenario
+from vastflow.sim.nav2.parameter_files.parameter_file import nav2_file
 from vastflow.sim.reading.abstract import abstract_content, definition_of
-from vastflow.sim.reading.map_file import load_map, map_content
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.scenario.programs.folders import copy_in, files_matching
+from vastflow.sim.world.map_file import load_map, map_content
 from vastflow.tasks.bundle import BundleError, Packer, differences, promise_of, unpacked
 from vastflow.tasks.index import Member
 from vastflow.tasks.keys import Keys

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from vastflow.oracles.oracle import oracles_of
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks import work
 from vastflow.tasks.engine import Engine, MemberFault, block_size
 from vastflow.tasks.index import Index, Member

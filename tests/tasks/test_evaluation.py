@@ -10,7 +10,7 @@ from vastflow.producers.configuration import Fragment, Rejection
 from vastflow.producers.one_of import OneOfVariation
 from vastflow.producers.parameter import ParameterVariationList
 from vastflow.producers.producer import evaluate, find_producer
-from vastflow.sim.digest import FileContent
+from vastflow.sim.model.digest import FileContent
 from vastflow.tasks.evaluation import content_of, evaluation_keys, files_in, packed, read_evaluation, write_evaluation
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.source import installed_tree

@@ -15,10 +15,10 @@ from vastflow.oracles.oracle import OracleError, oracle_of
 from vastflow.oracles.situation import Situation
 from vastflow.oracles.trace import NoReference, Trace
 from vastflow.producers.producer import draws_of, evaluate, find_producer
+from vastflow.sim.model.recording import Run
 from vastflow.sim.plug_ins.loading import snapshot_behind
 from vastflow.sim.plug_ins.neighbors import PlugInError
 from vastflow.sim.plug_ins.watch import watched
-from vastflow.sim.recordings.recording import Run
 from vastflow.tasks.evaluation import packed
 from vastflow.tasks.source import PLUG_IN, installed_tree
 

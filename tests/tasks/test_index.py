@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks.index import Index, Member, missing, stretches
 from vastflow.tasks.keys import Keys
 from vastflow.tasks.store import open_store

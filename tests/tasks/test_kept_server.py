@@ -9,7 +9,7 @@ import urllib.request
 
 import pytest
 
-from vastflow.sim.user_error import UserError
+from vastflow.sim.model.faults import UserError
 from vastflow.tasks import kept_server
 from vastflow.tasks.kept_server import (
     IDLE_S,

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks import member_pack as module
 from vastflow.tasks.index import Index, Member
 from vastflow.tasks.keys import Keys

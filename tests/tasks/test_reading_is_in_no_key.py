@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 from table import each_row
 
-from vastflow.sim.digest import FileContent
-from vastflow.sim.nav.parameters.parameter_file import FILE_KEY, nav2_file
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.scenario import Scenario
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, nav2_file
 from vastflow.sim.reading import checked
 from vastflow.sim.reading.abstract import abstract_content
 from vastflow.sim.reading.checked import checked_digest
-from vastflow.sim.scenario import Scenario
 from vastflow.tasks.keys import EVALUATE_SOURCE, EXECUTE_SOURCE, JUDGE_SOURCE, OBSERVE_SOURCE
 from vastflow.tasks.source import PACKAGES, READING, SourceTree, installed_tree
 
@@ -26,17 +26,17 @@ POSES = {"start_pose": {"x": 1.0, "y": 1.5}, "goal_pose": {"x": 2.0, "y": 1.5}}
 STAGES = {"execute": EXECUTE_SOURCE, "observe": OBSERVE_SOURCE, "judge": JUDGE_SOURCE, "evaluate": EVALUATE_SOURCE}
 
 RESULTS_OF_READING = {
-    "vastflow.sim.nav.parameters.chosen.parameters_of",
+    "vastflow.sim.nav2.parameter_files.chosen.parameters_of",
     "vastflow.sim.reading.checked.checked_of",
-    "vastflow.sim.reading.map_file.load_map",
-    "vastflow.sim.reading.map_file.map_content",
+    "vastflow.sim.world.map_file.load_map",
+    "vastflow.sim.world.map_file.map_content",
     "vastflow.sim.reading.robot.robot_of",
     "vastflow.sim.reading.script.script_of",
     "vastflow.sim.reading.world.difference_of",
 }
 """What stages call to read what keys have the value of."""
 
-WORDS_ONLY = {"vastflow.sim.reading.names.did_you_mean", "vastflow.sim.reading.names.nearest"}
+WORDS_ONLY = {"vastflow.sim.model.names.did_you_mean", "vastflow.sim.model.names.nearest"}
 """Whose result stands in messages alone."""
 
 
@@ -106,7 +106,12 @@ def copied(tmp_path, cache):
 def test_a_reworded_hint_is_in_no_source_digest(copied):
     folder, digests = copied
     before = digests()
-    for hint in ("osc/faults.py", "nav/parameters/parameter.py", "reading/names.py", "plug_ins/plug_in.py"):
+    for hint in (
+        "scenario/language/faults.py",
+        "nav2/parameters/parameter.py",
+        "model/names.py",
+        "plug_ins/effects.py",
+    ):
         file = folder / "vastflow.sim" / hint
         file.write_text(file.read_text() + '\nHINT = "another wording"\n')
     assert digests() == before
@@ -114,7 +119,12 @@ def test_a_reworded_hint_is_in_no_source_digest(copied):
 
 @pytest.mark.parametrize(
     "stray",
-    ["campaigns.scenarios/report.html", "campaigns.scenarios/mine.osc", "sim/notes.txt", "sim/osc/library/mine.osc"],
+    [
+        "campaigns.scenarios/report.html",
+        "campaigns.scenarios/mine.osc",
+        "sim/notes.txt",
+        "sim/scenario/language/library/mine.osc",
+    ],
 )
 def test_a_stray_file_in_a_package_folder_is_in_no_source_digest(copied, stray):
     folder, digests = copied
@@ -125,12 +135,12 @@ def test_a_stray_file_in_a_package_folder_is_in_no_source_digest(copied, stray):
 
 
 @pytest.mark.parametrize(
-    "module", ["tick.py", "controllers/mppi.py", "controllers/dwb_critics.py", "controllers/rpp.py"]
+    "module", ["navigator/tick.py", "controllers/mppi.py", "controllers/dwb_critics.py", "controllers/rpp.py"]
 )
 def test_a_changed_kernel_is_in_the_source_of_execution_alone(copied, module):
     folder, digests = copied
     before = digests()
-    kernel = folder / "vastflow.sim" / "nav" / module
+    kernel = folder / "vastflow.sim" / "nav2" / module
     kernel.write_text(kernel.read_text() + "\nANOTHER = 1\n")
     after = digests()
     assert [name for name in after if after[name] != before[name]] == ["execute"]
@@ -182,7 +192,7 @@ def test_another_default_of_a_parameter_computes_again(monkeypatch):
 def own_controller(folder, text):
     """A system whose controller is in a file beside its parameters, with a helper."""
     (folder / "mine.py").write_text(
-        "import httpx\nfrom gains import GAIN\nfrom vastflow.sim.nav.controllers.rpp import Rpp\n\n\n"
+        "import httpx\nfrom gains import GAIN\nfrom vastflow.sim.nav2.controllers.rpp import Rpp\n\n\n"
         f"class Mine(Rpp):\n    {text}\n"
     )
     file = folder / "mine.yaml"

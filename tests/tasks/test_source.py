@@ -141,11 +141,11 @@ def test_an_entry_that_does_not_exist_is_named(tree):
 
 
 def test_a_plug_ins_file_is_followed_into_the_tree(tmp_path, monkeypatch):
-    plug_in = _plug_in(tmp_path, "from vastflow.sim.pose import Pose\n\nclass Own:\n    k = 1\n", monkeypatch)
+    plug_in = _plug_in(tmp_path, "from vastflow.sim.model.pose import Pose\n\nclass Own:\n    k = 1\n", monkeypatch)
     before = installed_tree().plug_in_digest(plug_in)
     tree = _copied_sim(tmp_path)
     assert tree.plug_in_digest(plug_in) == before
-    edit(tmp_path / "copy/sim/pose.py", "yaw_rad: float = 0.0", "yaw_rad: float = 0.5")
+    edit(tmp_path / "copy/sim/model/pose.py", "yaw_rad: float = 0.0", "yaw_rad: float = 0.5")
     assert _copied_sim(tmp_path).plug_in_digest(plug_in) != before
 
 
@@ -159,14 +159,14 @@ def test_a_comment_in_a_plug_in_costs_nothing_and_code_does(tmp_path, monkeypatc
 
 def test_a_class_of_the_tree_has_its_modules_digest():
     tree = installed_tree()
-    from vastflow.sim.pose import Pose
+    from vastflow.sim.model.pose import Pose
 
-    assert tree.plug_in_digest(Pose) == tree.digest("vastflow.sim.pose")
+    assert tree.plug_in_digest(Pose) == tree.digest("vastflow.sim.model.pose")
 
 
 def test_the_simulators_code_is_found_and_reaches_no_other_stage():
     closure = installed_tree().closure("vastflow.sim.run")
-    assert "vastflow.sim.recordings.recording" in closure
+    assert "vastflow.sim.model.recording" in closure
     assert all(name.startswith("vastflow.sim") for name in closure)
 
 

@@ -11,7 +11,7 @@ from concurrent.futures import Future
 import pytest
 
 from vastflow.oracles.oracle import oracles_of
-from vastflow.sim.scenario import Scenario
+from vastflow.sim.model.scenario import Scenario
 from vastflow.tasks import work
 from vastflow.tasks.engine import Engine, judgements
 from vastflow.tasks.index import Index, Member, missing

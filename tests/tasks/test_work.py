@@ -8,12 +8,12 @@ from vastflow.oracles.oracle import oracles_of
 from vastflow.oracles.verdict import read_verdicts
 from vastflow.producers.parameter import ParameterVariationList
 from vastflow.sim import run as simulator
-from vastflow.sim.recordings.blocks import read_recordings
-from vastflow.sim.recordings.recording import Recording, Run
-from vastflow.sim.recordings.runlog import RunLog
+from vastflow.sim.model.blocks import read_recordings
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.recording import Recording, Run
+from vastflow.sim.model.runlog import RunLog
+from vastflow.sim.model.scenario import Scenario
 from vastflow.sim.run import Execution
-from vastflow.sim.scenario import Scenario
-from vastflow.sim.scenario_error import ScenarioError
 from vastflow.tasks import work
 from vastflow.tasks.evaluation import packed, read_evaluation
 from vastflow.tasks.store import StoreError, open_store

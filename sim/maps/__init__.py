@@ -1,1 +1,0 @@
-"""Occupancy maps as the simulator has them: cells, their frame, and lengths on the grid."""

@@ -1,0 +1,122 @@
+"""Content digests: SHA-256 over one canonical, tagged JSON text.
+
+Equal content has an equal digest on every machine and Python version; a file enters by what it holds,
+never by its path or time.
+"""
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from json.encoder import encode_basestring_ascii
+from pathlib import Path
+from typing import TypeAlias
+
+
+@dataclass(frozen=True, slots=True)
+class FileContent:
+    """A file as a value: equal to another where the content is equal, wherever the two lie.
+
+    Attributes:
+        path: Where this process can read it.
+        digest: SHA-256 (hex) of what it holds. For a map that is the decoded grid and its metadata, see
+            `vastflow.sim.world.map_file.map_content`.
+    """
+
+    path: str = field(compare=False)
+    digest: str
+
+
+Value: TypeAlias = "bool | int | float | str | FileContent | Sequence[Value] | Mapping[str, Value] | None"
+
+
+def canonical(value: Value) -> str:
+    """The one text of `value`: sorted keys, floats as hexadecimal, `1`, `1.0` and `True` kept apart.
+
+    Raises:
+        TypeError: a type that has no canonical form.
+        ValueError: NaN, which is not equal to itself.
+    """
+    return _text(value)
+
+
+def digest(*values: Value) -> str:
+    """SHA-256 (64 hexadecimal digits) of the canonical form of `values`, in order."""
+    return text_digest(canonical(values))
+
+
+class Texts:
+    """Canonical texts of values, each object's once: for many values that share the objects they are made of."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Value, str]] = {}  # with the value, so that no other gets its id
+
+    def __call__(self, value: Value) -> str:
+        """`canonical(value)`; what is inside of `value` must not be changed later."""
+        found = self._known.get(id(value))
+        if found is None:
+            found = self._known[id(value)] = value, canonical(value)
+        return found[1]
+
+    def of_map(self, value: Mapping[str, Value]) -> str:
+        """`canonical(value)` from the texts of the mapping's values."""
+        return _map_of([f"{encode_basestring_ascii(key)}:{self(value[key])}" for key in sorted(value)])
+
+
+def text_digest(canonical_text: str) -> str:
+    """The digest of the one value that has this canonical text."""
+    return hashlib.sha256(canonical_text.encode()).hexdigest()
+
+
+def file_digest(path: str | Path) -> str:
+    """SHA-256 (hex) of a file's bytes."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _text(value: Value) -> str:
+    """JSON as `json.dumps` writes it with sorted keys and no spaces, in one pass: half of instantiation is digests."""
+    kind = type(value)
+    if kind is str:
+        return encode_basestring_ascii(value)  # type: ignore[arg-type]
+    if kind is float:
+        return _float_text(value)  # type: ignore[arg-type]
+    if kind is dict:
+        return _map_text(value)  # type: ignore[arg-type]
+    if value is None or isinstance(value, bool):
+        return "null" if value is None else "true" if value else "false"
+    if isinstance(value, str):
+        return encode_basestring_ascii(value)
+    if isinstance(value, int):
+        return int.__repr__(value)
+    if isinstance(value, float):
+        return _float_text(value)
+    if isinstance(value, FileContent):
+        return f'{{"file":{encode_basestring_ascii(value.digest)}}}'
+    if isinstance(value, Mapping):
+        return _map_text(value)
+    if isinstance(value, Sequence) and not isinstance(value, bytes | bytearray):
+        return f"[{','.join([_text(item) for item in value])}]"
+    raise TypeError(f"{type(value).__name__} has no canonical form; use None, bool, int, float, str, list or dict")
+
+
+def _float_text(value: float) -> str:
+    if math.isnan(value):
+        raise ValueError("NaN has no digest: it is not equal to itself")
+    return f'{{"float":"{(float(value) + 0.0).hex()}"}}'  # + 0.0 turns -0.0 into 0.0
+
+
+def _map_text(value: Mapping[str, Value]) -> str:
+    for key in value:
+        _text_key(key)
+    return _map_of([f"{encode_basestring_ascii(key)}:{_text(value[key])}" for key in sorted(value)])
+
+
+def _map_of(items: list[str]) -> str:
+    return f'{{"map":{{{",".join(items)}}}}}'
+
+
+def _text_key(key: object) -> str:
+    if not isinstance(key, str):
+        raise TypeError(f"a mapping's key must be text, got {key!r}")
+    return key

@@ -1,0 +1,219 @@
+"""Obstacles that stand in a scenario and are not on the robot's map, and how configuration values write them."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal, TypeAlias
+
+from shapely.affinity import rotate, translate
+from shapely.geometry import Point, Polygon, box
+
+from vastflow.sim.model.digest import Value
+from vastflow.sim.model.pose import GridFrame, Pose, pose_of
+
+Shape: TypeAlias = Literal["box", "cylinder"]
+
+MASS_KG: Final = 5.0
+FRICTION: Final = 0.4
+"""Of an obstacle that appears, where its arguments give none: a carton that the robot can just push."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trigger:
+    """What makes an obstacle appear: the robot's true position within `distance_m` of a point, and `delay_s` after that."""
+
+    x_m: float
+    y_m: float
+    distance_m: float
+    delay_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """A box or cylinder; one without a trigger stands from the start and is fixed, one with a trigger appears and can be pushed.
+
+    Attributes:
+        length_m: Extent along its own x (a cylinder's diameter).
+        width_m: Extent along its own y (a cylinder's diameter).
+        mass_kg, friction: Of one that appears; friction with the floor.
+    """
+
+    name: str
+    shape: Shape
+    pose: Pose
+    length_m: float
+    width_m: float
+    trigger: Trigger | None = None
+    mass_kg: float = MASS_KG
+    friction: float = FRICTION
+
+    @property
+    def circumradius_m(self) -> float:
+        """Greatest distance from the center to the outline in the plane (paper: center to corner)."""
+        return self.length_m / 2 if self.shape == "cylinder" else math.hypot(self.length_m, self.width_m) / 2
+
+    @property
+    def mean_radius_m(self) -> float:
+        """Mean distance of its floor area's points from the center: the lever of friction against turning."""
+        if self.shape == "cylinder":
+            return self.length_m / 3
+        a, b = self.length_m / 2, self.width_m / 2
+        d = math.hypot(a, b)
+        return d / 3 + a * a / (6 * b) * math.log((b + d) / a) + b * b / (6 * a) * math.log((a + d) / b)
+
+    @property
+    def size_class(self) -> str:
+        """Name shared by obstacles of one shape and size, such as `box 0.5 x 0.5 m`."""
+        if self.shape == "cylinder":
+            return f"cylinder {self.length_m:g} m"
+        return f"box {self.length_m:g} x {self.width_m:g} m"
+
+    def in_grid(self, frame: GridFrame) -> "Obstacle":
+        """The same obstacle in the frame of a map's grid."""
+        if frame.yaw_rad == 0.0:
+            return self
+        trigger = self.trigger
+        if trigger is not None:
+            x_m, y_m = frame.to_grid(trigger.x_m, trigger.y_m)
+            trigger = replace(trigger, x_m=x_m, y_m=y_m)
+        return replace(self, pose=frame.pose_to_grid(self.pose), trigger=trigger)
+
+    def footprint(self) -> Polygon:
+        """Outline in the map frame (m); a cylinder is a 64-gon round its circle."""
+        if self.shape == "cylinder":
+            return Point(self.pose.x_m, self.pose.y_m).buffer(self.length_m / 2, quad_segs=16)
+        outline = box(-self.length_m / 2, -self.width_m / 2, self.length_m / 2, self.width_m / 2)
+        turned = rotate(outline, self.pose.yaw_rad, origin=(0, 0), use_radians=True)
+        return translate(turned, self.pose.x_m, self.pose.y_m)
+
+
+DEFAULT_SIZE_M: Final = 0.5
+"""Edge or diameter where the model's arguments give none (the models' own default)."""
+
+ARGUMENTS: Final[Mapping[Shape, tuple[str, ...]]] = {
+    "box": ("width", "length", "height", "box_width", "box_length", "box_height", "mass", "friction"),
+    "cylinder": ("diameter", "radius", "width", "length", "height", "mass", "friction"),
+}
+"""Sizes that a model takes; heights, and a cylinder's length, which is one, are no part of the plane."""
+
+TRIGGER_POINT_KEY: Final = "spawn_trigger_point"
+TRIGGER_THRESHOLD_KEY: Final = "spawn_trigger_threshold"
+
+
+def lists_obstacles(value: object) -> bool:
+    """Whether a value is a list with obstacles in it, whatever its key."""
+    return isinstance(value, Sequence) and any(isinstance(item, Mapping) and "spawn_pose" in item for item in value)
+
+
+def obstacles_of(environment: Mapping[str, Value]) -> tuple[Obstacle, ...]:
+    """Every obstacle in the environment dimension: entries with a `spawn_pose` of any list-valued key, in key order.
+
+    An entry appears during the run when it has a trigger, a point and the distance from it (m) within which the robot sets
+    it off:
+
+    - `spawn_trigger: {point: …, threshold: …}` in the entry, each a value or the name of the key of the environment that
+      holds it; the point is `{x, y}`. With `delay: …` (s) the obstacle appears that much later.
+    - Without it, the environment's `spawn_trigger_point` and `spawn_trigger_threshold` are the trigger of the entries that
+      stand at that point: what `ObstacleVariationWithDistanceTrigger` writes under its usual names.
+
+    Raises:
+        ValueError: an entry whose pose, size or trigger can't be read.
+    """
+    obstacles = [
+        obstacle_of(entry, f"{key}[{i}]", environment)
+        for key in sorted(environment)
+        for i, entry in enumerate(_entries(environment[key]))
+    ]
+    if TRIGGER_POINT_KEY in environment:
+        point, threshold = environment[TRIGGER_POINT_KEY], environment.get(TRIGGER_THRESHOLD_KEY)
+        trigger = _trigger_of(point, threshold, TRIGGER_POINT_KEY, TRIGGER_THRESHOLD_KEY)
+        there = [o.trigger is None and (o.pose.x_m, o.pose.y_m) == (trigger.x_m, trigger.y_m) for o in obstacles]
+        known = any(o.trigger is not None and replace(o.trigger, delay_s=0.0) == trigger for o in obstacles)
+        if not known and not any(there):
+            raise ValueError(
+                f"{TRIGGER_POINT_KEY}: found {point!r}; the position of an obstacle, and none stands there"
+            )
+        obstacles = [replace(o, trigger=trigger) if meant else o for o, meant in zip(obstacles, there, strict=True)]
+    return tuple(obstacles)
+
+
+def obstacle_of(
+    entry: Mapping[str, Value], where: str = "obstacle", environment: Mapping[str, Value] | None = None
+) -> Obstacle:
+    """Read `{entity_name, model, spawn_pose, xacro_arguments}` (vast format) and its trigger, see `obstacles_of`.
+
+    The shape follows from the model's file name, the size from its arguments, one of `ARGUMENTS`
+    (`width:=0.5, length:=0.5`); `mass:=5.0` (kg) and `friction:=0.4` are those of one that appears.
+
+    Raises:
+        ValueError: a pose, a size or a trigger that can't be read, or an argument that the model does not have.
+    """
+    model = str(entry.get("model") or "box")
+    shape: Shape = "cylinder" if "cylinder" in model.rsplit("/", 1)[-1].lower() else "box"
+    numbers = _arguments(str(entry.get("xacro_arguments") or ""), shape, where)
+    pose = pose_of(entry["spawn_pose"], f"{where}.spawn_pose")
+    if shape == "cylinder":
+        length_m = width_m = numbers.get(
+            "diameter", 2 * numbers.get("radius", numbers.get("width", DEFAULT_SIZE_M) / 2)
+        )
+    else:
+        width_m = numbers.get("width", numbers.get("box_width", DEFAULT_SIZE_M))
+        length_m = numbers.get("length", numbers.get("box_length", width_m))
+    return Obstacle(
+        str(entry.get("entity_name") or where),
+        shape,
+        pose,
+        length_m,
+        width_m,
+        _trigger(entry, where, environment or {}),
+        numbers.get("mass", MASS_KG),
+        numbers.get("friction", FRICTION),
+    )
+
+
+def has_mass(entry: Mapping[str, Value]) -> bool:
+    """Whether an entry's arguments give a mass."""
+    return "mass:=" in str(entry.get("xacro_arguments") or "").replace(" ", "")
+
+
+def _trigger(entry: Mapping[str, Value], where: str, environment: Mapping[str, Value]) -> Trigger | None:
+    if "spawn_trigger" not in entry:
+        return None
+    found = entry["spawn_trigger"]
+    if not isinstance(found, Mapping) or set(found) - {"delay"} != {"point", "threshold"}:
+        raise ValueError(f"{where}.spawn_trigger: found {found!r}; {{point: …, threshold: …}}, and delay: … (s) if any")
+    point, threshold, delay = (
+        environment.get(value, value) if isinstance(value, str) else value
+        for value in (found["point"], found["threshold"], found.get("delay", 0.0))
+    )
+    if isinstance(delay, bool) or not isinstance(delay, int | float) or not 0 <= delay < math.inf:
+        raise ValueError(f"{where}.spawn_trigger.delay: found {delay!r}; a time in seconds, 0 or more")
+    trigger = _trigger_of(point, threshold, f"{where}.spawn_trigger.point", f"{where}.spawn_trigger.threshold")
+    return replace(trigger, delay_s=float(delay))
+
+
+def _trigger_of(point: Value, distance: Value, point_where: str, distance_where: str) -> Trigger:
+    at = pose_of(point, point_where)
+    if isinstance(distance, bool) or not isinstance(distance, int | float) or not 0 <= distance < math.inf:
+        raise ValueError(f"{distance_where}: found {distance!r}; a distance in meters, 0 or more")
+    return Trigger(at.x_m, at.y_m, float(distance))
+
+
+def _entries(value: Value) -> Iterator[Mapping[str, Value]]:
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        yield from (entry for entry in value if isinstance(entry, Mapping) and "spawn_pose" in entry)
+
+
+def _arguments(text: str, shape: Shape, where: str) -> dict[str, float]:
+    sizes: dict[str, float] = {}
+    for part in filter(None, (part.strip() for part in text.replace(",", " ").split())):
+        key, found, number = part.partition(":=")
+        try:
+            sizes[key] = float(number)
+        except ValueError:
+            found = ""
+        if not found or not sizes[key] > 0 or not math.isfinite(sizes[key]):
+            raise ValueError(f"{where}: found argument {part!r}; a size is written like width:=0.5, greater than 0")
+        if key not in ARGUMENTS[shape]:
+            raise ValueError(f"{where}: a {shape} has no argument {key!r}; it has {', '.join(ARGUMENTS[shape])}")
+    return sizes

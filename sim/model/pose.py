@@ -1,0 +1,175 @@
+"""Poses in the plane, how configuration values write them, and how the frame of a map's grid turns them."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.model.digest import Value
+
+MOST_YAW_RAD: Final = 6.2832
+_POSITION: Final = ("x", "y", "z")
+_ORIENTATION: Final = ("roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A pose in the map frame: x forward of the origin, y to its left, yaw counter-clockwise (REP-103)."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float = 0.0
+
+    def value(self) -> dict[str, Value]:
+        """The pose as a configuration value, in the shape of OpenSCENARIO's `pose_3d`."""
+        return {"position": {"x": self.x_m, "y": self.y_m}, "orientation": {"yaw": self.yaw_rad}}
+
+
+def pose_of(value: Value, where: str = "pose") -> Pose:
+    """Read `{position: {x, y}, orientation: {yaw}}` or the short `{x, y, yaw}`; a missing yaw is 0.
+
+    `z`, `roll` and `pitch` may be there and are not read.
+
+    Raises:
+        ValueError: anything else, such as `theta` or a quaternion, naming `where`.
+    """
+    if isinstance(value, Mapping):
+        if unknown := next(_unknown(value), None):
+            raise ValueError(f"{where}: found {unknown!r}; a pose has x, y and yaw, in meters and radians")
+        position = value.get("position", value)
+        orientation = value.get("orientation", value)
+        if isinstance(position, Mapping) and isinstance(orientation, Mapping):
+            numbers = [_number(each) for each in (position.get("x"), position.get("y"), orientation.get("yaw", 0.0))]
+            x, y, yaw = numbers
+            if x is not None and y is not None and yaw is not None:
+                return Pose(x, y, yaw)
+    raise ValueError(
+        f"{where}: found {value!r}; a pose is {{x, y, yaw}} or {{position: {{x, y}}, orientation: {{yaw}}}}"
+    )
+
+
+def written_pose_of(value: Value, where: str = "pose") -> Pose:
+    """`pose_of` a value that a person wrote.
+
+    Raises:
+        ValueError: see there; or a yaw of more than one turn, which is one in degrees.
+    """
+    pose = pose_of(value, where)
+    if abs(pose.yaw_rad) > MOST_YAW_RAD:
+        raise ValueError(f"{where}: found yaw {pose.yaw_rad:g}; radians, one turn ({MOST_YAW_RAD:g}) at most")
+    return pose
+
+
+def _unknown(value: Mapping[str, Value]) -> Iterator[str]:
+    """What is in a pose and would be read over: `orientation: {z, w}` is a heading too."""
+    members = {"position": _POSITION, "orientation": _ORIENTATION}
+    for key, inner in value.items():
+        if key in members and isinstance(inner, Mapping):
+            yield from (f"{key}.{name}" for name in inner if name not in members[key])
+        elif key not in (*_POSITION, *_ORIENTATION, *members):
+            yield key
+
+
+def _number(value: Value) -> float | None:
+    """A number, also one that is written as a text; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    try:
+        number = float(value)
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+DECIMALS: Final = 9
+"""Of a position in a turned grid's frame: what lies on the border of two cells is not put beside it by a turn."""
+
+
+class Turn(NamedTuple):
+    """Cosine and sine of an angle."""
+
+    cos: float
+    sin: float
+
+
+@dataclass(frozen=True, slots=True)
+class GridFrame:
+    """A grid's frame: the map's, turned counter-clockwise about the grid's lower left corner.
+
+    A frame that is not turned gives every number back as it is.
+
+    Attributes:
+        corner_xy_m: That corner, which is at the same place in both frames.
+    """
+
+    corner_xy_m: tuple[float, float]
+    yaw_rad: float = 0.0
+
+    @property
+    def turn(self) -> Turn:
+        """From the grid to the map."""
+        return Turn(math.cos(self.yaw_rad), math.sin(self.yaw_rad))
+
+    def to_grid(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """A position of the map in the grid's frame, to the nanometer."""
+        if self.yaw_rad == 0.0:
+            return x_m, y_m
+        (ox, oy), (c, s) = self.corner_xy_m, self.turn
+        dx, dy = x_m - ox, y_m - oy
+        return round(ox + c * dx + s * dy, DECIMALS), round(oy - s * dx + c * dy, DECIMALS)
+
+    def to_map(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """A position of the grid in the map's frame."""
+        if self.yaw_rad == 0.0:
+            return x_m, y_m
+        (ox, oy), (c, s) = self.corner_xy_m, self.turn
+        dx, dy = x_m - ox, y_m - oy
+        return ox + c * dx - s * dy, oy + s * dx + c * dy
+
+    def points_to_grid(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As `to_grid`, of points (N, 2)."""
+        if self.yaw_rad == 0.0:
+            return xy_m
+        return np.round(self._turned(xy_m, Turn(self.turn.cos, -self.turn.sin)), DECIMALS)
+
+    def points_to_map(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As `to_map`, of points (N, 2)."""
+        return xy_m if self.yaw_rad == 0.0 else self._turned(xy_m, self.turn)
+
+    def pose_to_grid(self, pose: Pose) -> Pose:
+        """A pose of the map in the grid's frame."""
+        if self.yaw_rad == 0.0:
+            return pose
+        return Pose(*self.to_grid(pose.x_m, pose.y_m), round(pose.yaw_rad - self.yaw_rad, DECIMALS))
+
+    def pose_to_map(self, pose: Pose) -> Pose:
+        """A pose of the grid in the map's frame."""
+        if self.yaw_rad == 0.0:
+            return pose
+        return Pose(*self.to_map(pose.x_m, pose.y_m), pose.yaw_rad + self.yaw_rad)
+
+    def covariance_to_grid(self, xx_m2: float, yy_m2: float) -> tuple[float, float, float]:
+        """xx, xy and yy in the grid's frame of what spreads along the map's axes alone."""
+        if self.yaw_rad == 0.0:
+            return xx_m2, 0.0, yy_m2
+        c, s = self.turn
+        return c * c * xx_m2 + s * s * yy_m2, c * s * (yy_m2 - xx_m2), s * s * xx_m2 + c * c * yy_m2
+
+    def covariance_to_map(self, xx_m2: float, xy_m2: float, yy_m2: float) -> tuple[float, float, float]:
+        """xx, xy and yy in the map's frame of what spreads so in the grid's."""
+        if self.yaw_rad == 0.0:
+            return xx_m2, xy_m2, yy_m2
+        c, s = self.turn
+        return (
+            c * c * xx_m2 - 2.0 * c * s * xy_m2 + s * s * yy_m2,
+            c * s * (xx_m2 - yy_m2) + (c * c - s * s) * xy_m2,
+            s * s * xx_m2 + 2.0 * c * s * xy_m2 + c * c * yy_m2,
+        )
+
+    def _turned(self, xy_m: NDArray[np.float64], turn: Turn) -> NDArray[np.float64]:
+        apart = xy_m - self.corner_xy_m
+        x, y = apart[:, 0], apart[:, 1]
+        return np.column_stack([turn.cos * x - turn.sin * y, turn.sin * x + turn.cos * y]) + self.corner_xy_m

@@ -1,0 +1,147 @@
+"""The scenario: everything that is executed, and nothing else: its mission, its values, its programs' setup."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
+
+from vastflow.sim.model.digest import FileContent, Texts, Value, canonical, digest, text_digest
+from vastflow.sim.model.pose import Pose
+
+MissionKind: TypeAlias = Literal["navigate_to_pose", "navigate_through_poses", "follow_waypoints"]
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """A Nav2 action and its arguments.
+
+    Attributes:
+        goals: In the order they are visited; one for `navigate_to_pose`.
+        loops: Repetitions of `follow_waypoints` after the first round (Nav2's `number_of_loops`).
+    """
+
+    kind: MissionKind
+    goals: tuple[Pose, ...]
+    loops: int = 0
+
+
+RunFiles: TypeAlias = tuple[tuple[str, FileContent], ...]
+"""Path below the run's folder, with `/`, and what lies there; in the order of the paths."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessSetup:
+    """What a campaign gives the programs of each of its runs.
+
+    Attributes:
+        files: Copied into the run's folders; programs know them below `/config`, and find them where they work.
+        environment: Variables beside those of this process, `execution.env`.
+        pre_command: Script, perhaps with arguments, that is sourced before, or empty. A relative path is seen from the
+            folder that programs work in; so is that of `post_command`.
+        post_command: Program, perhaps with arguments, that is started after with `/out` as its last one.
+        scenario_folder: Path below `/config` of the folder that has the scenario file; empty for `/config` itself.
+    """
+
+    files: RunFiles = ()
+    environment: Mapping[str, str] = field(default_factory=dict)
+    pre_command: str = ""
+    post_command: str = ""
+    scenario_folder: str = ""
+
+    @property
+    def content(self) -> Value:
+        """All of it, as a value; campaign directories of earlier versions have no `scenario_folder`."""
+        folder = {"scenario_folder": self.scenario_folder} if self.scenario_folder else {}
+        return {
+            **folder,
+            "files": [list(file) for file in self.files],
+            "environment": self.environment,
+            "pre_command": self.pre_command,
+            "post_command": self.post_command,
+        }
+
+
+def setup_of(content: Mapping[str, Any]) -> ProcessSetup:
+    """The setup that has this `content`."""
+    return ProcessSetup(**{**content, "files": tuple((path, file) for path, file in content["files"])})
+
+
+Dimension: TypeAlias = Literal["environment", "task", "system"]
+
+DIMENSION_OF_KEY: Mapping[str, Dimension] = {
+    "map_file": "environment",
+    "mesh_file": "environment",
+    "world": "environment",
+    "spawn_trigger_point": "environment",
+    "spawn_trigger_threshold": "environment",
+    "start_pose": "task",
+    "goal_pose": "task",
+    "goal_poses": "task",
+    "number_of_loops": "task",
+}
+"""Where a key belongs that nothing else tags; every other key is the system's (design: d_S is the rest)."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A concrete scenario c: one point of the test space, in its three dimensions.
+
+    Attributes:
+        abstract: The abstract scenario a: `builtin:` and a name of `vastflow.sim.reading.abstract.SHIPPED`, or an OpenSCENARIO file.
+        timeout_s: Simulated time after which a run ends as timed out.
+        environment: d_E: the map (`map_file`, a `FileContent`) and lists of obstacles, whatever their key.
+        task: d_T: start, goals, loops.
+        system: d_S: robot and navigation parameters, scan noise and dropout, everything else.
+        programs: What programs of a run are given; None where the scenario starts none.
+    """
+
+    abstract: str | FileContent
+    timeout_s: float
+    environment: Mapping[str, Value]
+    task: Mapping[str, Value]
+    system: Mapping[str, Value]
+    programs: ProcessSetup | None = None
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of the whole content. Names and provenance of a configuration are not part of it."""
+        return digest(self.abstract, self.timeout_s, self.environment, self.task, self.system, *self._programs())
+
+    def digested(self, texts: Texts) -> str:
+        """`digest`, from texts that are shared with other scenarios of the same values."""
+        if "digest" not in self.__dict__:
+            situation = ",".join(texts.of_map(part) for part in (self.environment, self.task))
+            programs = "".join(f",{canonical(value)}" for value in self._programs())
+            text = f"[{canonical(self.abstract)},{canonical(self.timeout_s)},{situation},{texts.of_map(self.system)}{programs}]"
+            # Where the cached properties look first.
+            self.__dict__.update(digest=text_digest(text), situation_digest=text_digest(f"[{situation}]"))
+        return self.digest
+
+    def _programs(self) -> list[Value]:
+        return [] if self.programs is None else [self.programs.content]
+
+    @cached_property
+    def situation_digest(self) -> str:
+        """Digest of environment and task alone: what seeds a run, so that two systems meet the same noise."""
+        return digest(self.environment, self.task)
+
+
+def scenario_of(
+    values: Mapping[str, Value],
+    dimensions: Mapping[str, Dimension],
+    *,
+    abstract: str | FileContent,
+    timeout_s: float,
+    programs: ProcessSetup | None = None,
+) -> Scenario:
+    """Sort flat configuration values into the three dimensions.
+
+    Args:
+        values: Key to value; keys that begin with `_` are provenance and are left out.
+        dimensions: Tags given by producers or the file; `DIMENSION_OF_KEY` and then `system` otherwise.
+    """
+    parts: dict[Dimension, dict[str, Value]] = {"environment": {}, "task": {}, "system": {}}
+    for key, value in values.items():
+        if not key.startswith("_"):
+            parts[dimensions.get(key) or DIMENSION_OF_KEY.get(key, "system")][key] = value
+    return Scenario(abstract, timeout_s, parts["environment"], parts["task"], parts["system"], programs)

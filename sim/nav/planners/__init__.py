@@ -1,1 +1,0 @@
-"""Planners that search: Nav2's SmacPlanner2D and SmacPlannerHybrid."""

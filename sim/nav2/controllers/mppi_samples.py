@@ -1,0 +1,362 @@
+"""MPPI's samples: control sequences drawn round the current one, limited, and followed from where the robot is.
+
+Positions are in cells of the cost frame, so that the cell of a position is its whole part. Working space is in rows of
+sixteen numbers, one for each sample of a group; a group has so and so many rows for a step. See `Space`.
+"""
+
+import functools
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.lanes import (
+    WIDTH,
+    either,
+    higher,
+    load,
+    load_lower,
+    load_upper,
+    lower,
+    root,
+    size,
+    splat,
+    store,
+)
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.kernels.streams import integer_below
+
+ROW: Final = WIDTH
+"""Samples in a group."""
+STEP: Final = 2 * ROW
+"""A row of the one kind (v, x), and one of the other (ω, y)."""
+LINE_BYTES: Final = 64
+NOISE_SEED: Final = 20_241
+CYCLES_OF_NOISE: Final = 8
+GAP_ROWS: Final = 1024
+
+
+class Space(NamedTuple):
+    """Addresses of the working space, all float32 but `noise` and `cells`; G groups, T steps, a row sixteen numbers.
+
+    Attributes:
+        noise: uint32, normal numbers for v and ω, see `noise`.
+        center: T times v and ω of the sequence, and what 1 m/s and 1 rad/s cost by γ.
+        turns, track: T times a row of ω, T times one of x and one of y: of the samples at hand.
+        ends: G times a row of x, y, cosine and sine of the heading.
+        marks: G times P times a row of x, y and length, for the P points of PathAlignCritic.
+        cells: uint16: numbers of cells, or of entries of the table, for the samples at hand.
+        frame: Cost of a cell.
+        touched, costs, weights: G rows: costs under the track, costs in all, weights in the mean.
+        plan: n times x and y.
+        table_x, table_y: Points of the plan by the length along it.
+        sums: T times a row for v, one for ω.
+        headings: G times P times a row, of the marks where their headings count.
+        table_yaw: Headings of the table's points.
+        lateral_noise: Normal numbers for vy of an omni model, see `lateral_noise`.
+        lateral_center: T times vy of the sequence, and what 1 m/s costs by γ.
+        lateral_sums: T times a row for vy.
+    """
+
+    noise: Any
+    center: Any
+    turns: Any
+    track: Any
+    ends: Any
+    marks: Any
+    cells: Any
+    frame: Any
+    touched: Any
+    costs: Any
+    weights: Any
+    plan: Any
+    table_x: Any
+    table_y: Any
+    sums: Any
+    lateral_noise: Any
+    lateral_center: Any
+    lateral_sums: Any
+    headings: Any
+    table_yaw: Any
+
+
+class Draw(NamedTuple):
+    """How controls are drawn.
+
+    Attributes:
+        noise_at: Where this cycle's noise begins.
+        v_mps, w_radps: Measured speeds.
+        rise, fall, turn: How much a step may add to v, take from v, and change ω.
+        vy_mps, lateral_rise, lateral_fall: The same of the speed to an omni model's left.
+    """
+
+    noise_at: int
+    v_mps: float
+    w_radps: float
+    rise: float
+    fall: float
+    turn: float
+    vy_mps: float
+    lateral_rise: float
+    lateral_fall: float
+
+
+class Prices(NamedTuple):
+    """What speeds cost.
+
+    Attributes:
+        lowest, highest: Range of ConstraintCritic.
+        beyond: Price of 1 m/s outside that range, in a step.
+        backwards: Price of 1 m/s backwards.
+    """
+
+    lowest: float
+    highest: float
+    beyond: float
+    backwards: float
+
+
+@functools.lru_cache(maxsize=4)
+def noise(cycle: int, spread_v: float, spread_w: float) -> NDArray[np.uint32]:
+    """Read-only normal numbers for v and ω, two in a word, drawn once in a process and shared by all its runs.
+
+    A number has 16 bits: sign, exponent and seven bits behind the first of a float32 number, half of whose memory it takes. The
+    word is that for v, whose lower half is noise all the same, and ω's is its lower half.
+
+    Args:
+        cycle: How many words one control cycle uses.
+        spread_v, spread_w: Standard deviations.
+    """
+    length = 1 << math.ceil(math.log2(CYCLES_OF_NOISE * cycle))
+    drawn = np.random.default_rng(NOISE_SEED).standard_normal((2, length), dtype=np.float32)
+    drawn *= np.array([[spread_v], [spread_w]], dtype=np.float32)
+    words = aligned(length, np.uint32)
+    words[:] = words_of(*drawn)
+    words.flags.writeable = False
+    return words
+
+
+@functools.lru_cache(maxsize=4)
+def lateral_noise(cycle: int, spread: float) -> NDArray[np.float32]:
+    """Read-only normal numbers for vy, one for each word of `noise` and read in the same places."""
+    length = 1 << math.ceil(math.log2(CYCLES_OF_NOISE * cycle)) if cycle > 0 else 0
+    numbers = aligned(length, np.float32)
+    numbers[:] = np.random.default_rng([NOISE_SEED, 1]).standard_normal(length, dtype=np.float32) * np.float32(spread)
+    numbers.flags.writeable = False
+    return numbers
+
+
+def words_of(v: NDArray[np.float32], w: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """The words that hold noise for v and ω, as in `noise`."""
+    return np.asarray((v.view(np.uint32) & 0xFFFF_0000) | ((w.view(np.uint32) + 0x8000) >> 16))
+
+
+def aligned(length: int, kind: type[Any]) -> NDArray[Any]:
+    """Zeros (length,) that begin with a line of the cache: lanes that lie in two lines take twice as long to load."""
+    size = np.dtype(kind).itemsize
+    room = np.zeros(length * size + LINE_BYTES, dtype=np.uint8)
+    begin = -room.ctypes.data % LINE_BYTES
+    return room[begin : begin + length * size].view(kind)
+
+
+@inner
+def next_noise(stream: Any, at: Any, length: int, used: int) -> int:
+    """Where in `length` numbers the next cycle begins that uses `used` of them; `at` (1,) is where the last one ended.
+
+    Cycles follow each other through the noise with random gaps, so those that meet the same numbers again are at least
+    six cycles apart, and meet them in another place: at another time, for another sample.
+    """
+    start = at[0] + ROW * integer_below(stream, GAP_ROWS)
+    if start > length - used:
+        start -= length - used
+    at[0] = start + used
+    return int(start)
+
+
+@inner
+def rows_of(first: int, rows: int) -> int:
+    """Where a sample is in a group's first row, if each group has so many rows."""
+    return first // ROW * rows * ROW + first % ROW
+
+
+@inner
+def follow(
+    space: Space, first: int, steps: int, draw: Draw, start: Any, scale: float, dt_s: float, prices: Prices
+) -> None:
+    """Draw a group of samples and follow it, and begin its costs by what its speeds cost.
+
+    Controls are noise round the sequence, within reach of the speed before. The last one moves nothing any more and is not
+    limited, as in Nav2.
+
+    Args:
+        start: x, y and the heading's cosine and sine after the first step, which goes by the measured speeds.
+        scale: Cells that 1 m/s goes in a step.
+
+    A heading is a vector that is turned by δ = ω dt. 1 - δ²/2 stands for cos δ and δ - δ³/6 for sin δ: the vector shrinks
+    by δ⁴/24 a step, 2e-4 in all for a robot that turns at 1.9 rad/s all the time.
+    """
+    center, numbers, turns, track, ends = space.center, space.noise, space.turns, space.track, space.ends
+    middle, half = splat(0.5 * (prices.highest + prices.lowest)), splat(0.5 * (prices.highest - prices.lowest))
+    linear, cubic, squared = splat(dt_s), splat(dt_s * dt_s * dt_s / 6.0), splat(dt_s * dt_s / 2.0)
+    none, one = splat(0.0), splat(1.0)
+    v, w = splat(draw.v_mps), splat(draw.w_radps)
+    x, y = splat(start[0]), splat(start[1])
+    c, s = splat(scale * start[2]), splat(scale * start[3])
+    cost, reached, back = none, none, none
+    store(track, 0, x)
+    store(track, ROW, y)
+    at = draw.noise_at + first * steps
+    last = steps - 1
+    for t in range(last):
+        v, w = _drawn(space, at, splat(center[4 * t]), splat(center[4 * t + 1]), v, w, draw)
+        at += ROW
+        x, y = x + v * c, y + v * s
+        store(turns, t * ROW, w)
+        store(track, (t + 1) * STEP, x)
+        store(track, (t + 1) * STEP + ROW, y)
+        square = w * w
+        sine, cosine = w * (linear - square * cubic), one - square * squared
+        c, s = c * cosine - s * sine, s * cosine + c * sine
+        cost = cost + (v * splat(center[4 * t + 2]) + w * splat(center[4 * t + 3]))
+        reached = reached + higher(size(v - middle), half)
+        back = back + lower(v, none)
+    v = splat(center[4 * last]) + load_upper(numbers, at)
+    w = splat(center[4 * last + 1]) + load_lower(numbers, at)
+    cost = cost + (v * splat(center[4 * last + 2]) + w * splat(center[4 * last + 3]))
+    cost = cost + (reached - splat(float(last)) * half) * splat(prices.beyond)
+    store(space.costs, first, cost - back * splat(prices.backwards))
+    end = first * 4
+    store(ends, end, x)
+    store(ends, end + ROW, y)
+    store(ends, end + 2 * ROW, c)
+    store(ends, end + 3 * ROW, s)
+
+
+@inner
+def follow_omni(
+    space: Space, first: int, steps: int, draw: Draw, start: Any, scale: float, dt_s: float, prices: Prices
+) -> None:
+    """As `follow`, of a robot that moves to its left as well; ConstraintCritic judges its whole speed."""
+    center, lateral, turns, track, ends = space.center, space.lateral_center, space.turns, space.track, space.ends
+    middle, half = splat(0.5 * (prices.highest + prices.lowest)), splat(0.5 * (prices.highest - prices.lowest))
+    linear, cubic, squared = splat(dt_s), splat(dt_s * dt_s * dt_s / 6.0), splat(dt_s * dt_s / 2.0)
+    none, one = splat(0.0), splat(1.0)
+    v, w, u = splat(draw.v_mps), splat(draw.w_radps), splat(draw.vy_mps)
+    x, y = splat(start[0]), splat(start[1])
+    c, s = splat(scale * start[2]), splat(scale * start[3])
+    cost, reached, back = none, none, none
+    store(track, 0, x)
+    store(track, ROW, y)
+    at = draw.noise_at + first * steps
+    last = steps - 1
+    for t in range(last):
+        v, w = _drawn(space, at, splat(center[4 * t]), splat(center[4 * t + 1]), v, w, draw)
+        u = _drawn_lateral(space, at, splat(lateral[2 * t]), u, draw)
+        at += ROW
+        x, y = x + (v * c - u * s), y + (v * s + u * c)
+        store(turns, t * ROW, w)
+        store(track, (t + 1) * STEP, x)
+        store(track, (t + 1) * STEP + ROW, y)
+        square = w * w
+        sine, cosine = w * (linear - square * cubic), one - square * squared
+        c, s = c * cosine - s * sine, s * cosine + c * sine
+        cost = cost + (v * splat(center[4 * t + 2]) + w * splat(center[4 * t + 3]) + u * splat(lateral[2 * t + 1]))
+        speed = root(v * v + u * u)
+        reached = reached + higher(size(either(v, none, none - speed, speed) - middle), half)
+        back = back + lower(v, none)
+    v = splat(center[4 * last]) + load_upper(space.noise, at)
+    w = splat(center[4 * last + 1]) + load_lower(space.noise, at)
+    u = splat(lateral[2 * last]) + load(space.lateral_noise, at)
+    cost = cost + (v * splat(center[4 * last + 2]) + w * splat(center[4 * last + 3]) + u * splat(lateral[2 * last + 1]))
+    cost = cost + (reached - splat(float(last)) * half) * splat(prices.beyond)
+    store(space.costs, first, cost - back * splat(prices.backwards))
+    end = first * 4
+    store(ends, end, x)
+    store(ends, end + ROW, y)
+    store(ends, end + 2 * ROW, c)
+    store(ends, end + 3 * ROW, s)
+
+
+@inner
+def add_weighted_lateral(space: Space, first: int, weight: Any, steps: int, draw: Draw) -> None:
+    """Draw the vy of a group of samples again, and add it to its sums by the samples' weights."""
+    lateral, sums = space.lateral_center, space.lateral_sums
+    u = splat(draw.vy_mps)
+    at = draw.noise_at + first * steps
+    for t in range(steps - 1):
+        u = _drawn_lateral(space, at, splat(lateral[2 * t]), u, draw)
+        at += ROW
+        store(sums, t * ROW, load(sums, t * ROW) + weight * u)
+    last = steps - 1
+    u = splat(lateral[2 * last]) + load(space.lateral_noise, at)
+    store(sums, last * ROW, load(sums, last * ROW) + weight * u)
+
+
+@inner
+def missing_speed(space: Space, first: int, steps: int, draw: Draw, least: Any, is_omni: bool) -> Any:
+    """Draw a group of samples again, and sum up by how much they are slower than `least`: v, vy of an omni model, and ω.
+
+    The measured speeds count as those of the first step.
+    """
+    center, lateral, none = space.center, space.lateral_center, splat(0.0)
+    least_v, least_u, least_w = splat(abs(least[0])), splat(abs(least[1])), splat(abs(least[2]))
+    v, w, u = splat(draw.v_mps), splat(draw.w_radps), splat(draw.vy_mps)
+    missing = higher(least_v - size(v), none) + higher(least_w - size(w), none)
+    if is_omni:
+        missing = missing + higher(least_u - size(u), none)
+    at = draw.noise_at + first * steps
+    for t in range(steps - 1):
+        v, w = _drawn(space, at, splat(center[4 * t]), splat(center[4 * t + 1]), v, w, draw)
+        missing = missing + higher(least_v - size(v), none) + higher(least_w - size(w), none)
+        if is_omni:
+            u = _drawn_lateral(space, at, splat(lateral[2 * t]), u, draw)
+            missing = missing + higher(least_u - size(u), none)
+        at += ROW
+    return missing
+
+
+@inner
+def _drawn_lateral(space: Space, at: int, mean: Any, u: Any, draw: Draw) -> Any:
+    """The next vy: noise round its mean, within reach of the one before."""
+    rise, fall, none = splat(draw.lateral_rise), splat(draw.lateral_fall), splat(0.0)
+    wish = mean + load(space.lateral_noise, at)
+    return lower(higher(wish, u - either(none, u, fall, rise)), u + either(none, u, rise, fall))
+
+
+@inner
+def add_weighted(space: Space, first: int, weight: Any, second: int, other_weight: Any, steps: int, draw: Draw) -> None:
+    """Draw two groups of samples again, and add their controls to the sums by the samples' weights.
+
+    Each step waits for the one before: two groups take hardly longer than one.
+    """
+    center, sums = space.center, space.sums
+    v, w = splat(draw.v_mps), splat(draw.w_radps)
+    other_v, other_w = v, w
+    at, other_at = draw.noise_at + first * steps, draw.noise_at + second * steps
+    last = steps - 1
+    for t in range(last):
+        mean_v, mean_w = splat(center[4 * t]), splat(center[4 * t + 1])
+        v, w = _drawn(space, at, mean_v, mean_w, v, w, draw)
+        other_v, other_w = _drawn(space, other_at, mean_v, mean_w, other_v, other_w, draw)
+        at += ROW
+        other_at += ROW
+        store(sums, t * STEP, load(sums, t * STEP) + (weight * v + other_weight * other_v))
+        store(sums, t * STEP + ROW, load(sums, t * STEP + ROW) + (weight * w + other_weight * other_w))
+    numbers, mean_v, mean_w, k = space.noise, splat(center[4 * last]), splat(center[4 * last + 1]), last * STEP
+    v, w = mean_v + load_upper(numbers, at), mean_w + load_lower(numbers, at)
+    other_v, other_w = mean_v + load_upper(numbers, other_at), mean_w + load_lower(numbers, other_at)
+    store(sums, k, load(sums, k) + (weight * v + other_weight * other_v))
+    store(sums, k + ROW, load(sums, k + ROW) + (weight * w + other_weight * other_w))
+
+
+@inner
+def _drawn(space: Space, at: int, mean_v: Any, mean_w: Any, v: Any, w: Any, draw: Draw) -> Any:
+    """The next controls (v, w): noise round their mean, within reach of the ones before."""
+    wish_v, wish_w = mean_v + load_upper(space.noise, at), mean_w + load_lower(space.noise, at)
+    rise, fall, turn, none = splat(draw.rise), splat(draw.fall), splat(draw.turn), splat(0.0)
+    if draw.rise == draw.fall:
+        v = lower(higher(wish_v, v - rise), v + rise)
+    else:  # backwards, speeding up and slowing down change places
+        v = lower(higher(wish_v, v - either(none, v, fall, rise)), v + either(none, v, rise, fall))
+    return v, lower(higher(wish_w, w - turn), w + turn)

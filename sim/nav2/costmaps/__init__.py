@@ -1,0 +1,1 @@
+"""Costmaps: layers, filters, inflation, and the footprint on them."""

@@ -1,0 +1,60 @@
+"""The outline of the robot's padded footprint: the polygon it has, or the one Nav2 makes of `robot_radius`, and its radii."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.model.polygon import as_array, vertices_of
+from vastflow.sim.nav2.parameters.costmap import Costmap
+from vastflow.sim.nav2.parameters.stack import NavParameters
+
+VERTICES: Final = 16
+
+
+def outline_of(costmap: Costmap) -> NDArray[np.float64]:
+    """(V, 2) vertices of a costmap's padded footprint in the robot's frame (m): the polygon's, or 16 of the disc."""
+    if vertices := vertices_of(costmap.footprint):
+        return padded(as_array(vertices), costmap.footprint_padding)
+    return padded_outline(costmap.robot_radius, costmap.footprint_padding)
+
+
+def padded_outline(robot_radius_m: float, padding_m: float) -> NDArray[np.float64]:
+    """Vertices (16, 2) in the robot's frame, counter-clockwise from +x.
+
+    The result is not regular and its radii are neither `robot_radius` nor that plus the padding.
+    """
+    angles_rad = 2.0 * np.pi * np.arange(VERTICES) / VERTICES
+    # sin π is 1.2e-16 and not 0, so a vertex on an axis moves off it, in Nav2 as here.
+    return padded(robot_radius_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)]), padding_m)
+
+
+def padded(vertices: NDArray[np.float64], padding_m: float) -> NDArray[np.float64]:
+    """Vertices (N, 2), each moved away from both axes by the padding (nav2_costmap_2d, `padFootprint`)."""
+    return np.asarray(vertices + padding_m * np.sign(vertices))
+
+
+def inscribed_radius_m(outline: NDArray[np.float64]) -> float:
+    """Radius of the largest circle round the robot's center inside the outline (0.225498 m for 0.22 m and 0.01 m)."""
+    ends = np.roll(outline, -1, axis=0)
+    edges = ends - outline
+    areas = outline[:, 0] * ends[:, 1] - outline[:, 1] * ends[:, 0]
+    to_lines_m = np.abs(areas) / np.hypot(edges[:, 0], edges[:, 1])
+    # Of an edge that the perpendicular from the center misses, as a notch has them, an end is nearest.
+    shares = -np.sum(outline * edges, axis=1) / np.sum(edges * edges, axis=1)
+    to_vertices_m = np.hypot(outline[:, 0], outline[:, 1])
+    return float(min(to_vertices_m.min(), np.min(to_lines_m[(shares >= 0.0) & (shares <= 1.0)], initial=np.inf)))
+
+
+def circumscribed_radius_m(outline: NDArray[np.float64]) -> float:
+    """Radius of the smallest circle round the robot's center that holds the outline (0.234142 m for 0.22 m and 0.01 m)."""
+    return float(np.max(np.hypot(outline[:, 0], outline[:, 1])))
+
+
+def inscribed_radius_of(parameters: NavParameters) -> float:
+    """Radius (m) of the largest disc round the center in the body that `robot` gives, else in the local costmap's footprint."""
+    given, costmap = parameters.robot, parameters.local_costmap
+    if given.radius is not None:
+        return given.radius
+    vertices = vertices_of(given.polygon or costmap.footprint)
+    return inscribed_radius_m(as_array(vertices)) if vertices else costmap.robot_radius

@@ -1,0 +1,402 @@
+"""What the robot does next: mission, replanning, checkers and recoveries as a state machine in the tick.
+
+After Nav2's default trees: a plan each second, one contextual clearing for a planner or controller failure, then
+the round of clear, spin, wait and back up, six times a goal at the most.
+"""
+
+import math
+from typing import Any, Final
+
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.model.rates import TICK_S
+from vastflow.sim.nav2.controllers import rotation_shim
+from vastflow.sim.nav2.controllers.binding import Bound, compute_velocity, reset, set_plan
+from vastflow.sim.nav2.controllers.controller import ControllerInput
+from vastflow.sim.nav2.controllers.local_plan import local_plan, renew
+from vastflow.sim.nav2.costmaps.window import outline_hits
+from vastflow.sim.nav2.navigator.latency import cycle_begins, order, order_when_computed
+from vastflow.sim.nav2.navigator.planning import plan
+from vastflow.sim.nav2.navigator.profile import BEHAVIOR, CONTROLLER, PLANNER, lap
+from vastflow.sim.nav2.navigator.state import (
+    ABORTED,
+    BACK_UP,
+    BACKING_UP,
+    CLEAR_BOTH,
+    CLEAR_GLOBAL,
+    CLEAR_LOCAL,
+    ENDED,
+    EVENT_CONTROL_FAILED,
+    EVENT_GOAL_MISSED,
+    EVENT_GOAL_REACHED,
+    EVENT_PLAN_FAILED,
+    EVENT_RECOVERY,
+    FOLLOW_WAYPOINTS,
+    FOLLOWING,
+    MAX_EVENTS,
+    NAVIGATE_THROUGH_POSES,
+    PAUSING,
+    SPIN,
+    SPINNING,
+    STARTING,
+    SUCCEEDED,
+    WAIT,
+    WAITING,
+    Grids,
+    Local,
+    Route,
+)
+from vastflow.sim.world.motion import wrapped
+
+RETRIES: Final = 6
+REPLAN_TICKS: Final = round(1.0 / TICK_S)
+REPLAN_THROUGH_POSES_TICKS: Final = round(3.0 / TICK_S)
+WAIT_TICKS: Final = round(5.0 / TICK_S)
+ALLOWANCE_TICKS: Final = round(10.0 / TICK_S)
+BEHAVIOR_TICKS: Final = 2
+"""Spin and BackUp run at 10 Hz."""
+
+CYCLE_S: Final = BEHAVIOR_TICKS * TICK_S
+SPIN_RAD: Final = 1.57
+BACK_UP_M: Final = 0.30
+BACK_UP_MPS: Final = 0.15
+
+INVALID_PATH, PATIENCE_EXCEEDED, FAILED_TO_MAKE_PROGRESS = 103, 104, 105
+"""Nav2's error codes of FollowPath; 103 is not among those that a recovery is tried for."""
+
+THROUGH_POSES: Final = 100
+"""By this much ComputePathThroughPoses' codes are greater than ComputePathToPose's."""
+
+
+@inner
+def behave(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bound) -> None:
+    """Set the command of this tick; between the cycles of a slower behavior the last one stands."""
+    if m.state == STARTING and m.first_scan == 0:
+        _begin_goal(m)
+    if m.state == PAUSING and m.tick >= m.until:
+        _begin_goal(m)
+    if m.state == FOLLOWING:
+        _follow(p, m, g, local, route, controller)
+    elif m.state == SPINNING:
+        if m.tick % BEHAVIOR_TICKS == 0:
+            _spin(p, m, local, route.goals)
+    elif m.state == BACKING_UP:
+        if m.tick % BEHAVIOR_TICKS == 0:
+            _back_up(p, m, local, route.goals)
+    elif m.state == WAITING and m.tick >= m.until:
+        _resume(m)
+
+
+@inner
+def note(m: Any, kind: int, what: int, value: float) -> None:
+    """An event at the true pose; beyond the buffer's end they are dropped."""
+    if m.events < MAX_EVENTS:
+        event = m.event_rows[m.events]
+        event[0], event[1], event[2], event[3] = m.tick * TICK_S, kind, m.true_x, m.true_y
+        event[4], event[5] = what, value
+        m.events += 1
+
+
+@inner
+def _begin_goal(m: Any) -> None:
+    m.attempts, m.round_robin = 0, 0
+    m.planner_code, m.controller_code = 0, 0
+    _resume(m)
+
+
+@inner
+def _resume(m: Any) -> None:
+    """The pipeline from its beginning: plan at once, checkers and contextual retries afresh."""
+    m.state = FOLLOWING
+    m.replan_in = 0
+    m.path_n = 0
+    m.plan_retries = 0
+    m.follow_retries = 0
+    _reset_checkers(m)
+    order(m, 0.0, 0.0)
+
+
+@inner
+def _reset_checkers(m: Any) -> None:
+    _reset_progress(m)
+    m.valid_tick = m.tick
+    m.latched = 0
+
+
+@inner
+def _reset_progress(m: Any) -> None:
+    m.base_x, m.base_y, m.base_yaw, m.base_tick = m.odom_x, m.odom_y, m.odom_yaw, m.tick
+
+
+@inner
+def _progressed(p: Any, m: Any) -> bool:
+    """PoseProgressChecker: far enough from where there was progress last, or turned enough."""
+    q = p.progress_checker
+    if math.hypot(m.odom_x - m.base_x, m.odom_y - m.base_y) > q.required_movement_radius:
+        return True
+    return bool(abs(wrapped(m.odom_yaw - m.base_yaw)) > q.required_movement_angle)
+
+
+@inner
+def _follow(p: Any, m: Any, g: Grids, local: Local, route: Route, controller: Bound) -> None:
+    """One cycle of the pipeline: replan when it is time, then the controller server's loop."""
+    if m.replan_in > 0:
+        m.replan_in -= 1
+    elif m.global_current == 1 and not _replan(p, m, g, route, controller):
+        reset(controller)
+        _recover(p, m, route.goals)
+        return
+    # The controller server waits for a plan, and after a clearing for the local costmap's next update.
+    if m.path_n == 0 or m.local_current == 0:
+        m.base_tick, m.valid_tick = m.tick, m.tick
+        return
+    if not cycle_begins(p, m):
+        return
+    if _goal_reached(p, m):
+        reset(controller)
+        order(m, 0.0, 0.0)
+        m.controller_code = 0
+        _goal_done(p, m, route.goals)
+        return
+    if _progressed(p, m):
+        _reset_progress(m)
+    elif (m.tick - m.base_tick) * TICK_S > p.progress_checker.movement_time_allowance:
+        _control_failed(p, m, route.goals, controller, FAILED_TO_MAKE_PROGRESS)
+        return
+    n, end_yaw = local_plan(p, m, local.window, route.path, route.ahead)
+    if n == 0:
+        _control_failed(p, m, route.goals, controller, INVALID_PATH)
+        return
+    valid, v, w, vy = _controlled(p, m, local, route, n, end_yaw, controller)
+    if valid:
+        m.valid_tick = m.tick
+        order_when_computed(m, v, w, vy)
+    elif (m.tick - m.valid_tick) * TICK_S > p.controller_server.failure_tolerance:
+        _control_failed(p, m, route.goals, controller, PATIENCE_EXCEEDED)
+    else:
+        order(m, 0.0, 0.0)
+
+
+@inner
+def _replan(p: Any, m: Any, g: Grids, route: Route, controller: Bound) -> bool:
+    """ComputePath with its one contextual clearing; false when the pipeline has failed by it."""
+    through_poses = p.mission == NAVIGATE_THROUGH_POSES
+    lap(m, BEHAVIOR)
+    code = plan(p, m, g, route)
+    lap(m, PLANNER)
+    if code == 0:
+        set_plan(controller)
+        renew(p, m, route.path)
+        rotation_shim.renew(p, m)
+        m.planner_code, m.plan_retries = 0, 0
+        m.replan_in = (REPLAN_THROUGH_POSES_TICKS if through_poses else REPLAN_TICKS) - 1
+        return True
+    m.planner_code = code + THROUGH_POSES if through_poses else code
+    note(m, EVENT_PLAN_FAILED, m.planner_code, 0.0)
+    if m.plan_retries == 1 or not _recoverable(m.planner_code):
+        return False
+    # The robot follows the path it has until the cleared costmap is current again and the planner answers.
+    m.plan_retries = 1
+    _clear(m, CLEAR_GLOBAL)
+    return True
+
+
+@inner
+def _controlled(p: Any, m: Any, local: Local, route: Route, n: int, end_yaw: float, controller: Bound) -> Any:
+    """The controller's (valid, v, ω, vy) for the local plan."""
+    c, s = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
+    dx, dy = m.goal_x - m.map_odom_x, m.goal_y - m.map_odom_y
+    goal = (c * dx + s * dy, c * dy - s * dx, wrapped(m.goal_yaw - m.map_odom_yaw))
+    v, w, vy = _twist(p, m)
+    pose = (m.odom_x, m.odom_y, m.odom_yaw)
+    lap(m, BEHAVIOR)
+    outline, dt_s = m.outline[: m.vertices], p.control_ticks * TICK_S
+    if p.rotation_shim.enabled != 0:
+        turns, rate = rotation_shim.turn(p, m, local.window, route.path, w, dt_s)
+        if turns:
+            lap(m, CONTROLLER)
+            return True, 0.0, rate, 0.0
+    given = ControllerInput(
+        local.window, outline, p.inscribed_radius, pose, (v, w), route.ahead[:n], end_yaw, goal, dt_s, vy
+    )
+    ordered = compute_velocity(controller, given)
+    m.shim_w = ordered[2]
+    lap(m, CONTROLLER)
+    return ordered
+
+
+@inner
+def _twist(p: Any, m: Any) -> Any:
+    """(v, ω, vy) by odometry; what is below the controller server's thresholds is none."""
+    v = m.odom_v if abs(m.odom_v) > p.controller_server.min_x_velocity_threshold else 0.0
+    w = m.odom_w if abs(m.odom_w) > p.controller_server.min_theta_velocity_threshold else 0.0
+    vy = m.odom_vy if abs(m.odom_vy) > p.controller_server.min_y_velocity_threshold else 0.0
+    return v, w, vy
+
+
+@inner
+def _goal_reached(p: Any, m: Any) -> bool:
+    """StoppedGoalChecker: the position once, then the yaw, and the robot's rest; a new path takes the latch back."""
+    q = p.goal_checker
+    near = math.hypot(m.goal_x - m.x, m.goal_y - m.y) <= q.xy_goal_tolerance
+    if near and q.stateful:
+        m.latched = 1
+    if not (near or m.latched == 1) or abs(wrapped(m.goal_yaw - m.yaw)) > q.yaw_goal_tolerance:
+        return False
+    v, w, vy = _twist(p, m)
+    return bool(math.hypot(v, vy) <= q.trans_stopped_velocity and abs(w) <= q.rot_stopped_velocity)
+
+
+@inner
+def _goal_done(p: Any, m: Any, goals: Any) -> None:
+    note(m, EVENT_GOAL_REACHED, m.goal, 0.0)
+    if p.mission == FOLLOW_WAYPOINTS:
+        m.until = m.tick + round(p.waypoint_follower.waypoint_pause_duration * 1e-3 / TICK_S)
+        _next_waypoint(p, m, goals)
+    else:
+        m.state, m.status = ENDED, SUCCEEDED
+
+
+@inner
+def _next_waypoint(p: Any, m: Any, goals: Any) -> None:
+    m.goal += 1
+    if m.goal == goals.shape[0]:
+        m.goal = 0
+        m.loop += 1
+        if m.loop > p.loops:
+            m.goal = goals.shape[0] - 1
+            m.state, m.status = ENDED, SUCCEEDED
+            return
+    m.state = PAUSING
+
+
+@inner
+def _control_failed(p: Any, m: Any, goals: Any, controller: Bound, code: int) -> None:
+    """FollowPath has failed; once in a pipeline the local costmap is cleared for it, then it counts."""
+    reset(controller)
+    order(m, 0.0, 0.0)
+    m.controller_code = code
+    note(m, EVENT_CONTROL_FAILED, code, 0.0)
+    if m.follow_retries == 1 or not _recoverable(code):
+        _recover(p, m, goals)
+        return
+    m.follow_retries = 1
+    _clear(m, CLEAR_LOCAL)
+    _reset_checkers(m)
+
+
+@inner
+def _recoverable(code: int) -> bool:
+    """Whether the default trees try a recovery for an error: UNKNOWN, PATIENCE, PROGRESS, NO_VALID_CONTROL; no path, timeout."""
+    return code in (100, 104, 105, 106, 200, 207, 208, 300, 307, 308)
+
+
+@inner
+def _clear(m: Any, what: int) -> None:
+    m.recoveries += 2 if what == CLEAR_BOTH else 1
+    note(m, EVENT_RECOVERY, what, 0.0)
+    m.clear_local = int(what != CLEAR_GLOBAL)
+    m.clear_global = int(what != CLEAR_LOCAL)
+
+
+@inner
+def _recover(p: Any, m: Any, goals: Any) -> None:
+    """The next recovery of the round; the goal is given up when six have been used or none could help."""
+    order(m, 0.0, 0.0)
+    if m.attempts == RETRIES or not (_recoverable(m.controller_code) or _recoverable(m.planner_code)):
+        _give_up(p, m, goals)
+        return
+    m.attempts += 1
+    m.tried = 0
+    _next_recovery(p, m, goals)
+
+
+@inner
+def _next_recovery(p: Any, m: Any, goals: Any) -> None:
+    """The round goes on where it stopped; an action that fails passes the turn to the next."""
+    order(m, 0.0, 0.0)
+    if m.tried == 4:
+        _give_up(p, m, goals)
+        return
+    turn = m.round_robin
+    m.round_robin = (turn + 1) % 4
+    m.tried += 1
+    m.path_n = 0
+    m.done = 0.0
+    m.last_x, m.last_y, m.last_yaw = m.odom_x, m.odom_y, m.odom_yaw
+    if turn == 0:
+        _clear(m, CLEAR_BOTH)
+        _resume(m)
+        return
+    m.recoveries += 1
+    note(m, EVENT_RECOVERY, SPIN if turn == 1 else WAIT if turn == 2 else BACK_UP, 0.0)
+    m.state = SPINNING if turn == 1 else WAITING if turn == 2 else BACKING_UP
+    m.until = m.tick + (WAIT_TICKS if turn == 2 else ALLOWANCE_TICKS)
+
+
+@inner
+def _give_up(p: Any, m: Any, goals: Any) -> None:
+    if p.mission == FOLLOW_WAYPOINTS:
+        m.missed += 1
+        note(m, EVENT_GOAL_MISSED, m.goal, 0.0)
+        if p.waypoint_follower.stop_on_failure == 0:
+            m.until = m.tick
+            _next_waypoint(p, m, goals)
+            return
+    m.state, m.status = ENDED, ABORTED
+    # Nav2 reports the smallest code on the blackboard that is not 0; a code stays there until its action succeeds.
+    codes = m.planner_code, m.controller_code
+    m.error_code = max(codes) if min(codes) == 0 else min(codes)
+
+
+@inner
+def _spin(p: Any, m: Any, local: Local, goals: Any) -> None:
+    q = p.behavior_server
+    m.done += wrapped(m.odom_yaw - m.last_yaw)
+    m.last_yaw = m.odom_yaw
+    remaining = SPIN_RAD - abs(m.done)
+    if remaining < 1e-6:
+        _resume(m)
+        return
+    rate = math.sqrt(2.0 * q.rotational_acc_lim * remaining)
+    rate = min(max(rate, q.min_rotational_vel), q.max_rotational_vel)
+    if m.tick >= m.until or _spin_collides(m, local, rate, q.simulate_ahead_time):
+        _next_recovery(p, m, goals)
+        return
+    order(m, 0.0, rate)
+
+
+@inner
+def _spin_collides(m: Any, local: Local, rate: float, ahead_s: float) -> bool:
+    """Nav2 looks ahead no farther than the robot has turned already, so the first look sees nothing."""
+    for cycle in range(int(ahead_s / CYCLE_S)):
+        change = rate * cycle * CYCLE_S
+        if abs(m.done) - change <= 0.0:
+            return False
+        if outline_hits(local.published, m.outline[: m.vertices], m.odom_x, m.odom_y, m.odom_yaw + change):
+            return True
+    return False
+
+
+@inner
+def _back_up(p: Any, m: Any, local: Local, goals: Any) -> None:
+    m.done = math.hypot(m.odom_x - m.last_x, m.odom_y - m.last_y)
+    if m.done >= BACK_UP_M:
+        _resume(m)
+        return
+    if m.tick >= m.until or _back_up_collides(m, local, p.behavior_server.simulate_ahead_time):
+        _next_recovery(p, m, goals)
+        return
+    order(m, -BACK_UP_MPS, 0.0)
+
+
+@inner
+def _back_up_collides(m: Any, local: Local, ahead_s: float) -> bool:
+    c, s = math.cos(m.odom_yaw), math.sin(m.odom_yaw)
+    outline = m.outline[: m.vertices]
+    for cycle in range(int(ahead_s / CYCLE_S)):
+        change = BACK_UP_MPS * cycle * CYCLE_S
+        if BACK_UP_M - m.done - change <= 0.0:
+            return False
+        if outline_hits(local.published, outline, m.odom_x - change * c, m.odom_y - change * s, m.odom_yaw):
+            return True
+    return False

@@ -1,0 +1,162 @@
+"""Costmap updates: the rolling window in the odom frame, and the global map."""
+
+import math
+from typing import Any
+
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav2.costmaps.costmap import (
+    MARKED,
+    UNSEEN,
+    clear_polygon,
+    merge_window,
+    observe,
+    remove_small_groups,
+    remove_small_marks,
+    roll,
+)
+from vastflow.sim.nav2.costmaps.filters import keep_out, keep_out_of_window
+from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, stamp_lethal
+from vastflow.sim.nav2.navigator.state import Grids, Local
+from vastflow.sim.nav2.planners.navfn import fill_travel_costs
+
+
+@inner
+def update_local(p: Any, m: Any, g: Grids, local: Local) -> None:
+    """Roll the window to the robot, clear and mark by the newest scan from where it was taken, inflate."""
+    q = p.local_costmap
+    resolution = q.resolution
+    rows, columns = local.layer.shape
+    column = math.floor(m.odom_x / resolution) - columns // 2
+    row = math.floor(m.odom_y / resolution) - rows // 2
+    if m.has_local == 1 and (column != m.local_column or row != m.local_row):
+        roll(local.layer, local.scratch, column - m.local_column, row - m.local_row)
+    m.local_column, m.local_row, m.has_local, m.local_current = column, row, 1, 1
+    place = local.window.place
+    place[0], place[1] = column * resolution, row * resolution
+    if q.obstacle_layer.enabled:
+        x, y, yaw = m.scan_odom_x, m.scan_odom_y, m.scan_odom_yaw
+        c, sn = math.cos(yaw), math.sin(yaw)
+        sensor = x + c * p.mount_x - sn * p.mount_y, y + sn * p.mount_x + c * p.mount_y, yaw
+        observe(
+            q.obstacle_layer,
+            local.layer,
+            (place[0], place[1], resolution),
+            sensor,
+            m.directions[: m.beams],
+            m.ranges[: m.beams],
+            p.range_min,
+            p.range_max,
+        )
+        if q.obstacle_layer.footprint_clearing_enabled:
+            clear_polygon(local.layer, place, m.outline[: m.vertices], m.odom_x, m.odom_y, m.odom_yaw)
+    costs = local.window.costs
+    for r in range(rows):
+        for k in range(columns):
+            local.lethal[r, k] = local.layer[r, k] == MARKED
+            costs[r, k] = FREE
+    if q.static_layer.enabled:
+        _mark_static(p, m, g.static, local)
+    if q.denoise_layer.enabled:
+        remove_small_groups(q.denoise_layer, local.lethal, local.scratch)
+    stamp_lethal(local.lethal, local.stamp, costs)
+    if local.keepout.cells.shape[0] > 0:
+        keep_out_of_window(local.window, local.keepout, (m.map_odom_x, m.map_odom_y, m.map_odom_yaw))
+
+
+@inner
+def publish_local(local: Local) -> None:
+    """What behaviors see from now on."""
+    for r in range(local.window.costs.shape[0]):
+        for c in range(local.window.costs.shape[1]):
+            local.published.costs[r, c] = local.window.costs[r, c]
+    for k in range(3):
+        local.published.place[k] = local.window.place[k]
+
+
+@inner
+def _mark_static(p: Any, m: Any, static: Any, local: Local) -> None:
+    """The map's walls where localization takes them to be: its error makes phantom walls."""
+    place = local.window.place
+    c, sn = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
+    for r in range(local.layer.shape[0]):
+        for k in range(local.layer.shape[1]):
+            x, y = place[0] + (k + 0.5) * place[2], place[1] + (r + 0.5) * place[2]
+            column = math.floor((m.map_odom_x + c * x - sn * y - p.origin_x) / p.resolution)
+            row = math.floor((m.map_odom_y + sn * x + c * y - p.origin_y) / p.resolution)
+            if 0 <= row < static.shape[0] and 0 <= column < static.shape[1] and static[row, column] == LETHAL:
+                local.lethal[r, k] = 1
+
+
+@inner
+def update_global(p: Any, m: Any, g: Grids) -> None:
+    """Clear and mark by the newest scan from where it was taken by the estimate, then merge and inflate what it can have changed."""
+    q = p.global_costmap
+    m.global_current = 1
+    if q.obstacle_layer.enabled == 0:
+        return
+    column = math.floor((m.x - p.origin_x) / p.resolution)
+    row = math.floor((m.y - p.origin_y) / p.resolution)
+    c, sn = math.cos(m.map_odom_yaw), math.sin(m.map_odom_yaw)
+    x = m.map_odom_x + c * m.scan_odom_x - sn * m.scan_odom_y
+    y = m.map_odom_y + sn * m.scan_odom_x + c * m.scan_odom_y
+    yaw = m.map_odom_yaw + m.scan_odom_yaw
+    c, sn = math.cos(yaw), math.sin(yaw)
+    place = (p.origin_x, p.origin_y, p.resolution)
+    observe(
+        q.obstacle_layer,
+        g.layer,
+        place,
+        (x + c * p.mount_x - sn * p.mount_y, y + sn * p.mount_x + c * p.mount_y, yaw),
+        m.directions[: m.beams],
+        m.ranges[: m.beams],
+        p.range_min,
+        p.range_max,
+    )
+    if q.obstacle_layer.footprint_clearing_enabled:
+        clear_polygon(g.layer, place, m.outline[: m.vertices], m.x, m.y, m.yaw)
+    reach_m = max(q.obstacle_layer.raytrace_max_range, q.obstacle_layer.obstacle_max_range) + 0.1
+    _merge(p, g, column, row, math.ceil(reach_m / p.resolution) + g.stamp.shape[0] // 2)
+
+
+@inner
+def clear_local(m: Any, local: Local) -> None:
+    """The clear-entirely service of the local costmap; it is not current until its next update."""
+    m.clear_local, m.local_current = 0, 0
+    for r in range(local.layer.shape[0]):
+        for c in range(local.layer.shape[1]):
+            local.layer[r, c] = UNSEEN
+            local.window.costs[r, c] = FREE
+
+
+@inner
+def clear_global(p: Any, m: Any, g: Grids) -> None:
+    """The clear-entirely service of the global costmap: the static layer alone is left; not current until its next update."""
+    m.clear_global, m.global_current = 0, 0
+    for r in range(g.layer.shape[0]):
+        for c in range(g.layer.shape[1]):
+            g.layer[r, c] = UNSEEN
+    _merge(p, g, g.layer.shape[1] // 2, g.layer.shape[0] // 2, max(g.layer.shape[0], g.layer.shape[1]))
+
+
+@inner
+def _quiet(p: Any, g: Grids, column: int, row: int, reach: int) -> Any:
+    """The obstacle layer as the Denoise layer leaves it, brought up to date in a window."""
+    rows, columns = g.layer.shape
+    row0, row1 = max(0, row - reach), max(min(rows, row + reach + 1), 0)
+    col0, col1 = max(0, column - reach), max(min(columns, column + reach + 1), 0)
+    q = p.global_costmap.denoise_layer
+    remove_small_marks(q, g.static, g.layer, g.lethal, row0, row1, col0, col1, g.quiet)
+    return g.quiet
+
+
+@inner
+def _merge(p: Any, g: Grids, column: int, row: int, reach: int) -> None:
+    layer = g.layer
+    if p.global_costmap.denoise_layer.enabled:
+        layer = _quiet(p, g, column, row, reach)
+    row0, row1, col0, col1 = merge_window(g.static, g.static_costs, layer, g.stamp, column, row, reach, g.costs)
+    if g.keepout.shape[0] > 0:
+        keep_out(g.costs, g.keepout, row0, row1, col0, col1)
+    rows, columns = g.travel.shape
+    row0, row1, col0, col1 = max(row0, 1), min(row1, rows - 1), max(col0, 1), min(col1, columns - 1)
+    fill_travel_costs(g.costs, p.planner.allow_unknown != 0, row0, row1, col0, col1, g.travel)

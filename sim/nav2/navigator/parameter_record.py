@@ -1,0 +1,118 @@
+"""What kernels read of the parameters: one record a run."""
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.record import record_dtype, record_row
+from vastflow.sim.model.polygon import MOST_VERTICES
+from vastflow.sim.model.rates import ticks_of
+from vastflow.sim.nav2.controllers.controller import PlanCut
+from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
+from vastflow.sim.nav2.navigator.collision_monitor import ZONE, zone_rows, zones_reach_m
+from vastflow.sim.nav2.navigator.prepared import PreparedMap
+from vastflow.sim.nav2.parameters.robot import IDEAL
+from vastflow.sim.nav2.parameters.servers import MOST_ZONES, NavFn
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.world.robot_model import Lidar, Robot
+
+_EXTRA: Final = (
+    *(
+        "resolution",
+        "world_resolution",
+        "origin_x",
+        "origin_y",
+        "grid_yaw",
+        "grid_cos",
+        "grid_sin",
+        "scan_ticks",
+        "control_ticks",
+        "local_ticks",
+        "publish_ticks",
+        "global_ticks",
+    ),
+    *("inscribed_radius", "circumscribed_radius"),
+    *("range_min", "range_max", "mount_x", "mount_y", "angle_increment", "sweeps", "late"),
+    *(
+        "max_speed",
+        "max_acceleration",
+        "max_yaw_rate",
+        "max_yaw_acceleration",
+        "min_turning_radius",
+        "is_omni",
+        "mission",
+        "loops",
+        "zone_count",
+        "zones_reach",
+    ),
+)
+
+
+def parameter_record(
+    parameters: NavParameters, lidar: Lidar, robot: Robot, prepared: PreparedMap, plan_cut: PlanCut
+) -> NDArray[np.void]:
+    """The groups of the parameters and `plan_cut` in the controller's place, what `_EXTRA` names, `initial_covariance`, and zones."""
+    groups = {name: group for name, group in parameters if name not in ("controller", "robot")} | {"plan_cut": plan_cut}
+    if not isinstance(parameters.planner, NavFn):
+        groups["planner"] = NavFn(allow_unknown=parameters.planner.allow_unknown)
+    outline = outline_of(parameters.local_costmap)
+    frame = prepared.occupancy.frame
+    zones, smoother = parameters.collision_monitor.zones, parameters.velocity_smoother
+    fastest_mps = math.hypot(*(max(smoother.max_velocity[axis], -smoother.min_velocity[axis]) for axis in (0, 1)))
+    extra: dict[str, float] = {
+        "inscribed_radius": inscribed_radius_m(outline),
+        "circumscribed_radius": circumscribed_radius_m(outline),
+        "resolution": prepared.occupancy.resolution_m,
+        "world_resolution": prepared.world.resolution_m,
+        "origin_x": prepared.occupancy.origin_xy_m[0],
+        "origin_y": prepared.occupancy.origin_xy_m[1],
+        "grid_yaw": frame.yaw_rad,
+        "grid_cos": frame.turn.cos,
+        "grid_sin": frame.turn.sin,
+        "scan_ticks": ticks_of(lidar.rate_hz),
+        "control_ticks": ticks_of(parameters.controller_server.controller_frequency),
+        "local_ticks": ticks_of(parameters.local_costmap.update_frequency),
+        "publish_ticks": ticks_of(parameters.local_costmap.publish_frequency),
+        "global_ticks": ticks_of(parameters.global_costmap.update_frequency),
+        "range_min": lidar.range_min_m,
+        "range_max": lidar.range_max_m,
+        "mount_x": lidar.mount_xyt[0],
+        "mount_y": lidar.mount_xyt[1],
+        "angle_increment": lidar.angle_increment_rad,
+        "sweeps": lidar.sweeps,
+        "late": lidar.sweeps or parameters.latency != IDEAL,
+        "max_speed": robot.max_speed_mps,
+        "max_acceleration": robot.max_acceleration_mps2,
+        "max_yaw_rate": robot.max_yaw_rate_radps,
+        "max_yaw_acceleration": robot.max_yaw_acceleration_radps2,
+        "min_turning_radius": robot.min_turning_radius_m,
+        "is_omni": float(robot.drive == "omni"),
+        "mission": 0,
+        "loops": 0,
+        "zone_count": len(zones),
+        "zones_reach": zones_reach_m(zones, fastest_mps, 1.0 / lidar.rate_hz),
+    }
+    perturbation = parameters.perturbation
+    covariance = (
+        *frame.covariance_to_grid(perturbation.initial_pose_covariance_xx, perturbation.initial_pose_covariance_yy),
+        perturbation.initial_pose_covariance_yaw,
+    )
+    dtype = np.dtype(
+        [
+            *((name, record_dtype(value)) for name, value in groups.items()),
+            *((name, np.float64) for name in _EXTRA),
+            ("initial_covariance", np.float64, (4,)),
+            ("zones", np.float64, (MOST_ZONES, len(ZONE))),
+            ("zone_points", np.float64, (MOST_ZONES, MOST_VERTICES, 2)),
+        ],
+        align=True,
+    )
+    row = (
+        *(record_row(value) for value in groups.values()),
+        *(float(extra[name]) for name in _EXTRA),
+        covariance,
+        *zone_rows(zones),
+    )
+    return np.array([row], dtype=dtype)

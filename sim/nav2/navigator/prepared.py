@@ -1,0 +1,170 @@
+"""What is computed once per map and robot, and shared by all runs on it.
+
+Three parts are kept for the maps used last, each by what it depends on: a campaign that varies the robot's radius shares
+walls and likelihood field, one that varies AMCL's parameters the costs.
+"""
+
+import functools
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.nav2.amcl.sensor import likelihood_cubed, usable_range_m
+from vastflow.sim.nav2.costmaps.costmap import denoised
+from vastflow.sim.nav2.costmaps.filters import Mask, keepout_mask, kept_out, on_map
+from vastflow.sim.nav2.costmaps.inflation import FREE, LETHAL, UNKNOWN, cost_stamp, inflation_of, with_unknown
+from vastflow.sim.nav2.costmaps.outline import inscribed_radius_m, outline_of
+from vastflow.sim.nav2.parameters.costmap import Costmap
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.planners.navfn import travel_costs
+from vastflow.sim.world.difference import WorldDifference, world_of
+from vastflow.sim.world.occupancy import OccupancyMap
+from vastflow.sim.world.robot_model import Lidar
+from vastflow.sim.world.skip_table import SkipTable, skip_table_of
+from vastflow.sim.world.walls import WallIndex
+
+KEPT_MAPS: Final = 6
+"""About 45 bytes a cell: 130 MB for a building of 85 m × 85 m."""
+KEPT_WORLDS: Final = 2
+"""Of those that differ from their map. They have up to four times its cells, of 10 bytes each here, and each is one configuration's."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMap:
+    """Read-only tables of one map; a run copies what it writes to.
+
+    Attributes:
+        world: The map as the world has it, with its walls.
+        skips: What the lidar casts against: the world's walls.
+        cubed: AMCL's likelihood field.
+        static: (H, W) uint8 of 0, 254, 255: the static layer.
+        static_costs: (H, W) uint8 inflation of its lethal cells; `costs` is that with its unknown cells.
+        stamp, local_stamp: Inflation round one cell of the global and of the local costmap.
+        travel: (H, W) uint8: NavFn's costs of `costs`; `least` those with unknown cells taken for free.
+        keepout: (H, W) uint8, the keepout mask on the global costmap, which is in `costs`; (0, 0) without that filter.
+        local_keepout: The keepout mask for the local costmap.
+        speed_mask: That of the speed filter.
+    """
+
+    occupancy: OccupancyMap
+    world: OccupancyMap
+    walls: WallIndex
+    skips: SkipTable
+    cubed: NDArray[np.float32]
+    static: NDArray[np.uint8]
+    static_costs: NDArray[np.uint8]
+    stamp: NDArray[np.uint8]
+    costs: NDArray[np.uint8]
+    travel: NDArray[np.uint8]
+    least: NDArray[np.uint8]
+    keepout: NDArray[np.uint8]
+    local_stamp: NDArray[np.uint8]
+    local_keepout: Mask
+    speed_mask: OccupancyMap | None
+
+
+def prepare(
+    occupancy: OccupancyMap,
+    lidar: Lidar,
+    parameters: NavParameters,
+    difference: WorldDifference | None = None,
+    keepout: OccupancyMap | None = None,
+    speed: OccupancyMap | None = None,
+) -> PreparedMap:
+    """Tables of a map for a robot with these parameters; the same map, by identity, is not computed twice.
+
+    Args:
+        difference: How the world differs from the map.
+        keepout, speed: The masks of the costmaps' filters.
+    """
+    q = parameters.amcl
+    world, walls, skips = _geometry(occupancy) if difference is None else _other_geometry(occupancy, difference)
+    cubed = _likelihood(
+        occupancy,
+        usable_range_m(q, lidar.range_min_m, lidar.range_max_m)[1],
+        q.z_hit,
+        q.z_rand,
+        q.sigma_hit,
+        q.laser_likelihood_max_dist,
+    )
+    local, everywhere = parameters.local_costmap, parameters.global_costmap
+    costs = _costs(
+        occupancy,
+        everywhere,
+        parameters.planner.allow_unknown,
+        keepout if everywhere.keepout_filter.enabled else None,
+    )
+    local_keepout = keepout_mask(keepout if local.keepout_filter.enabled else None, occupancy)
+    return PreparedMap(
+        *(occupancy, world, walls, skips, cubed), *costs, _stamp(local, local.resolution), local_keepout, speed
+    )
+
+
+@functools.lru_cache(maxsize=KEPT_MAPS)
+def _geometry(world: OccupancyMap) -> tuple[OccupancyMap, WallIndex, SkipTable]:
+    return world, WallIndex(world), skip_table_of(world.occupied)
+
+
+@functools.lru_cache(maxsize=KEPT_WORLDS)
+def _other_geometry(occupancy: OccupancyMap, difference: WorldDifference) -> tuple[OccupancyMap, WallIndex, SkipTable]:
+    world = world_of(occupancy, difference)
+    return world, WallIndex(world), skip_table_of(world.occupied)
+
+
+@functools.lru_cache(maxsize=KEPT_MAPS)
+def _likelihood(
+    occupancy: OccupancyMap, range_max_m: float, z_hit: float, z_rand: float, sigma_hit_m: float, max_dist_m: float
+) -> NDArray[np.float32]:
+    return likelihood_cubed(
+        occupancy.occupied,
+        occupancy.resolution_m,
+        range_max_m=range_max_m,
+        z_hit=z_hit,
+        z_rand=z_rand,
+        sigma_hit_m=sigma_hit_m,
+        likelihood_max_dist_m=max_dist_m,
+    )
+
+
+class _Costs(NamedTuple):
+    static: NDArray[np.uint8]
+    static_costs: NDArray[np.uint8]
+    stamp: NDArray[np.uint8]
+    costs: NDArray[np.uint8]
+    travel: NDArray[np.uint8]
+    least: NDArray[np.uint8]
+    keepout: NDArray[np.uint8]
+
+
+@functools.lru_cache(maxsize=KEPT_MAPS)
+def _costs(occupancy: OccupancyMap, costmap: Costmap, allow_unknown: bool, mask: OccupancyMap | None) -> _Costs:
+    static = _static_layer(occupancy, costmap)
+    if costmap.denoise_layer.enabled:
+        static = denoised(static, costmap.denoise_layer)
+    stamp = _stamp(costmap, occupancy.resolution_m)
+    static_costs = inflation_of(static, stamp)
+    keepout = on_map(keepout_mask(mask, occupancy), occupancy)
+    costs = kept_out(with_unknown(static, static_costs), keepout)
+    travel = travel_costs(costs, allow_unknown)
+    free = np.minimum(kept_out(static_costs, keepout), costs)
+    least = travel_costs(free) if (static == UNKNOWN).any() else travel
+    return _Costs(static, static_costs, stamp, costs, travel, least, keepout)
+
+
+def _static_layer(occupancy: OccupancyMap, costmap: Costmap) -> NDArray[np.uint8]:
+    """The trinary static layer: what is neither occupied nor unknown is free."""
+    if not costmap.static_layer.enabled:
+        return np.full(occupancy.shape, FREE, dtype=np.uint8)
+    unknown = UNKNOWN if costmap.track_unknown_space else FREE
+    return np.where(occupancy.occupied, LETHAL, np.where(occupancy.cells < 0, unknown, FREE)).astype(np.uint8)
+
+
+def _stamp(costmap: Costmap, resolution_m: float) -> NDArray[np.uint8]:
+    layer = costmap.inflation_layer
+    if not layer.enabled:
+        return np.array([[LETHAL]], dtype=np.uint8)
+    return cost_stamp(
+        resolution_m, inscribed_radius_m(outline_of(costmap)), layer.inflation_radius, layer.cost_scaling_factor
+    )

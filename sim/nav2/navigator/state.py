@@ -1,0 +1,397 @@
+"""The navigation stack's whole state: preallocated arrays and two records, owned by one run."""
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.streams import CONTROLLER, SUBSYSTEMS
+from vastflow.sim.model.polygon import MOST_VERTICES
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.rates import TICK_S, ticks_of
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.amcl.particles import Cloud, new_cloud
+from vastflow.sim.nav2.controllers.binding import RunningController, running
+from vastflow.sim.nav2.controllers.controller import Controller, Setting
+from vastflow.sim.nav2.controllers.dwb import Dwb
+from vastflow.sim.nav2.controllers.mppi import Mppi
+from vastflow.sim.nav2.controllers.rpp import Rpp
+from vastflow.sim.nav2.controllers.speed_zones import SpeedZones, speed_zones
+from vastflow.sim.nav2.costmaps.filters import Mask
+from vastflow.sim.nav2.costmaps.inflation import cost_at_distance
+from vastflow.sim.nav2.costmaps.outline import circumscribed_radius_m, inscribed_radius_m, outline_of
+from vastflow.sim.nav2.costmaps.window import Window
+from vastflow.sim.nav2.navigator.parameter_record import parameter_record
+from vastflow.sim.nav2.navigator.prepared import PreparedMap
+from vastflow.sim.nav2.navigator.profile import STAGES
+from vastflow.sim.nav2.parameters.costmap import Costmap, SpeedFilter
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup
+from vastflow.sim.nav2.parameters.stack import NavParameters
+from vastflow.sim.nav2.planners.lower_bound import Bounds, new_bounds
+from vastflow.sim.nav2.planners.navfn import new_potential, new_scratch
+from vastflow.sim.nav2.planners.planner import Planner, planner_of
+from vastflow.sim.world.robot_model import MOST_BEAMS, Lidar, Robot
+
+SUBSTEPS: Final = 5
+"""Physics and actuator steps a tick: 100 Hz."""
+
+ROW_TICKS: Final = 2
+"""A recording has a row every second tick: 10 Hz."""
+
+SEARCHED_LENGTHS: Final = 32
+"""Points of a searched leg, in longer edges of the map: a way through a maze is many times as long as the map."""
+
+MAX_EVENTS: Final = 4096
+LATE_SCANS: Final = 16
+"""Scans on their way to the stack: the oldest by `OLDEST_S` at 20 Hz, waiting for its odometry, and one that is being taken."""
+
+ODOMETRY_STEPS: Final = 80
+"""Physics steps of odometry that are kept: the oldest sample at 5 Hz on its way, and its twist."""
+
+MOST_TWISTS: Final = 101
+"""Ticks of odometry that a velocity smoother with feedback can look back."""
+AHEAD_POINTS: Final = 1024
+
+NAVIGATE_TO_POSE, NAVIGATE_THROUGH_POSES, FOLLOW_WAYPOINTS = 0, 1, 2
+MISSION_KINDS: Final = {
+    "navigate_to_pose": NAVIGATE_TO_POSE,
+    "navigate_through_poses": NAVIGATE_THROUGH_POSES,
+    "follow_waypoints": FOLLOW_WAYPOINTS,
+}
+
+STARTING, FOLLOWING, SPINNING, WAITING, BACKING_UP, PAUSING, ENDED = 0, 1, 2, 3, 4, 5, 6
+RUNNING, SUCCEEDED, ABORTED, RESTING = 0, 1, 2, 3
+"""What became of the mission; RESTING where none was given, or where it was cancelled."""
+
+EVENT_KINDS: Final = ("recovery", "goal_reached", "goal_missed", "plan_failed", "control_failed", "stopped_by_monitor")
+EVENT_RECOVERY, EVENT_GOAL_REACHED, EVENT_GOAL_MISSED, EVENT_PLAN_FAILED, EVENT_CONTROL_FAILED, EVENT_STOPPED = range(6)
+
+CLEAR_LOCAL, CLEAR_GLOBAL, CLEAR_BOTH, SPIN, WAIT, BACK_UP = range(6)
+RECOVERIES: Final = ("clear local costmap", "clear global costmap", "clear both costmaps", "spin", "wait", "back up")
+
+COLUMNS: Final = (
+    *("t_ms", "x_mm", "y_mm", "yaw_mrad"),
+    *("estimated_x_mm", "estimated_y_mm", "estimated_yaw_mrad"),
+    *("speed_mmps", "yaw_rate_mradps"),
+    *("command_speed_mmps", "command_yaw_rate_mradps", "sent_speed_mmps", "sent_yaw_rate_mradps"),
+    *("localized", "covariance_xx_mm2", "covariance_xy_mm2", "covariance_yy_mm2", "covariance_yaw_mrad2"),
+)
+
+OMNI_COLUMNS: Final = ("lateral_speed_mmps", "command_lateral_speed_mmps", "sent_lateral_speed_mmps")
+"""What an omni robot's recording has besides: its speeds to the left."""
+
+_REAL: Final = (
+    # True pose, true motion of the last tick, true path driven.
+    *("true_x", "true_y", "true_yaw", "true_v", "true_w", "true_vy", "distance"),
+    # Odometry: pose in the odom frame and twist as the stack has them, limited wheel command of the last step.
+    *("odom_x", "odom_y", "odom_yaw", "odom_v", "odom_w", "odom_vy", "wheel_v", "wheel_w", "wheel_vy"),
+    # Odometry as the wheels count it, and when within its period it is sampled (steps).
+    *("counted_x", "counted_y", "counted_yaw", "odometry_phase"),
+    # Command that the controller computes; when the newest scan arrives; pose to which the scanner has swept.
+    *("pending_v", "pending_w", "pending_vy", "scan_arrives", "swept_x", "swept_y", "swept_yaw"),
+    # Odometry at the last scan and at the last filter update; transform map -> odom; estimate in the map.
+    *("scan_odom_x", "scan_odom_y", "scan_odom_yaw", "filter_odom_x", "filter_odom_y", "filter_odom_yaw"),
+    *("map_odom_x", "map_odom_y", "map_odom_yaw", "x", "y", "yaw"),
+    # Covariance that AMCL published last.
+    *("pose_xx", "pose_xy", "pose_yy", "pose_aa"),
+    # Commands: of controller or behavior, after the smoother, after the collision monitor.
+    *("command_v", "command_w", "command_vy", "smooth_v", "smooth_w", "smooth_vy", "sent_v", "sent_w", "sent_vy"),
+    # End of the leg just planned, goal of the path, progress baseline (odom frame), what a behavior has done so far.
+    *(
+        "end_x",
+        "end_y",
+        "goal_x",
+        "goal_y",
+        "goal_yaw",
+        "base_x",
+        "base_y",
+        "base_yaw",
+        "done",
+        "last_yaw",
+        "last_x",
+        "last_y",
+    ),
+    # Yaw rate that the Rotation Shim or the controller in it ordered last; end of the path that the shim had last.
+    *("shim_w", "shim_end_x", "shim_end_y", "shim_end_yaw"),
+    # When the last lap of a profile ended.
+    "lapped",
+)
+_WHOLE: Final = (
+    *("tick", "status", "events", "rows", "vertices", "beams"),
+    *("initialized", "localized", "first_scan", "particles", "bins", "filter_updates"),
+    *("phase_local", "phase_publish", "phase_global", "local_column", "local_row", "has_local"),
+    *("odometry_step", "scans_taken", "scans_used", "swept", "smoother_step", "pending_step", "busy_step", "cycle_due"),
+    *("clear_local", "clear_global", "local_current", "global_current", "near", "stopped"),
+    *("path_n", "path_i", "path_end", "floods"),
+    *("state", "until", "goal", "loop", "replan_in", "latched", "base_tick", "valid_tick", "command_tick"),
+    *("heading_due", "shim_turns", "shim_at_goal", "shim_planned"),
+    *("attempts", "round_robin", "tried", "follow_retries", "plan_retries"),
+    *("planner_code", "controller_code", "error_code", "recoveries", "missed", "profiling"),
+)
+MEMORY: Final = np.dtype(
+    [(name, np.float64) for name in _REAL]
+    + [(name, np.int64) for name in _WHOLE]
+    + [
+        ("streams", np.uint64, (SUBSYSTEMS, 1)),
+        ("velocities", np.float64, (SUBSTEPS, 3)),
+        ("twists", np.float64, (MOST_TWISTS, 3)),
+        ("odometry", np.float64, (ODOMETRY_STEPS, 6)),
+        ("late_scans", np.float64, (LATE_SCANS, 5)),
+        ("late_ranges", np.float64, (LATE_SCANS, MOST_BEAMS)),
+        ("ranges", np.float64, (MOST_BEAMS,)),
+        ("order", np.int64, (MOST_BEAMS,)),
+        ("directions", np.float64, (MOST_BEAMS, 2)),
+        ("near_points", np.float64, (2, MOST_BEAMS)),
+        ("outline", np.float64, (MOST_VERTICES, 2)),
+        ("event_rows", np.float64, (MAX_EVENTS, 6)),
+        ("laps", np.float64, (len(STAGES), 2)),
+    ],
+    align=True,
+)
+"""What a run remembers, in one record: kernels get it as one pointer, which keeps them small and quick to compile.
+
+`velocities` (speed, yaw rate, speed to the left) is the tick's result for physics, `twists` what odometry reported in the last ticks, in a
+ring; an event row is t, kind, x, y, what, value; rows of `odometry`, in a ring of physics steps, are x, y, yaw, v, ω and vy as the wheels count;
+rows of `late_scans` are when a scan arrives (s), the step of its stamp, and odometry's x, y and yaw there; of `outline` the first `vertices` count, of `ranges` and `directions` the first `beams`.
+"""
+
+
+class Grids(NamedTuple):
+    """The map and what the stack makes of it, all (H, W) but the stamp and the scratch.
+
+    Attributes:
+        static, static_costs: Static layer, and the inflation of its lethal cells.
+        quiet, lethal: The global obstacle layer after the Denoise layer, and its scratch; (1, 1) without one.
+        layer: Global obstacle layer; `costs` the master costmap, `travel` NavFn's costs of it, `potential` what the last
+            flood gave.
+        keepout: The mask of the keepout filter; (0, 0) without one.
+        zones: Of the speed filter.
+    """
+
+    skips: Any
+    cubed: Any
+    static: Any
+    static_costs: Any
+    stamp: Any
+    layer: Any
+    quiet: Any
+    lethal: Any
+    costs: Any
+    travel: Any
+    potential: Any
+    scratch: Any
+    keepout: Any
+    zones: SpeedZones
+
+
+class Local(NamedTuple):
+    """The local costmap, all (R, C) uint8: its obstacle layer, inflation round one cell, scratch, and what comes out.
+
+    Attributes:
+        window: The master costmap, which the controller reads.
+        published: As it was published last, which behaviors read.
+        keepout: The mask of its keepout filter.
+    """
+
+    layer: Any
+    stamp: Any
+    scratch: Any
+    lethal: Any
+    window: Window
+    published: Window
+    keepout: Mask
+
+
+class Route(NamedTuple):
+    """Poses x, y, yaw: goals (G, 3), the path and the one being planned (M, 3); points (M, 2) of a leg of it in cells.
+
+    Attributes:
+        bounds: Of NavFn's legs of a path.
+        ahead: (A, 3) the part of the path that the controller follows: poses in the odom frame.
+    """
+
+    goals: Any
+    path: Any
+    leg: Any
+    draft: Any
+    ahead: Any
+    bounds: Bounds
+    planner: Planner
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Everything a run's ticks read and write. Poses and positions are in the frame of the map's grid; rows are in the map's.
+
+    Attributes:
+        p, m: (1,) records of parameters and `MEMORY`.
+        controller: The controller in use.
+        robot: The body and actuators that it drives.
+        obstacles: (K, 6) as in `vastflow.sim.world.lidar.scan`.
+        rows: (R, C) int32 of `columns_of` the robot.
+    """
+
+    p: NDArray[np.void]
+    m: NDArray[np.void]
+    grids: Grids
+    local: Local
+    cloud: Cloud
+    route: Route
+    controller: RunningController
+    robot: Robot
+    obstacles: NDArray[np.float64]
+    rows: NDArray[np.int32]
+
+
+def new_stack(
+    prepared: PreparedMap,
+    parameters: NavParameters,
+    lidar: Lidar,
+    robot: Robot,
+    start: Pose,
+    obstacles: NDArray[np.float64],
+    streams: NDArray[np.uint64],
+    timeout_s: float,
+) -> Stack:
+    """A stack of a robot at rest, with no idea of where it is and no mission: see `set_pose` and `give`."""
+    shape = prepared.static.shape
+    denoised_shape = shape if parameters.global_costmap.denoise_layer.enabled else (1, 1)
+    memory = np.zeros(1, dtype=MEMORY)
+    m = memory[0]
+    m["true_x"], m["true_y"], m["true_yaw"] = start.x_m, start.y_m, start.yaw_rad
+    m["x"], m["y"], m["yaw"] = start.x_m, start.y_m, start.yaw_rad
+    m["first_scan"], m["local_current"], m["global_current"] = 1, 1, 1
+    m["state"], m["status"], m["pending_step"] = ENDED, RESTING, -1
+    m["streams"], m["ranges"], m["beams"] = streams, np.inf, lidar.beams
+    m["directions"][: lidar.beams] = lidar.directions()
+    outline = outline_of(parameters.local_costmap)
+    m["vertices"] = len(outline)
+    m["outline"][: len(outline)] = outline
+    local = _local(parameters, prepared.local_stamp, prepared.local_keepout)
+    setting = _setting(parameters, local.window, streams[CONTROLLER].copy())
+    controller = controller_of(parameters.controller)
+    in_use = running(controller, setting)
+    costmaps = parameters.global_costmap, parameters.local_costmap
+    speed_filter = next((each.speed_filter for each in costmaps if each.speed_filter.enabled), SpeedFilter())
+    return Stack(
+        p=parameter_record(parameters, lidar, robot, prepared, controller.plan_cut(setting)),
+        m=memory,
+        grids=Grids(
+            skips=prepared.skips,
+            cubed=prepared.cubed,
+            static=prepared.static,
+            static_costs=prepared.static_costs,
+            stamp=prepared.stamp,
+            layer=np.zeros(shape, dtype=np.uint8),
+            quiet=np.zeros(denoised_shape, dtype=np.uint8),
+            lethal=np.zeros(denoised_shape, dtype=np.uint8),
+            costs=prepared.costs.copy(),
+            travel=prepared.travel.copy(),
+            potential=new_potential(shape),
+            scratch=new_scratch(shape),
+            keepout=prepared.keepout,
+            zones=speed_zones(prepared.speed_mask, prepared.occupancy, speed_filter, in_use),
+        ),
+        local=local,
+        cloud=new_cloud(parameters.amcl.max_particles, lidar.beams),
+        route=_route(prepared.least, (), 0, _planner(parameters, prepared)),
+        controller=in_use,
+        robot=robot,
+        obstacles=obstacles,
+        rows=np.zeros((int(timeout_s / (TICK_S * ROW_TICKS)) + 8, len(columns_of(robot))), dtype=np.int32),
+    )
+
+
+def columns_of(robot: Robot) -> tuple[str, ...]:
+    """The columns of a recording of a robot."""
+    return (*COLUMNS, *OMNI_COLUMNS) if robot.drive == "omni" else COLUMNS
+
+
+def set_pose(stack: Stack, pose: Pose) -> None:
+    """Tell the stack where the robot is: at the next scan AMCL begins there, and the rest of the stack with it."""
+    m = stack.m[0]
+    m["x"], m["y"], m["yaw"] = pose.x_m, pose.y_m, pose.yaw_rad
+    m["map_odom_yaw"] = pose.yaw_rad - m["odom_yaw"]
+    c, s = math.cos(m["map_odom_yaw"]), math.sin(m["map_odom_yaw"])
+    m["map_odom_x"] = pose.x_m - (c * m["odom_x"] - s * m["odom_y"])
+    m["map_odom_y"] = pose.y_m - (s * m["odom_x"] + c * m["odom_y"])
+    m["initialized"], m["first_scan"] = 1, 1
+
+
+def give(stack: Stack, mission: Mission) -> Stack:
+    """The stack with a mission in place of the one it had; it begins as soon as AMCL has given a first pose."""
+    p, m = stack.p[0], stack.m[0]
+    p["mission"], p["loops"] = MISSION_KINDS[mission.kind], mission.loops
+    m["state"], m["status"], m["error_code"] = STARTING, RUNNING, 0
+    m["goal"], m["loop"], m["path_n"] = 0, 0, 0
+    legs = len(mission.goals) if mission.kind == "navigate_through_poses" else 1
+    return replace(stack, route=_route(stack.route.bounds.least, mission.goals, legs, stack.route.planner))
+
+
+def _planner(parameters: NavParameters, prepared: PreparedMap) -> Planner:
+    occupancy = prepared.occupancy
+    return planner_of(parameters.planner, parameters.global_costmap, occupancy.resolution_m, occupancy.origin_xy_m)
+
+
+def _route(least: NDArray[np.uint8], goals: Sequence[Pose], legs: int, planner: Planner) -> Route:
+    """Room for the goals and for a path of so many legs.
+
+    Args:
+        least: See `vastflow.sim.nav2.navigator.prepared.PreparedMap`.
+    """
+    leg_points = (4 if planner.kernel[0] == 0 else SEARCHED_LENGTHS) * max(least.shape)
+    path_points = (leg_points + 1) * legs
+    return Route(
+        goals=np.array([[goal.x_m, goal.y_m, goal.yaw_rad] for goal in goals]).reshape(-1, 3),
+        path=np.zeros((path_points, 3)),
+        leg=np.zeros((leg_points, 2)),
+        draft=np.zeros((path_points, 3)),
+        ahead=np.zeros((AHEAD_POINTS, 3)),
+        bounds=new_bounds(legs, least),
+        planner=planner,
+    )
+
+
+def _local(parameters: NavParameters, stamp: NDArray[np.uint8], keepout: Mask) -> Local:
+    q = parameters.local_costmap
+    shape = round(q.height / q.resolution), round(q.width / q.resolution)
+    layer, scratch, lethal, costs, published = (np.zeros(shape, dtype=np.uint8) for _ in range(5))
+    place = np.array([0.0, 0.0, q.resolution])
+    return Local(layer, stamp, scratch, lethal, Window(costs, place), Window(published, place.copy()), keepout)
+
+
+def _setting(parameters: NavParameters, window: Window, stream: NDArray[np.uint64]) -> Setting:
+    goal = parameters.goal_checker
+    rows, columns = window.costs.shape
+    resolution_m = parameters.local_costmap.resolution
+    tolerances = goal.xy_goal_tolerance, goal.yaw_goal_tolerance
+    period_s = ticks_of(parameters.controller_server.controller_frequency) * TICK_S
+    return Setting(
+        rows, columns, resolution_m, *tolerances, stream, period_s, _circumscribed_cost(parameters.local_costmap)
+    )
+
+
+def _circumscribed_cost(costmap: Costmap) -> float:
+    """0 without an inflation layer."""
+    layer, outline = costmap.inflation_layer, outline_of(costmap)
+    if not layer.enabled:
+        return 0.0
+    return cost_at_distance(circumscribed_radius_m(outline), inscribed_radius_m(outline), layer.cost_scaling_factor)
+
+
+_CONTROLLERS: Final[Mapping[type[ParameterGroup], Any]] = {kind.__bases__[0]: kind for kind in (Dwb, Mppi, Rpp)}
+
+
+def controller_of(parameters: ParameterGroup) -> Controller:
+    """The controller with these parameters; a plug-in is both."""
+    return parameters if isinstance(parameters, Controller) else _controller_of(parameters)
+
+
+@functools.lru_cache(maxsize=64)
+def _controller_of(parameters: ParameterGroup) -> Controller:
+    found: Controller = _CONTROLLERS[type(parameters)](**dict(parameters))
+    return found

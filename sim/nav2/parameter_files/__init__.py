@@ -1,0 +1,1 @@
+"""Nav2 parameter files: read, interpreted, rewritten, and written."""

@@ -1,0 +1,377 @@
+"""The stack's parameters as a scenario chooses them: a document, rewritten by the keys of the system dimension."""
+
+import functools
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from vastflow.sim.model.digest import FileContent, Value, canonical
+from vastflow.sim.model.names import SLIP, nearest
+from vastflow.sim.model.polygon import as_array, vertices_of
+from vastflow.sim.nav2.controllers.registry import FILE, find_parameters, known_controllers, short_names
+from vastflow.sim.nav2.costmaps.outline import outline_of, padded_outline
+from vastflow.sim.nav2.parameter_files.built_in import nav2_names
+from vastflow.sim.nav2.parameter_files.controller_server import primary_controller
+from vastflow.sim.nav2.parameter_files.costmaps import MASK_KEYS, filtered_by
+from vastflow.sim.nav2.parameter_files.document import (
+    EXPONENT,
+    PARAMETERS,
+    DocumentError,
+    ParameterDocument,
+    ParameterFault,
+    dotted,
+)
+from vastflow.sim.nav2.parameter_files.interpretation import Interpretation, interpretation
+from vastflow.sim.nav2.parameter_files.parameter_file import FILE_KEY, loaded
+from vastflow.sim.nav2.parameter_files.plugins import CONTROLLERS, ROTATION_SHIM, class_name
+from vastflow.sim.nav2.parameter_files.reader import shown
+from vastflow.sim.nav2.parameter_files.written import controller_block, document_of
+from vastflow.sim.nav2.parameters.parameter import ParameterLocation, complaint
+from vastflow.sim.nav2.parameters.robot import robot_keys
+from vastflow.sim.nav2.parameters.stack import NavParameters
+
+WHOLE: Final = re.compile(r"[-+]?\d+")
+POINTED: Final = re.compile(r"[-+]?(\d+\.\d*|\.\d+)")
+
+
+@dataclass(frozen=True)
+class Rewritten:
+    """A document after rewrites.
+
+    Attributes:
+        touched: Key to the paths it stands for.
+    """
+
+    document: ParameterDocument
+    touched: Mapping[str, tuple[ParameterLocation, ...]]
+
+
+def rewritten(document: ParameterDocument, rewrites: Mapping[str, Value]) -> Rewritten:
+    """Replace parameters of a document, or add them: each key at its `targets`.
+
+    Of two keys for one path the longer one counts, in whatever order they come. Text that is a number or a flag is
+    that.
+    """
+    values = dict(document.values)
+    touched: dict[str, tuple[ParameterLocation, ...]] = {}
+    for key in sorted(rewrites, key=lambda key: (key.count("."), key)):
+        touched[key] = targets(values, key)
+        for path in touched[key]:
+            items = _items(values.get(path[:-1]))
+            if path not in values and items and path[-1].isdecimal():
+                k = int(path[-1])
+                values[path[:-1]] = [*items[:k], converted(rewrites[key]), *items[k + 1 :]]
+            else:
+                values[path] = converted(rewrites[key])
+    return Rewritten(replace(document, values=values), touched)
+
+
+def targets(values: Mapping[ParameterLocation, Value], key: str) -> tuple[ParameterLocation, ...]:
+    """The paths that a key stands for.
+
+    A key is the name of a parameter and stands for every occurrence of it, or a whole path with its nodes and
+    `ros__parameters`, dotted, which stands for this one, present or not; a number at the end is an item of a list. Besides
+    these, RewrittenYaml's own, the last names of a path stand for every path that ends with them
+    (`FollowPath.vx_max`, `global_costmap.robot_radius`).
+    """
+    names = tuple(key.split("."))
+    if found := _occurrences(values, names):
+        return found
+    if names[-1].isdecimal() and (lists := _occurrences(values, names[:-1])):
+        k = int(names[-1])
+        return tuple((*path, str(k)) for path in lists if k < len(_items(values[path])))
+    return (names,) if PARAMETERS in names[:-1] else ()
+
+
+def _occurrences(values: Mapping[ParameterLocation, Value], names: ParameterLocation) -> tuple[ParameterLocation, ...]:
+    if names in values:
+        return (names,)
+    return tuple(path for path in values if path[-1:] == names[-1:] and _without_marker(path)[-len(names) :] == names)
+
+
+def _without_marker(path: ParameterLocation) -> ParameterLocation:
+    return tuple(name for name in path if name != PARAMETERS)
+
+
+def _items(value: Value) -> Sequence[Value]:
+    return value if isinstance(value, Sequence) and not isinstance(value, str) else ()
+
+
+def converted(value: Value) -> Value:
+    """Text that is a number or a flag, as that; the files of launch arguments have nothing but text."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [converted(item) for item in value]
+    if not isinstance(value, str):
+        return value
+    text = value.strip()
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    if WHOLE.fullmatch(text):
+        return int(text)
+    return float(text) if POINTED.fullmatch(text) or EXPONENT.fullmatch(text) else value
+
+
+CONTROLLER_KEY: Final = "controller"
+COVARIANCE_KEY: Final = "initial_pose_covariance"
+OWN_KEYS: Final[Mapping[str, tuple[ParameterLocation, ...]]] = {
+    "laserscan_gaussian_noise_std_deviation": (("laserscan_gaussian_noise_std_deviation",),),
+    "laserscan_random_drop_percentage": (("laserscan_random_drop_percentage",),),
+    "gaussian_noise_std_deviation": (("laserscan_gaussian_noise_std_deviation",),),
+    "random_drop_percentage": (("laserscan_random_drop_percentage",),),
+    "odometry_noise_std_deviation": (("odometry_noise_std_deviation",),),
+    COVARIANCE_KEY: tuple((f"{COVARIANCE_KEY}_{axis}",) for axis in ("xx", "yy", "yaw")),
+    **{key: (path,) for key, path in robot_keys().items()},
+}
+"""Keys that stand in no Nav2 file, and where `Perturbation` and `RobotParameters` are read. The two of the paper's study go by the
+names of its launch arguments, or by those of its relay node."""
+
+_NOT_IN_THE_FILE: Final = frozenset({FILE_KEY, CONTROLLER_KEY, *MASK_KEYS})
+"""Keys that rewrite no parameter."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A system's document with all rewrites done.
+
+    Attributes:
+        touched: Key of the system to the paths it stands for.
+    """
+
+    interpretation: Interpretation
+    touched: Mapping[str, tuple[ParameterLocation, ...]]
+
+
+def parameters_of(system: Mapping[str, Value]) -> NavParameters:
+    """The stack's parameters of a system dimension; keys that it does not model are left to `unread`.
+
+    The document is that of `nav2_params`, else Nav2 Jazzy's default; `controller` puts another controller in it; every
+    other key rewrites parameters of it (see `rewriting.targets`). Numbers and flags may be written as text.
+
+    Raises:
+        DocumentError: a value of the wrong type or out of range, an unknown plug-in, a file that has changed. The faults
+            of what the system rewrites name its keys. It is a `ParameterError`.
+    """
+    return _chosen(_System(canonical(dict(system)), system)).interpretation.parameters
+
+
+def unread(system: Mapping[str, Value], undecided: Iterable[str] = ()) -> tuple[str, ...]:
+    """Keys of the system dimension that nothing in the simulator reads, sorted.
+
+    Args:
+        undecided: More keys, whose values are not known yet.
+
+    Raises:
+        DocumentError: as of `parameters_of`.
+    """
+    chosen = _chosen(_System(canonical(dict(system)), system))
+    document, asked, undecided = chosen.interpretation.document, chosen.interpretation.reader.asked, tuple(undecided)
+    touched = {key: _targets(document, key) for key in undecided} | {**chosen.touched}
+
+    def is_read(path: ParameterLocation) -> bool:
+        return path in asked or (path[-1].isdecimal() and path[:-1] in asked)
+
+    unread_keys = {key for key, paths in touched.items() if not any(map(is_read, paths))} - _NOT_IN_THE_FILE
+    masks = {key for key in MASK_KEYS if key in (*system, *undecided)}
+    parameters = chosen.interpretation.parameters
+    return tuple(sorted(unread_keys | {key for key in masks if not filtered_by(key, parameters)}))
+
+
+def intended_key(system: Mapping[str, Value], key: str, others: Iterable[str] = ()) -> str | None:
+    """The key that one which nothing reads was meant to be: a known one with a prefix, or spelled alike.
+
+    A parameter that Nav2 has, and this system doesn't, is no slip.
+
+    Args:
+        others: Known keys that are not the system's.
+
+    Raises:
+        DocumentError: as of `parameters_of`.
+    """
+    names, own = tuple(key.split(".")), sorted({*OWN_KEYS, *_NOT_IN_THE_FILE, *others})
+    if prefixed := next((each for mark in "._" for each in own if each.endswith(f"{mark}{key}")), None):
+        return prefixed
+    asked = _chosen(_System(canonical(dict(system)), system)).interpretation.reader.asked
+    paths = (tuple(name for name in path if name != PARAMETERS) for path in asked)
+    known = {*(tuple(each.split(".")) for each in own), *(path[-len(names) :] for path in paths)}
+    for k, name in enumerate(names[:-1] if names[-1] in nav2_names() else names):
+        beside = {
+            path[k]
+            for path in known
+            if len(path) == len(names) and path[:k] + path[k + 1 :] == names[:k] + names[k + 1 :]
+        }
+        if near := nearest(name, beside, SLIP):
+            return ".".join((*names[:k], near, *names[k + 1 :]))
+    return None
+
+
+def unused_because(system: Mapping[str, Value], key: str) -> str:
+    """Why a parameter makes no difference beside others; empty for any other key.
+
+    Raises:
+        DocumentError: as of `parameters_of`.
+    """
+    unused = _chosen(_System(canonical(dict(system)), system)).interpretation.reader.unused
+    return next((why for path, why in unused.items() if targets({path: None}, key) == (path,)), "")
+
+
+def check_key(system: Mapping[str, Value], key: str, value: Value) -> bool:
+    """Check one more key of a system and say whether it stands for anything there.
+
+    For a parameter's value in a system that is right this is some thirty times as fast as `parameters_of`; bounds on several
+    parameters together are not checked then.
+
+    Raises:
+        DocumentError: as of `parameters_of`.
+    """
+    try:
+        fields = _fields(_System(canonical(dict(system)), system), key)
+    except DocumentError:
+        fields = None
+    if fields is None:
+        parameters_of({**system, key: value})
+        return True
+    for model, name in fields:
+        if right := complaint(model, name, converted(value)):
+            raise DocumentError([ParameterFault(key, f"found {shown(value)}", right)])
+    return bool(fields)
+
+
+@functools.cache
+def default_document() -> ParameterDocument:
+    """Nav2 Jazzy's default file, as far as it is modeled."""
+    return document_of(NavParameters())
+
+
+def with_controller(document: ParameterDocument, name: Value) -> ParameterDocument:
+    """The document with one controller: its own of that kind if it has one, else one with the default parameters.
+
+    Args:
+        name: `mppi`, the name of an installed controller, or `file.py:Class` of one that the document lists.
+
+    Raises:
+        DocumentError: no such controller.
+    """
+    values = dict(document.values)
+    node = document.node("controller_server")
+    if node is None:
+        node = ("controller_server", PARAMETERS)
+        values |= {path: default_document().values[path] for path in default_document().below(node)}
+    listed = (*node, CONTROLLERS.lists[0])
+    names = values.get(listed)
+    listed_names = names if isinstance(names, Sequence) and not isinstance(names, str) else ()
+    own = {_plug_in(values, (*node, str(each))): each for each in reversed(listed_names)}
+    meant = short_names().get(name, name) if isinstance(name, str) else ""
+    if meant in own:
+        return replace(document, values={**values, listed: [own[meant]]})
+    if meant not in known_controllers():
+        known = [*short_names(), *sorted(each for each in own if FILE in each)]
+        near = nearest(str(name), known)
+        right = f"{f'did you mean {near!r}? ' if near else ''}one of {', '.join(known)}"
+        raise DocumentError([ParameterFault(CONTROLLER_KEY, f"found {shown(name)}", right)])
+    block = controller_block(node, find_parameters(meant)())
+    kept = {path: value for path, value in values.items() if path[: len(node) + 1] != (*node, CONTROLLERS.used)}
+    return replace(document, values={**kept, **block})
+
+
+def _plug_in(values: Mapping[ParameterLocation, Value], place: ParameterLocation) -> str:
+    """The class of a controller, or of the one in a Rotation Shim, as the group has it; a file and class as they are written."""
+    text = str(values.get((*place, "plugin")))
+    if class_name(text) == ROTATION_SHIM:
+        text = str(values.get(primary_controller(values, place)))
+    return text if FILE in text else class_name(text)
+
+
+@dataclass(frozen=True, slots=True)
+class _System:
+    """A system dimension that is equal to another of the same content."""
+
+    content: str
+    values: Mapping[str, Value] = field(compare=False)
+
+
+@functools.lru_cache(maxsize=64)
+def _chosen(system: _System) -> Chosen:
+    keys = {key: value for key, value in system.values.items() if key not in _NOT_IN_THE_FILE}
+    document = _document(system.values)
+    if CONTROLLER_KEY in system.values:
+        document = with_controller(document, system.values[CONTROLLER_KEY])
+    own = {key: value for key, value in keys.items() if key in OWN_KEYS}
+    changed = rewritten(document, {key: value for key, value in keys.items() if key not in own})
+    values = {**changed.document.values, **_own_values(own)}
+    touched = {**changed.touched, **{key: _targets(document, key) for key in own}}
+    try:
+        return Chosen(interpretation(replace(changed.document, values=values)), touched)
+    except DocumentError as error:
+        raise DocumentError(dict.fromkeys(_named(fault, touched) for fault in error.faults), error.file) from None
+
+
+@functools.lru_cache(maxsize=256)
+def _fields(system: _System, key: str) -> tuple[tuple[type[BaseModel], str], ...] | None:
+    """The parameters that a key would rewrite; None where it stands for more than values of parameters."""
+    chosen = _chosen(system).interpretation
+    paths = _targets(chosen.document, key)
+    fields = tuple(chosen.reader.fields[path] for path in paths if path in chosen.reader.fields)
+    return fields if len(fields) == len(paths) and key not in (CONTROLLER_KEY, COVARIANCE_KEY) else None
+
+
+def _targets(document: ParameterDocument, key: str) -> tuple[ParameterLocation, ...]:
+    return OWN_KEYS[key] if key in OWN_KEYS else targets(document.values, key)
+
+
+def _own_values(own: Mapping[str, Value]) -> Mapping[ParameterLocation, Value]:
+    values: dict[ParameterLocation, Value] = {}
+    for key in sorted(own):
+        paths, items = OWN_KEYS[key], converted(own[key])
+        if len(paths) == 1:
+            items = [items]
+        elif not isinstance(items, Sequence) or isinstance(items, str) or len(items) != len(paths):
+            right = "a list of three variances, of x and y (m²) and of the yaw (rad²)"
+            raise DocumentError([ParameterFault(key, f"found {shown(own[key])}", right)])
+        values |= dict(zip(paths, items, strict=True))
+    return values
+
+
+def _named(fault: ParameterFault, touched: Mapping[str, tuple[ParameterLocation, ...]]) -> ParameterFault:
+    """A fault of what a key of the system wrote, as one of the key; the file is not to blame for it."""
+    by = [key for key, paths in touched.items() if any(_within(fault.where, dotted(path)) for path in paths)]
+    if not by or fault.together:
+        return fault
+    return replace(fault, where=max(by, key=lambda key: key.count(".")), place=(0, 0))
+
+
+def _within(where: str, path: str) -> bool:
+    """Whether one is the other or an item of it."""
+    return where == path or where.startswith(f"{path}.") or path.startswith(f"{where}.")
+
+
+def _document(system: Mapping[str, Value]) -> ParameterDocument:
+    if FILE_KEY not in system:
+        return default_document()
+    content = system[FILE_KEY]
+    if not isinstance(content, FileContent):
+        fault = ParameterFault(FILE_KEY, f"found {shown(content)}", f"a file, which execution.{FILE_KEY} names")
+        raise DocumentError([fault])
+    return loaded(content)
+
+
+FOOTPRINT_NAMES: Final = frozenset({"footprint", "robot_radius", "footprint_padding", "radius", "polygon"})
+"""Last names of the keys that it can follow from."""
+
+
+def local_outline(system: Mapping[str, Value]) -> NDArray[np.float64]:
+    """Vertices (V, 2) in the robot's frame of the area that must be free of obstacles where the robot begins: the padded
+    footprint's, and those of a body that the section `robot` gives.
+
+    Raises:
+        DocumentError: as of `vastflow.sim.nav2.parameter_files.chosen.parameters_of`.
+    """
+    parameters = parameters_of(system)
+    outline, given = outline_of(parameters.local_costmap), parameters.robot
+    if given.radius is not None:
+        return np.vstack([outline, padded_outline(given.radius, 0.0)])
+    return np.vstack([outline, as_array(vertices_of(given.polygon))]) if given.polygon else outline

@@ -1,0 +1,294 @@
+"""Reading the node of a costmap: its layers in the order of the file, its filters and their masks, and the laser scan."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from vastflow.sim.model.digest import FileContent, Value
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.polygon import vertices_of
+from vastflow.sim.nav2.controllers.controller import Controller
+from vastflow.sim.nav2.parameter_files.document import ParameterDocument
+from vastflow.sim.nav2.parameter_files.plugins import FILTERS, LAYERS
+from vastflow.sim.nav2.parameter_files.reader import Instance, Parts, Reader
+from vastflow.sim.nav2.parameters.costmap import (
+    Costmap,
+    DenoiseLayer,
+    InflationLayer,
+    KeepoutFilter,
+    ObstacleLayer,
+    SpeedFilter,
+    StaticLayer,
+    global_costmap,
+)
+from vastflow.sim.nav2.parameters.parameter import ParameterLocation
+from vastflow.sim.nav2.parameters.stack import NavParameters
+
+KEEPOUT_KEY: Final = "keepout_mask"
+SPEED_KEY: Final = "speed_mask"
+MASK_KEYS: Final = (KEEPOUT_KEY, SPEED_KEY)
+"""Keys of the system dimension that name masks, as Nav2's launch files do. A mask is told to the stack, and is nowhere in the world."""
+
+TOPIC: Final = "filter_info_topic"
+INFO_SERVER: Final = "costmap_filter_info_server"
+_INFO: Final = ("type", "base", "multiplier")
+_NOT_MODELED: Final = ("override_lethal_cost", "enable_path_lookahead")
+"""Flags of the two filters in releases after Jazzy."""
+_DEFAULT_TOPIC: Final = "costmap_filter_info"
+
+
+def filtered_by(key: str, parameters: NavParameters) -> Sequence[str]:
+    """The costmaps with a filter that needs the mask of a key."""
+    costmaps = {"global_costmap": parameters.global_costmap, "local_costmap": parameters.local_costmap}
+    field = "keepout_filter" if key == KEEPOUT_KEY else "speed_filter"
+    return [name for name, costmap in costmaps.items() if getattr(costmap, field).enabled]
+
+
+def missing_mask(key: str, costmaps: Sequence[str]) -> tuple[str, str]:
+    """What is wrong where nothing gives a key that filters need, and what would be right."""
+    kind = key.removesuffix("_mask")
+    return f"the {kind} filter of the {costmaps[0]} has no mask", f"'{key}: {kind}.yaml', a map_server YAML file"
+
+
+def is_info_server(document: ParameterDocument, node: ParameterLocation) -> bool:
+    """Whether a node is one that says what filters do: several of them have any names."""
+    return node[-2:-1] == (INFO_SERVER,) or (*node, TOPIC) in document.values
+
+
+def filters_of(reader: Reader, node: ParameterLocation) -> dict[str, Any]:
+    """The filters of a costmap, as fields of `Costmap`; those that its list `filters` lacks are not enabled."""
+    found: dict[str, Any] = {
+        "keepout_filter": KeepoutFilter(enabled=False),
+        "speed_filter": SpeedFilter(enabled=False),
+    }
+    places: dict[str, ParameterLocation] = {}
+    for each in reader.plugins(node, FILTERS):
+        field = "keepout_filter" if each.kind == "KeepoutFilter" else "speed_filter"
+        place = (*node, each.name)
+        if field in places:
+            reader.fault(place, f"a second {each.kind} beside {places[field][-1]}", "one in a costmap")
+            continue
+        places[field] = place
+        if not reader.flag((*place, "enabled"), True):
+            continue
+        for flag in _NOT_MODELED:
+            if (*place, flag) in reader.document.values:
+                reader.only((*place, flag), False)
+        info = _info(reader, place)
+        if field == "keepout_filter":  # takes the mask's values as they are, whatever is said of them
+            found[field] = KeepoutFilter()
+        elif info is None:
+            _lacks_info(reader, place)
+        else:
+            elsewhere = {name: (*info, name) for name in _INFO}
+            found[field] = reader.group(SpeedFilter, place, elsewhere, {"enabled": True})
+    return found
+
+
+def check_speed_filter(reader: Reader, parts: Parts) -> None:
+    """A speed limit needs a controller that can be limited, and one costmap to come from."""
+    costmaps = ("global_costmap", "local_costmap")
+    filtered = [name for name in costmaps if name in parts and parts[name].speed_filter.enabled]
+    places = [(*(reader.document.node(name, name) or ()), FILTERS.lists[0]) for name in filtered]
+    if len(places) > 1:
+        what = "found a speed filter in both costmaps"
+        reader.fault(places[1], what, "one of them, for each would undo the other's limit")
+    controller = parts.get("controller")
+    unlimited = isinstance(controller, Controller) and type(controller).speed_limits is Controller.speed_limits
+    if places and unlimited:
+        what = f"found a speed filter beside the controller {type(controller).__name__}, whose speed nothing limits"
+        reader.fault(places[0], what, "a controller with speed_limits(), or no speed filter")
+
+
+def _info(reader: Reader, place: ParameterLocation) -> ParameterLocation | None:
+    """The node that says what the filter at `place` does."""
+    topic, document = _topic(reader, place), reader.document
+    for node in document.nodes:
+        own = str(document.values.get((*node, TOPIC), _DEFAULT_TOPIC)).lstrip("/")
+        if is_info_server(document, node) and own == topic:
+            reader.kinds[node] = "filter info"
+            return node
+    return None
+
+
+def _lacks_info(reader: Reader, place: ParameterLocation) -> None:
+    topic = _topic(reader, place)
+    if not topic:
+        reader.fault(place, f"no {TOPIC!r}", f"{TOPIC}: {_DEFAULT_TOPIC}, and a node {INFO_SERVER} with the same")
+        return
+    right = f"{INFO_SERVER}: {{ros__parameters: {{{TOPIC}: {topic}, type: 1, base: 100.0, multiplier: -1.0}}}}"
+    reader.fault((*place, TOPIC), f"no node publishes on {topic!r}", f"a node that does, {right}")
+
+
+def _topic(reader: Reader, place: ParameterLocation) -> str:
+    return reader.text((*place, TOPIC), "").lstrip("/")
+
+
+OF_THE_MAP: Final = ("publish_frequency", "width", "height", "resolution")
+"""Parameters of the global costmap that have no effect: it is as large and as fine as the map."""
+
+OF_THE_SCAN: Final = ("marking", "clearing", "obstacle_max_range", "obstacle_min_range", "raytrace_max_range")
+"""Parameters of an obstacle layer that its source has."""
+
+_FIELDS: Final = {"StaticLayer": "static_layer", "DenoiseLayer": "denoise_layer", "InflationLayer": "inflation_layer"}
+"""Kinds of layers to fields of `Costmap`; others are obstacle layers."""
+
+_MODELS: Final[Mapping[str, type[Any]]] = {
+    "static_layer": StaticLayer,
+    "obstacle_layer": ObstacleLayer,
+    "denoise_layer": DenoiseLayer,
+    "inflation_layer": InflationLayer,
+}
+
+
+def read_local_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costmap]:
+    """The rolling window."""
+    return {"local_costmap": _costmap(reader, node)}
+
+
+def read_global_costmap(reader: Reader, node: ParameterLocation) -> Mapping[str, Costmap]:
+    """The costmap that is as large and as fine as the map."""
+    default = global_costmap()
+    return {"global_costmap": _costmap(reader, node, **{name: getattr(default, name) for name in OF_THE_MAP})}
+
+
+def _costmap(reader: Reader, node: ParameterLocation, **given: Any) -> Costmap:
+    given |= filters_of(reader, node)
+    layers = _layers(reader, node)
+    _check_order(reader, node, list(layers.values()))
+    for field, model in _MODELS.items():
+        if field not in layers:
+            given[field] = model(enabled=False)
+            continue
+        place, kind = (*node, layers[field].name), layers[field].kind
+        if kind == "SpatioTemporalVoxelLayer":
+            given[field] = _spatio_temporal_layer(reader, place)
+        elif field == "obstacle_layer":
+            given[field] = _obstacle_layer(reader, place, 2 if kind == "VoxelLayer" else 0)
+        else:
+            given[field] = reader.group(model, place)
+    found = reader.group(Costmap, node, given=given)
+    radius = (*node, "robot_radius")
+    if not reader.faults and vertices_of(found.footprint):
+        reader.leave(radius, "the polygon footprint replaces it")
+    return found
+
+
+def _layers(reader: Reader, node: ParameterLocation) -> Mapping[str, Instance]:
+    """Fields of `Costmap` to the layers that are read for them, in the order of the file; of several the best, then the first."""
+    layers: dict[str, list[Instance]] = {}
+    listed = reader.plugins(node, LAYERS)
+    for layer in listed:
+        layers.setdefault(_FIELDS.get(layer.kind, "obstacle_layer"), []).append(layer)
+    used = {}
+    for field, several in layers.items():
+        used[field] = max(several, key=lambda layer: _worth(reader, (*node, layer.name)))
+        for layer in several:
+            if layer != used[field]:
+                why = f"a second layer beside {used[field].name} is not modeled"
+                reader.unmodeled[(*node, layer.name)] = why
+    return dict(sorted(used.items(), key=lambda item: listed.index(item[1])))
+
+
+def _worth(reader: Reader, place: ParameterLocation) -> tuple[bool, bool]:
+    """A layer that is on comes before one that is off, then one that sees the laser scan."""
+    values = reader.document.values
+    return values.get((*place, "enabled"), True) is not False, any(
+        _data_type(reader, source) == "LaserScan" for source in _sources(reader, place)
+    )
+
+
+def _check_order(reader: Reader, node: ParameterLocation, layers: Sequence[Instance]) -> None:
+    """Nav2 inflates what the layers before the inflation have marked, and nothing else."""
+    inflation = next((layer for layer in layers if layer.kind == "InflationLayer"), None)
+    if inflation is None:
+        return
+    for layer in layers[layers.index(inflation) + 1 :]:
+        path = (*node, layer.name, "plugin")
+        if layer.kind == "DenoiseLayer":
+            right = "a Denoise layer before it in the list 'plugins'"
+            reader.fault(path, f"{layer.name} comes after the inflation", right)
+        else:
+            what = f"{layer.name} comes after the inflation: Nav2 does not inflate what it marks, which is not modeled"
+            reader.fault(path, what, f"{layer.name!r} before {inflation.name!r} in the list 'plugins'")
+
+
+def _sources(reader: Reader, place: ParameterLocation) -> list[ParameterLocation]:
+    return [(*place, name) for name in reader.names((*place, "observation_sources"), ())]
+
+
+def _data_type(reader: Reader, source: ParameterLocation) -> object:
+    """Of a source that does not say what it is, Nav2's code takes a point cloud."""
+    return reader.document.values.get((*source, "data_type"), "PointCloud2")
+
+
+def _obstacle_layer(reader: Reader, place: ParameterLocation, short_clearing_cells: int) -> ObstacleLayer:
+    """The layer with its laser scan; without any source it neither marks nor clears."""
+    values, sources = reader.document.values, _sources(reader, place)
+    given: dict[str, Any] = {"short_clearing_cells": short_clearing_cells}
+    scan = next((source for source in sources if _data_type(reader, source) == "LaserScan"), None)
+    cloud = next((source for source in sources if values.get((*source, "marking"), True) is True), None)
+    for source in sources:
+        if source != scan:
+            reader.unmodeled[source] = "only one source, a LaserScan, is modeled"
+    if scan is not None:
+        reader.text((*scan, "data_type"), "LaserScan")
+        reader.kinds[scan] = "scan"
+    elif cloud is not None:
+        reader.unmodeled[cloud] = "a point cloud is read as the laser scan"
+        given["clearing"] = any(values.get((*source, "clearing")) is True for source in sources)
+    else:
+        unused = ObstacleLayer(marking=False, clearing=False)
+        given |= {name: getattr(unused, name) for name in OF_THE_SCAN}
+        return reader.group(ObstacleLayer, place, given=given)
+    source = scan or cloud or place
+    return reader.group(ObstacleLayer, place, {name: (*source, name) for name in OF_THE_SCAN}, given)
+
+
+def _spatio_temporal_layer(reader: Reader, place: ParameterLocation) -> ObstacleLayer:
+    """A VoxelLayer of the laser scan in its place, as far as its first source sees that marks."""
+    values = reader.document.values
+    source = next(
+        (each for each in _sources(reader, place) if values.get((*each, "marking"), True) is True), (*place, "scan")
+    )
+    reader.unmodeled[place] = "it is read as a VoxelLayer of the laser scan: no voxel decays, and there is no camera"
+    seen_m = (*source, "obstacle_range")
+    elsewhere = {
+        "obstacle_max_range": seen_m,
+        "raytrace_max_range": seen_m,
+        "footprint_clearing_enabled": (*place, "update_footprint_enabled"),
+    }
+    given = {"marking": True, "clearing": True, "obstacle_min_range": 0.0, "short_clearing_cells": 2}
+    return reader.group(ObstacleLayer, place, elsewhere, given)
+
+
+@dataclass(frozen=True, slots=True)
+class Masks:
+    """The masks of the filters that are enabled; None without such a filter."""
+
+    keepout: FileContent | None = None
+    speed: FileContent | None = None
+
+
+NO_MASKS: Final = Masks()
+
+
+def masks_of(system: Mapping[str, Value], parameters: NavParameters) -> Masks:
+    """The masks that a system names for the filters of its costmaps.
+
+    Raises:
+        ScenarioError: a filter without a mask, or a mask that is no map file.
+    """
+    keepout, speed = (_mask(system, key, parameters) for key in (KEEPOUT_KEY, SPEED_KEY))
+    return Masks(keepout, speed)
+
+
+def _mask(system: Mapping[str, Value], key: str, parameters: NavParameters) -> FileContent | None:
+    costmaps = filtered_by(key, parameters)
+    if not costmaps:
+        return None
+    found = system.get(key)
+    if isinstance(found, FileContent):
+        return found
+    what, right = missing_mask(key, costmaps)
+    raise ScenarioError(f"{key}: {what if found is None else f'found {found!r}'}; {right}")

@@ -1,0 +1,314 @@
+"""Interpretation: what a Nav2 parameter document sets the stack to."""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from vastflow.sim.model.polygon import vertices_of
+from vastflow.sim.nav2.parameter_files.controller_server import read_controller_server
+from vastflow.sim.nav2.parameter_files.costmaps import check_speed_filter, read_global_costmap, read_local_costmap
+from vastflow.sim.nav2.parameter_files.document import DocumentError, ParameterDocument, ParameterFault
+from vastflow.sim.nav2.parameter_files.monitor import collision_monitor
+from vastflow.sim.nav2.parameter_files.plugins import PLANNERS, WAIT_AT_WAYPOINT, class_name
+from vastflow.sim.nav2.parameter_files.reader import Parts, Reader, shown
+from vastflow.sim.nav2.parameters.amcl import MOTION_MODELS, AmclParameters
+from vastflow.sim.nav2.parameters.costmap import global_costmap, local_costmap
+from vastflow.sim.nav2.parameters.dwb import DwbParameters
+from vastflow.sim.nav2.parameters.mppi import MppiParameters
+from vastflow.sim.nav2.parameters.parameter import ParameterLocation
+from vastflow.sim.nav2.parameters.robot import (
+    IDEAL,
+    LATENCY_KEY,
+    PRESET_KEY,
+    PRESETS,
+    ROBOT_KEY,
+    Latency,
+    LidarParameters,
+    RobotParameters,
+)
+from vastflow.sim.nav2.parameters.servers import (
+    BehaviorServer,
+    CollisionMonitor,
+    NavFn,
+    Perturbation,
+    SmacPlanner2D,
+    SmacPlannerHybrid,
+    SmootherParameters,
+    VelocitySmoother,
+    WaypointFollower,
+)
+from vastflow.sim.nav2.parameters.stack import NavParameters
+
+_RENAMED: Final[Mapping[str, str]] = {"behavior_server": "recoveries_server"}
+"""Nodes to what Galactic and the releases before it call them."""
+
+OLDER_NAMES: Final = frozenset(_RENAMED.values())
+"""Of nodes that are read."""
+
+_NODES_BEFORE_FOXY: Final[Mapping[str, str]] = {
+    "dwb_controller": "controller_server",
+    "navfn_planner": "planner_server",
+}
+"""Nodes of Dashing to those that have their plug-ins since."""
+
+_LISTS_BEFORE_FOXY: Final[Mapping[str, str]] = {
+    "plugin_names": "plugins",
+    "controller_plugin_ids": "controller_plugins",
+    "planner_plugin_ids": "planner_plugins",
+}
+"""Lists of names, with the classes in a list beside them, to the lists that name groups with a `plugin` each."""
+
+
+def node_of_any_release(document: ParameterDocument, name: tuple[str, ...]) -> ParameterLocation | None:
+    """Where the parameters of a node are, under today's name or else an older one; None without either."""
+    return document.node(*name) or document.node(*name[:-1], _RENAMED.get(name[-1], name[-1]))
+
+
+def refuse_releases_before_foxy(reader: Reader) -> None:
+    """Without today's nodes and lists, the stack would be Nav2's default one in place of what such a file says."""
+    document = reader.document
+    for old, new in _NODES_BEFORE_FOXY.items():
+        if (node := document.node(old)) and document.node(new) is None:
+            reader.fault(node[:-1], "found a node of Nav2 Dashing's", f"{new} with a list of plug-ins, as since Foxy")
+    for path in document.values:
+        new = _LISTS_BEFORE_FOXY.get(path[-1], "")
+        if new and (*path[:-1], new) not in document.values:
+            right = f"'{new}', and 'plugin: package::Class' below each name, as since Foxy"
+            reader.fault(path, "found a list of Nav2 Eloquent's, which has the classes in another list", right)
+
+
+NO_SMOOTHER: Final = VelocitySmoother(
+    max_velocity=(100.0, 100.0, 100.0),
+    min_velocity=(-100.0, -100.0, -100.0),
+    max_accel=(1000.0, 1000.0, 1000.0),
+    max_decel=(-1000.0, -1000.0, -1000.0),
+    velocity_timeout=1e6,
+)
+"""A smoother that lets every command through: only the actuators' limits are left."""
+
+
+@dataclass(frozen=True)
+class Interpretation:
+    """A document as the stack reads it.
+
+    Attributes:
+        reader: Has what was asked for and why other things were not.
+        replaced: Nodes that the document lacks and that are as in Nav2 Jazzy's default file; `controller` where a
+            controller server has none.
+        left_away: Nodes that the document lacks and without which the stack does.
+    """
+
+    document: ParameterDocument
+    parameters: NavParameters
+    reader: Reader
+    replaced: tuple[str, ...]
+    left_away: tuple[str, ...]
+
+
+def interpretation(document: ParameterDocument) -> Interpretation:
+    """Read a document into the stack's parameters.
+
+    A parameter that a node leaves out is as in Nav2's code. Without the node `collision_monitor` there is none, as in
+    Humble; without `velocity_smoother` only the actuators limit the commands. Other nodes that are left out, as the
+    TurtleBot 4's file leaves out `amcl`, are as in Nav2 Jazzy's default file.
+
+    Raises:
+        DocumentError: every fault of the document.
+    """
+    reader = Reader(document)
+    parts: dict[str, Any] = {"perturbation": reader.group(Perturbation, ())}
+    parts |= {"robot": _robot(reader), "latency": _latency(reader)}
+    absent = []
+    refuse_releases_before_foxy(reader)
+    for name, read in _NODES.items():
+        node = node_of_any_release(document, name)
+        if node is not None:
+            reader.kinds[node] = name[-1]
+            parts |= read(reader, node)
+        else:
+            absent.append(name[-1])
+            parts |= _DISPENSABLE.get(name[-1], {})
+    _check_nodes(reader, absent)
+    parts |= _body_of_the_other_costmap(parts)
+    parts |= _localization_of_an_omni_robot(parts)
+    parts |= _distances_of_the_inflation(reader, parts)
+    _check_outline(reader, parts)
+    _check_period(reader, parts)
+    _check_turning_radius(reader, parts)
+    check_speed_filter(reader, parts)
+    if reader.faults:
+        raise DocumentError(sorted(reader.faults, key=lambda fault: fault.place), document.file)
+    if "controller" not in parts and "controller_server" not in absent:
+        absent.append("controller")
+    replaced = tuple(name for name in absent if name not in _DISPENSABLE)
+    left_away = tuple(name for name in absent if name in _DISPENSABLE)
+    return Interpretation(document, NavParameters(**parts), reader, replaced, left_away)
+
+
+def _check_nodes(reader: Reader, absent: Collection[str]) -> None:
+    """A file with none of the stack's nodes says nothing of it; faults of what it has in their place come first."""
+    if len(absent) == len(_NODES) and not reader.faults:
+        place = min(reader.document.places.values(), default=(1, 1))
+        what, right = "none of its nodes is modeled", f"one that is, beside others: {', '.join(map('/'.join, _NODES))}"
+        reader.faults.append(ParameterFault("file", what, right, place))
+
+
+def _body_of_the_other_costmap(parts: Parts) -> Parts:
+    """Where a file has one of the costmaps alone, the robot in the other has the same body."""
+    for name, other, default in (
+        ("local_costmap", "global_costmap", local_costmap()),
+        ("global_costmap", "local_costmap", global_costmap()),
+    ):
+        if name not in parts and other in parts:
+            of = ("robot_radius", "footprint", "footprint_padding")
+            return {name: default.model_copy(update={field: getattr(parts[other], field) for field in of})}
+    return {}
+
+
+def is_omni(controller: object) -> bool:
+    """Whether a controller samples motion to the side."""
+    if isinstance(controller, DwbParameters):
+        return controller.min_vel_y != 0.0 or controller.max_vel_y != 0.0
+    return isinstance(controller, MppiParameters) and controller.motion_model == "Omni"
+
+
+def _localization_of_an_omni_robot(parts: Parts) -> Parts:
+    """A file without AMCL has that of Jazzy's file, whose motion model is differential: strafing would lose an omni robot."""
+    robot = parts["robot"]
+    if "amcl" in parts or not (robot.drive == "omni" or (robot.drive is None and is_omni(parts.get("controller")))):
+        return {}
+    return {"amcl": AmclParameters(omni=True)}
+
+
+def _distances_of_the_inflation(reader: Reader, parts: Parts) -> Parts:
+    """ObstaclesCritic takes distances by the local costmap's inflation; its own parameters for that are Humble's."""
+    controller = parts.get("controller")
+    if not isinstance(controller, MppiParameters) or not controller.ObstaclesCritic.enabled:
+        return {}
+    layer = parts.get("local_costmap", local_costmap()).inflation_layer
+    written = {path[-1] for path in reader.document.values if path[-2:-1] == ("ObstaclesCritic",)}
+    of_the_layer = {name: getattr(layer, name) for name in ("inflation_radius", "cost_scaling_factor")}
+    found = {name: value for name, value in of_the_layer.items() if name not in written}
+    critic = controller.ObstaclesCritic.model_copy(update=found if layer.enabled else dict.fromkeys(found, 0.0))
+    return {"controller": controller.model_copy(update={"ObstaclesCritic": critic})}
+
+
+def _check_outline(reader: Reader, parts: Parts) -> None:
+    """Nav2's MPPI does not start where it is to look at the outline of a robot that is a disc."""
+    controller, costmap = parts.get("controller"), parts.get("local_costmap", local_costmap())
+    if reader.faults or not isinstance(controller, MppiParameters) or vertices_of(costmap.footprint):
+        return
+    if controller.CostCritic.enabled and controller.CostCritic.consider_footprint:
+        path = next(path for path in reader.asked if path[-1] == "consider_footprint")
+        reader.fault(
+            path, "found true, and the local costmap has no polygon `footprint`", "false, as Nav2 does not start"
+        )
+
+
+def _check_period(reader: Reader, parts: Parts) -> None:
+    """Nav2's MPPI does not start where the controller's period is longer than a step of its model."""
+    controller, server = parts.get("controller"), parts.get("controller_server")
+    if reader.faults or not isinstance(controller, MppiParameters) or server is None:
+        return
+    if 1.0 / server.controller_frequency > controller.model_dt + 1e-6:
+        path = next(path for path in reader.asked if path[-1] == "controller_frequency")
+        right = (
+            f"{1.0 / controller.model_dt:g} or more for a model_dt of {controller.model_dt:g} s, as Nav2 does not start"
+        )
+        reader.fault(path, f"found {server.controller_frequency:g}", right)
+
+
+def _check_turning_radius(reader: Reader, parts: Parts) -> None:
+    """Without a radius of its own an Ackermann drive has that of MPPI's motion model, or of the planner."""
+    robot, controller = parts["robot"], parts.get("controller")
+    if reader.faults or robot.drive != "ackermann" or robot.min_turning_radius is not None:
+        return
+    modeled = isinstance(controller, MppiParameters) and controller.motion_model == "Ackermann"
+    if not modeled and not isinstance(parts.get("planner"), SmacPlannerHybrid):
+        what = "found ackermann, and neither a motion model Ackermann nor a SmacPlannerHybrid says how tight it turns"
+        reader.fault((ROBOT_KEY, "drive"), what, "min_turning_radius beside it")
+
+
+def _robot(reader: Reader) -> RobotParameters:
+    lidar = reader.group(LidarParameters, (ROBOT_KEY, "lidar"))
+    return reader.group(RobotParameters, (ROBOT_KEY,), given={"lidar": LidarParameters() if reader.faults else lidar})
+
+
+def _latency(reader: Reader) -> Latency:
+    place = ROBOT_KEY, LATENCY_KEY
+    preset = reader.text((*place, PRESET_KEY), next(iter(PRESETS)))
+    if preset not in PRESETS:
+        reader.fault((*place, PRESET_KEY), f"found {shown(preset)}", f"one of {', '.join(PRESETS)}")
+    return reader.group(Latency, place, left_out=PRESETS.get(preset, IDEAL))
+
+
+def _amcl(reader: Reader, node: ParameterLocation) -> Parts:
+    path = (*node, "robot_model_type")
+    model = class_name(reader.text(path, "nav2_amcl::DifferentialMotionModel"))
+    if model not in MOTION_MODELS:
+        reader.fault(path, f"found {shown(model)}", f"one of {', '.join(MOTION_MODELS)}")
+    found = reader.group(AmclParameters, node, given={"omni": MOTION_MODELS.get(model) == "omni"})
+    if not found.omni:
+        reader.leave((*node, "alpha5"), "the motion model is not Omni")
+    return {"amcl": found}
+
+
+def _planner_server(reader: Reader, node: ParameterLocation) -> Parts:
+    planner = reader.plugin(node, PLANNERS)
+    if not planner:
+        return {}
+    place = (*node, planner.name)
+    if planner.kind == "NavFn":
+        return {"planner": reader.group(NavFn, place)}
+    reader.only((*place, "downsample_costmap"), False)
+    model = SmacPlanner2D if planner.kind == "SmacPlanner2D" else SmacPlannerHybrid
+    return {
+        "planner": reader.group(
+            model, place, given={"smoother": reader.group(SmootherParameters, (*place, "smoother"))}
+        )
+    }
+
+
+def _behavior_server(reader: Reader, node: ParameterLocation) -> Parts:
+    return {"behavior_server": reader.group(BehaviorServer, node)}
+
+
+def _waypoint_follower(reader: Reader, node: ParameterLocation) -> Parts:
+    executor = (*node, reader.text((*node, "waypoint_task_executor_plugin"), "wait_at_waypoint"))
+    pause = (*executor, "waypoint_pause_duration")
+    if class_name(str(reader.document.values.get((*executor, "plugin"), WAIT_AT_WAYPOINT))) != WAIT_AT_WAYPOINT:
+        reader.unmodeled[executor] = f"of the tasks at waypoints only {WAIT_AT_WAYPOINT} is modeled"
+        return {"waypoint_follower": reader.group(WaypointFollower, node, given={pause[-1]: 0})}
+    reader.text((*executor, "plugin"), WAIT_AT_WAYPOINT)
+    waits = reader.flag((*executor, "enabled"), True)
+    found = reader.group(WaypointFollower, node, {pause[-1]: pause})
+    return {"waypoint_follower": found if waits else found.with_values(waypoint_pause_duration=0)}
+
+
+def _velocity_smoother(reader: Reader, node: ParameterLocation) -> Parts:
+    path = (*node, "feedback")
+    feedback = reader.text(path, "OPEN_LOOP")
+    if feedback not in ("OPEN_LOOP", "CLOSED_LOOP"):
+        reader.fault(path, f"found {shown(feedback)}", "OPEN_LOOP or CLOSED_LOOP")
+    given = {"closed_loop": feedback == "CLOSED_LOOP"}
+    return {"velocity_smoother": reader.group(VelocitySmoother, node, given=given)}
+
+
+_NODES: Final[Mapping[tuple[str, ...], Callable[[Reader, ParameterLocation], Parts]]] = {
+    ("amcl",): _amcl,
+    ("controller_server",): read_controller_server,
+    ("local_costmap", "local_costmap"): read_local_costmap,
+    ("global_costmap", "global_costmap"): read_global_costmap,
+    ("planner_server",): _planner_server,
+    ("behavior_server",): _behavior_server,
+    ("waypoint_follower",): _waypoint_follower,
+    ("velocity_smoother",): _velocity_smoother,
+    ("collision_monitor",): collision_monitor,
+}
+
+MODELED_NODES: Final = frozenset((*(name[-1] for name in _NODES), *OLDER_NAMES))
+
+_DISPENSABLE: Final[Mapping[str, Parts]] = {
+    "velocity_smoother": {"velocity_smoother": NO_SMOOTHER},
+    "collision_monitor": {"collision_monitor": CollisionMonitor(enabled=False)},
+}

@@ -1,0 +1,219 @@
+"""A Nav2 parameter file as a value of a scenario: its wildcards resolved, known by what it means and not by where it lies."""
+
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final
+
+from pydantic import BaseModel
+
+from vastflow.sim.model.digest import FileContent, Value, digest
+from vastflow.sim.model.files import TextPlace, is_file
+from vastflow.sim.nav2.controllers.registry import FILE, controller_file
+from vastflow.sim.nav2.parameter_files.costmaps import is_info_server
+from vastflow.sim.nav2.parameter_files.document import (
+    PARAMETERS,
+    DocumentError,
+    ParameterDocument,
+    ParameterFault,
+    dotted,
+    node_of,
+    read_document,
+)
+from vastflow.sim.nav2.parameter_files.interpretation import MODELED_NODES, interpretation
+from vastflow.sim.nav2.parameter_files.plugins import CONTROLLERS, GOAL_CHECKERS, LAYERS, PLANNERS, PROGRESS_CHECKERS
+from vastflow.sim.nav2.parameters.amcl import AmclParameters
+from vastflow.sim.nav2.parameters.costmap import Costmap
+from vastflow.sim.nav2.parameters.parameter import ParameterLocation
+from vastflow.sim.nav2.parameters.servers import BehaviorServer, ControllerServer, VelocitySmoother, WaypointFollower
+from vastflow.sim.plug_ins.neighbors import PlugInError
+from vastflow.sim.plug_ins.snapshot import Snapshot, snapshot_of
+
+_ANY: Final = "*"
+_ANY_NUMBER: Final = "**"
+_SOME_NAMESPACE: Final = ""
+"""A node without a namespace in the file may be started in one, whose name no file says."""
+
+
+def _fields(*models: type[BaseModel]) -> frozenset[str]:
+    return frozenset(name for model in models for name in model.model_fields)
+
+
+_CONTROLLER_SERVER: Final = (*CONTROLLERS.lists, *PROGRESS_CHECKERS.lists, *GOAL_CHECKERS.lists)
+_NAMES: Final[Mapping[ParameterLocation, frozenset[str]]] = {
+    ("amcl",): _fields(AmclParameters),
+    ("controller_server",): _fields(ControllerServer) | {*_CONTROLLER_SERVER, CONTROLLERS.used},
+    ("local_costmap", "local_costmap"): _fields(Costmap) | {*LAYERS.lists},
+    ("global_costmap", "global_costmap"): _fields(Costmap) | {*LAYERS.lists},
+    ("planner_server",): frozenset((*PLANNERS.lists, PLANNERS.used)),
+    ("behavior_server",): _fields(BehaviorServer),
+    ("waypoint_follower",): _fields(WaypointFollower),
+    ("velocity_smoother",): _fields(VelocitySmoother),
+    ("collision_monitor",): frozenset({"polygons"}),
+}
+"""The nodes that are modeled to names that their parameters begin with: one of them makes a wildcard speak of the node."""
+
+
+def read_nav2_document(path: str | Path) -> ParameterDocument:
+    """Read a Nav2 parameter file with its wildcards resolved.
+
+    Raises:
+        DocumentError: as of `vastflow.sim.nav2.parameter_files.document.read_document`.
+    """
+    return resolved(read_document(path))
+
+
+def resolved(document: ParameterDocument) -> ParameterDocument:
+    """The document in which the nodes that wildcards stand for have the parameters themselves, each where the file has it.
+
+    Of several values for one parameter the file's last counts, as since Humble, be it a wildcard's or the node's own. A
+    wildcard speaks of a node by its name, or by a parameter that nodes of this name have; one that speaks of none stays as it is.
+    """
+    wild = [node for node in document.nodes if _is_wild(node)]
+    if not wild:
+        return document
+    spoken_of = {node: [*_targets(document, node)] for node in wild}
+    values: dict[ParameterLocation, Value] = {}
+    places: dict[ParameterLocation, TextPlace] = {}
+    for path, place in document.places.items():
+        for to in _moved(path, spoken_of):
+            places[to] = place if to not in places or path in document.values else places[to]
+    for path, value in document.values.items():
+        for to in _moved(path, spoken_of):
+            values[to] = value
+    return replace(document, values=values, places=places)
+
+
+def _moved(
+    path: ParameterLocation, spoken_of: Mapping[ParameterLocation, Sequence[ParameterLocation]]
+) -> Iterator[ParameterLocation]:
+    """Where a path, or a part of one, stands in the resolved document."""
+    node = node_of(path) if PARAMETERS in path else path
+    if targets := spoken_of.get(node):
+        yield from ((*target, *path[len(node) :]) for target in targets)
+    else:
+        yield path
+
+
+def _targets(document: ParameterDocument, wild: ParameterLocation) -> Iterator[ParameterLocation]:
+    """Paths of the nodes that a wildcard speaks of: as the file has them, or else below the wildcard's own namespace."""
+    pattern = wild[:-1]
+    heads = {path[len(wild)] for path in document.below(wild)}
+    above = pattern[: next(k for k, part in enumerate(pattern) if part in (_ANY, _ANY_NUMBER))]
+    for name, names in _NAMES.items():
+        if heads.isdisjoint(names) and pattern[-1] != name[-1]:
+            continue
+        own = [node for node in document.nodes if not _is_wild(node) and node[-len(name) - 1 : -1] == name]
+        in_any = _matches(pattern, (_SOME_NAMESPACE, *name))
+        for node in own:
+            if _matches(pattern, node[:-1]) or (in_any and node[:-1] == name):
+                yield node
+        if not own and (in_any or _matches(pattern, name) or _matches(pattern, (*above, *name))):
+            yield (*above, *name, PARAMETERS)
+
+
+def _is_wild(node: ParameterLocation) -> bool:
+    return _ANY in node or _ANY_NUMBER in node
+
+
+def _matches(pattern: ParameterLocation, name: ParameterLocation) -> bool:
+    """Whether a pattern stands for a node's full name: `*` is one part of it, `**` any number of them."""
+    if not pattern:
+        return not name
+    if pattern[0] == _ANY_NUMBER:
+        return any(_matches(pattern[1:], name[k:]) for k in range(len(name) + 1))
+    return bool(name) and pattern[0] in (_ANY, name[0]) and _matches(pattern[1:], name[1:])
+
+
+FILE_KEY: Final = "nav2_params"
+"""Key of the system dimension that has the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterFile(FileContent):
+    """A parameter file with controllers of its author's, as they were when it was read.
+
+    Attributes:
+        plug_ins: `file.py:Class` as the file names it, to the copy that is run.
+    """
+
+    plug_ins: Mapping[str, Snapshot] = field(compare=False, default_factory=dict)
+
+
+def nav2_file(path: str | Path) -> FileContent:
+    """A Nav2 parameter file as the value of `nav2_params`.
+
+    Its digest is that of the parameters of the nodes that are modeled, and of the plug-ins that it names: comments, the order
+    of keys, and nodes that the simulator has nothing of are not in it.
+
+    Raises:
+        DocumentError: the file can't be used.
+    """
+    document = frozen(read_nav2_document(path))
+    interpretation(document)
+    return file_value(document)
+
+
+def frozen(document: ParameterDocument) -> ParameterDocument:
+    """The document with copies of the plug-ins that it names, which are what is run; those that can't be copied are left out."""
+    node = document.node("controller_server") or ()
+    base = Path(document.file).parent
+    plug_ins: dict[str, Snapshot] = {}
+    for path in document.below(node):
+        name = document.values[path]
+        if (
+            path[-1] == "plugin"
+            and isinstance(name, str)
+            and FILE in name
+            and is_file(file := controller_file(name, base))
+        ):
+            with suppress(PlugInError):  # it is one of the faults of the document
+                plug_ins[name] = snapshot_of(file, base)
+    return replace(document, plug_ins=plug_ins)
+
+
+def file_value(document: ParameterDocument) -> FileContent:
+    """The same for a document that was read from a file, frozen, and has no fault."""
+    digest = _content_digest(document)
+    return (
+        ParameterFile(document.file, digest, document.plug_ins)
+        if document.plug_ins
+        else FileContent(document.file, digest)
+    )
+
+
+def plug_ins_in(values: Value) -> tuple[ParameterFile, ...]:
+    """The parameter files with plug-ins among values, once each."""
+    if isinstance(values, ParameterFile):
+        return (values,)
+    if isinstance(values, str | FileContent) or not isinstance(values, Mapping | Sequence):
+        return ()
+    items = values.values() if isinstance(values, Mapping) else values
+    return tuple(dict.fromkeys(each for item in items for each in plug_ins_in(item)))
+
+
+@functools.lru_cache(maxsize=16)
+def loaded(content: FileContent) -> ParameterDocument:
+    """The document of a file's value.
+
+    Raises:
+        DocumentError: the file is gone, or says something else than when the value was made.
+    """
+    document = read_nav2_document(content.path)
+    kept = content.plug_ins if isinstance(content, ParameterFile) else None
+    document = frozen(document) if kept is None else replace(document, plug_ins=kept)
+    if _content_digest(document) != content.digest:
+        what = f"{content.path} changed since the campaign was read"
+        raise DocumentError([ParameterFault(FILE_KEY, what, "run the campaign again")])
+    return document
+
+
+def _content_digest(document: ParameterDocument) -> str:
+    nodes = {
+        node for node in document.nodes if not MODELED_NODES.isdisjoint(node[-2:-1]) or is_info_server(document, node)
+    }
+    values = {dotted(path): value for path, value in document.values.items() if node_of(path) in nodes}
+    plug_ins = {name: snapshot.digest for name, snapshot in document.plug_ins.items()}
+    return digest(sorted(map(dotted, nodes)), values, *filter(None, [plug_ins]))

@@ -1,0 +1,87 @@
+"""Parameters of AMCL, Nav2's localization."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final, Self
+
+from pydantic import model_validator
+
+from vastflow.sim.nav2.parameters.parameter import ParameterError, ParameterGroup, parameter
+
+MOTION_MODELS: Final[Mapping[str, str]] = {
+    "nav2_amcl::DifferentialMotionModel": "differential",
+    "nav2_amcl::OmniMotionModel": "omni",
+    "differential": "differential",
+    "omnidirectional": "omni",
+}
+"""Values of `robot_model_type`, those of older releases too."""
+
+
+class AmclParameters(ParameterGroup):
+    """Node `amcl`: lengths in meters, angles in radians.
+
+    A `laser_max_range` of 0 or less stands for the scanner's own limit, as a `laser_min_range` below 0 does.
+
+    Attributes:
+        omni: Whether the motion model is OmniMotionModel, which alone has `alpha5`.
+    """
+
+    omni: bool = False
+    min_particles: int = parameter(500, 1, 100_000)
+    max_particles: int = parameter(2000, 1, 100_000)
+    pf_err: float = parameter(0.05, 1e-6, 1.0)
+    pf_z: float = parameter(0.99, 0.0, 10.0)
+    resample_interval: int = parameter(1, 1, 1_000_000)
+    alpha1: float = parameter(0.2, 0.0, 100.0)
+    alpha2: float = parameter(0.2, 0.0, 100.0)
+    alpha3: float = parameter(0.2, 0.0, 100.0)
+    alpha4: float = parameter(0.2, 0.0, 100.0)
+    alpha5: float = parameter(0.2, 0.0, 100.0)
+    max_beams: int = parameter(60, 2, 100_000)
+    laser_min_range: float = parameter(-1.0, -1e6, 1e6)
+    laser_max_range: float = parameter(100.0, -1e6, 1e6)
+    z_hit: float = parameter(0.5, 0.0, 1.0)
+    z_rand: float = parameter(0.5, 0.0, 1.0)
+    sigma_hit: float = parameter(0.2, 1e-3, 100.0)
+    laser_likelihood_max_dist: float = parameter(2.0, 0.0, 100.0)
+    update_min_d: float = parameter(0.25, 0.0, 1000.0)
+    update_min_a: float = parameter(0.2, 0.0, 1000.0)
+
+    @model_validator(mode="after")
+    def _numbers_agree(self) -> Self:
+        if self.min_particles > self.max_particles:
+            raise ValueError(f"amcl.min_particles {self.min_particles} must be <= max_particles {self.max_particles}")
+        return self
+
+
+def covariance_of(value: Any, where: str) -> tuple[float, float, float, float]:
+    """Covariance of an initial pose as AMCL uses it: xx, xy, yy (m²) and yaw (rad²).
+
+    Args:
+        value: The diagonal [xx, yy, yaw yaw], or three rows of x, y and yaw, of which yaw is drawn independently.
+        where: What to call the value in an error.
+
+    Raises:
+        ParameterError: neither of these, or no covariance.
+    """
+    try:
+        rows = [[float(entry) for entry in row] for row in value] if _is_nested(value) else _diagonal(value)
+    except (TypeError, ValueError):
+        rows = []
+    if [len(row) for row in rows] != [3, 3, 3] or not all(math.isfinite(entry) for row in rows for entry in row):
+        raise ParameterError(
+            f"{where}: found {value!r}; three variances [x, y, yaw] in m², m² and rad², or three rows of three numbers"
+        )
+    (xx, xy, _), (yx, yy, _), (_, _, yaw) = rows
+    if xx < 0.0 or yy < 0.0 or yaw < 0.0 or xy != yx or xy * xy > xx * yy:
+        raise ParameterError(f"{where}: found {value!r}; variances >= 0 and a symmetric matrix with xy² <= xx · yy")
+    return xx, xy, yy, yaw
+
+
+def _is_nested(value: Any) -> bool:
+    return len(value) > 0 and hasattr(value[0], "__len__") and not isinstance(value[0], str)
+
+
+def _diagonal(value: Any) -> list[list[float]]:
+    xx, yy, yaw = (float(entry) for entry in value)
+    return [[xx, 0.0, 0.0], [0.0, yy, 0.0], [0.0, 0.0, yaw]]

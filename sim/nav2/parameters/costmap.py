@@ -1,0 +1,109 @@
+"""Parameters of the two costmaps and their layers."""
+
+from typing import Literal
+
+from pydantic import field_validator
+
+from vastflow.sim.model.polygon import vertices_of
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
+
+
+class InflationLayer(ParameterGroup):
+    """Inflation: radius in meters, scaling per meter."""
+
+    enabled: bool = parameter(True)
+    inflation_radius: float = parameter(0.70, 0.0, 10.0, code=0.55)
+    cost_scaling_factor: float = parameter(3.0, 0.0, 1000.0, code=10.0)
+
+
+class StaticLayer(ParameterGroup):
+    """The map as it was given."""
+
+    enabled: bool = parameter(True)
+
+
+class ObstacleLayer(ParameterGroup):
+    """What the scan marks and clears, in meters.
+
+    Attributes:
+        short_clearing_cells: A beam clears to its end but for these cells: 2 in a VoxelLayer, 0 in an ObstacleLayer.
+    """
+
+    enabled: bool = parameter(True)
+    footprint_clearing_enabled: bool = parameter(True)
+    marking: bool = parameter(True)
+    clearing: bool = parameter(True, code=False)
+    obstacle_max_range: float = parameter(2.5, 0.0, 100.0)
+    obstacle_min_range: float = parameter(0.0, 0.0, 100.0)
+    raytrace_max_range: float = parameter(3.0, 0.0, 100.0)
+    short_clearing_cells: int = 0
+
+
+class DenoiseLayer(ParameterGroup):
+    """Groups of fewer lethal cells than `minimal_group_size` are free; cells of a group touch by edges (4), or by corners too (8)."""
+
+    enabled: bool = parameter(True)
+    minimal_group_size: int = parameter(2, 0, 64)
+    group_connectivity_type: Literal[4, 8] = parameter(8)
+
+
+class KeepoutFilter(ParameterGroup):
+    """Cells that a mask raises after all layers, see `vastflow.sim.nav2.costmaps.filters`."""
+
+    enabled: bool = parameter(True)
+
+
+class SpeedFilter(ParameterGroup):
+    """A limit on the controller's speed, `base + multiplier · value` of the mask where the robot is.
+
+    Attributes:
+        type: What the limit is: 1 a share of the controller's own in percent, 2 meters per second.
+    """
+
+    enabled: bool = parameter(True)
+    type: int = parameter(1, 1, 2, code=0)
+    base: float = parameter(0.0, -1e6, 1e6)
+    multiplier: float = parameter(1.0, -1e6, 1e6)
+
+
+class Costmap(ParameterGroup):
+    """One costmap: rates in Hz, lengths in meters.
+
+    `width`, `height`, `resolution` and `publish_frequency` count in the rolling window; the global costmap takes its size
+    and its cells from the map.
+
+    Attributes:
+        footprint: The robot's polygon as Nav2's text, which then counts in place of `robot_radius`; `[]` for a disc.
+    """
+
+    update_frequency: float = parameter(5.0, 0.05, 1000.0)
+    publish_frequency: float = parameter(2.0, 0.05, 1000.0, code=1.0)
+    width: int = parameter(3, 1, 100, code=5)
+    height: int = parameter(3, 1, 100, code=5)
+    resolution: float = parameter(0.05, 0.01, 1.0, code=0.1)
+    robot_radius: float = parameter(0.22, 0.01, 10.0, code=0.1)
+    footprint: str = parameter("[]")
+    footprint_padding: float = parameter(0.01, 0.0, 10.0)
+    track_unknown_space: bool = parameter(False)
+    static_layer: StaticLayer = StaticLayer()
+    obstacle_layer: ObstacleLayer = ObstacleLayer()
+    denoise_layer: DenoiseLayer = DenoiseLayer(enabled=False)
+    inflation_layer: InflationLayer = InflationLayer()
+    keepout_filter: KeepoutFilter = KeepoutFilter(enabled=False)
+    speed_filter: SpeedFilter = SpeedFilter(enabled=False)
+
+    @field_validator("footprint")
+    @classmethod
+    def _polygon(cls, footprint: str) -> str:
+        vertices_of(footprint)
+        return footprint
+
+
+def local_costmap() -> Costmap:
+    """Nav2 Jazzy's local costmap: a rolling window without the static layer, marked by a VoxelLayer."""
+    return Costmap(static_layer=StaticLayer(enabled=False), obstacle_layer=ObstacleLayer(short_clearing_cells=2))
+
+
+def global_costmap() -> Costmap:
+    """Nav2 Jazzy's global costmap: as large as the map, updated each second."""
+    return Costmap(update_frequency=1.0, publish_frequency=1.0, track_unknown_space=True)

@@ -1,0 +1,141 @@
+"""Parameters of the DWB controller: defaults of Humble's nav2_bringup file, which the TurtleBot 4's shares."""
+
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
+
+
+class DwbCritic(ParameterGroup):
+    """A critic: whether it is in the list `critics`, and its place among them, 0 for the first."""
+
+    enabled: bool = parameter(True)
+    place: int = parameter(0, 0, 9)
+
+
+class RotateToGoalCritic(DwbCritic):
+    """Heading at the goal."""
+
+    scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
+    slowing_factor: float = parameter(5.0, 0.0, 1e6)
+
+
+class OscillationCritic(DwbCritic):
+    """No change of direction until the robot has moved (m) or turned (rad); a negative reset value never lifts it."""
+
+    place: int = parameter(1, 0, 9)
+    scale: float = parameter(1.0, 0.0, 1e6)
+    oscillation_reset_dist: float = parameter(0.05, -1.0, 100.0)
+    oscillation_reset_angle: float = parameter(0.2, -1.0, 7.0)
+    x_only_threshold: float = parameter(0.05, -1.0, 10.0)
+
+
+class BaseObstacleCritic(DwbCritic):
+    """Cost under the center at the last pose, or at all of them with `sum_scores`; it may collide at none."""
+
+    place: int = parameter(2, 0, 9)
+    scale: float = parameter(0.02, 0.0, 1e6, code=1.0)
+    sum_scores: bool = parameter(False)
+
+
+class GoalAlignCritic(DwbCritic):
+    """Distance of a point ahead of the robot (m) to one ahead of the local goal."""
+
+    place: int = parameter(3, 0, 9)
+    scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
+    forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
+
+
+class PathAlignCritic(DwbCritic):
+    """Distance of a point ahead of the robot (m) to the local plan."""
+
+    place: int = parameter(4, 0, 9)
+    scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
+    forward_point_distance: float = parameter(0.1, 0.0, 10.0, code=0.325)
+
+
+class PathDistCritic(DwbCritic):
+    """Distance to the local plan."""
+
+    place: int = parameter(5, 0, 9)
+    scale: float = parameter(32.0, 0.0, 1e6, code=1.0)
+
+
+class GoalDistCritic(DwbCritic):
+    """Distance to the end of the local plan."""
+
+    place: int = parameter(6, 0, 9)
+    scale: float = parameter(24.0, 0.0, 1e6, code=1.0)
+
+
+class PreferForwardCritic(DwbCritic):
+    """A penalty for driving backward (m/s), and for being slower than `strafe_x` and `strafe_theta` (rad/s); else what it turns."""
+
+    enabled: bool = parameter(False)
+    place: int = parameter(7, 0, 9)
+    scale: float = parameter(1.0, 0.0, 1e6)
+    penalty: float = parameter(1.0, 0.0, 1e6)
+    strafe_x: float = parameter(0.1, -10.0, 10.0)
+    strafe_theta: float = parameter(0.2, 0.0, 10.0)
+    theta_scale: float = parameter(10.0, 0.0, 1e6)
+
+
+class TwirlingCritic(DwbCritic):
+    """What it turns."""
+
+    enabled: bool = parameter(False)
+    place: int = parameter(8, 0, 9)
+    scale: float = parameter(0.0, 0.0, 1e6)
+
+
+class ObstacleFootprintCritic(DwbCritic):
+    """Greatest cost under the outline, as BaseObstacle's under the center; it may meet nothing lethal or unknown."""
+
+    enabled: bool = parameter(False)
+    place: int = parameter(9, 0, 9)
+    scale: float = parameter(1.0, 0.0, 1e6)
+    sum_scores: bool = parameter(False)
+
+
+class DwbParameters(ParameterGroup):
+    """dwb_core with StandardTrajectoryGenerator: meters, seconds, radians.
+
+    Nav2's code defaults of the kinematic limits are 0: a file that leaves one of them out has a robot that does not
+    move that way.
+    """
+
+    min_vel_x: float = parameter(0.0, -5.0, 5.0)
+    max_vel_x: float = parameter(0.26, -5.0, 5.0, code=0.0)
+    min_vel_y: float = parameter(0.0, -5.0, 5.0)
+    max_vel_y: float = parameter(0.0, -5.0, 5.0)
+    max_vel_theta: float = parameter(1.0, 0.0, 100.0, code=0.0)
+    min_speed_xy: float = parameter(0.0, -100.0, 100.0)
+    max_speed_xy: float = parameter(0.26, -100.0, 100.0, code=0.0)
+    min_speed_theta: float = parameter(0.0, -100.0, 100.0)
+    acc_lim_x: float = parameter(2.5, 0.0, 100.0, code=0.0)
+    acc_lim_y: float = parameter(0.0, 0.0, 100.0)
+    acc_lim_theta: float = parameter(3.2, 0.0, 100.0, code=0.0)
+    decel_lim_x: float = parameter(-2.5, -100.0, 0.0, code=0.0)
+    decel_lim_y: float = parameter(0.0, -100.0, 0.0)
+    decel_lim_theta: float = parameter(-3.2, -100.0, 0.0, code=0.0)
+    vx_samples: int = parameter(20, 0, 100)
+    vy_samples: int = parameter(5, 0, 100)
+    vtheta_samples: int = parameter(20, 0, 100)
+    sim_time: float = parameter(1.7, 0.05, 5.0)
+    linear_granularity: float = parameter(0.05, 0.01, 10.0, code=0.5)
+    angular_granularity: float = parameter(0.025, 0.01, 10.0)
+    xy_goal_tolerance: float = parameter(0.25, 0.0, 100.0)
+    trans_stopped_velocity: float = parameter(0.25, 0.0, 10.0)
+    prune_distance: float = parameter(2.0, 0.0, 100.0)
+    forward_prune_distance: float = parameter(2.0, 0.0, 100.0)
+    RotateToGoal: RotateToGoalCritic = RotateToGoalCritic()
+    Oscillation: OscillationCritic = OscillationCritic()
+    BaseObstacle: BaseObstacleCritic = BaseObstacleCritic()
+    GoalAlign: GoalAlignCritic = GoalAlignCritic()
+    PathAlign: PathAlignCritic = PathAlignCritic()
+    PathDist: PathDistCritic = PathDistCritic()
+    GoalDist: GoalDistCritic = GoalDistCritic()
+    PreferForward: PreferForwardCritic = PreferForwardCritic()
+    Twirling: TwirlingCritic = TwirlingCritic()
+    ObstacleFootprint: ObstacleFootprintCritic = ObstacleFootprintCritic()
+
+    def critics(self) -> tuple[DwbCritic, ...]:
+        """The groups of the critics, as they stand above."""
+        return tuple(value for _, value in self if isinstance(value, DwbCritic))

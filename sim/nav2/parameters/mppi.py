@@ -1,0 +1,177 @@
+"""Parameters of the MPPI controller (nav2_mppi_controller, Jazzy)."""
+
+from typing import Literal, TypeAlias
+
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
+
+MotionModel: TypeAlias = Literal["DiffDrive", "Ackermann", "Omni"]
+
+
+class AckermannParameters(ParameterGroup):
+    """What only the motion model Ackermann has; meters."""
+
+    min_turning_r: float = parameter(0.2, 0.001, 100.0)
+
+
+class ConstraintParameters(ParameterGroup):
+    """Speed beyond the limits. `enabled` also says whether the critic is in the list `critics`, as in all groups below."""
+
+    enabled: bool = parameter(True)
+    cost_weight: float = parameter(4.0, 0.0, 1e6)
+
+
+class CostParameters(ParameterGroup):
+    """The local costmap under every `trajectory_point_step`-th point; distances in meters.
+
+    With `consider_footprint` a point collides where the robot's outline does, and not where its center is inscribed.
+    """
+
+    enabled: bool = parameter(True)
+    cost_weight: float = parameter(3.81, 0.0, 1e6)
+    near_collision_cost: int = parameter(253, 0, 255)
+    critical_cost: float = parameter(300.0, 0.0, 1e6)
+    collision_cost: float = parameter(1_000_000.0, 0.0, 1e12)
+    near_goal_distance: float = parameter(1.0, 0.0, 1e3, code=0.5)
+    trajectory_point_step: int = parameter(2, 1, 1000)
+    consider_footprint: bool = parameter(False)
+
+
+class ObstaclesParameters(ParameterGroup):
+    """Distance to the nearest obstacle, as the local costmap's inflation says it, under every point; distances in meters.
+
+    Humble's critic in place of CostCritic. The inflation's two parameters are the critic's own there, and since then the layer's.
+    """
+
+    enabled: bool = parameter(False)
+    repulsion_weight: float = parameter(1.5, 0.0, 1e6)
+    critical_weight: float = parameter(20.0, 0.0, 1e6)
+    collision_cost: float = parameter(100_000.0, 0.0, 1e12)
+    collision_margin_distance: float = parameter(0.1, 0.0, 1e3)
+    near_goal_distance: float = parameter(0.5, 0.0, 1e3)
+    inflation_radius: float = parameter(0.55, 0.0, 100.0)
+    cost_scaling_factor: float = parameter(10.0, 0.0, 1e3)
+
+
+class GoalParameters(ParameterGroup):
+    """Distance of all points to the goal, within a distance of it (m)."""
+
+    enabled: bool = parameter(True)
+    cost_weight: float = parameter(5.0, 0.0, 1e6)
+    threshold_to_consider: float = parameter(1.4, 0.0, 1e3)
+
+
+class GoalAngleParameters(ParameterGroup):
+    """Heading of all points against the goal's, within a distance of it (m)."""
+
+    enabled: bool = parameter(True)
+    cost_weight: float = parameter(3.0, 0.0, 1e6)
+    threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
+
+
+class PathAlignParameters(ParameterGroup):
+    """Distance of every `trajectory_point_step`-th point to the plan's point as far along; offsets count its points.
+
+    With `use_path_orientations` 1 rad between their headings counts as 1 m.
+    """
+
+    enabled: bool = parameter(True)
+    cost_weight: float = parameter(14.0, 0.0, 1e6, code=10.0)
+    max_path_occupancy_ratio: float = parameter(0.05, 0.0, 1.0, code=0.07)
+    trajectory_point_step: int = parameter(4, 1, 1000)
+    threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
+    offset_from_furthest: int = parameter(20, 0, 1000)
+    use_path_orientations: bool = parameter(False)
+
+
+class PathFollowParameters(ParameterGroup):
+    """Distance of the last point to a point of the plan just beyond what any trajectory reaches."""
+
+    enabled: bool = parameter(True)
+    cost_weight: float = parameter(5.0, 0.0, 1e6)
+    offset_from_furthest: int = parameter(5, 0, 1000, code=6)
+    threshold_to_consider: float = parameter(1.4, 0.0, 1e3)
+
+
+class PathAngleParameters(ParameterGroup):
+    """Last heading against the bearing of such a point, when the robot faces elsewhere (rad).
+
+    `mode` 0 wants the front towards the point, 1 front or back, and 2 whichever the plan's heading there says.
+    """
+
+    enabled: bool = parameter(True)
+    cost_weight: float = parameter(2.0, 0.0, 1e6, code=2.2)
+    offset_from_furthest: int = parameter(4, 0, 1000)
+    threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
+    max_angle_to_furthest: float = parameter(1.0, 0.0, 4.0, code=0.785398)
+    mode: int = parameter(0, 0, 2)
+
+
+class PreferForwardParameters(ParameterGroup):
+    """Driving backwards, farther than a distance from the goal (m)."""
+
+    enabled: bool = parameter(True)
+    cost_weight: float = parameter(5.0, 0.0, 1e6)
+    threshold_to_consider: float = parameter(0.5, 0.0, 1e3)
+
+
+class TwirlingParameters(ParameterGroup):
+    """Turning, as long as the robot is farther from the goal than the goal checker allows."""
+
+    enabled: bool = parameter(False)
+    cost_power: int = parameter(1, 1, 10)
+    cost_weight: float = parameter(10.0, 0.0, 1e6)
+
+
+class VelocityDeadbandParameters(ParameterGroup):
+    """Speeds short of these: forward and to the left (m/s), and turning (rad/s)."""
+
+    enabled: bool = parameter(False)
+    cost_power: int = parameter(1, 1, 10)
+    cost_weight: float = parameter(35.0, 0.0, 1e6)
+    deadband_velocities: tuple[float, float, float] = parameter((0.0, 0.0, 0.0))
+
+
+class MppiParameters(ParameterGroup):
+    """The optimiser's parameters: meters, seconds, radians. Of any motion model but Omni `vy_max` serves ConstraintCritic
+    alone, as in Jazzy, and `ay_max`, `ay_min` and `vy_std` serve nothing.
+
+    `retry_scores` is not Nav2's: whether the critics judge the samples of a retry after a batch in which all collide. As
+    Nav2 is released they don't, and a retry never gives a command.
+    """
+
+    motion_model: MotionModel = parameter("DiffDrive")
+    time_steps: int = parameter(56, 2, 1000)
+    model_dt: float = parameter(0.05, 0.05, 1.0)
+    batch_size: int = parameter(2000, 1, 100_000, code=1000)
+    temperature: float = parameter(0.3, 1e-3, 1e6)
+    gamma: float = parameter(0.015, 0.0, 1e3)
+    vx_max: float = parameter(0.5, 0.0, 10.0)
+    vx_min: float = parameter(-0.35, -10.0, 10.0)
+    vy_max: float = parameter(0.5, 0.0, 10.0)
+    wz_max: float = parameter(1.9, 0.0, 10.0)
+    ax_max: float = parameter(3.0, 0.0, 100.0)
+    ax_min: float = parameter(-3.0, -100.0, 0.0)
+    ay_max: float = parameter(3.0, 0.0, 100.0)
+    ay_min: float = parameter(-3.0, -100.0, 0.0)
+    az_max: float = parameter(3.5, 0.0, 100.0)
+    vx_std: float = parameter(0.2, 1e-3, 10.0)
+    vy_std: float = parameter(0.2, 1e-3, 10.0)
+    wz_std: float = parameter(0.4, 1e-3, 10.0)
+    prune_distance: float = parameter(1.7, 0.0, 100.0, code=1.5)
+    enforce_path_inversion: bool = parameter(False)
+    inversion_xy_tolerance: float = parameter(0.2, 0.0, 100.0)
+    inversion_yaw_tolerance: float = parameter(0.4, 0.0, 7.0)
+    retry_attempt_limit: int = parameter(1, 0, 10)
+    retry_scores: bool = parameter(False)
+    AckermannConstraints: AckermannParameters = AckermannParameters()
+    ConstraintCritic: ConstraintParameters = ConstraintParameters()
+    CostCritic: CostParameters = CostParameters()
+    ObstaclesCritic: ObstaclesParameters = ObstaclesParameters()
+    GoalCritic: GoalParameters = GoalParameters()
+    GoalAngleCritic: GoalAngleParameters = GoalAngleParameters()
+    PathAlignCritic: PathAlignParameters = PathAlignParameters()
+    PathFollowCritic: PathFollowParameters = PathFollowParameters()
+    PathAngleCritic: PathAngleParameters = PathAngleParameters()
+    PreferForwardCritic: PreferForwardParameters = PreferForwardParameters()
+    TwirlingCritic: TwirlingParameters = TwirlingParameters()
+    VelocityDeadbandCritic: VelocityDeadbandParameters = VelocityDeadbandParameters()

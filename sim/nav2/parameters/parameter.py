@@ -1,0 +1,127 @@
+"""Groups of Nav2's parameters as pydantic models, and what is said of values that they do not take."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final, Self, TypeAlias, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+ParameterLocation: TypeAlias = tuple[str, ...]
+"""Names from the top: nodes, `ros__parameters`, groups, the parameter."""
+
+
+NAV2_CODE: Final = "nav2_code"
+"""Key of a field's `json_schema_extra`: the default in Nav2's code where that of Jazzy's parameter file differs."""
+
+
+class ParameterError(ValueError):
+    """A parameter whose value the stack can't use."""
+
+
+class ParameterGroup(BaseModel):
+    """A group of parameters under Nav2's leaf names, as one node, plug-in or critic has them.
+
+    A field's default is the value in Nav2 Jazzy's default parameter file; see `parameter`. Whole numbers may come with a
+    point (`30.0`) and lengths without (`1`), as YAML authors write both; text is no number.
+    """
+
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        strict=True,
+        allow_inf_nan=False,
+        protected_namespaces=(),  # MPPI has a `model_dt`
+    )
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _from_yaml(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, float) and value.is_integer() and _field(cls, info.field_name).annotation in _WHOLE:
+            return int(value)
+        return tuple(value) if isinstance(value, list) else value
+
+    def with_values(self, **values: Any) -> Self:
+        """The same group with these values in place of its own, checked.
+
+        Raises:
+            pydantic.ValidationError: a parameter is unknown, of the wrong type or out of range.
+        """
+        return type(self)(**{**dict(self), **values})
+
+
+def parameter(default: Any, low: float | None = None, high: float | None = None, *, code: Any = None) -> Any:
+    """A field of a `ParameterGroup`.
+
+    Args:
+        default: Value in Nav2 Jazzy's default parameter file, which is used where the user gives no file.
+        low, high: Inclusive range of numbers the stack can work with.
+        code: Default in Nav2's code, where it differs: a file of the user's that leaves the parameter out means this.
+    """
+    return Field(default, ge=low, le=high, json_schema_extra=None if code is None else {NAV2_CODE: code})
+
+
+def code_default(field: FieldInfo) -> Any:
+    """What Nav2's code takes for a parameter that a file leaves out."""
+    extra = field.json_schema_extra
+    return extra[NAV2_CODE] if isinstance(extra, Mapping) and NAV2_CODE in extra else field.default
+
+
+def complaint(model: type[BaseModel], name: str, value: Any) -> str | None:
+    """What one parameter of a group must be, None where `value` is that."""
+    try:
+        model.model_validate({name: value})
+    except ValidationError as error:
+        return next((right for at, right in complaints(model, error) if at == name), None)
+    return None
+
+
+def complaints(model: type[BaseModel], error: ValidationError) -> Iterator[tuple[str, str]]:
+    """For each thing wrong with a group the parameter and what would be right, `max_beams must be a whole number`.
+
+    The parameter is empty where values are right one by one and contradict each other; then the text says how.
+    """
+    for each in error.errors(include_url=False):
+        if not each["loc"]:
+            yield "", each["msg"].removeprefix("Value error, ")
+            continue
+        name, *items = map(str, each["loc"])
+        yield name, _demand(name, items, model.model_fields.get(name), each)
+
+
+def _demand(name: str, items: list[str], field: FieldInfo | None, error: ErrorDetails) -> str:
+    kind = error["type"]
+    if kind in ("too_long", "tuple_type") or (kind == "missing" and items):
+        return f"{name} must be a list of {len(get_args(field.annotation)) if field else 0} numbers"
+    name += "".join(f"[{item}]" for item in items)
+    if kind == "value_error":
+        return f"{name} must be {error['msg'].removeprefix('Value error, ')}"
+    if kind in _KINDS:
+        return f"{name} must be {_KINDS[kind]}"
+    if kind in ("greater_than_equal", "less_than_equal") and field:
+        low, high = range_of(field)
+        return f"{name} must lie in [{low:g}, {high:g}]"
+    return f"{name}: {error['msg']}"
+
+
+_WHOLE: Final = (int, int | None)
+_KINDS: Final = {
+    "bool_type": "true or false",
+    "string_type": "text",
+    "int_type": "a whole number",
+    "float_type": "a number",
+    "finite_number": "a number",
+}
+"""Type of a pydantic error to what would be right."""
+
+
+def range_of(field: FieldInfo) -> tuple[float, float]:
+    """Lowest and highest number of a field, or of each item of a list."""
+    items = [item for item in get_args(field.annotation) if hasattr(item, "__metadata__")]
+    bounds = [bound for mark in items[0].__metadata__ for bound in mark.metadata] if items else field.metadata
+    low = next((bound.ge for bound in bounds if hasattr(bound, "ge")), -float("inf"))
+    return low, next((bound.le for bound in bounds if hasattr(bound, "le")), float("inf"))
+
+
+def _field(model: type[BaseModel], name: str | None) -> FieldInfo:
+    return model.model_fields[str(name)]

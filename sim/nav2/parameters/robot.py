@@ -1,0 +1,177 @@
+"""Parameters of the robot itself: its body, actuators, laser scanner, and latency, as a campaign's section `robot` gives them.
+
+What is not given follows from the Nav2 parameters or is the TurtleBot 4's, see `vastflow.sim.reading.robot`.
+"""
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any, Final, Self
+
+from pydantic import field_validator, model_validator
+
+from vastflow.sim.model.polygon import vertices_of
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, ParameterLocation, parameter
+from vastflow.sim.world.robot_model import MOST_BEAMS, Drive
+
+LATENCY_KEY: Final = "latency"
+"""Name of the section below `robot`."""
+
+PRESET_KEY: Final = "preset"
+"""Of the section: the preset that gives what the section leaves out."""
+
+OLDEST_S: Final = 0.5
+"""What comes later than this is taken to come then: Nav2's message filters drop what is much older."""
+
+PHYSICS_HZ: Final = 100.0
+"""Odometry at this rate is as new as the stack's tick."""
+
+
+class Latency(ParameterGroup):
+    """Seconds and Hz. An age is the least; a jitter is the mean of what comes on top, drawn from an exponential distribution.
+
+    Attributes:
+        scan_age, scan_jitter: From the end of a scan to AMCL, costmaps, and collision monitor.
+        odometry_rate: Of odometry's messages and its transform.
+        tf_age, tf_jitter: From a sample of odometry to the stack.
+        controller_time, controller_jitter: From the begin of a controller cycle to its command; while it computes, none begins.
+        missed_cycles: Share of the controller's cycles that are left out; the last command stands.
+        smoother_in_step: Whether the velocity smoother runs right after the controller's cycle begins; else at a phase drawn for the run.
+    """
+
+    scan_age: float = parameter(0.0, 0.0, OLDEST_S)
+    scan_jitter: float = parameter(0.0, 0.0, OLDEST_S)
+    odometry_rate: float = parameter(PHYSICS_HZ, 5.0, PHYSICS_HZ)
+    tf_age: float = parameter(0.0, 0.0, OLDEST_S)
+    tf_jitter: float = parameter(0.0, 0.0, OLDEST_S)
+    controller_time: float = parameter(0.0, 0.0, OLDEST_S)
+    controller_jitter: float = parameter(0.0, 0.0, OLDEST_S)
+    missed_cycles: float = parameter(0.0, 0.0, 0.9)
+    smoother_in_step: bool = parameter(True)
+
+
+IDEAL: Final = Latency()
+
+PRESETS: Final[Mapping[str, Latency]] = {
+    "ideal": IDEAL,
+    "gazebo": Latency(
+        scan_age=0.02,
+        scan_jitter=0.01,
+        odometry_rate=30.0,
+        tf_age=0.005,
+        tf_jitter=0.005,
+        controller_time=0.007,
+        controller_jitter=0.006,
+        missed_cycles=0.01,
+        smoother_in_step=False,
+    ),
+    "loaded": Latency(
+        scan_age=0.12,
+        scan_jitter=0.05,
+        odometry_rate=20.0,
+        tf_age=0.022,
+        tf_jitter=0.02,
+        controller_time=0.055,
+        controller_jitter=0.06,
+        missed_cycles=0.05,
+        smoother_in_step=False,
+    ),
+}
+"""Where the numbers are from stands in `docs/the-simulator.md`."""
+
+
+ROBOT_KEY: Final = "robot"
+"""First name of the keys of the system dimension that give these."""
+
+WHOLE_TURN_RAD: Final = 2.0 * math.pi + 1e-3
+"""Files round a turn's angles up, as in 3.1416."""
+
+
+class LidarParameters(ParameterGroup):
+    """Laser scanner: meters, radians and Hz; `x`, `y` and `yaw` of its mount are in the robot's frame.
+
+    Angles are counter-clockwise from the mount's yaw.
+    """
+
+    x: float | None = parameter(None, -10.0, 10.0)
+    y: float | None = parameter(None, -10.0, 10.0)
+    yaw: float | None = parameter(None, -7.0, 7.0)
+    beams: int | None = parameter(None, 2, MOST_BEAMS)
+    angle_min: float | None = parameter(None, -7.0, 7.0)
+    angle_max: float | None = parameter(None, -7.0, 7.0)
+    range_min: float | None = parameter(None, 0.0, 10.0)
+    range_max: float | None = parameter(None, 0.2, 1000.0)
+    rate: float | None = parameter(None, 1.0, 20.0)
+    sweeps: bool | None = parameter(None)
+
+    @model_validator(mode="after")
+    def _limits_agree(self) -> Self:
+        if (self.angle_min is None) != (self.angle_max is None):
+            raise ValueError("angle_min and angle_max must be given together")
+        if self.angle_min is not None and self.angle_max is not None:
+            turn_rad = self.angle_max - self.angle_min
+            if not 0.0 < turn_rad <= WHOLE_TURN_RAD:
+                raise ValueError(
+                    f"angle_max {self.angle_max:g} must lie within a turn above angle_min {self.angle_min:g}"
+                )
+        if self.range_min is not None and self.range_max is not None and self.range_min >= self.range_max:
+            raise ValueError(f"range_min {self.range_min:g} must be < range_max {self.range_max:g}")
+        return self
+
+
+class RobotParameters(ParameterGroup):
+    """The robot: meters, kilograms, m/s, rad/s and per second; limits are those of its actuators.
+
+    Attributes:
+        polygon: Vertices of the body in Nav2's text for a footprint.
+    """
+
+    radius: float | None = parameter(None, 0.01, 10.0)
+    polygon: str | None = parameter(None)
+    drive: Drive | None = parameter(None)
+    min_turning_radius: float | None = parameter(None, 0.01, 100.0)
+    mass: float | None = parameter(None, 0.1, 10_000.0)
+    max_speed: float | None = parameter(None, 0.01, 100.0)
+    max_acceleration: float | None = parameter(None, 0.01, 1000.0)
+    max_yaw_rate: float | None = parameter(None, 0.01, 100.0)
+    max_yaw_acceleration: float | None = parameter(None, 0.01, 1000.0)
+    lidar: LidarParameters = LidarParameters()
+
+    @field_validator("polygon", mode="before")
+    @classmethod
+    def _as_text(cls, polygon: Any) -> Any:
+        """A list of vertices, as YAML has it, as Nav2's text."""
+        return (
+            str([list(item) if isinstance(item, tuple) else item for item in polygon])
+            if isinstance(polygon, tuple | list)
+            else polygon
+        )
+
+    @field_validator("polygon")
+    @classmethod
+    def _has_an_area(cls, polygon: str | None) -> str | None:
+        if polygon is not None and not vertices_of(polygon):
+            raise ValueError("a polygon of three vertices or more")
+        return polygon
+
+    @model_validator(mode="after")
+    def _one_body(self) -> Self:
+        if self.radius is not None and self.polygon is not None:
+            raise ValueError("radius and polygon are both given")
+        return self
+
+    @model_validator(mode="after")
+    def _steered(self) -> Self:
+        if self.min_turning_radius is not None and self.drive not in (None, "ackermann"):
+            raise ValueError(f"min_turning_radius is an ackermann drive's, and drive is {self.drive}")
+        return self
+
+
+@functools.cache
+def robot_keys() -> Mapping[str, ParameterLocation]:
+    """Every key of the system dimension that gives a quantity of the robot, to where it is read."""
+    own = [(ROBOT_KEY, name) for name in RobotParameters.model_fields if name != "lidar"]
+    lidar = ((ROBOT_KEY, "lidar", name) for name in LidarParameters.model_fields)
+    latency = ((ROBOT_KEY, LATENCY_KEY, name) for name in (PRESET_KEY, *Latency.model_fields))
+    every = [*own, *lidar, *latency]
+    return {".".join(path): path for path in every}

@@ -1,0 +1,223 @@
+"""Parameters of Nav2's servers: planners, checkers, behaviors, smoother, and collision monitor, and of the study's perturbations."""
+
+from typing import Annotated, Final, Literal, TypeAlias
+
+from pydantic import Field
+
+from vastflow.sim.model.polygon import Vertices
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup, parameter
+
+Forward: TypeAlias = Annotated[float, Field(ge=0.0, le=100.0)]
+Backward: TypeAlias = Annotated[float, Field(ge=-100.0, le=0.0)]
+Acceleration: TypeAlias = Annotated[float, Field(ge=0.0, le=1000.0)]
+Deceleration: TypeAlias = Annotated[float, Field(ge=-1000.0, le=0.0)]
+
+
+MOST_ZONES: Final = 8
+"""Areas of a collision monitor."""
+
+
+class NavFn(ParameterGroup):
+    """NavfnPlanner; tolerance in meters."""
+
+    tolerance: float = parameter(0.5, 0.0, 100.0)
+    allow_unknown: bool = parameter(True)
+    use_astar: bool = parameter(False)
+
+
+class ControllerServer(ParameterGroup):
+    """controller_server: Hz, seconds, and velocities below which odometry is read as standing."""
+
+    controller_frequency: float = parameter(20.0, 0.5, 1000.0)
+    failure_tolerance: float = parameter(0.3, 0.0, 1e6, code=0.0)
+    min_x_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
+    min_y_velocity_threshold: float = parameter(0.5, 0.0, 10.0, code=0.0001)
+    min_theta_velocity_threshold: float = parameter(0.001, 0.0, 10.0, code=0.0001)
+
+
+NO_ANGLE_RAD: Final = 7.0
+"""No turn counts as progress: it is more than half a circle."""
+
+NO_LIMIT: Final = 1e6
+
+
+class ProgressChecker(ParameterGroup):
+    """PoseProgressChecker: meters, radians and seconds. A SimpleProgressChecker is one whose angle is `NO_ANGLE_RAD`."""
+
+    required_movement_radius: float = parameter(0.5, 0.0, 100.0)
+    required_movement_angle: float = parameter(NO_ANGLE_RAD, 0.0, NO_ANGLE_RAD, code=0.5)
+    movement_time_allowance: float = parameter(10.0, 0.1, 1e6)
+
+
+class GoalChecker(ParameterGroup):
+    """StoppedGoalChecker: meters, radians, and per second. A SimpleGoalChecker is one whose velocities have `NO_LIMIT`."""
+
+    xy_goal_tolerance: float = parameter(0.25, 0.001, 100.0)
+    yaw_goal_tolerance: float = parameter(0.25, 0.001, 7.0)
+    stateful: bool = parameter(True)
+    trans_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT, code=0.25)
+    rot_stopped_velocity: float = parameter(NO_LIMIT, 0.0, NO_LIMIT, code=0.25)
+
+
+class RotationShim(ParameterGroup):
+    """RotationShimController round the controller: meters, seconds, radians, and per second.
+
+    Attributes:
+        enabled: Whether there is one.
+        use_path_orientations: Whether it turns to the path's heading ahead, and not to where the path leads.
+    """
+
+    enabled: bool = False
+    angular_dist_threshold: float = parameter(0.785, 0.0, 3.15)
+    angular_disengage_threshold: float = parameter(0.785, 0.0, 3.15)
+    forward_sampling_distance: float = parameter(0.5, 0.0, 100.0)
+    rotate_to_heading_angular_vel: float = parameter(1.8, 0.0, 10.0)
+    max_angular_accel: float = parameter(3.2, 0.01, 100.0)
+    simulate_ahead_time: float = parameter(1.0, 0.0, 100.0)
+    rotate_to_heading_once: bool = parameter(False)
+    use_path_orientations: bool = parameter(False)
+    rotate_to_goal_heading: bool = parameter(False)
+    closed_loop: bool = parameter(True)
+
+
+class BehaviorServer(ParameterGroup):
+    """behavior_server: seconds, rad/s, rad/s²."""
+
+    simulate_ahead_time: float = parameter(2.0, 0.0, 100.0)
+    max_rotational_vel: float = parameter(1.0, 0.01, 100.0)
+    min_rotational_vel: float = parameter(0.4, 0.0, 100.0)
+    rotational_acc_lim: float = parameter(3.2, 0.01, 100.0)
+
+
+class WaypointFollower(ParameterGroup):
+    """waypoint_follower with its WaitAtWaypoint task; the pause is in milliseconds."""
+
+    stop_on_failure: bool = parameter(False, code=True)
+    waypoint_pause_duration: int = parameter(200, 0, 10_000_000, code=0)
+
+
+class VelocitySmoother(ParameterGroup):
+    """velocity_smoother at 20 Hz: x, y, yaw in m/s and rad/s, and per second; times in seconds.
+
+    Attributes:
+        closed_loop: Whether it goes on from the mean of the odometry's last `odom_duration`, and not from its last command.
+    """
+
+    closed_loop: bool = False
+    odom_duration: float = parameter(0.1, 0.0, 5.0)
+
+    max_velocity: tuple[Forward, Forward, Forward] = parameter((0.5, 0.0, 2.0), code=(0.5, 0.0, 2.5))
+    min_velocity: tuple[Backward, Backward, Backward] = parameter((-0.5, 0.0, -2.0), code=(-0.5, 0.0, -2.5))
+    max_accel: tuple[Acceleration, Acceleration, Acceleration] = parameter((2.5, 0.0, 3.2))
+    max_decel: tuple[Deceleration, Deceleration, Deceleration] = parameter((-2.5, 0.0, -3.2))
+    velocity_timeout: float = parameter(1.0, 0.0, 1e6)
+
+
+class MonitorZone(ParameterGroup):
+    """An area of collision_monitor that the file draws: m/s, rad/s, seconds, and what is done with so many points in it.
+
+    Attributes:
+        vertices: (x, y) of a polygon in the robot's frame (m); none for a circle of `radius`.
+    """
+
+    action: Literal["stop", "slowdown", "limit", "approach"] = "stop"
+    vertices: Vertices = ()
+    radius: float = parameter(0.0, 0.0, 100.0)
+    min_points: int = parameter(4, 1, 100_000)
+    slowdown_ratio: float = parameter(0.5, 0.0, 1.0)
+    linear_limit: float = parameter(0.5, 0.0, 100.0)
+    angular_limit: float = parameter(0.5, 0.0, 100.0)
+    time_before_collision: float = parameter(2.0, 0.0, 100.0)
+    simulation_time_step: float = parameter(0.1, 0.001, 10.0)
+
+
+class CollisionMonitor(ParameterGroup):
+    """collision_monitor with a polygon of type approach round the published footprint, and areas of its file; seconds.
+
+    Humble's stack has none: there the file names no such node, and `enabled` is false.
+
+    Attributes:
+        enabled: Whether there is the one round the footprint.
+    """
+
+    enabled: bool = parameter(True)
+    time_before_collision: float = parameter(1.2, 0.0, 100.0, code=2.0)
+    simulation_time_step: float = parameter(0.1, 0.001, 10.0)
+    min_points: int = parameter(6, 1, 100_000, code=4)
+    source_timeout: float = parameter(1.0, 0.0, 1e6, code=2.0)
+    zones: tuple[MonitorZone, ...] = ()
+
+
+class Perturbation(ParameterGroup):
+    """What lies between the simulated sensors and Nav2: the relay of the paper's study, and odometry noise.
+
+    Attributes:
+        laserscan_gaussian_noise_std_deviation: Of every beam, meters.
+        laserscan_random_drop_percentage: Share of beams lost, a fraction 0..1 in spite of its name.
+        odometry_noise_std_deviation: Of each step's distance and turn, as a share of them.
+        initial_pose_covariance_xx, initial_pose_covariance_yy, initial_pose_covariance_yaw: Of the initial pose (m², rad²).
+    """
+
+    laserscan_gaussian_noise_std_deviation: float = parameter(0.0, 0.0, 100.0)
+    laserscan_random_drop_percentage: float = parameter(0.0, 0.0, 1.0)
+    odometry_noise_std_deviation: float = parameter(0.0, 0.0, 10.0)
+    initial_pose_covariance_xx: float = parameter(0.0, 0.0, 100.0)
+    initial_pose_covariance_yy: float = parameter(0.0, 0.0, 100.0)
+    initial_pose_covariance_yaw: float = parameter(0.0, 0.0, 40.0)
+
+
+class SmootherParameters(ParameterGroup):
+    """The smoother of a Smac planner: meters a pass, passes, and weights.
+
+    Attributes:
+        w_data, w_smooth: How far a point goes in a pass toward where it was, and toward the middle of its neighbors.
+    """
+
+    tolerance: float = parameter(1e-10, 0.0, 1.0)
+    max_iterations: int = parameter(1000, 0, 1_000_000)
+    w_data: float = parameter(0.2, 0.0, 1.0)
+    w_smooth: float = parameter(0.3, 0.0, 1.0)
+    do_refinement: bool = parameter(True)
+    refinement_num: int = parameter(2, 0, 100)
+
+
+class SmacPlanner2D(ParameterGroup):
+    """SmacPlanner2D: the tolerance in meters; iterations of 0 and less are without end, as in Nav2."""
+
+    tolerance: float = parameter(0.125, 0.0, 100.0)
+    allow_unknown: bool = parameter(True)
+    max_iterations: int = parameter(1_000_000, -1, 1_000_000_000)
+    max_on_approach_iterations: int = parameter(1000, -1, 1_000_000_000)
+    cost_travel_multiplier: float = parameter(1.0, 0.0, 1000.0)
+    smoother: SmootherParameters = SmootherParameters()
+
+
+class SmacPlannerHybrid(ParameterGroup):
+    """SmacPlannerHybrid: meters; penalties are factors, `change_penalty` is added to one.
+
+    Attributes:
+        lookup_table_size: Edge of the window round the goal in which the distance heuristic counts.
+    """
+
+    tolerance: float = parameter(0.25, 0.0, 100.0)
+    allow_unknown: bool = parameter(True)
+    max_iterations: int = parameter(1_000_000, -1, 1_000_000_000)
+    max_on_approach_iterations: int = parameter(1000, -1, 1_000_000_000)
+    smooth_path: bool = parameter(True)
+    motion_model_for_search: Literal["DUBIN", "REEDS_SHEPP"] = parameter("DUBIN")
+    angle_quantization_bins: int = parameter(72, 4, 720)
+    minimum_turning_radius: float = parameter(0.4, 0.0, 100.0)
+    allow_primitive_interpolation: bool = parameter(False)
+    reverse_penalty: float = parameter(2.0, 1.0, 1000.0)
+    change_penalty: float = parameter(0.0, 0.0, 1000.0)
+    non_straight_penalty: float = parameter(1.2, 1.0, 1000.0)
+    cost_penalty: float = parameter(2.0, 0.0, 1000.0)
+    retrospective_penalty: float = parameter(0.015, 0.0, 0.5)
+    analytic_expansion_ratio: float = parameter(3.5, 0.1, 1000.0)
+    analytic_expansion_max_length: float = parameter(3.0, 0.0, 1000.0)
+    analytic_expansion_max_cost: float = parameter(200.0, 0.0, 255.0)
+    analytic_expansion_max_cost_override: bool = parameter(False)
+    use_quadratic_cost_penalty: bool = parameter(False)
+    downsample_obstacle_heuristic: bool = parameter(True)
+    lookup_table_size: float = parameter(20.0, 0.1, 30.0)
+    smoother: SmootherParameters = SmootherParameters()

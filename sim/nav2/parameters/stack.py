@@ -1,0 +1,50 @@
+"""All parameters of the navigation stack, component by component."""
+
+from pydantic import SerializeAsAny
+
+from vastflow.sim.nav2.parameters.amcl import AmclParameters
+from vastflow.sim.nav2.parameters.costmap import Costmap, global_costmap, local_costmap
+from vastflow.sim.nav2.parameters.mppi import MppiParameters
+from vastflow.sim.nav2.parameters.parameter import ParameterGroup
+from vastflow.sim.nav2.parameters.robot import Latency, RobotParameters
+from vastflow.sim.nav2.parameters.servers import (
+    BehaviorServer,
+    CollisionMonitor,
+    ControllerServer,
+    GoalChecker,
+    NavFn,
+    Perturbation,
+    ProgressChecker,
+    RotationShim,
+    SmacPlanner2D,
+    SmacPlannerHybrid,
+    VelocitySmoother,
+    WaypointFollower,
+)
+
+
+class NavParameters(ParameterGroup):
+    """What the stack in the loop is set to; the values of Nav2 Jazzy's default file where nothing is given.
+
+    Attributes:
+        controller: Parameters of the controller; a plug-in is its own, see
+            `vastflow.sim.nav2.controllers.registry.find_parameters`.
+        robot: Of the robot that the stack drives, which it is not told of; `latency` of its sensors and computers.
+    """
+
+    robot: RobotParameters = RobotParameters()
+    perturbation: Perturbation = Perturbation()
+    latency: Latency = Latency()
+    amcl: AmclParameters = AmclParameters()
+    local_costmap: Costmap = local_costmap()
+    global_costmap: Costmap = global_costmap()
+    planner: NavFn | SmacPlanner2D | SmacPlannerHybrid = NavFn()
+    controller_server: ControllerServer = ControllerServer()
+    progress_checker: ProgressChecker = ProgressChecker()
+    goal_checker: GoalChecker = GoalChecker()
+    behavior_server: BehaviorServer = BehaviorServer()
+    waypoint_follower: WaypointFollower = WaypointFollower()
+    velocity_smoother: VelocitySmoother = VelocitySmoother()
+    collision_monitor: CollisionMonitor = CollisionMonitor()
+    rotation_shim: RotationShim = RotationShim()
+    controller: SerializeAsAny[ParameterGroup] = MppiParameters()

@@ -1,0 +1,1 @@
+"""Planners: NavFn, SmacPlanner2D, and SmacPlannerHybrid."""

@@ -1,0 +1,240 @@
+"""What a search for a path is given, where the robot has room, and what is left to the goal at the least."""
+
+import heapq
+import math
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vastflow.sim.kernels.numeric import inner
+from vastflow.sim.nav2.costmaps.inflation import INSCRIBED, UNKNOWN
+from vastflow.sim.nav2.costmaps.window import Window, outline_hits
+from vastflow.sim.nav2.planners.curves import shortest
+
+START_OUTSIDE, GOAL_OUTSIDE, START_OCCUPIED, GOAL_OCCUPIED, TIMEOUT, NO_VALID_PATH = 203, 204, 205, 206, 207, 208
+"""Nav2's error codes of ComputePathToPose; those of ComputePathThroughPoses are 100 greater."""
+
+WHOLE: Final = 252.0
+"""The greatest cost of a cell that is free."""
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Parameters of a search under the names of its kernels: lengths in cells, but for the map's frame; times as iterations.
+
+    Attributes:
+        resolution, origin_x, origin_y: Of the map, in meters.
+        bins: Headings a turn is divided into; 1 where a path has none.
+        radius: The least radius of a turn.
+        circumscribed_cost: Below it the whole polygon of a robot is free; the robot is a disc where `polygon` is 0.
+        smoother_iterations: 0 where the path stays as it is searched.
+        table: Edge of the window round the goal in which distances of curves are known.
+    """
+
+    resolution: float
+    origin_x: float
+    origin_y: float
+    tolerance: float
+    allow_unknown: bool
+    max_iterations: int
+    max_on_approach_iterations: int
+    cost_penalty: float
+    smoother_tolerance: float
+    smoother_iterations: int
+    w_data: float
+    w_smooth: float
+    refinements: int
+    polygon: bool = False
+    circumscribed_cost: float = 0.0
+    bins: int = 1
+    radius: float = 1.0
+    reverses: bool = False
+    interpolates: bool = False
+    change_penalty: float = 0.0
+    non_straight_penalty: float = 1.0
+    reverse_penalty: float = 1.0
+    travel_distance_reward: float = 1.0
+    quadratic: bool = False
+    halves: bool = False
+    expansion_ratio: float = 1.0
+    expansion_length: float = 0.0
+    expansion_cost: float = 252.0
+    expansion_override: bool = False
+    table: int = 1
+
+
+class PlannerInput(NamedTuple):
+    """What a planner is given. Poses and points are in the frame of the map's grid, in meters and radians.
+
+    Attributes:
+        costs: (H, W) uint8 global costmap.
+        place: (3,) x and y of its lower left corner, and the resolution.
+        outline: (V, 2) padded footprint in the robot's frame.
+        start, goal: (x, y, yaw).
+        path: (M, 3) which the poses of the path are written to.
+    """
+
+    costs: Any
+    place: Any
+    outline: Any
+    start: Any
+    goal: Any
+    path: Any
+
+
+@inner
+def collides(q: Any, cost: int) -> bool:
+    """Whether the center of a robot can't be in a cell of this cost."""
+    return bool(cost >= INSCRIBED and not (cost == UNKNOWN and q.allow_unknown != 0))
+
+
+@inner
+def has_room(q: Any, given: Any, x: float, y: float, heading_rad: float) -> bool:
+    """Whether the robot fits at a pose in cells.
+
+    Args:
+        q: `Search`.
+        given: `PlannerInput`.
+    """
+    if x < 0.0 or y < 0.0 or x >= given.costs.shape[1] or y >= given.costs.shape[0]:
+        return False
+    cost = int(given.costs[int(y), int(x)])
+    if collides(q, cost):
+        return False
+    if q.polygon == 0 or (cost < q.circumscribed_cost and q.circumscribed_cost > 0.0):
+        return True
+    x_m, y_m = q.origin_x + x * q.resolution, q.origin_y + y * q.resolution
+    return not outline_hits(Window(given.costs, given.place), given.outline, x_m, y_m, heading_rad)
+
+
+@inner
+def center_cost(costs: Any, x: float, y: float) -> int:
+    """Cost of the cell at a point in cells; unknown off the map."""
+    if x < 0.0 or y < 0.0 or x >= costs.shape[1] or y >= costs.shape[0]:
+        return int(UNKNOWN)
+    return int(costs[int(y), int(x)])
+
+
+_BORDER = 3
+_TINY = 1e-5
+
+
+class Ground(NamedTuple):
+    """The costs from the goal, as far as they were asked for.
+
+    Attributes:
+        values: (h, w) float32: 0 unknown yet, negative in the open set, positive once they are final.
+        goal: (3,) float64 x, y in cells and the bin of its heading.
+    """
+
+    values: Any
+    goal: Any
+
+
+@inner
+def new_ground(q: Any, costs: Any, goal: Any) -> Ground:
+    """Nothing is known but the goal's own cell."""
+    part = 2 if q.halves != 0 else 1
+    rows, columns = (costs.shape[0] + part - 1) // part, (costs.shape[1] + part - 1) // part
+    values = np.zeros((rows, columns), dtype=np.float32)
+    values[int(goal[1]) // part, int(goal[0]) // part] = -_TINY
+    return Ground(values, goal)
+
+
+@inner
+def over_ground(q: Any, ground: Ground, waiting: Any, costs: Any, x: int, y: int) -> float:
+    """The cost of the best way over the cells from one to the goal; 0 where there is none.
+
+    As in Nav2 it costs no turn, and cells near the map's border, or in an inscribed radius, are not entered. With `q.halves`
+    four cells count as one, of the least cost among them.
+
+    Args:
+        waiting: Open set, (expected cost, cell), first as `[(0.0, goal's cell)]`.
+    """
+    part = 2 if q.halves != 0 else 1
+    column, row = x // part, y // part
+    values = ground.values
+    if values[row, column] > 0.0:
+        return float(part * values[row, column])
+    rows, columns = values.shape
+    cells = values.ravel()
+    asked = row * columns + column
+    for k in range(len(waiting)):
+        cell = waiting[k][1]
+        waiting[k] = (-cells[cell] + math.hypot(cell % columns - column, cell // columns - row), cell)
+    heapq.heapify(waiting)
+    while len(waiting) > 0:
+        _, here = heapq.heappop(waiting)
+        if cells[here] > 0.0:
+            continue
+        cells[here] = -cells[here]
+        at_x, at_y = here % columns, here // columns
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                to_x, to_y = at_x + dx, at_y + dy
+                if to_x <= _BORDER or to_y <= _BORDER or to_x >= columns - _BORDER or to_y >= rows - _BORDER:
+                    continue
+                there = to_y * columns + to_x
+                if cells[there] > 0.0:
+                    continue
+                cost = _least(costs, to_x * part, to_y * part, part)
+                if cost >= INSCRIBED:
+                    continue
+                share = cost / WHOLE
+                share = share * share if q.quadratic != 0 else share
+                step = 1.0 if dx == 0 or dy == 0 else math.sqrt(2.0)
+                value = np.float32(cells[here] + step * (1.0 + q.cost_penalty * share))
+                if cells[there] == 0.0 or -cells[there] > value:
+                    cells[there] = -value
+                    heapq.heappush(waiting, (value + math.hypot(to_x - column, to_y - row), there))
+        if here == asked:
+            break
+    return float(part * max(values[row, column], np.float32(0.0)))
+
+
+@inner
+def _least(costs: Any, x: int, y: int, part: int) -> int:
+    found = int(costs[y, x])
+    for row in range(y, min(y + part, costs.shape[0])):
+        for column in range(x, min(x + part, costs.shape[1])):
+            found = min(found, int(costs[row, column]))
+    return found
+
+
+def new_distances(table: int, bins: int) -> NDArray[np.float32]:
+    """Lengths of the shortest curves to a goal from the cells of a window round it, NaN as long as nobody has asked.
+
+    Nav2 computes all of them before the first plan.
+    """
+    return np.full(table * ((table + 1) // 2) * bins, np.nan, dtype=np.float32)
+
+
+@inner
+def along_curve(q: Any, distances: Any, goal: Any, x: int, y: int, turn: int, over: float) -> float:
+    """Length in cells of the shortest curve from a cell and a heading to the goal, within the window round it; else 0."""
+    angle = -2.0 * math.pi * goal[2] / q.bins
+    c, s = math.cos(angle), math.sin(angle)
+    dx, dy = x - goal[0], y - goal[1]
+    half = q.table // 2
+    column, row = round(dx * c - dy * s), round(dx * s + dy * c)
+    turn = (turn - int(goal[2])) % q.bins
+    if row < 0:
+        row, turn = -row, (q.bins - turn) % q.bins
+    if abs(column) >= half or row >= half:
+        if over > 0.0:
+            return 0.0
+        return _length(q, float(column), float(row), 2.0 * math.pi * turn / q.bins)
+    at = ((column + half) * (half + 1) + row) * q.bins + turn
+    if math.isnan(distances[at]):
+        distances[at] = _length(q, float(column), float(row), 2.0 * math.pi * turn / q.bins)
+    return float(distances[at])
+
+
+@inner
+def _length(q: Any, x: float, y: float, heading_rad: float) -> float:
+    """From a pose to the origin."""
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    to_x, to_y = -(c * x + s * y) / q.radius, (s * x - c * y) / q.radius
+    return float(q.radius * shortest(to_x, to_y, -heading_rad, q.reverses != 0)[0])

@@ -1,1 +1,0 @@
-"""Recordings: what happened in runs, and the files it is kept in."""

@@ -1,0 +1,1 @@
+"""Scenarios: their language, their behavior trees, and the programs that they run."""

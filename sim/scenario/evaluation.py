@@ -1,0 +1,129 @@
+"""Values of expressions, and the names that they need."""
+
+import math
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
+
+from vastflow.sim.model.faults import Place, ScenarioError
+from vastflow.sim.scenario.definition import Constant, Expression, External, ListOf, Name, Operation, Struct
+
+
+class EvaluationError(ScenarioError):
+    """An expression that has no value, such as a division by zero.
+
+    Attributes:
+        place: Where it stands.
+        what: Why it has none.
+    """
+
+    def __init__(self, place: Place, what: str) -> None:
+        self.place, self.what = place, what
+        super().__init__(place, what)
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.what}"
+
+
+OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "%": operator.mod,
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+
+
+def evaluate(expression: Expression, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
+    """The value of an expression at this moment.
+
+    A struct is a dict by member, a list a list, a member of an enumeration an `EnumValue`, something with a unit a float
+    in SI units; behind a text, `+` joins the text of what follows. `and` and `or` look at their right side only where it matters; `/` gives a float.
+
+    Args:
+        names: Values of parameters, variables and actors; members of structs and actors by mappings.
+        functions: External functions by struct and name, such as `random.get_int`.
+
+    Raises:
+        EvaluationError: an operation or a function is not to be done with its operands, or a name has no value.
+    """
+    match expression:
+        case Constant(value=value):
+            return value
+        case Name():
+            return _named(expression, names)
+        case Struct(members=members):
+            return {name: evaluate(member, names, functions) for name, member in members.items()}
+        case ListOf(items=items):
+            return [evaluate(item, names, functions) for item in items]
+        case Operation():
+            return _operation(expression, names, functions)
+        case External():
+            return _external(expression, names, functions)
+
+
+def _named(name: Name, names: Mapping[str, Any]) -> Any:
+    value: Any = names
+    for depth, part in enumerate(name.path):
+        if not isinstance(value, Mapping) or part not in value:
+            raise EvaluationError(name.place, f"{'.'.join(name.path[: depth + 1])} has no value")
+        value = value[part]
+    return value
+
+
+def _operation(operation: Operation, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
+    sign = operation.operator
+    left = evaluate(operation.operands[0], names, functions)
+    if sign in ("and", "or"):
+        decided = bool(left) is (sign == "or")
+        return bool(left) if decided else bool(evaluate(operation.operands[1], names, functions))
+    if sign == "not":
+        return not left
+    try:
+        if len(operation.operands) == 1:
+            return -left
+        right = evaluate(operation.operands[1], names, functions)
+        if sign == "+" and isinstance(left, str):
+            return left + text_of(right)
+        value = left in right if sign == "in" else OPERATORS[sign](left, right)
+    except (TypeError, OverflowError, ZeroDivisionError) as error:
+        raise EvaluationError(operation.place, f"{sign!r} can't be done: {error}") from None
+    if isinstance(value, float) and not math.isfinite(value):
+        raise EvaluationError(operation.place, f"{sign!r} gives a number that is too large")
+    return value
+
+
+def names_in(expression: Expression) -> Iterator[str]:
+    """Every parameter, variable, global or actor that an expression uses."""
+    match expression:
+        case Name(path=path):
+            yield path[0]
+        case ListOf(items=parts) | Operation(operands=parts) | External(arguments=parts):
+            for part in parts:
+                yield from names_in(part)
+        case Struct(members=members):
+            for part in members.values():
+                yield from names_in(part)
+
+
+def text_of(value: Any) -> str:
+    """A value as a text that a program would be given."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _external(call: External, names: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
+    function = functions.get(call.function)
+    if function is None:
+        raise EvaluationError(call.place, f"{call.function}() is not available here")
+    arguments = [evaluate(argument, names, functions) for argument in call.arguments]
+    try:
+        value = function(*arguments)
+    except (TypeError, ValueError, ArithmeticError, LookupError, OSError) as error:
+        raise EvaluationError(call.place, f"{call.function}() can't be done: {error}") from None
+    return value

@@ -1,0 +1,1 @@
+"""OpenSCENARIO DSL: a scenario file as text, read and checked into a definition."""

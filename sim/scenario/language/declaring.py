@@ -1,0 +1,315 @@
+"""From the syntax of a file or library to what it declares."""
+
+from collections.abc import Collection, Mapping
+from functools import cache
+from importlib.resources import files
+from threading import RLock
+from typing import Any, Final
+
+from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.names import did_you_mean, nearest
+from vastflow.sim.scenario.definition import Field, Type
+from vastflow.sim.scenario.language.declarations import Compound, Declarations, Function
+from vastflow.sim.scenario.language.expressions import NO_NAMES, ExpressionChecker, Visible
+from vastflow.sim.scenario.language.faults import OscError, TypeHint
+from vastflow.sim.scenario.language.members import MemberChecker
+from vastflow.sim.scenario.language.syntax import (
+    ActText,
+    CompoundText,
+    DoText,
+    EnumTypeText,
+    EventText,
+    FieldText,
+    FileText,
+    GlobalText,
+    KeepText,
+    MethodText,
+    PathText,
+    PhysicalTypeText,
+    RefusedText,
+    UnitText,
+    Word,
+)
+
+
+def parse(text: str, file: str) -> FileText:
+    """What is written in `text`; the grammar is built once in a process.
+
+    Raises:
+        OscError: it is not in the language; every place where it is not that can be told from what follows.
+    """
+    # 0.15 s of CPU that only a process which reads scenarios should pay
+    from vastflow.sim.scenario.language.grammar import parsed
+
+    return parsed(text, file)
+
+
+NEITHER: Final = ("factor", "offset")
+"""What stands in `SI(…)` beside base units."""
+
+
+def declared(
+    text: FileText,
+    imported: Declarations,
+    origin: str,
+    faults: list[Fault],
+    right_type: TypeHint = did_you_mean,
+    *,
+    of_library: bool = False,
+) -> Declarations:
+    """`imported` and what `text` declares; what is wrong with it goes to `faults`.
+
+    Args:
+        origin: Name of the library, or the file.
+        right_type: What to write in place of an unknown type.
+    """
+    known = Declarations()
+    known.include(imported)
+    expressions = ExpressionChecker(known, faults, right_type, of_library=of_library)
+    return _Declarer(known, origin, expressions).declarations(text)
+
+
+class _Declarer:
+    """Declares what a file holds; a type may stand below its use, so it is declared when it is first met."""
+
+    def __init__(self, known: Declarations, origin: str, expressions: ExpressionChecker) -> None:
+        self._declared = known
+        self._origin = origin
+        self._expressions = expressions
+        self._members = MemberChecker(known, expressions, ensure=self._ensure)
+        self._pending: dict[str, CompoundText] = {}
+        self._places: dict[tuple[str, str], Place] = {}
+        self._globals: dict[str, Type] = {name: member.type for name, member in known.globals.items()}
+
+    def declarations(self, text: FileText) -> Declarations:
+        for declaration in text.declarations:
+            match declaration:
+                case PhysicalTypeText():
+                    self._physical_type(declaration)
+                case EnumTypeText():
+                    self._enum(declaration)
+                case RefusedText():
+                    self._expressions.refuse(declaration)
+                case CompoundText(kind="struct" | "actor"):
+                    if self._is_new("type", declaration.name, self._declared.type_names()):
+                        self._pending[str(declaration.name)] = declaration
+        for declaration in text.declarations:
+            if isinstance(declaration, UnitText):
+                self._unit(declaration)
+        fields = [declaration.field for declaration in text.declarations if isinstance(declaration, GlobalText)]
+        # Types of this file last: the defaults of their members may name globals.
+        for field in sorted(fields, key=lambda field: field.type.name.text in self._pending):
+            self._globals |= self._members.types(field)
+        for name in list(self._pending):
+            self._ensure(name)
+        for field in fields:
+            self._global(field)
+        for declaration in text.declarations:
+            if isinstance(declaration, CompoundText):
+                self._later(declaration)
+        return self._declared
+
+    def _is_new(self, kind: str, name: PathText | Word, known: Any) -> bool:
+        key = str(name) if isinstance(name, PathText) else name.text
+        place = self._places.setdefault((kind, key), name.place)
+        if kind == "type" and key.startswith("listof"):
+            self._expressions.fault(name.place, f"found type {key!r}, which begins with 'listof'", "another name")
+            return False
+        if place is not name.place or key in known:
+            where = f" at {place}" if place is not name.place else ""
+            self._expressions.fault(name.place, f"{key!r} is declared already{where}", "another name")
+            return False
+        return True
+
+    def _physical_type(self, text: PhysicalTypeText) -> None:
+        if self._is_new("type", text.name, self._declared.type_names()):
+            self._declared.physical[text.name.text] = {
+                unit.text: exponent for unit, exponent in text.exponents if unit.text not in NEITHER
+            }
+
+    def _unit(self, text: UnitText) -> None:
+        if not self._is_new("unit", text.name, self._declared.units):
+            return
+        if text.type.text not in self._declared.physical:
+            right = did_you_mean(text.type.text, self._declared.physical)
+            self._expressions.fault(text.type.place, f"unknown physical type {text.type.text!r}", right)
+            return
+        given = {name.text: float(value) for name, value in text.exponents}
+        self._declared.units[text.name.text] = (text.type.text, given.get("factor", 1.0), given.get("offset", 0.0))
+
+    def _enum(self, text: EnumTypeText) -> None:
+        if not (self._members.allowed(text.name) and self._is_new("type", text.name, self._declared.type_names())):
+            return
+        members: dict[str, int] = {}
+        number = 0
+        for name, given in text.members:
+            if isinstance(given, float):
+                self._expressions.fault(name.place, f"found {given} for {name.text!r}", "a whole number")
+            elif name.text in members:
+                self._expressions.fault(name.place, f"{name.text!r} is declared already", "another name")
+            else:
+                number = number if given is None else given
+                members[name.text] = number
+                number += 1
+        self._declared.enums[text.name.text] = members
+
+    def _ensure(self, name: str) -> None:
+        text = self._pending.pop(name, None)
+        if text is None:
+            return
+        kinds = self._declared.structs if text.kind == "struct" else self._declared.actors
+        if text.base is not None:
+            self._ensure(str(text.base))
+        base = None if text.base is None else self._base(text.base, kinds, text.kind)
+        if self._one_word(text):
+            kinds[name] = self._compound(text, base)
+
+    def _one_word(self, text: CompoundText) -> bool:
+        if len(text.name.words) > 1:
+            right = "an action where it is an actor's" if text.kind == "modifier" else "one name"
+            self._expressions.fault(text.name.place, f"found {text.kind} {text.name}, with an actor", right)
+            return False
+        return self._members.allowed(text.name.words[0])
+
+    def _base(self, name: PathText, known: Mapping[str, Compound], kind: str) -> Compound | None:
+        base = known.get(str(name))
+        if base is None:
+            self._expressions.fault(name.place, f"unknown {kind} {str(name)!r}", did_you_mean(str(name), known))
+        return base
+
+    def _later(self, text: CompoundText) -> None:
+        name = str(text.name)
+        match text.kind:
+            case "modifier":
+                known = self._declared.modifiers
+                if self._is_new("modifier", text.name, known) and self._one_word(text):
+                    base = None if text.base is None else self._base(text.base, known, "modifier")
+                    self._declared.modifiers[name] = self._compound(text, base)
+            case "action":
+                self._action(text)
+            case "scenario":
+                if self._is_new("scenario", text.name, self._declared.scenarios) and self._one_word(text):
+                    self._declared.scenarios[name] = text
+
+    def _action(self, text: CompoundText) -> None:
+        if not self._is_new("action", text.name, ()):
+            return
+        actor = text.name.words[0]
+        if len(text.name.words) > 2:
+            self._expressions.fault(text.name.place, f"found action {text.name}", "an actor and a name at most")
+            return
+        if len(text.name.words) == 2 and actor.text not in self._declared.actors:
+            right = did_you_mean(actor.text, self._declared.actors)
+            self._expressions.fault(actor.place, f"unknown actor {actor.text!r}", right)
+            return
+        actions = {name: known[0] for name, known in self._declared.actions.items()}
+        base = None if text.base is None else self._base(text.base, actions, "action")
+        name = str(text.name)
+        self._declared.actions[name] = (*self._declared.actions.get(name, ()), self._compound(text, base))
+
+    def _compound(self, text: CompoundText, base: Compound | None) -> Compound:
+        assert text.kind != "scenario"
+        members: dict[str, Field] = dict(base.members) if base else {}
+        functions: dict[str, Function] = dict(base.functions) if base else {}
+        own: set[str] = set()
+        for part in text.members:
+            names = Visible(self._globals | {name: member.type for name, member in members.items()})
+            match part:
+                case FieldText():
+                    for member in self._members.fields(part, names):
+                        if member.name in own:
+                            self._expressions.fault(
+                                member.place, f"{member.name!r} is declared already", "another name"
+                            )
+                        inherited = members.get(member.name)
+                        members[member.name] = self._members.overriding(member, inherited) if inherited else member
+                        own.add(member.name)
+                case KeepText():
+                    members = self._members.keep(part, members, names)
+                case MethodText():
+                    functions[part.name.text] = self._function(text, part)
+                case EventText():
+                    pass  # an actor's own events are declared, and nothing here can emit them
+                case RefusedText():
+                    self._expressions.refuse(part)
+                case DoText():
+                    self._expressions.fault(part.place, f"found 'do' in {_a(text.kind)}", "'do' in a scenario")
+                case ActText():
+                    what = f"found a modifier of {_a(text.kind)}"
+                    self._expressions.fault(part.call.place, what, "a modifier in a scenario or a composition")
+        bases = (base.name, *base.bases) if base else ()
+        return Compound(text.kind, str(text.name), bases, members, functions, self._origin, text.name.place)
+
+    def _function(self, owner: CompoundText, text: MethodText) -> Function:
+        parameters = {
+            member.name: member for field in text.parameters for member in self._members.fields(field, NO_NAMES)
+        }
+        returns = None if text.returns is None else self._members.type_of(text.returns)
+        return Function(f"{owner.name}.{text.name.text}", parameters, returns, self._expressions.of_library)
+
+    def _global(self, text: FieldText) -> None:
+        if all(self._is_new("global", name, self._declared.globals) for name in text.names):
+            for member in self._members.fields(text, Visible(self._globals)):
+                self._declared.globals[member.name] = member
+
+
+def _a(kind: str) -> str:
+    return f"an {kind}" if kind.startswith("a") else f"a {kind}"
+
+
+PREFIX: Final = "osc."
+_READING: Final = RLock()
+"""Two declarations of one name clash unless they are the same object, so two threads may not both read a library."""
+
+
+def library_names() -> tuple[str, ...]:
+    """Every library, as it is imported."""
+    folder = files("vastflow.sim.scenario.language") / "library"
+    names = (file.name for file in folder.iterdir())
+    return tuple(sorted(f"{PREFIX}{name.removesuffix('.osc')}" for name in names if name.endswith(".osc")))
+
+
+def library(name: str) -> Declarations:
+    """What a library and those that it imports declare; `name` is one of `library_names`."""
+    with _READING:
+        return _library(name)
+
+
+@cache
+def _library(name: str) -> Declarations:
+    file = files("vastflow.sim.scenario.language") / "library" / f"{name.removeprefix(PREFIX)}.osc"
+    text = parse(file.read_text("utf-8"), name)
+    imported = Declarations()
+    for part in text.imports:
+        imported.include(library(part.target))
+    faults: list[Fault] = []
+    declarations = declared(text, imported, name, faults, of_library=True)
+    if faults:
+        raise OscError(faults)
+    return declarations
+
+
+def declaring(action: str) -> tuple[str, ...]:
+    """The libraries that declare an action themselves."""
+    return tuple(
+        name
+        for name in library_names()
+        if any(declaration.origin == name for declaration in library(name).actions.get(action, ()))
+    )
+
+
+def home_of(type_name: str) -> str | None:
+    """The library that declares a type, and not only imports it."""
+    having = [name for name in library_names() if type_name in library(name).type_names()]
+    return min(having, key=lambda name: len(library(name).type_names()) + len(library(name).actions), default=None)
+
+
+def right_type(name: str, known: Collection[str]) -> str:
+    """The library to import for a type, the nearest name among those that are known or in any library, or all known."""
+    if home := home_of(name):
+        return f"'import {home}', which declares it"
+    if nearest(name, known) is None:
+        elsewhere = {type_name for library_name in library_names() for type_name in library(library_name).type_names()}
+        if near := nearest(name, elsewhere):
+            return f"did you mean {near!r} of {home_of(near)}?"
+    return did_you_mean(name, known)

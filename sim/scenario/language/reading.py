@@ -1,0 +1,145 @@
+"""Reading scenario files: OpenSCENARIO DSL (ASAM OpenSCENARIO DSL 2), the part of it that is executed.
+
+A file passes through three forms, each a set of frozen values: `syntax`, what is written, with places (`grammar`, `building`);
+`declarations`, what names mean (`declaring`); `definition`, what scenarios do with names resolved, types agreed and units turned
+into SI (`checking` and the checkers of members, expressions and what is done). This module leads
+through them.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from vastflow.sim.model import files
+from vastflow.sim.model.faults import Fault, Place
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.scenario.definition import ScenarioDefinition
+from vastflow.sim.scenario.language.checking import checked
+from vastflow.sim.scenario.language.declarations import Declarations
+from vastflow.sim.scenario.language.declaring import declared, library, library_names, parse, right_type
+from vastflow.sim.scenario.language.faults import OscError, too_long
+from vastflow.sim.scenario.language.syntax import CompoundText, FileText, ImportText
+
+MOST_BYTES: Final = 500_000
+
+ABSENT: Final[Mapping[str, str]] = {
+    "osc.docker": "containers",
+    "osc.kubernetes": "clusters",
+    "osc.moveit2": "robot arms",
+    "osc.pybullet": "another simulator",
+    "osc.rosbridge": "ROS nodes behind a websocket",
+}
+"""Libraries that other tools have."""
+
+
+def read_scenarios(path: Path) -> tuple[ScenarioDefinition, ...]:
+    """The scenarios of a file, in its order; those of files that it imports can be inherited from and are not among them.
+
+    Raises:
+        OscError: every fault in the file and those that it imports; of each file that is not in the language at all, the
+            first.
+    """
+    start = Place(str(path), 1, 1)
+    return read_text(_content(path, start), str(path), path.parent)
+
+
+def read_text(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
+    """The scenarios of a file with this text.
+
+    Args:
+        file: Its name for messages.
+        folder: Where the files are that it imports.
+
+    Raises:
+        OscError: as for `read_scenarios`.
+    """
+    try:
+        return _read(text, file, folder)
+    except RecursionError:
+        raise OscError([too_long(file)]) from None
+
+
+def files_of(path: Path) -> tuple[Path, ...]:
+    """A file and every file it imports, itself first; libraries are none.
+
+    Raises:
+        OscError: one of them can't be read, or is not in the language.
+    """
+    found: dict[Path, Path] = {}
+    _find(path, Place(str(path), 1, 1), found)
+    return tuple(found.values())
+
+
+def _find(path: Path, place: Place, found: dict[Path, Path]) -> None:
+    if path.resolve() in found:
+        return
+    found[path.resolve()] = path
+    for part in parse(_content(path, place), str(path)).imports:
+        if part.is_file:
+            _find(path.parent / part.target, part.place, found)
+
+
+def _read(text: str, file: str, folder: Path) -> tuple[ScenarioDefinition, ...]:
+    faults: list[Fault] = []
+    parsed = parse(text, file)
+    read: dict[Path, Declarations] = {(folder / Path(file).name).resolve(): Declarations()}
+    declarations = _declarations(parsed, file, folder, read, faults)
+    scenarios = [part for part in parsed.declarations if isinstance(part, CompoundText) and part.kind == "scenario"]
+    if not scenarios:
+        faults.append(Fault(Place(file, 1, 1), "found no scenario", "'scenario name:' and what it does"))
+    definitions = [checked(scenario, declarations, faults, right_type) for scenario in scenarios]
+    if faults:
+        raise OscError(faults)
+    return tuple(definition for definition in definitions if definition is not None)
+
+
+def _declarations(
+    text: FileText, file: str, folder: Path, read: dict[Path, Declarations], faults: list[Fault]
+) -> Declarations:
+    """What a file and its imports declare; `read` holds the files that were met, one being read with nothing."""
+    imported = Declarations()
+    for part in text.imports:
+        clashing = imported.include(_imported(part, folder, read, faults))
+        for name in clashing:
+            faults.append(Fault(part.place, f"{name!r} is declared by an import above too", "one of the imports"))
+    return declared(text, imported, file, faults, right_type)
+
+
+def _imported(part: ImportText, folder: Path, read: dict[Path, Declarations], faults: list[Fault]) -> Declarations:
+    if part.is_file:
+        return _imported_file(part, folder, read, faults)
+    if part.target in library_names():
+        return library(part.target)
+    if part.target in ABSENT:
+        what = f"library {part.target} is about {ABSENT[part.target]}, which vastflow does not have"
+        faults.append(Fault(part.place, what, "a scenario without it"))
+    else:
+        right = did_you_mean(part.target, library_names())
+        faults.append(Fault(part.place, f"unknown library {part.target!r}", right))
+    return Declarations()
+
+
+def _imported_file(part: ImportText, folder: Path, read: dict[Path, Declarations], faults: list[Fault]) -> Declarations:
+    path = folder / part.target
+    try:
+        resolved = path.resolve()
+        if resolved not in read:
+            read[resolved] = Declarations()
+            parsed = parse(_content(path, part.place), str(path))
+            read[resolved] = _declarations(parsed, str(path), path.parent, read, faults)
+    except OscError as error:
+        faults.extend(error.faults)
+        return Declarations()
+    return read[resolved]
+
+
+def _content(path: Path, place: Place) -> str:
+    """The text of a file; `place` is where it is asked for."""
+    try:
+        return files.read_text(path, "a scenario file", MOST_BYTES)
+    except files.Missing:
+        raise OscError([Fault(place, f"there is no file {path}", "the path of a scenario file")]) from None
+    except files.Unreadable as error:
+        if error.place == files.START:
+            raise OscError([Fault(place, f"{path}: {error.what}", error.right)]) from None
+        raise OscError([Fault(Place(str(path), *error.place), error.what, error.right)]) from None

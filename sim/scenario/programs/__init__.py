@@ -1,0 +1,1 @@
+"""Programs as the system under test: started in a folder of their own, watched, ended, and read."""

@@ -1,0 +1,341 @@
+"""Actions on programs and their files: those of `osc.helpers`, `osc.os` and `osc.dataops` that need processes or a folder."""
+
+import functools
+import re
+import shlex
+import signal
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+import yaml
+from py_trees.common import Status
+
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.files import Unreadable, read_text, yaml_value
+from vastflow.sim.scenario.definition import EnumValue
+from vastflow.sim.scenario.programs.folders import RunFolders
+from vastflow.sim.scenario.programs.process import ProcessGroup
+from vastflow.sim.scenario.programs.resources import write_resources
+from vastflow.sim.scenario.programs.run import ProcessRun
+from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation
+
+_TRUTHS: Final[Mapping[str, bool]] = {"true": True, "false": False}
+_TYPES: Final[Mapping[str, Callable[[str], Any]]] = {
+    "str": str,
+    "int": int,
+    "float": float,
+    "bool": lambda text: _TRUTHS[text.lower()],
+}
+
+
+class YamlFault(ValueError):
+    """A value that can't be set; says why."""
+
+
+def set_yaml_value(
+    source: Path, target: Path, key_path: str, value: str, value_type: str, create_missing: bool
+) -> None:
+    """Set one value of the document in `source` and write it to `target`; comments are lost.
+
+    Args:
+        key_path: Keys, and indices of lists, with dots between: `controller.plugins.0`.
+        value_type: `str`, `int`, `float` or `bool`.
+        create_missing: Make mappings that are not there.
+
+    Raises:
+        YamlFault: a file that can't be read or written, a path that leads nowhere, or a value not of its type.
+    """
+    try:
+        typed = _TYPES[value_type](value)
+    except KeyError:
+        right = "true or false" if value_type == "bool" else f"a value_type of {', '.join(_TYPES)}"
+        found = repr(value) if value_type == "bool" else f"value_type {value_type!r}"
+        raise YamlFault(f"found {found}; {right}") from None
+    except ValueError:
+        raise YamlFault(f"found value {value!r}; one of type {value_type}") from None
+    try:
+        document = yaml_value(read_text(source, "a YAML file"))
+        document = {} if document is None else document
+        *parents, last = key_path.split(".")
+        place = document
+        for key in parents:
+            place = _entered(place, key, key_path, create_missing)
+        if not create_missing:
+            _entered(place, last, key_path, False)
+        _put(place, last, typed, key_path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+    except Unreadable as error:
+        raise YamlFault(f"{str(source)!r}: {error}") from None
+    except OSError as error:
+        raise YamlFault(f"{error.filename!r}: {error.strerror}") from None
+
+
+def _entered(place: Any, key: str, key_path: str, create_missing: bool) -> Any:
+    if isinstance(place, dict):
+        if key not in place and create_missing:
+            place[key] = {}
+        if key in place:
+            return place[key]
+    elif isinstance(place, list) and key.isdigit() and int(key) < len(place):
+        return place[int(key)]
+    raise YamlFault(f"key_path {key_path!r} leads nowhere: there is no {key!r}")
+
+
+def _put(place: Any, key: str, value: Any, key_path: str) -> None:
+    if isinstance(place, dict):
+        place[key] = value
+    elif isinstance(place, list) and key.isdigit() and int(key) < len(place):
+        place[int(key)] = value
+    else:
+        raise YamlFault(f"key_path {key_path!r} leads nowhere: there is no {key!r}")
+
+
+SHUTDOWN_TIMEOUT_S: Final = 10.0
+
+
+class RunAction(Action):
+    """What the actions here have in common: the run they work on, and where and how they were called."""
+
+    def __init__(self, run: ProcessRun, situation: ActionSituation) -> None:
+        self.run = run
+        self.situation = situation
+
+
+class RunProcess(RunAction):
+    """`run_process`: starts a program; succeeds if it exits with code 0, or at once where nobody waits for it.
+
+    The command is split into words as a shell does, with quotes; no shell runs it. It starts in the run's folder. A scenario whose
+    program can't be started can't work: `ScenarioError`.
+    Given up, or at the end of the scenario, it gets `shutdown_signal` and is killed `shutdown_timeout` of host time later.
+    """
+
+    def __init__(self, run: ProcessRun, situation: ActionSituation) -> None:
+        super().__init__(run, situation)
+        self._group: ProcessGroup | None = None
+        self._begun: list[ProcessGroup] = []
+        self._awaited = True
+        self._signal = int(signal.SIGTERM)
+        self._timeout_s = SHUTDOWN_TIMEOUT_S
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        self._group = None
+        self._awaited = arguments.get("wait_for_shutdown", True)
+        self._signal = _signal_number(arguments.get("shutdown_signal", self._signal))
+        self._timeout_s = float(arguments.get("shutdown_timeout", SHUTDOWN_TIMEOUT_S))
+        try:
+            command = shlex.split(arguments["command"])
+        except ValueError as error:  # a quote that is not closed
+            raise ScenarioError(f"command {arguments['command']!r}: {str(error).lower()}") from None
+        if not command:
+            raise ScenarioError("the command is empty")
+        self._group = self.run.start(command, self.situation.label)
+        self.message = f"running {shlex.join(command)}"
+        self._begun.append(self._group)
+        self.situation.log(self.message)
+
+    def update(self) -> Status:
+        assert self._group is not None  # `enter` starts it
+        if not self._awaited:
+            return Status.SUCCESS
+        ended = self._group.poll()
+        if ended is None:
+            return Status.RUNNING
+        program = Path(self._group.command[0]).name
+        if not ended.reason:
+            self.message = f"{program} exited with code 0"
+            return Status.SUCCESS
+        self._group.log.complete.wait(0.2)  # the last line is the one that says why
+        last = self._group.log.last_line()
+        self.message = f"{program} {ended.reason}" + (f": {last}" if last else "")
+        return Status.FAILURE
+
+    def cancel(self) -> None:
+        if self._group is not None:
+            self._group.stop(self._signal, self._timeout_s)
+
+    def shutdown(self) -> None:
+        for group in self._begun:
+            group.stop(self._signal, self._timeout_s)
+
+
+class ProcessLogCheck(RunAction):
+    """`process_log_check`: succeeds once one of `values` stands in what the `run_process` of that label prints.
+
+    It fails where the process ended, or its log was cut, before: no value can appear any more.
+    """
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        self._label = arguments["process_name"]
+        self._values = [value.encode() for value in arguments["values"]]
+        self._group = self.run.labeled(self._label)
+        self._offset = 0
+        if self._group is not None and not arguments.get("from_start", True):
+            self._offset = self._group.log.path.stat().st_size
+
+    def update(self) -> Status:
+        if self._group is None:
+            self._group = self.run.labeled(self._label)
+            if self._group is None:
+                self.message = f"no run_process labeled {self._label!r} has begun"
+                return Status.RUNNING
+        log = self._group.log
+        over = log.complete.is_set() or log.cut
+        printed = log.read(self._offset)
+        for value in self._values:
+            if value in printed:
+                self.message = f"{self._label!r} printed {value.decode()!r}"
+                return Status.SUCCESS
+        longest = max(map(len, self._values), default=0)
+        self._offset += max(0, len(printed) - longest)  # a value may have come in half
+        wanted = " or ".join(repr(value.decode()) for value in self._values)
+        self.message = f"{self._label!r} has not printed {wanted}"
+        if over:
+            why = "its log was cut" if log.cut else "it ended"
+            self.message = f"{why} before {self._label!r} printed {wanted}"
+        return Status.FAILURE if over else Status.RUNNING
+
+
+class Answer(RunAction):
+    """An action that succeeds or fails at once: `answer` says which, and sets the message."""
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        self._holds = self.answer(arguments)
+
+    def update(self) -> Status:
+        return Status.SUCCESS if self._holds else Status.FAILURE
+
+    @abstractmethod
+    def answer(self, arguments: Mapping[str, Any]) -> bool:
+        """Whether the action succeeds."""
+
+
+class CheckProcessRunning(Answer):
+    """`check_process_running`: whether a process of this run has a text in its name, label or command line.
+
+    With `regex` the text is a regular expression. Processes of other runs and of the machine are none of this run's.
+    """
+
+    def answer(self, arguments: Mapping[str, Any]) -> bool:
+        wanted = arguments["process_name"]
+        try:
+            pattern = re.compile(wanted if arguments.get("regex", False) else re.escape(wanted))
+        except re.error as error:
+            raise ScenarioError(f"{wanted!r} is no regular expression: {error}") from None
+        running = any(pattern.search(text) for text in self._texts())
+        self.message = f"{'a' if running else 'no'} process {wanted!r} of this run is running"
+        return running
+
+    def _texts(self) -> list[str]:
+        texts = []
+        for pid in self.run.pids():
+            try:
+                process = psutil.Process(pid)
+                texts.append(f"{process.name()} {' '.join(process.cmdline())}")
+            except (psutil.NoSuchProcess, psutil.AccessDenied):
+                continue
+        return texts + self.run.running_labels()
+
+
+class CheckFileExists(Answer):
+    """`check_file_exists`: whether there is such a file or folder, seen from the run's folder."""
+
+    def answer(self, arguments: Mapping[str, Any]) -> bool:
+        name = arguments["file_name"]
+        there = self.run.folders.path(name).exists()
+        self.message = f"{name!r} is {'' if there else 'not '}there"
+        return there
+
+
+class CheckFileNotExists(CheckFileExists):
+    """`check_file_not_exists`: the contrary."""
+
+    def answer(self, arguments: Mapping[str, Any]) -> bool:
+        return not super().answer(arguments)
+
+
+class MonitorResources(RunAction):
+    """`monitor_resources`: runs until the scenario ends; then what the run's processes used stands in `file_name`."""
+
+    _file: Path | None = None
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        self._file = _written_to(self.run.folders, arguments["file_name"])
+        if self._file is None:
+            raise ScenarioError(f"{arguments['file_name']!r} lies outside of the run's folder; a file below it")
+        self.message = f"resources go to {arguments['file_name']!r}"
+
+    def update(self) -> Status:
+        return Status.RUNNING
+
+    def shutdown(self) -> None:
+        if self._file is None:
+            return
+        try:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            write_resources(self.run.resources, self._file)
+        except OSError as error:
+            self.situation.log(f"monitor_resources could not write {error.filename!r}: {error.strerror}")
+
+
+class SetYamlValue(Answer):
+    """`set_yaml_value`: sets the value at `key_path` of a YAML file, `a.b.0`, and writes it back or to `output_file`.
+
+    What it writes lies in the run's folder.
+    """
+
+    def answer(self, arguments: Mapping[str, Any]) -> bool:
+        source = self.run.folders.path(arguments["file_path"])
+        target = _written_to(self.run.folders, arguments.get("output_file") or arguments["file_path"])
+        if target is None:
+            raise ScenarioError(
+                "what set_yaml_value writes has to lie in the run's folder; give it an output_file there"
+            )
+        try:
+            set_yaml_value(
+                source,
+                target,
+                arguments["key_path"],
+                arguments["value"],
+                arguments.get("value_type", "str"),
+                arguments.get("create_missing", True),
+            )
+        except YamlFault as fault:
+            self.message = str(fault)
+            return False
+        self.message = f"set {arguments['key_path']} to {arguments['value']}"
+        return True
+
+
+def _signal_number(value: Any) -> int:
+    """The number this machine has for a member of `signal`, which is named like the system's."""
+    if isinstance(value, EnumValue):
+        named = getattr(signal, value.member.upper(), None)
+        return int(named) if isinstance(named, signal.Signals) else value.number
+    return int(value)
+
+
+def _written_to(folders: RunFolders, name: str) -> Path | None:
+    """The file that programs know by `name`; None if it lies elsewhere than where they work."""
+    path = folders.path(name).resolve()
+    return path if path.is_relative_to(folders.out) else None
+
+
+PROCESSES: Final[Mapping[str, Callable[[ProcessRun, ActionSituation], Action]]] = {
+    "run_process": RunProcess,
+    "process_log_check": ProcessLogCheck,
+    "check_process_running": CheckProcessRunning,
+    "check_file_exists": CheckFileExists,
+    "check_file_not_exists": CheckFileNotExists,
+    "monitor_resources": MonitorResources,
+    "set_yaml_value": SetYamlValue,
+}
+"""By their names in a file."""
+
+
+def process_actions(run: ProcessRun) -> dict[str, ActionFactory]:
+    """Name to factory of every action that works on `run`."""
+    return {name: functools.partial(action, run) for name, action in PROCESSES.items()}

@@ -1,0 +1,233 @@
+"""The folders of a run: their names `/config` and `/out`, and the files that it is given in them."""
+
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+import yaml
+
+from vastflow.sim.model.digest import FileContent, file_digest
+from vastflow.sim.model.files import Unreadable, read_text, yaml_value
+from vastflow.sim.model.scenario import RunFiles
+from vastflow.sim.world.map_file import load_map
+
+CONFIG: Final = "/config"
+"""Where programs find the run files."""
+OUT: Final = "/out"
+"""Where programs write."""
+_NAMED: Final = re.compile(rb"/(?:config|out)(?![\w-])")
+"""May be one of the two names; what only looks like one does no harm."""
+_NAME: Final = re.compile(rb"(?<![\w.~/$})-])/(config|out)(?![\w.-])")
+"""One of the two names, and not the end of a longer path."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolders:
+    """The folders of one run, below one that is its own.
+
+    Attributes:
+        config: The run files as they were given.
+        out: Another copy of them; programs work there, and what they write there is kept.
+        logs: What the programs print.
+        root: Empty; for the root folder of programs that see `config` and `out` by their names.
+    """
+
+    config: Path
+    out: Path
+    logs: Path
+    root: Path
+
+    @classmethod
+    def below(cls, folder: Path) -> "RunFolders":
+        """Those below `folder`, which are not made."""
+        return cls(folder / "config", folder / "run", folder / "logs", folder / "root")
+
+    @property
+    def mounts(self) -> Mapping[str, Path]:
+        """Name to folder."""
+        return {CONFIG: self.config, OUT: self.out}
+
+    def path(self, name: str) -> Path:
+        """Where this process finds the file that programs know by `name`; a relative one is seen from `out`."""
+        plain = PurePosixPath(os.path.normpath(name))
+        for place, folder in self.mounts.items():
+            if plain.is_relative_to(place):
+                return folder / plain.relative_to(place)
+        return self.out / name
+
+    def rewritten(self, text: str) -> str:
+        """`text` with the folders' paths on this machine in place of their names."""
+        return self._rewritten(text.encode(errors="surrogateescape")).decode(errors="surrogateescape")
+
+    def rewrite_files(self) -> None:
+        """Rewrite the text files among the run files, both copies; one with a NUL is taken for no text."""
+        for folder in (self.config, self.out):
+            for path in _files(folder):
+                content = path.read_bytes()
+                if _NAMED.search(content) and b"\0" not in content:
+                    path.write_bytes(self._rewritten(content))
+
+    def named_in_files(self) -> bool:
+        """Whether a run file has one of the names."""
+        return any(_NAMED.search(path.read_bytes()) for path in _files(self.config))
+
+    def _rewritten(self, content: bytes) -> bytes:
+        return _NAME.sub(lambda found: os.fsencode(self.mounts[f"/{found[1].decode()}"]), content)
+
+
+def named_in(texts: Sequence[str]) -> bool:
+    """Whether one of `texts` has one of the names."""
+    return any(_NAMED.search(text.encode(errors="surrogateescape")) for text in texts)
+
+
+def below_config(name: str) -> str | None:
+    """The path below the campaign file's folder of what programs know by `name`; None where it is elsewhere.
+
+    Relative paths are seen from that folder, and none leads out of it.
+    """
+    plain = PurePosixPath(os.path.normpath(name))
+    if plain.is_relative_to(CONFIG):
+        plain = plain.relative_to(CONFIG)
+    return None if plain.is_absolute() or plain.parts[:1] == ("..",) else plain.as_posix()
+
+
+def _files(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("*") if path.is_file()]
+
+
+_NEVER: Final = "__pycache__"
+"""Compiled modules differ from machine to machine; no run needs them."""
+_ANY_FOLDERS: Final = r"(?:(?!\.)[^/]+/)*"
+
+
+class RunFileError(ValueError):
+    """A pattern that can't be used, or a file that isn't what it was when the scenario was made."""
+
+
+def files_matching(
+    folder: Path, patterns: Sequence[str], leave_out: Callable[[Path], bool] = lambda folder: False
+) -> RunFiles:
+    """The files below `folder` that match one of `patterns`, by path.
+
+    `*` and `?` match within a name, `[abc]` one character, `**` any number of folders or, as the last part, everything
+    below. A pattern without `/` also matches the name of a file in any folder. Names that begin with a dot are matched
+    by a dot only. Folders that are links are not entered; a link to a file is the file.
+
+    Args:
+        leave_out: Says of a folder below `folder` whether it is not entered either.
+
+    Raises:
+        RunFileError: an absolute pattern, or one that leaves `folder`.
+    """
+    tests = [_pattern(pattern) for pattern in patterns]
+    matching = sorted(path for path in _paths(folder, leave_out) if any(test.fullmatch(path) for test in tests))
+    return tuple((path, FileContent(str(folder / path), file_digest(folder / path))) for path in matching)
+
+
+def unmatched(files: RunFiles, patterns: Sequence[str]) -> tuple[str, ...]:
+    """Those of `patterns` that none of `files` matches: slips, most likely."""
+    return tuple(
+        pattern for pattern in patterns if not any(_pattern(pattern).fullmatch(path) for path, _content in files)
+    )
+
+
+def copy_in(files: RunFiles, folder: Path) -> None:
+    """Copy `files` below `folder`, executable where they were.
+
+    Raises:
+        RunFileError: a file is gone, or holds something else than when it was resolved.
+    """
+    for path, content in files:
+        target = folder / path
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            shutil.copy2(content.path, target)
+        except OSError as error:
+            raise RunFileError(f"run file {content.path!r} can't be copied: {error.strerror}") from None
+        if file_digest(target) != content.digest:
+            raise RunFileError(f"run file {content.path!r} changed since the campaign was read; run it again")
+        target.chmod(target.stat().st_mode | 0o200)
+
+
+def _paths(folder: Path, leave_out: Callable[[Path], bool]) -> Iterator[str]:
+    for parent, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if name != _NEVER and not leave_out(Path(parent, name))]
+        for name in names:
+            path = Path(parent, name)
+            if path.is_file():
+                yield path.relative_to(folder).as_posix()
+
+
+def _pattern(pattern: str) -> re.Pattern[str]:
+    parts = PurePosixPath(pattern).parts
+    if not parts or parts[0] == "/" or ".." in parts:
+        raise RunFileError(f"found run_files pattern {pattern!r}; a pattern below the campaign file's folder")
+    if len(parts) == 1 and parts[0] != "**":
+        parts = ("**", *parts)
+    texts = [_ANY_FOLDERS if part == "**" else _name(part) + "/" for part in parts[:-1]]
+    texts.append(_ANY_FOLDERS + _name("*") if parts[-1] == "**" else _name(parts[-1]))
+    try:
+        return re.compile("".join(texts), re.DOTALL)
+    except re.error:
+        raise RunFileError(f"found run_files pattern {pattern!r}; a range such as [a-c] goes upwards") from None
+
+
+def _name(part: str) -> str:
+    """One part of a path as a regular expression."""
+    text, i = "" if part.startswith(".") else r"(?!\.)", 0
+    while i < len(part):
+        letter, i = part[i], i + 1
+        closing = part.find("]", i + 1 + (part[i : i + 1] == "!")) if letter == "[" else -1
+        if closing > 0:
+            members = part[i:closing].replace("\\", r"\\").replace("^", r"\^").replace("[", r"\[")
+            text += f"[^/{members[1:]}]" if members.startswith("!") else f"(?!/)[{members}]"
+            i = closing + 1
+        else:
+            text += {"*": "[^/]*", "?": "[^/]"}.get(letter, re.escape(letter))
+    return text
+
+
+def handed_name(key: str, content: FileContent) -> str:
+    """What a scenario has for the file under `key`: its path below `/config`, and seen from where programs work."""
+    suffix = Path(content.path).suffix.lower()
+    return f"{key}/{content.digest[:12]}{'.yaml' if suffix == '.yml' else suffix}"
+
+
+def hand_over(handed: Mapping[str, FileContent], folder: Path) -> None:
+    """Copy the files by key below `folder`, a map with its picture.
+
+    Raises:
+        RunFileError: one is gone, or a map holds something else than when the campaign was read.
+    """
+    for key, content in handed.items():
+        source, target = Path(content.path), folder / handed_name(key, content)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            header = _map_header(source)
+            if header is None:
+                shutil.copyfile(source, target)
+                continue
+            picture = source.parent / header["image"]
+            copied = target.with_suffix(picture.suffix)
+            shutil.copyfile(picture, copied)
+            target.write_text(yaml.safe_dump({**header, "image": copied.name}), encoding="utf-8")
+            is_same = load_map(target).digest == content.digest
+        except (OSError, ValueError) as error:
+            raise RunFileError(f"{key}: {content.path!r} can't be copied: {error}") from None
+        if not is_same:
+            raise RunFileError(f"{key}: {content.path!r} changed since the campaign was read; run it again")
+
+
+def _map_header(source: Path) -> dict[str, Any] | None:
+    """What the YAML file of a map holds; None for another file."""
+    if source.suffix.lower() not in (".yaml", ".yml"):
+        return None
+    try:
+        header = yaml_value(read_text(source))
+    except Unreadable as error:
+        raise RunFileError(f"{str(source)!r}: {error}") from None
+    return header if isinstance(header, dict) and isinstance(header.get("image"), str) else None

@@ -1,0 +1,329 @@
+"""A process group: a command, everything it starts, and how it ended, in words."""
+
+import errno
+import functools
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import psutil
+
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.scenario.programs.folders import RunFolders
+from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked
+from vastflow.sim.scenario.programs.mounts import popen_mounted
+
+MAX_LOG_BYTES: Final = 16 * 2**20
+_CHUNK_BYTES: Final = 1 << 16
+
+
+class ProcessLog:
+    """Drains a pipe into a file, so that a program never waits for its reader; what is too much is read and dropped.
+
+    Attributes:
+        path: The file.
+        cut: Whether something was dropped.
+        complete: Set once the pipe has been read to its end and the file is whole.
+    """
+
+    def __init__(self, path: Path, max_bytes: int = MAX_LOG_BYTES) -> None:
+        self.path = path
+        self.cut = False
+        self.complete = threading.Event()
+        self._max_bytes = max_bytes
+        self._given_up = threading.Event()
+        self._read_end, self.write_end = os.pipe()
+        path.touch()
+
+    def begin(self) -> None:
+        """Give up this process' copy of `write_end`, which the program has, and begin to read."""
+        os.close(self.write_end)
+        threading.Thread(target=self._drain, name=f"log {self.path.name}", daemon=True).start()
+
+    def abandon(self) -> None:
+        """Close a log whose program could not be started."""
+        os.close(self.write_end)
+        os.close(self._read_end)
+        self.complete.set()
+
+    def close(self, timeout_s: float) -> None:
+        """Wait for the end of the pipe; if some process still holds it after `timeout_s`, read no more of it."""
+        if not self.complete.wait(timeout_s):
+            self._given_up.set()
+            self.complete.wait()
+
+    def read(self, offset: int = 0) -> bytes:
+        """What is in the file from `offset` on, at this moment."""
+        with self.path.open("rb") as file:
+            file.seek(offset)
+            return file.read()
+
+    def last_line(self) -> str:
+        """The last line that is not blank, cut to 200 characters; empty without one."""
+        with self.path.open("rb") as file:
+            file.seek(max(0, self.path.stat().st_size - 4096))
+            lines = file.read().decode(errors="replace").split("\n")
+        return next((line.strip()[:200] for line in reversed(lines) if line.strip()), "")
+
+    def _drain(self) -> None:
+        written = 0
+        readable = select.poll()
+        readable.register(self._read_end, select.POLLIN)
+        try:
+            with self.path.open("wb", buffering=0) as file:
+                while not self._given_up.is_set():
+                    if not readable.poll(100):
+                        continue
+                    chunk = os.read(self._read_end, _CHUNK_BYTES)
+                    if not chunk:
+                        break
+                    if kept := chunk[: self._max_bytes - written]:
+                        file.write(kept)
+                        written += len(kept)
+                    if len(kept) < len(chunk) and not self.cut:
+                        self.cut = True
+                        file.write(f"\n[the log was cut here: more than {self._max_bytes} bytes]\n".encode())
+        finally:
+            os.close(self._read_end)
+            self.complete.set()
+
+
+RSS_UNIT_BYTES: Final = 1 if sys.platform == "darwin" else 1024
+_KILL_S: Final = 5.0
+"""How long a process may take to be gone after SIGKILL."""
+
+
+class NotStarted(ScenarioError):
+    """A command that could not be started; says which, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a process ended.
+
+    Attributes:
+        code: Exit code; None where a signal ended it.
+        signal: Name of the signal that ended it, such as `SIGSEGV`; empty where none did.
+        killed: It was told to stop, did not in time, and was killed.
+        reason: In words; empty for exit code 0.
+    """
+
+    code: int | None
+    signal: str
+    killed: bool
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """What a process used, with its children that it waited for.
+
+    Attributes:
+        cpu_s: Processor time.
+        max_rss_bytes: Greatest resident memory of one of them.
+    """
+
+    cpu_s: float
+    max_rss_bytes: int
+
+
+class ProcessGroup:
+    """A command in a session of its own, with all it starts.
+
+    Everything it starts bears its mark, by which also those are found that began a session of their own. Not found is
+    who clears its environment and leaves its family both. Outside Linux marks can't be read: descendants are found
+    while their parents live, and not where this process is killed. macOS has `os.waitid` from Python 3.13 on.
+
+    Attributes:
+        command: Program and arguments; no shell reads them.
+        label: What the scenario calls it.
+        pid: Of the program itself, and of its session and group.
+        log: Its standard output and error.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        *,
+        folders: RunFolders,
+        environment: Mapping[str, str],
+        log_file: Path,
+        mark: str,
+        mounted: bool = False,
+        label: str = "",
+        max_log_bytes: int = MAX_LOG_BYTES,
+        on_end: Callable[[], None] | None = None,
+    ) -> None:
+        """Start `command` in `folders.out`; `on_end` is called, in another thread, when the program has ended.
+
+        Args:
+            mounted: Whether it sees the folders by their names.
+            mark: Unique to this group and no beginning of another's.
+
+        Raises:
+            NotStarted: there is no such program, or it can't be executed.
+        """
+        self.command = tuple(command)
+        self.label = label
+        self.log = ProcessLog(log_file, max_log_bytes)
+        self._mark = mark
+        self._on_end = on_end
+        self._overdue = ""
+        self._ended: Ended | None = None
+        self._over: Ended | None = None
+        self._usage: Usage | None = None
+        self._end = threading.Event()
+        try:
+            popen: Callable[..., subprocess.Popen[bytes]] = subprocess.Popen
+            if mounted:
+                popen = functools.partial(popen_mounted, mounts=folders.mounts, root=folders.root)
+            self._popen = popen(
+                self.command,
+                cwd=folders.out,
+                env={**environment, VARIABLE: mark},
+                stdin=subprocess.DEVNULL,
+                stdout=self.log.write_end,
+                stderr=self.log.write_end,
+                start_new_session=True,
+            )
+        except (OSError, ValueError) as error:
+            self.log.abandon()
+            raise NotStarted(_not_started(self.command, folders, error)) from None
+        self.pid = self._popen.pid
+        self.log.begin()
+        threading.Thread(target=self._await_end, name=f"end of {self.pid}", daemon=True).start()
+
+    def poll(self) -> Ended | None:
+        """How it ended, None while it runs."""
+        return self._ended
+
+    def wait(self, timeout_s: float | None = None) -> Ended | None:
+        """How it ended, as soon as it has; None if it still runs after `timeout_s` (s)."""
+        self._end.wait(timeout_s)
+        return self._ended
+
+    def stop(self, with_signal: int = signal.SIGTERM, timeout_s: float = 10.0) -> Ended:
+        """End the group: `with_signal` first, SIGKILL for all that is left after `timeout_s` (s, host time).
+
+        Does nothing to a program that has ended, but kills what it left behind.
+        """
+        if self._over is not None:
+            return self._over
+        family = self._family()
+        if self._ended is None:
+            until_s = time.monotonic() + timeout_s
+            self._signal_group(with_signal)
+            if self.wait(timeout_s) is None:
+                self._overdue = f"did not end within {timeout_s:g} s of {_signal_name(with_signal)} and was killed"
+            while time.monotonic() < until_s and any(_in_group(process, self.pid) for process in family):
+                time.sleep(0.01)
+        self._signal_group(signal.SIGKILL)
+        kill_all(family)
+        left = kill_marked(self._mark)
+        ended = self.wait(_KILL_S)
+        if ended is None:
+            raise RuntimeError(f"process {self.pid} ({self.command[0]}) is still there {_KILL_S:g} s after SIGKILL")
+        self.log.close(1.0)
+        if not left:  # nobody is there who could start anything more
+            self._over = ended
+        return ended
+
+    def release(self) -> Usage:
+        """Stop it if need be, and let the system forget it; from then on its id may be another's."""
+        if self._usage is None:
+            self.stop(timeout_s=0.0)
+            _, status, used = os.wait4(self.pid, 0)
+            self._popen.returncode = os.waitstatus_to_exitcode(status)  # so that Popen does not wait for it either
+            self._usage = Usage(used.ru_utime + used.ru_stime, used.ru_maxrss * RSS_UNIT_BYTES)
+        return self._usage
+
+    def _family(self) -> list[psutil.Process]:
+        try:
+            return psutil.Process(self.pid).children(recursive=True)
+        except psutil.NoSuchProcess:
+            return []
+
+    def _signal_group(self, number: int) -> None:
+        if self._usage is None:  # while the zombie is there, the group's number is not another's
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.pid, number)
+
+    def _await_end(self) -> None:
+        """Learn how it ended but leave the zombie, which keeps its number, and its group's, from being given again."""
+        info = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOWAIT)
+        assert info is not None  # it blocks
+        self._ended = _ended(info.si_code == os.CLD_EXITED, info.si_status, self._overdue)
+        self._end.set()
+        if self._on_end is not None:
+            self._on_end()
+
+
+def kill_all(processes: Iterable[psutil.Process]) -> None:
+    """Kill `processes`, those of them that live, and wait until they are gone."""
+    living = [process for process in processes if _lives(process)]
+    for process in living:
+        with suppress(psutil.NoSuchProcess, psutil.AccessDenied):
+            process.kill()
+    until_s = time.monotonic() + _KILL_S
+    while any(_lives(process) for process in living) and time.monotonic() < until_s:
+        time.sleep(0.005)
+
+
+def _lives(process: psutil.Process) -> bool:
+    try:
+        return bool(process.is_running() and process.status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
+
+
+def _ended(exited: bool, status: int, overdue: str) -> Ended:
+    if exited:
+        return Ended(status, "", False, f"exited with code {status}" if status else "")
+    name, killed = _signal_name(status), bool(overdue) and status == signal.SIGKILL
+    return Ended(None, name, killed, overdue if killed else f"was ended by {name}")
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # a real-time signal
+        return f"signal {number}"
+
+
+def _in_group(process: psutil.Process, group: int) -> bool:
+    """Whether `process` still does something in `group`."""
+    try:
+        return os.getpgid(process.pid) == group and _lives(process)
+    except ProcessLookupError:
+        return False
+
+
+def _not_started(command: Sequence[str], folders: RunFolders, error: OSError | ValueError) -> str:
+    program = command[0]
+    if not folders.out.is_dir():
+        return f"the folder {str(folders.out)!r} to start {program!r} in is not there"
+    there = folders.path(program)
+    match error:
+        case FileNotFoundError() if "/" in program and there.is_file():
+            return f"{program!r} could not be started: the interpreter its first line names was not found"
+        case FileNotFoundError() if there.is_relative_to(folders.config):
+            return f"{program!r} could not be started: no file that execution.run_files matches lies there"
+        case FileNotFoundError() if "/" in program:
+            return f"{program!r} could not be started: there is no such file, seen from the run's folder"
+        case FileNotFoundError():
+            return f"{program!r} could not be started: no program of this name in PATH"
+        case PermissionError():
+            return f"{program!r} could not be started: it is not executable"
+        case OSError(errno=errno.ENOEXEC):
+            return f"{program!r} could not be started: neither a binary of this machine nor a script with a #! line"
+        case _:
+            return f"{program!r} could not be started: {error}"

@@ -1,0 +1,353 @@
+"""A run of programs: its folder, its environment, what was started in it, and what is left when it is over."""
+
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+import threading
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
+from typing import Final
+
+import psutil
+
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.recording import Outputs
+from vastflow.sim.model.runlog import LogText, Use
+from vastflow.sim.model.scenario import ProcessSetup
+from vastflow.sim.scenario.programs import guard
+from vastflow.sim.scenario.programs.folders import OUT, RunFolders, copy_in, hand_over, named_in
+from vastflow.sim.scenario.programs.guard import VARIABLE, kill_marked, marked, remove_folder
+from vastflow.sim.scenario.programs.mounts import can_mount
+from vastflow.sim.scenario.programs.outputs import Stamp, read_outputs, stamps
+from vastflow.sim.scenario.programs.process import RSS_UNIT_BYTES, Ended, NotStarted, ProcessGroup, Usage, kill_all
+from vastflow.sim.scenario.programs.resources import ResourceSampler
+
+COMMAND_TIMEOUT_S: Final = 600.0
+"""Host time that `pre_command` and `post_command` may take."""
+_NOT_TAKEN: Final = ("_", "SHLVL", "PWD", "OLDPWD", VARIABLE)
+"""What says where the shell itself was, and which group it belonged to."""
+_SOURCE: Final = """\
+vastflow_result=$1 vastflow_script=$2
+shift 2
+source "$vastflow_script" "$@" || exit
+command env -0 >"$vastflow_result"
+"""
+
+Start = Callable[[Sequence[str], Mapping[str, str], str], ProcessGroup]
+"""Starts a command in an environment under a label, as `vastflow.sim.scenario.programs.run.ProcessRun` does."""
+
+
+class CommandFailed(ScenarioError):
+    """The campaign's `pre_command` did not do what it should: the run can't begin, and is not judged."""
+
+
+def sourced(
+    command: Sequence[str],
+    environment: Mapping[str, str],
+    result: Path,
+    start: Start,
+    timeout_s: float = COMMAND_TIMEOUT_S,
+) -> dict[str, str]:
+    """`environment` as it is after bash has sourced a script in it; what the script started meanwhile runs on.
+
+    Args:
+        command: The script and its arguments.
+        result: File to pass it through; it is removed again.
+
+    Raises:
+        CommandFailed: no bash, an exit code other than 0, or no end in time.
+    """
+    script = Path(command[0])
+    try:
+        group = start(["bash", "-c", _SOURCE, "bash", str(result), *command], environment, "pre_command")
+    except NotStarted as error:
+        raise CommandFailed(f"pre_command: {error}") from None
+    ended = finished(group, timeout_s)
+    if ended.reason:
+        group.log.complete.wait(0.2)
+        last = group.log.last_line()
+        raise CommandFailed(f"pre_command {script.name!r} {ended.reason}" + (f": {last}" if last else ""))
+    if not result.exists():
+        raise CommandFailed(f"pre_command {script.name!r} left the shell that sources it; it must not call exit")
+    entries = [os.fsdecode(entry).partition("=") for entry in result.read_bytes().split(b"\0") if entry]
+    result.unlink()
+    return {name: value for name, _, value in entries if name not in _NOT_TAKEN}
+
+
+def finished(group: ProcessGroup, timeout_s: float) -> Ended:
+    """How the program of `group` ended, by itself or because it was killed after `timeout_s`."""
+    if (ended := group.wait(timeout_s)) is not None:
+        return ended
+    ended = group.stop(timeout_s=0.0)
+    return Ended(ended.code, ended.signal, True, f"took longer than {timeout_s:g} s and was killed")
+
+
+MAX_LOGS_BYTES: Final = 64 * 2**20
+
+
+@dataclass(frozen=True)
+class ProcessRecord:
+    """What is left of a run of programs.
+
+    Attributes:
+        resources: Once a second of host time.
+        usage: Of all its processes. Those that lived less than a second, and those that nobody waited for, may be missing.
+        post_command: How it ended in words; empty where it exited with code 0 or there is none.
+    """
+
+    outputs: Outputs
+    logs: tuple[LogText, ...]
+    resources: tuple[Use, ...]
+    usage: Usage
+    post_command: str
+
+
+class ProcessRun:
+    """The processes of one run, see `process_run`.
+
+    Attributes:
+        folders: `folders.out` is where its programs work, and what they write is looked for.
+        environment: Of its programs.
+    """
+
+    def __init__(self, root: Path, setup: ProcessSetup, handed: Mapping[str, FileContent]) -> None:
+        self.folders = RunFolders.below(root)
+        self.environment = {**os.environ, **setup.environment}
+        self._setup = setup
+        self._handed = handed
+        self._named = named_in([setup.pre_command, setup.post_command, *setup.environment.values()])
+        # A run inside of another's process bears that one's mark too.
+        self._mark = f"{os.environ.get(VARIABLE, '')}{uuid.uuid4().hex}."
+        self._groups: list[ProcessGroup] = []
+        self._news = threading.Event()
+        self._guard: subprocess.Popen[bytes] | None = None
+        self._sampler: ResourceSampler | None = None
+        self._before: Mapping[str, Stamp] = {}
+        self._usages: list[Usage] = []
+
+    def begin(self) -> None:
+        """Fill the folders and source `pre_command`.
+
+        Raises:
+            RunFileError: a run file changed or is gone.
+            CommandFailed: `pre_command` did; the run is not to be judged.
+        """
+        folders = self.folders
+        for folder in (folders.config, folders.out, folders.logs, folders.root):
+            folder.mkdir()
+        for folder in (folders.config, folders.out):
+            copy_in(self._setup.files, folder)
+            hand_over(self._handed, folder)
+        self._named = self._named or folders.named_in_files()
+        if self._named and not can_mount():
+            folders.rewrite_files()
+            own = {name: folders.rewritten(value) for name, value in self._setup.environment.items()}
+            self.environment |= own
+        self._before = stamps(folders.out)
+        if self._setup.pre_command:
+            result = folders.logs / "environment"
+            self.environment = sourced(self._pre_command(), self.environment, result, self._start_in)
+            self._news.clear()
+
+    def start(self, command: Sequence[str], label: str = "") -> ProcessGroup:
+        """Start `command` in the run's folder.
+
+        Raises:
+            NotStarted: there is no such program, or it can't be executed.
+        """
+        return self._start_in(command, self.environment, label)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a command that was started still runs, so that host time has to go by."""
+        return any(group.poll() is None for group in self._groups)
+
+    def wait(self, timeout_s: float) -> None:
+        """Return as soon as a command has ended since the last call, at the latest after `timeout_s` of host time.
+
+        At once where none runs.
+        """
+        if self.waiting:
+            self._news.wait(timeout_s)
+        self._news.clear()
+
+    def labeled(self, label: str) -> ProcessGroup | None:
+        """The command that was started under `label` last."""
+        return next((group for group in reversed(self._groups) if group.label == label), None)
+
+    def running_labels(self) -> list[str]:
+        """Labels of the commands that run, where they have one."""
+        return [group.label for group in self._groups if group.label and group.poll() is None]
+
+    def pids(self) -> set[int]:
+        """Ids of all living processes of the run."""
+        pids = set(marked(self._mark))
+        for group in tuple(self._groups):
+            if group.poll() is None:
+                with suppress(psutil.NoSuchProcess):
+                    pids |= {group.pid, *(child.pid for child in psutil.Process(group.pid).children(recursive=True))}
+        return pids
+
+    @property
+    def resources(self) -> tuple[Use, ...]:
+        """What its processes used so far, once a second since the first was started."""
+        return self._sampler.rows if self._sampler else ()
+
+    def close(self) -> ProcessRecord:
+        """End everything, let `post_command` run, and read what is left; called once.
+
+        Programs that should be asked before they are killed have to be stopped first.
+        """
+        for group in reversed(self._groups):
+            group.stop(timeout_s=0.0)
+        post_command = self._post_command() if self._setup.post_command else ""
+        resources = self._sampler.stop() if self._sampler else ()
+        self.end()
+        waited_s, sampled_s = sum(usage.cpu_s for usage in self._usages), resources[-1].cpu_s if resources else 0.0
+        usage = Usage(max(waited_s, sampled_s), _peak_bytes(self._usages, resources))
+        return ProcessRecord(read_outputs(self.folders.out, self._before), self._logs(), resources, usage, post_command)
+
+    def end(self) -> None:
+        """Leave nothing running; may be called again.
+
+        Raises:
+            RuntimeError: some process could not be killed.
+        """
+        left = kill_marked(self._mark)  # all at once first, so that none is spared should another not end
+        if len(self._usages) < len(self._groups):
+            self._usages = [group.release() for group in self._groups]
+        if self._sampler:
+            self._sampler.stop()
+            kill_all(self._sampler.processes)  # who left its family and dropped its mark was perhaps seen before
+        if self._guard is not None and self._guard.returncode is None:
+            self._guard.kill()
+            self._guard.communicate()
+        if left:
+            raise RuntimeError(f"processes {sorted(left)} of a run could not be killed")
+
+    def _start_in(self, command: Sequence[str], environment: Mapping[str, str], label: str) -> ProcessGroup:
+        if self._guard is None:
+            self._guard = _guarding(self._mark, self.folders.out.parent)
+        named = self._named or named_in(command)
+        if named and not can_mount():
+            command = [self.folders.rewritten(word) for word in command]
+        number = len(self._groups)
+        group = ProcessGroup(
+            command,
+            folders=self.folders,
+            mounted=named and can_mount(),
+            environment=environment,
+            log_file=self.folders.logs / f"{number}.log",
+            mark=f"{self._mark}{number}.",
+            label=label,
+            on_end=self._news.set,
+        )
+        self._groups.append(group)
+        if self._sampler is None:
+            self._sampler = ResourceSampler(self.pids)
+        return group
+
+    def _pre_command(self) -> list[str]:
+        """The script and its arguments; a path with blanks may stand there without quotes."""
+        given = self._setup.pre_command
+        command = [given] if self.folders.path(given).is_file() else _words(given)
+        if not self.folders.path(command[0]).is_file():
+            raise CommandFailed(f"pre_command: there is no file {command[0]!r}")
+        return [self._seen(command[0]), *command[1:]]
+
+    def _post_command(self) -> str:
+        try:
+            program, *arguments = _words(self._setup.post_command)
+            group = self.start([self._seen(program), *arguments, OUT], "post_command")
+        except NotStarted as error:
+            return str(error)
+        return finished(group, COMMAND_TIMEOUT_S).reason
+
+    def _seen(self, program: str) -> str:
+        """A file with its whole path, which neither bash nor the system looks for elsewhere; else a program's name."""
+        here = self.folders.out / program
+        return str(here) if here.is_file() else program
+
+    def _logs(self) -> tuple[LogText, ...]:
+        texts, left_bytes = [], MAX_LOGS_BYTES
+        for group in self._groups:
+            content = group.log.read()
+            cut = group.log.cut or len(content) > left_bytes
+            text = content[:left_bytes].decode(errors="replace")
+            texts.append(LogText(group.label, group.command, text, cut))
+            left_bytes -= min(left_bytes, len(content))
+        return tuple(texts)
+
+
+def _words(command: str) -> list[str]:
+    """A command as a shell splits it; as it is where a quote is not closed."""
+    try:
+        return shlex.split(command) or [command]
+    except ValueError:
+        return [command]
+
+
+@contextmanager
+def process_run(
+    setup: ProcessSetup, handed: Mapping[str, FileContent] | None = None, where: Path | None = None
+) -> Iterator[ProcessRun]:
+    """A run of programs in a folder that is there until the end of the `with`, as are its processes.
+
+    Args:
+        handed: Files that the scenario hands to programs, by key.
+        where: Folder to make it in; the system's for temporary files where None.
+
+    Raises:
+        RunFileError, CommandFailed: see `ProcessRun.begin`.
+        OSError: the folder's disk is full at the end. Programs seldom say so, and what they wrote is no result.
+    """
+    root = Path(tempfile.mkdtemp(prefix="vastflow-run-", dir=where)).resolve()
+    run = ProcessRun(root, setup, handed or {})
+    try:
+        run.begin()
+        yield run
+    finally:
+        try:
+            run.end()
+            _check_room(root)
+        finally:
+            remove_folder(root)
+
+
+def _check_room(folder: Path) -> None:
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(b"1" * 4096)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(folder)) from None
+
+
+def _peak_bytes(usages: Sequence[Usage], rows: Sequence[Use]) -> int:
+    """Most memory of the run's processes.
+
+    A process begins with its parent's peak for its own, so the system's figure counts only where it is greater than this
+    process' peak; else the samples are what there is.
+    """
+    own = getrusage(RUSAGE_SELF).ru_maxrss * RSS_UNIT_BYTES
+    peaks = [usage.max_rss_bytes for usage in usages if usage.max_rss_bytes > own]
+    return max([*peaks, *(row.rss_bytes for row in rows)], default=0)
+
+
+def _guarding(mark: str, folder: Path) -> "subprocess.Popen[bytes]":
+    """A process that kills what bears `mark` and removes `folder` when this one is gone, however that comes about."""
+    environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
+    return subprocess.Popen(
+        [sys.executable, "-I", "-S", guard.__file__, mark, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=environment,
+        start_new_session=True,
+    )

@@ -1,0 +1,137 @@
+"""Actions of `osc.gazebo` on the simulated world: what is spawned, deleted and asked for by name."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from py_trees.common import Status
+
+from vastflow.sim.loop.simulation import Simulation
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.obstacle import has_mass, obstacle_of
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.scenario.tree.action import Action
+from vastflow.sim.scenario.tree.world import WorldAction
+
+ROBOT_NAMES: Final = ("turtlebot4", "robot")
+"""Names by which scenarios ask for the robot itself."""
+
+ROBOT_MODEL: Final = "topic:"
+"""How the model of a robot begins, which comes from a topic."""
+
+
+class Spawn(Action):
+    """Puts entities into the world at once. One is fixed unless its arguments give a mass: then it can be pushed."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._status = Status.RUNNING
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        self._spawn(arguments["entities"])
+
+    def _spawn(self, entries: Sequence[Mapping[str, Any]]) -> None:
+        self._status = Status.SUCCESS
+        for k, entry in enumerate(entries):
+            try:
+                obstacle = obstacle_of(entry, f"entity {k + 1}")
+            except ValueError as error:
+                raise ScenarioError(str(error)) from None
+            if self._simulation.stands(obstacle.name):
+                self._status = Status.FAILURE
+                self.message = f"{obstacle.name!r} stands there already; a name that is not in use"
+                return
+            self._simulation.spawn(obstacle, has_mass(entry))
+
+    def update(self) -> Status:
+        return self._status
+
+
+class SpawnEntity(Spawn):
+    """`spawn_entity`: one entity of a model; under another name where its own is taken and it may be renamed."""
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        model = str(arguments["uri"])
+        name = given = str(arguments["entity_name"]) or Path(model).stem
+        number = 0
+        while arguments["allow_renaming"] and self._simulation.stands(name):
+            number += 1
+            name = f"{given}_{number}"
+        self._spawn([{"entity_name": name, "spawn_pose": arguments["initial_pose"], "model": model}])
+
+
+class SpawnActor(Spawn):
+    """`osc_actor.spawn`: the actor itself, under its own name, at a pose. The robot stands in the world from the start."""
+
+    def __init__(self, simulation: Simulation, actor: Mapping[str, Any]) -> None:
+        super().__init__(simulation)
+        self._actor = actor
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        entity = self._entity(arguments, arguments["spawn_pose"])
+        if entity["entity_name"] in ROBOT_NAMES or str(entity.get("model", "")).startswith(ROBOT_MODEL):
+            self._status, self.message = Status.SUCCESS, "the robot stands in the world from the start"
+        else:
+            self._spawn([entity])
+
+    def _entity(self, arguments: Mapping[str, Any], pose: Any) -> dict[str, Any]:
+        name = str(arguments.get("entity_name") or self._actor["name"])
+        kept = {key: arguments[key] for key in ("model", "xacro_arguments") if arguments.get(key)}
+        return {"entity_name": name, "spawn_pose": pose, **kept}
+
+
+class SpawnRelative(SpawnActor):
+    """`osc_actor.relative_spawn`: so far ahead of where the robot is, turned as the robot is."""
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        robot, ahead_m = self._simulation.true_pose, float(arguments["distance"])
+        x_m = robot.x_m + ahead_m * math.cos(robot.yaw_rad)
+        y_m = robot.y_m + ahead_m * math.sin(robot.yaw_rad)
+        self._spawn([self._entity(arguments, Pose(x_m, y_m, robot.yaw_rad).value())])
+
+
+class Delete(Action):
+    """Takes an entity out of the world; a failure where there is none of its name."""
+
+    def __init__(self, simulation: Simulation, actor: Mapping[str, Any]) -> None:
+        self._simulation = simulation
+        self._actor = actor
+        self._there = False
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        name = str(arguments.get("entity") or arguments.get("entity_name") or self._actor.get("name", ""))
+        self._there = self._simulation.delete(name)
+        self.message = "" if self._there else f"nothing called {name!r} stands in the world"
+
+    def update(self) -> Status:
+        return Status.SUCCESS if self._there else Status.FAILURE
+
+
+class Exists(Action):
+    """`actor_exists`: until something of this name stands in the world; the robot does from the start."""
+
+    def __init__(self, simulation: Simulation, actor: Mapping[str, Any]) -> None:
+        self._simulation = simulation
+        self._actor = actor
+        self._name = ""
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        self._name = str(arguments.get("entity_name") or self._actor.get("name", ""))
+
+    def update(self) -> Status:
+        there = self._simulation.stands(self._name) or self._name in ROBOT_NAMES
+        self.message = "" if there else f"no {self._name!r} yet"
+        return Status.SUCCESS if there else Status.RUNNING
+
+
+ENTITIES: Final[Mapping[str, WorldAction]] = {
+    "spawn_multiple": lambda simulation, _: Spawn(simulation),
+    "spawn_entity": lambda simulation, _: SpawnEntity(simulation),
+    "actor_exists": lambda simulation, situation: Exists(simulation, situation.actor),
+    "osc_actor.spawn": lambda simulation, situation: SpawnActor(simulation, situation.actor),
+    "osc_actor.relative_spawn": lambda simulation, situation: SpawnRelative(simulation, situation.actor),
+    "osc_actor.delete": lambda simulation, situation: Delete(simulation, situation.actor),
+    "delete_entity": lambda simulation, situation: Delete(simulation, situation.actor),
+}
+"""By their names in a file."""

@@ -1,0 +1,164 @@
+"""`osc.helpers` as far as it needs neither simulator nor process: its actions, and functions for expressions."""
+
+import operator
+import os.path
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+from py_trees.common import Status
+
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.names import did_you_mean
+from vastflow.sim.scenario.tree.action import Action, ActionFactory, ActionSituation
+from vastflow.sim.scenario.tree.message_members import member_of, pose_3d_in
+
+OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+"""Of `compare`."""
+
+SHARE: Final = "/opt/ros/share"
+"""Where the folders of ROS packages would be; there are none, but a scenario may name one to a launch."""
+
+
+class Immediate(Action):
+    """An action that is over in the tick in which it begins."""
+
+    def __init__(self, situation: ActionSituation) -> None:
+        self.situation = situation
+        self._status = Status.SUCCESS
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        self.message = ""
+        self._status = Status.SUCCESS if self.act(arguments) else Status.FAILURE
+
+    def update(self) -> Status:
+        return self._status
+
+    @abstractmethod
+    def act(self, arguments: Mapping[str, Any]) -> bool:
+        """Do it; whether it succeeded, with `message` saying why not."""
+
+
+class Log(Immediate):
+    """`log(msg)`: a line in the run's log."""
+
+    def act(self, arguments: Mapping[str, Any]) -> bool:
+        self.message = str(arguments["msg"])
+        self.situation.log(self.message)
+        return True
+
+
+class Compare(Immediate):
+    """`compare(left_value, operator, right_value)`: fails where the relation does not hold; one without meaning is a `ScenarioError`."""
+
+    def act(self, arguments: Mapping[str, Any]) -> bool:
+        left, sign, right = arguments["left_value"], str(arguments["operator"]), arguments["right_value"]
+        if sign not in OPERATORS:
+            raise ScenarioError(f"{sign!r} is no operator of compare; it knows {', '.join(OPERATORS)}")
+        try:
+            holds = bool(OPERATORS[sign](left, right))
+        except TypeError:
+            raise ScenarioError(f"{left!r} and {right!r} can't be compared by {sign}") from None
+        self.message = f"{left!r} {sign} {right!r} {'holds' if holds else 'does not hold'}"
+        return holds
+
+
+class Increment(Immediate):
+    """`increment(target_variable)`: one more in a variable that holds a number; the argument is the variable's name."""
+
+    step = 1
+
+    def act(self, arguments: Mapping[str, Any]) -> bool:
+        name, variables = arguments["target_variable"], self.situation.variables
+        if not isinstance(name, str) or name not in variables:
+            right = did_you_mean(str(name), variables, "variables: none", listed="variables:")
+            raise ScenarioError(f"{name} is no variable with a value; {right}")
+        value = variables[name]
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ScenarioError(f"{name} is {value!r}; only a number can be counted")
+        variables[name] = value + self.step
+        self.message = f"{name} is {variables[name]}"
+        return True
+
+
+class Decrement(Increment):
+    """`decrement(target_variable)`: one less in a variable that holds a number."""
+
+    step = -1
+
+
+HELPERS: Final[Mapping[str, ActionFactory]] = {
+    "log": Log,
+    "compare": Compare,
+    "increment": Increment,
+    "decrement": Decrement,
+}
+"""By their names in a file."""
+
+
+class RandomNumbers:
+    """`random`: numbers of a run, drawn from its own generator in the order of evaluation."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+
+    def seed(self, number: int) -> int:
+        """Draw from here on what the number alone decides, the same in every run; returns it."""
+        self._rng = np.random.Generator(np.random.PCG64(abs(number)))
+        return number
+
+    def get_float(self, least: float, most: float) -> float:
+        """A number between two, evenly; ValueError where the first is larger."""
+        return least + (most - least) * float(self._rng.random()) if _ordered(least, most) else least
+
+    def get_int(self, least: int, most: int) -> int:
+        """A whole number between two, both included; ValueError where the first is larger."""
+        return int(self._rng.integers(least, most, endpoint=True)) if _ordered(least, most) else least
+
+    def get_random_string(self, choices: list[str]) -> str:
+        """One of a list; ValueError for an empty one."""
+        if not choices:
+            raise ValueError("a list to draw from has at least one item")
+        return choices[int(self._rng.integers(len(choices)))]
+
+
+def helper_functions(
+    rng: np.random.Generator, scenario_folder: str, output_folder: str
+) -> dict[str, Callable[..., Any]]:
+    """The functions of `osc.helpers`, `osc.os` and `osc.ros`, for one run.
+
+    Args:
+        rng: The run's own, for `random`.
+        scenario_folder: Of the scenario file, as programs know it; `os.abspath` is relative to it.
+        output_folder: Where the run writes, as programs know it.
+    """
+    numbers = RandomNumbers(rng)
+    return {
+        "random.seed": numbers.seed,
+        "random.get_float": numbers.get_float,
+        "random.get_int": numbers.get_int,
+        "random.get_random_string": numbers.get_random_string,
+        "common.get_scenario_file_directory": lambda: scenario_folder,
+        "common.get_output_directory": lambda: output_folder,
+        "msg_conversion.get_object_member": member_of,
+        "msg_conversion.to_pose_3d": pose_3d_in,
+        "ament.get_package_share_directory": lambda package: f"{SHARE}/{package}",
+        "os.abspath": lambda path: os.path.normpath(os.path.join(scenario_folder, path)),
+        "os.basename": os.path.basename,
+        "os.dirname": os.path.dirname,
+    }
+
+
+def _ordered(least: float, most: float) -> bool:
+    """Whether there is something between two bounds; ValueError where they are the wrong way round."""
+    if least > most:
+        raise ValueError(f"the lower bound comes first, got {least!r} and {most!r}")
+    return least < most

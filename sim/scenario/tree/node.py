@@ -1,0 +1,313 @@
+"""Nodes of a scenario's tree: a base beyond py_trees' behaviors, the leaves, and the conditions that they wait for."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, ParamSpec, TypeAlias, TypeVar
+
+from py_trees.behaviour import Behaviour
+from py_trees.common import Status
+
+from vastflow.sim.model.faults import Place, ScenarioError
+from vastflow.sim.scenario.definition import (
+    Awaited,
+    Call,
+    Elapsed,
+    Emit,
+    Expression,
+    External,
+    Happened,
+    Holds,
+    ListOf,
+    Operation,
+    Struct,
+    Wait,
+)
+from vastflow.sim.scenario.tree.action import Action
+from vastflow.sim.scenario.tree.state import RunState, microseconds
+
+Cause: TypeAlias = Literal["", "action", "timeout", "emit", "behavior"]
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why a scenario failed.
+
+    Attributes:
+        cause: `action` an action ended with failure, `timeout` time ran out, `emit` the file said `emit fail`,
+            `behavior` a modifier turned a result round; empty where nothing failed.
+        message: In words, with the place in the file.
+        error_code: Nav2's code of the action that failed, else 0.
+    """
+
+    cause: Cause = ""
+    message: str = ""
+    error_code: int = 0
+
+
+class Node(Behaviour):
+    """A node of the tree of one run.
+
+    Attributes:
+        place: Where it stands in the file.
+        state: What the run's nodes share.
+    """
+
+    place: Place
+    state: RunState
+
+    @property
+    def class_name(self) -> str:
+        """Name of what it does; an action's own where it calls one."""
+        return type(self).__name__
+
+    def belongs(self, place: Place, state: RunState) -> None:
+        """Tell a new node where it stands; py_trees' constructors each take other arguments."""
+        self.place = place
+        self.state = state
+
+    def wakes(self) -> float:
+        """While it runs: number of the first tick at which time alone may change its answer; infinite if none."""
+        return math.inf
+
+    def reason(self) -> Reason:
+        """Why it failed: what the first child that failed says, or that this node itself made a failure of it."""
+        for child in self.children:
+            if child.status is Status.FAILURE and isinstance(child, Node):
+                return child.reason()
+        return Reason("behavior", f"{self.name} at {self.place} failed: {self.feedback_message}")
+
+
+def running_leaves(node: Behaviour) -> Iterator[Behaviour]:
+    """What runs below a node and has nothing running below itself, from left to right."""
+    if node.status is Status.RUNNING:
+        below = [leaf for child in node.children for leaf in running_leaves(child)]
+        yield from below or [node]
+
+
+class Condition(ABC):
+    """Something awaited, in one run. Evaluation of what a user wrote may raise `EvaluationError`."""
+
+    words: str = ""
+    """How it is written, in short."""
+
+    def begin(self) -> None:  # noqa: B027 - most have no beginning
+        """Start to wait, at the present tick."""
+
+    @abstractmethod
+    def holds(self) -> bool:
+        """Whether it has come."""
+
+    def wakes(self) -> float:
+        """Number of the first tick at which time alone can make it hold; infinite where time can't."""
+        return math.inf
+
+
+class TimeElapsed(Condition):
+    """Holds at the first tick that is a duration or more after `begin`."""
+
+    def __init__(self, awaited: Elapsed, state: RunState) -> None:
+        self.words = "elapsed"
+        self._awaited = awaited
+        self._state = state
+        self._due_us = math.inf
+
+    def begin(self) -> None:
+        self._due_us = self._state.clock.in_us(self._state.value(self._awaited.duration))
+
+    def holds(self) -> bool:
+        return self._state.clock.now_us >= self._due_us
+
+    def wakes(self) -> float:
+        return self._state.clock.first_at(self._due_us)
+
+
+class EventHappened(Condition):
+    """Holds when an event's flag is set and, at the same tick, a condition holds."""
+
+    def __init__(self, awaited: Happened, state: RunState) -> None:
+        self.words = f"@{awaited.event}"
+        self._event = awaited.event
+        self._state = state
+        self._condition = None if awaited.condition is None else ExpressionHolds(awaited.condition, state)
+
+    def holds(self) -> bool:
+        if self._event not in self._state.events:
+            return False
+        return self._condition is None or self._condition.holds()
+
+    def wakes(self) -> float:
+        if self._condition is None or self._event not in self._state.events:
+            return math.inf
+        return self._condition.wakes()
+
+
+class ExpressionHolds(Condition):
+    """Holds when an expression over parameters and variables is true."""
+
+    def __init__(self, expression: Expression, state: RunState) -> None:
+        self.words = "condition"
+        self._expression = expression
+        self._state = state
+        self._asks_outside = _calls_function(expression)
+
+    def holds(self) -> bool:
+        return bool(self._state.value(self._expression))
+
+    def wakes(self) -> float:
+        # A function may answer otherwise each time (random.get_int), so every tick has to ask it.
+        return self._state.clock.number + 1 if self._asks_outside else math.inf
+
+
+AnyCondition: TypeAlias = TimeElapsed | EventHappened | ExpressionHolds
+
+
+def condition_of(awaited: Awaited, state: RunState) -> AnyCondition:
+    """The condition that a file's words describe."""
+    match awaited:
+        case Elapsed():
+            return TimeElapsed(awaited, state)
+        case Happened():
+            return EventHappened(awaited, state)
+        case Holds():
+            return ExpressionHolds(awaited.condition, state)
+
+
+def _calls_function(expression: Expression) -> bool:
+    match expression:
+        case External():
+            return True
+        case ListOf(items=parts) | Operation(operands=parts):
+            return any(map(_calls_function, parts))
+        case Struct(members=members):
+            return any(map(_calls_function, members.values()))
+        case _:
+            return False
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Leaf(Node):
+    """A node without children."""
+
+    def __init__(self, name: str, place: Place, state: RunState) -> None:
+        super().__init__(name)
+        self.belongs(place, state)
+
+    def initialise(self) -> None:
+        self.state.moved = True
+        self.feedback_message = ""
+        self.enter()
+
+    def update(self) -> Status:
+        status = self.answer()
+        if status is not Status.RUNNING:
+            self.state.moved = True
+        return status
+
+    def enter(self) -> None:
+        """Begin."""
+
+    def answer(self) -> Status:
+        """What it comes to at this tick."""
+        raise NotImplementedError
+
+    def reason(self) -> Reason:
+        return Reason("behavior", f"{self.name} at {self.place} failed: {self.feedback_message}")
+
+
+class ActionCall(Leaf):
+    """Calls an action: enters it with evaluated arguments, asks it at each tick, cancels it when given up.
+
+    A `ScenarioError` of the action is raised with the place of the call.
+    """
+
+    def __init__(self, call: Call, action: Action, state: RunState) -> None:
+        super().__init__(call.label or call.action.rpartition(".")[2], call.place, state)
+        self._call = call
+        self._action = action
+
+    @property
+    def class_name(self) -> str:
+        return type(self._action).__name__
+
+    @property
+    def goes_along(self) -> bool:
+        """Whether nobody waits for it."""
+        return self._action.goes_along
+
+    def enter(self) -> None:
+        value = self.state.value
+        arguments = {name: value(expression) for name, expression in self._call.arguments.items()}
+        self._asked(self._action.enter, arguments)
+
+    def answer(self) -> Status:
+        status = self._asked(self._action.update)
+        self.feedback_message = self._action.message
+        if status is Status.INVALID:
+            raise ValueError(f"{self.class_name}.update() answers RUNNING, SUCCESS or FAILURE, not {status}")
+        return status
+
+    def terminate(self, new_status: Status) -> None:
+        if new_status is Status.INVALID and self.status is Status.RUNNING:
+            self.feedback_message = "cancelled"
+            self._action.cancel()
+
+    def wakes(self) -> float:
+        at_s = self._action.wakes_s()
+        return self.state.clock.first_at(microseconds(at_s)) if math.isfinite(at_s) else at_s
+
+    def reason(self) -> Reason:
+        which = f"{self.name} at {self.place}"
+        told = f"{self._action.message}; {which}" if self._action.message else f"{which} failed"
+        return Reason("action", told, self._action.error_code)
+
+    def _asked(self, question: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+        try:
+            return question(*arguments, **named)
+        except ScenarioError as error:
+            raise ScenarioError(f"{error}; {self.name} at {self.place}") from error
+
+
+class Waiting(Leaf):
+    """`wait`: runs until something holds, which may be at once."""
+
+    def __init__(self, wait: Wait, state: RunState) -> None:
+        self._condition = condition_of(wait.until, state)
+        super().__init__(wait.label or f"wait {self._condition.words}", wait.place, state)
+
+    def enter(self) -> None:
+        self._condition.begin()
+
+    def answer(self) -> Status:
+        return Status.SUCCESS if self._condition.holds() else Status.RUNNING
+
+    def wakes(self) -> float:
+        return self._condition.wakes()
+
+
+class Emission(Leaf):
+    """`emit`: sets an event's flag and succeeds.
+
+    Attributes:
+        emitted: `emit fail` was reached, for one.
+    """
+
+    def __init__(self, emit: Emit, state: RunState) -> None:
+        super().__init__(emit.label or f"emit {emit.event}", emit.place, state)
+        self.event = emit.event
+        self.emitted = False
+
+    def answer(self) -> Status:
+        self.emitted = True
+        self.state.events.add(self.event)
+        return Status.SUCCESS
+
+
+def awaited_names(leaves: Sequence[Behaviour]) -> list[str]:
+    """Names of running leaves that the scenario waits for: actions but those that only go along, if there are any."""
+    actions = [leaf for leaf in leaves if isinstance(leaf, ActionCall)]
+    return [leaf.name for leaf in actions if not leaf.goes_along] or [leaf.name for leaf in actions or leaves]

@@ -1,0 +1,130 @@
+"""What the nodes of one tree share: the clock in whole ticks, names and their values, the flags of events."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from typing import Any
+
+from vastflow.sim.scenario.definition import Expression
+from vastflow.sim.scenario.evaluation import evaluate
+from vastflow.sim.scenario.tree.action import Monitor
+
+
+class TickClock:
+    """Time as a number of ticks; moments are compared in whole microseconds.
+
+    Attributes:
+        number: The tick that is being made; 0 before the first.
+        period_us: Between two ticks.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        """Raise ValueError for a period that is not a whole, positive number of microseconds."""
+        self.number = 0
+        self.period_us = round(period_s * 1e6) if math.isfinite(period_s) else 0
+        if self.period_us < 1 or not math.isclose(self.period_us, period_s * 1e6, rel_tol=1e-9):
+            raise ValueError(f"the period of a tick is a whole number of microseconds, at least 1; got {period_s!r} s")
+
+    @property
+    def now_us(self) -> int:
+        """The present tick's time."""
+        return self.number * self.period_us
+
+    @property
+    def now_s(self) -> float:
+        """The present tick's time."""
+        return self.now_us / 1e6
+
+    def in_us(self, duration_s: float) -> float:
+        """The moment so much after now; the infinite stays infinite."""
+        return self.now_us + microseconds(duration_s)
+
+    def first_at(self, moment_us: float) -> float:
+        """Number of the first tick at a moment or after it."""
+        return -(-moment_us // self.period_us)
+
+    def first_after(self, moment_us: float) -> float:
+        """Number of the first tick that is strictly after a moment."""
+        return moment_us // self.period_us + 1 if math.isfinite(moment_us) else moment_us
+
+
+def microseconds(duration_s: float) -> float:
+    """A duration in whole microseconds; infinite where it is."""
+    return round(duration_s * 1e6) if math.isfinite(duration_s) else duration_s
+
+
+class RunState:
+    """State of one run's tree, seen by its nodes alone.
+
+    Attributes:
+        names: Value of every name that an expression may use.
+        variables: The `var`s among them, which actions may change.
+        events: Those emitted so far; they stay so.
+        moved: Something happened in the present tick beyond running leaves that go on running: a node began or
+            ended, a variable or an event was set. Then the next tick may change something too.
+        log: Takes a line for the run's log.
+        monitors: What looks at the world before each tick.
+    """
+
+    def __init__(
+        self,
+        clock: TickClock,
+        names: Mapping[str, Any],
+        functions: Mapping[str, Callable[..., Any]],
+        log: Callable[[str], None],
+    ) -> None:
+        self.clock = clock
+        self.names = dict(names)
+        self.variables = Variables(self)
+        self.events: set[str] = set()
+        self.moved = False
+        self.log = log
+        self.monitors: list[Monitor] = []
+        self._functions = functions
+
+    def value(self, expression: Expression) -> Any:
+        """Value of an expression at this moment; `EvaluationError` where it has none."""
+        return evaluate(expression, self.names, self._functions)
+
+
+class Variables(MutableMapping[str, Any]):
+    """The `var`s of a run: names that may be set, and no others; an actor's has its name before it, `robot.laps`.
+
+    A struct is changed by setting the variable to another dict, never in place: waits would not hear of it.
+    """
+
+    def __init__(self, state: RunState) -> None:
+        self._state = state
+        self._declared: dict[str, None] = {}
+
+    def declare(self, name: str) -> None:
+        """Let a name be set."""
+        self._declared[name] = None
+
+    def __getitem__(self, name: str) -> Any:
+        names, key = self._home(name)
+        return names[key]
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        names, key = self._home(name)
+        names[key] = value
+        self._state.moved = True
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError(f"{name}: a variable of a scenario can be set, not removed")
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name in self._declared if self._has_value(name))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def _home(self, name: str) -> tuple[dict[str, Any], str]:
+        """Where the value of a variable lies: among the names, or among an actor's members."""
+        if name not in self._declared:
+            raise KeyError(name)
+        actor, _, member = name.rpartition(".")
+        return (self._state.names[actor], member) if actor else (self._state.names, name)
+
+    def _has_value(self, name: str) -> bool:
+        names, key = self._home(name)
+        return key in names

@@ -1,0 +1,113 @@
+"""Which of a scenario's actions nothing here can do, told before anything runs."""
+
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from vastflow.sim.model.faults import Place
+from vastflow.sim.scenario.definition import Behavior, Call, Composition, Modified, ScenarioDefinition, Until
+from vastflow.sim.scenario.tree.modifier import MODIFIERS
+from vastflow.sim.scenario.tree.ros_graph import lacking_before_a_run
+
+_NO_SERVICES = "it asks a node for a service, and nothing offers one: the navigation stack runs inside the simulator"
+_NO_CLOCK = "it measures how fast a machine is, and simulated time does not depend on that"
+_NO_LOG = (
+    "it reads the log of ROS nodes, and in a scenario without a differential_drive_robot there are none; of a program of "
+    "your own process_log_check does"
+)
+_NO_GAZEBO = "it steers a simulator of its own, but a run's simulator is started, stepped and ended by vastflow"
+_NO_CLUSTER = "it starts or looks after containers; what a run is executed in is for `execution` in the campaign file"
+_NO_ARM = "it moves an arm, and the simulated robot has none"
+_NO_NETWORK = "a run may depend on nothing but its configuration and seed, and so reaches no network"
+
+REASONS: Final[Mapping[str, str]] = {
+    "ros_run": "it starts a ROS node, and there is no ROS; a program of your own is started by run_process",
+    "bag_play": "it plays messages to ROS nodes, and there are none",
+    "wait_for_services": _NO_SERVICES,
+    "wait_for_service_server": _NO_SERVICES,
+    "service_call": _NO_SERVICES,
+    "action_call": f"{_NO_SERVICES}; nav_to_pose and its like send the robot somewhere",
+    "set_node_parameter": f"{_NO_SERVICES}; parameters are given by the campaign's Nav2 parameter file",
+    "assert_lifecycle_state": f"{_NO_SERVICES}; Nav2 is active from the start",
+    "check_data_external": "it runs Python of your own on messages; check_data compares a member of one with a value",
+    "assert_topic_latency": _NO_CLOCK,
+    "assert_realtime_factor": _NO_CLOCK,
+    "load_world": f"{_NO_GAZEBO}; the world is the configuration's map or floor plan",
+    "unload_world": _NO_GAZEBO,
+    "reset_simulation": _NO_GAZEBO,
+    "set_entity_state": f"{_NO_GAZEBO}; delete_entity and spawn_entity put a thing elsewhere",
+    "step_simulation": _NO_GAZEBO,
+    "set_simulation_state": _NO_GAZEBO,
+    "generate_floorplan": "floor plans are made before a run, by the campaign's FloorplanGeneration",
+    "http_get": _NO_NETWORK,
+}
+"""Why an action can't be had here, by its name without an actor's."""
+
+REASONS_OF_FAMILIES: Final[Mapping[str, str]] = {
+    "docker": _NO_CLUSTER,
+    "kubernetes": _NO_CLUSTER,
+    "moveit": _NO_ARM,
+    "pybullet": _NO_GAZEBO,
+    "http": _NO_NETWORK,
+}
+"""The same by how the name of an action or its actor begins."""
+
+ROBOT: Final = "differential_drive_robot"
+
+GENERIC: Final = "vastflow's simulator has no such action; one of your own can inherit from an action of a library"
+
+
+@dataclass(frozen=True, slots=True)
+class Unsupported:
+    """Something in a scenario that nothing implements.
+
+    Attributes:
+        name: Of the action (with its actor's type) or modifier.
+        reason: In words.
+    """
+
+    place: Place
+    name: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.name} can't be run: {self.reason}"
+
+
+def unsupported(definition: ScenarioDefinition, known: Container[str]) -> list[Unsupported]:
+    """Every call and modifier of a scenario that nothing implements, in the order of the file.
+
+    Args:
+        known: Qualified names of the actions that a run has.
+    """
+    has_robot = any(ROBOT in actor.types for actor in definition.actors)
+    return [Unsupported(node.place, name, reason) for node, name, reason in _lacking(definition.root, known, has_robot)]
+
+
+def reason_for(action: str) -> str:
+    """Why an action can't be had here."""
+    actor, _, name = action.rpartition(".")
+    if name in REASONS:
+        return REASONS[name]
+    for beginning, reason in REASONS_OF_FAMILIES.items():
+        if name.startswith(beginning) or actor.startswith(beginning):
+            return reason
+    return GENERIC
+
+
+def _lacking(node: Behavior, known: Container[str], has_robot: bool) -> Iterator[tuple[Call | Modified, str, str]]:
+    match node:
+        case Call() if node.action not in known:
+            yield node, node.action, reason_for(node.action)
+        case Call():
+            if reason := _NO_LOG if node.action == "log_check" and not has_robot else lacking_before_a_run(node):
+                yield node, node.action, reason
+        case Composition():
+            for child in node.children:
+                yield from _lacking(child, known, has_robot)
+        case Modified():
+            if node.modifier not in MODIFIERS:
+                yield node, node.modifier, "vastflow has no such modifier"
+            yield from _lacking(node.child, known, has_robot)
+        case Until():
+            yield from _lacking(node.child, known, has_robot)

@@ -1,0 +1,320 @@
+"""Actions of `osc.ros` on the topics, nodes and transforms of the simulated robot."""
+
+import functools
+import math
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
+
+from py_trees.common import Status
+
+from vastflow.sim.loop.simulation import REASONS, Simulation
+from vastflow.sim.model.faults import ScenarioError
+from vastflow.sim.model.pose import Pose
+from vastflow.sim.model.scenario import Mission
+from vastflow.sim.nav2.navigator.state import ABORTED, EVENT_KINDS, RECOVERIES, RUNNING, SUCCEEDED
+from vastflow.sim.scenario.tree.action import Action, ActionSituation
+from vastflow.sim.scenario.tree.message_members import literal, member_of, pose_in, velocity_in, with_members
+from vastflow.sim.scenario.tree.messages import count, message
+from vastflow.sim.scenario.tree.ros_graph import TOPICS, TRUE_FRAME, absolute, lacking
+from vastflow.sim.scenario.tree.world import WorldAction
+
+
+def pose_between(simulation: Simulation, parent: str, robot: str) -> Pose | None:
+    """Where the robot's frame is in another one; None as long as nobody knows.
+
+    In the map's frame that is where Nav2 takes the robot to be, and for a frame of the truth where it is.
+    """
+    if robot.endswith(TRUE_FRAME):
+        return simulation.true_pose
+    if parent == "odom":
+        return simulation.odometry
+    return simulation.estimate if simulation.localized else None
+
+
+def moved(before: Pose, after: Pose, duration_s: float) -> tuple[float, float]:
+    """Speed (m/s) and yaw rate (rad/s) between two poses, without direction."""
+    turned_rad = math.remainder(after.yaw_rad - before.yaw_rad, math.tau)
+    driven_m = math.hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+    return driven_m / duration_s, abs(turned_rad) / duration_s
+
+
+Line = tuple[str, str]
+"""Node and text."""
+
+_RECOVERED: Final[Mapping[str, Line]] = {
+    "clear local costmap": ("local_costmap.local_costmap", "Received request to clear entirely the local_costmap"),
+    "clear global costmap": ("global_costmap.global_costmap", "Received request to clear entirely the global_costmap"),
+    "clear both costmaps": ("global_costmap.global_costmap", "Received request to clear entirely the global_costmap"),
+    "spin": ("behavior_server", "Running spin"),
+    "wait": ("behavior_server", "Running wait"),
+    "back up": ("behavior_server", "Running backup"),
+}
+
+_HAPPENED: Final[Mapping[str, Line]] = {
+    "goal_reached": ("controller_server", "Reached the goal!"),
+    "goal_missed": ("waypoint_follower", "Failed to process waypoint, moving to next."),
+    "plan_failed": ("planner_server", "GridBased: failed to create plan"),
+    "control_failed": ("controller_server", "Controller failed to follow the path"),
+    "stopped_by_monitor": ("collision_monitor", "Robot to stop due to FootprintApproach polygon"),
+}
+
+
+class StackLog:
+    """The stack's log from here on."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._told = len(simulation.told)
+        self._events = self._counted()
+        self._status = simulation.status
+
+    def new(self) -> list[Line]:
+        """The lines since the last call, or since the log was begun."""
+        return list(self._lines())
+
+    def _lines(self) -> Iterator[Line]:
+        simulation = self._simulation
+        told, self._told = simulation.told[self._told :], len(simulation.told)
+        yield from told
+        rows = simulation.stack.m[0]["event_rows"][self._events : self._counted()]
+        self._events = self._counted()
+        for _, kind, _, _, what, _ in rows.tolist():
+            name = EVENT_KINDS[int(kind)]
+            yield _RECOVERED[RECOVERIES[int(what)]] if name == "recovery" else _HAPPENED[name]
+        before, self._status = self._status, simulation.status
+        if self._status == before or (before != RUNNING and not told):
+            return
+        if self._status == SUCCEEDED:
+            yield "bt_navigator", "Goal succeeded"
+        elif self._status == ABORTED:
+            yield "bt_navigator", f"Goal failed: {REASONS[simulation.error_code]}"
+
+    def _counted(self) -> int:
+        return int(self._simulation.stack.m[0]["events"])
+
+
+OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
+    "lt": operator.lt,
+    "le": operator.le,
+    "eq": operator.eq,
+    "ne": operator.ne,
+    "ge": operator.ge,
+    "gt": operator.gt,
+}
+
+
+class RosAction(Action):
+    """An action on what a ROS machine would have, which it does not begin where that is not here."""
+
+    def __init__(self, simulation: Simulation, situation: ActionSituation, name: str) -> None:
+        self.simulation = simulation
+        self.situation = situation
+        self._name = name
+
+    def enter(self, arguments: Mapping[str, Any]) -> None:
+        if fault := lacking(self._name, arguments):
+            raise ScenarioError(fault)
+        self.begin(arguments)
+
+    def begin(self, arguments: Mapping[str, Any]) -> None:
+        """Begin, with arguments that lack nothing."""
+
+
+class Listening(RosAction):
+    """An action on the messages of one topic."""
+
+    _topic = ""
+    _seen = 0
+
+    def listen(self, arguments: Mapping[str, Any]) -> None:
+        """Count messages from here on; one that was published before the run is still to come."""
+        self._topic = absolute(str(arguments["topic_name"]))
+        self._seen = 0 if TOPICS[self._topic].rhythm == "latched" else count(self.simulation, self._topic)
+
+    def heard(self) -> Any:
+        """The message that came since the last call; None where none did."""
+        number = count(self.simulation, self._topic)
+        if number in (0, self._seen):
+            return None
+        self._seen = number
+        return message(self.simulation, self._topic)
+
+
+class WaitForData(Listening):
+    """`wait_for_data`: until a message comes on a topic."""
+
+    def begin(self, arguments: Mapping[str, Any]) -> None:
+        self.listen(arguments)
+
+    def update(self) -> Status:
+        came = self.heard() is not None
+        self.message = "" if came else f"waiting for data on {self._topic}"
+        return Status.SUCCESS if came else Status.RUNNING
+
+
+class CheckData(Listening):
+    """`check_data`: until a message, or a member of it, stands in a relation to a value."""
+
+    def begin(self, arguments: Mapping[str, Any]) -> None:
+        self.listen(arguments)
+        given = arguments["expected_value"]
+        self._expected = literal(given) if arguments["eval_expected_value"] else given
+        self._member = str(arguments["member_name"])
+        self._operator = arguments["comparison_operator"].member
+        self._fails = bool(arguments["fail_if_bad_comparison"])
+        known = message(self.simulation, self._topic)
+        self._known = None if arguments["wait_for_first_message"] else known
+        self._lacks = bool(arguments["fail_if_no_data"]) and known is None
+
+    def update(self) -> Status:
+        if self._lacks:
+            self.message = f"there is no message on {self._topic} yet"
+            return Status.FAILURE
+        known, self._known = self._known, None
+        found = known if known is not None else self.heard()
+        if found is None:
+            return Status.RUNNING
+        value = member_of(found, self._member)
+        try:
+            holds = bool(OPERATORS[self._operator](value, with_members(value, self._expected)))
+        except TypeError:
+            raise ScenarioError(f"{value!r} and {self._expected!r} can't be compared by {self._operator}") from None
+        whose = f"{self._member} of {self._topic}" if self._member else self._topic
+        self.message = f"{whose} is {value!r:.80}, {self._operator} {self._expected!r}: {str(holds).lower()}"
+        if holds:
+            return Status.SUCCESS
+        return Status.FAILURE if self._fails else Status.RUNNING
+
+
+class TopicMonitor(Listening):
+    """`topic_monitor`: succeeds at once; from then on a variable has the last message, or a member of it."""
+
+    def begin(self, arguments: Mapping[str, Any]) -> None:
+        self.listen(arguments)
+        self._variable = str(arguments["target_variable"])
+        self._member = str(arguments["member_name"])
+        self.situation.monitors.append(self)
+
+    def update(self) -> Status:
+        return Status.SUCCESS
+
+    def look(self) -> None:
+        """Bring the variable up to date."""
+        if (found := self.heard()) is not None:
+            self.situation.variables[self._variable] = member_of(found, self._member)
+
+
+class TopicPublish(RosAction):
+    """`topic_publish`: what a goal, an initial pose or a velocity on a topic has the robot do."""
+
+    def begin(self, arguments: Mapping[str, Any]) -> None:
+        topic, value = absolute(str(arguments["topic_name"])), arguments["value"]
+        content = literal(value) if isinstance(value, str) else value
+        if topic == "/goal_pose":
+            self.simulation.order(Mission("navigate_to_pose", (pose_in(content),)))
+        elif topic == "/initialpose":
+            self.simulation.localize(pose_in(content))
+        else:
+            self.simulation.command(*velocity_in(content))
+        self.simulation.published.setdefault(topic, []).append(content)
+        self.message = f"published on {topic}"
+
+    def update(self) -> Status:
+        return Status.SUCCESS
+
+
+class Available(RosAction):
+    """`wait_for_topics`, `wait_for_nodes` and the like: all that there is here, is there from the start."""
+
+    def update(self) -> Status:
+        return Status.SUCCESS
+
+
+class LogCheck(RosAction):
+    """`log_check`: until a node of the navigation stack logs one of some texts."""
+
+    def begin(self, arguments: Mapping[str, Any]) -> None:
+        self._values = [str(value) for value in arguments["values"]]
+        self._node = str(arguments["module_name"]).removeprefix("/")
+        self._log = StackLog(self.simulation)
+        self.message = f"waiting for {' or '.join(map(repr, self._values))}"
+
+    def update(self) -> Status:
+        for node, text in self._log.new():
+            if self._node in ("", node) and any(value in text for value in self._values):
+                self.message = f"{node}: {text}"
+                return Status.SUCCESS
+        return Status.RUNNING
+
+
+class TfMoving(RosAction):
+    """`assert_tf_moving`: fails once the robot's frame stood still for a time; it never succeeds."""
+
+    goes_along = True
+
+    def begin(self, arguments: Mapping[str, Any]) -> None:
+        self._frames = str(arguments["parent_frame_id"]), str(arguments["frame_id"])
+        self._timeout_s = float(arguments["timeout"])
+        self._least = float(arguments["threshold_translation"]), float(arguments["threshold_rotation"])
+        self._waits = bool(arguments["wait_for_first_transform"])
+        self._last: tuple[float, Pose] | None = None
+        self._moved_s = self.situation.clock.now_s
+
+    def update(self) -> Status:
+        now_s = self.situation.clock.now_s
+        here = pose_between(self.simulation, *self._frames)
+        if here is None:
+            self.message = f"there is no transform from {self._frames[0]} to {self._frames[1]} yet"
+            return Status.RUNNING if self._waits else Status.FAILURE
+        if self._last is None:
+            self._moved_s = now_s
+        elif now_s > self._last[0]:
+            speed_mps, rate_radps = moved(self._last[1], here, now_s - self._last[0])
+            if speed_mps >= self._least[0] or rate_radps >= self._least[1]:
+                self._moved_s = now_s
+        self._last = now_s, here
+        still_s = now_s - self._moved_s
+        self.message = f"{self._frames[1]} has not moved for {still_s:.1f} s"
+        return Status.FAILURE if still_s > self._timeout_s + 1e-9 else Status.RUNNING
+
+
+class TfCloseTo(RosAction):
+    """`tf_close_to`: until the robot's frame is so near to a point of the map, or of the odometry's frame."""
+
+    def begin(self, arguments: Mapping[str, Any]) -> None:
+        point = arguments["reference_point"]
+        self._point = Pose(float(point["x"]), float(point["y"]))
+        self._threshold_m = float(arguments["threshold"])
+        self._frames = str(arguments["parent_frame_id"]), str(arguments["robot_frame_id"])
+
+    def update(self) -> Status:
+        here = pose_between(self.simulation, *self._frames)
+        if here is None:
+            self.message = f"there is no transform from {self._frames[0]} to {self._frames[1]} yet"
+            return Status.RUNNING
+        away_m = math.hypot(here.x_m - self._point.x_m, here.y_m - self._point.y_m)
+        self.message = f"{away_m:.2f} m away"
+        return Status.SUCCESS if away_m <= self._threshold_m else Status.RUNNING
+
+
+def _made(kind: type[RosAction], name: str, simulation: Simulation, situation: ActionSituation) -> Action:
+    return kind(simulation, situation, name)
+
+
+_KINDS: Final[Mapping[str, type[RosAction]]] = {
+    "wait_for_data": WaitForData,
+    "check_data": CheckData,
+    "topic_monitor": TopicMonitor,
+    "topic_publish": TopicPublish,
+    "wait_for_topics": Available,
+    "wait_for_nodes": Available,
+    "wait_for_topic_publisher": Available,
+    "wait_for_topic_subscription": Available,
+    "log_check": LogCheck,
+    "assert_tf_moving": TfMoving,
+    "differential_drive_robot.tf_close_to": TfCloseTo,
+}
+
+ROS: Final[Mapping[str, WorldAction]] = {name: functools.partial(_made, kind, name) for name, kind in _KINDS.items()}
+"""By their names in a file."""

@@ -1,0 +1,209 @@
+"""Map files in the ROS map_server format: a YAML file and a picture."""
+
+import contextlib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from yaml.nodes import MappingNode
+
+from vastflow.sim.model.digest import FileContent
+from vastflow.sim.model.files import Missing, Unreadable, read_picture, read_text, yaml_node, yaml_value
+from vastflow.sim.model.pose import DECIMALS, MOST_YAW_RAD, GridFrame
+from vastflow.sim.world.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+
+MOST_HEADER_BYTES: Final = 1_000_000
+LEAST_CELL_M: Final = 1e-4
+LARGEST_CELL_M: Final = 100.0
+FARTHEST_M: Final = 1e7
+"""Of the origin: farther away a millimeter gets lost in rounding, and at last cells do."""
+
+MODES: Final = ("trinary", "scale", "raw")
+
+QUARTER_TURN_ROUNDING_RAD: Final = 1e-5
+"""What a yaw may miss a quarter turn by and mean it all the same, such as 1.5708."""
+
+
+class MapError(ValueError):
+    """A map file that can't be used; says which, what was found and what would be right."""
+
+
+class MissingMap(MapError):
+    """A map file, or its picture, that is not there."""
+
+
+def load_map(path: str | Path) -> OccupancyMap:
+    """Read a map as Nav2's map_server does: modes trinary, scale and raw, negate, thresholds, colors as gray.
+
+    The origin's yaw turns the grid about it. As many quarter turns as it has are done to the cells, so that a map turned by
+    90° is the map that is drawn turned; what is left of the yaw is the grid's. (Nav2's AMCL and static layer ignore it.)
+
+    Raises:
+        MapError: a missing or unreadable file, a missing or wrong key.
+    """
+    path = Path(path)
+    header = _header(path)
+    resolution_m = _number(header, "resolution", path)
+    if not LEAST_CELL_M <= resolution_m <= LARGEST_CELL_M:
+        right = f"meters per cell, greater than 0: {LEAST_CELL_M:g} to {LARGEST_CELL_M:g}"
+        raise MapError(f"{path}: resolution: found {resolution_m!r}; {right}")
+    occupied_threshold = _share(header, "occupied_thresh", path, default=0.65)
+    free_threshold = _share(header, "free_thresh", path, default=0.25)
+    mode = str(header.get("mode", "trinary"))
+    if mode.lower() not in MODES:
+        raise MapError(f"{path}: mode: found {mode!r}; trinary, scale or raw")
+    x_m, y_m, yaw_rad = _origin(header, path)
+    gray, opaque = _picture(path, str(header["image"]))
+    cells = _occupancy(gray, opaque, mode.lower(), _flag(header, "negate", path), occupied_threshold, free_threshold)
+    return _placed(cells[::-1], resolution_m, (x_m, y_m), yaw_rad)
+
+
+def map_content(path: str | Path) -> FileContent:
+    """The map at `path` as a value: its digest covers the decoded grid, not the files' names or bytes."""
+    return FileContent(str(path), load_map(path).digest)
+
+
+def _header(path: Path) -> Mapping[str, Any]:
+    try:
+        text = read_text(path, "a map_server YAML file", MOST_HEADER_BYTES)
+        header, node = yaml_value(text), yaml_node(text)
+    except Missing:
+        raise MissingMap(f"{path}: no such file; a map is a map_server YAML file") from None
+    except Unreadable as error:
+        line, column = error.place
+        raise MapError(f"{path}:{line}:{column}: {error}") from None
+    if not isinstance(header, dict):
+        raise MapError(f"{path}: found {type(header).__name__}; a map is a mapping with image, resolution and origin")
+    written = [key.value for key, _ in node.value] if isinstance(node, MappingNode) else []
+    if twice := [key for key in header if written.count(key) > 1]:
+        raise MapError(f"{path}: {twice[0]}: found {written.count(twice[0])} times; one")
+    for key in ("image", "resolution", "origin"):
+        if key not in header:
+            raise MapError(f"{path}: no key {key!r}; a map has image, resolution and origin")
+    return header
+
+
+def _number(header: Mapping[str, Any], key: str, path: Path, default: float | None = None) -> float:
+    value = header.get(key, default)
+    number = _finite(value)
+    if number is None:
+        raise MapError(f"{path}: {key}: found {value!r}; a number")
+    return number
+
+
+def _share(header: Mapping[str, Any], key: str, path: Path, default: float) -> float:
+    """A threshold; map_server takes 65 for one too, above which nothing is a wall."""
+    number = _number(header, key, path, default)
+    if not 0.0 <= number <= 1.0:
+        raise MapError(f"{path}: {key}: found {number:g}; a share of black, 0 to 1")
+    return number
+
+
+def _finite(value: Any) -> float | None:
+    """A finite number, else None."""
+    if isinstance(value, str):  # YAML 1.1 reads 5e-2 as text
+        with contextlib.suppress(ValueError):
+            value = float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _flag(header: Mapping[str, Any], key: str, path: Path) -> bool:
+    value = header.get(key, 0)
+    if value not in (0, 1):
+        raise MapError(f"{path}: {key}: found {value!r}; 0 or 1")
+    return bool(value)
+
+
+def _origin(header: Mapping[str, Any], path: Path) -> tuple[float, float, float]:
+    origin = header["origin"]
+    numbers = [_finite(value) for value in origin] if isinstance(origin, list) else []
+    match [number for number in numbers if number is not None]:
+        case [x_m, y_m, *yaw] if len(numbers) == 2 + len(yaw) and len(yaw) < 2:
+            yaw_rad = sum(yaw)
+            if abs(yaw_rad) > MOST_YAW_RAD:
+                raise MapError(f"{path}: origin: found yaw {yaw_rad:g}; radians, one turn (6.2832) at most")
+            if max(abs(x_m), abs(y_m)) > FARTHEST_M:
+                raise MapError(f"{path}: origin: found {origin!r}; at most {FARTHEST_M:,.0f} m from zero")
+            return x_m, y_m, yaw_rad
+    raise MapError(f"{path}: origin: found {origin!r}; [x, y, yaw] in meters and radians")
+
+
+def _placed(
+    cells: NDArray[np.int8], resolution_m: float, origin_xy_m: tuple[float, float], yaw_rad: float
+) -> OccupancyMap:
+    """The map of a grid that is turned by any yaw about its origin."""
+    quarters = round(yaw_rad / (math.pi / 2))
+    rest_rad = yaw_rad - quarters * (math.pi / 2)
+    if abs(rest_rad) < QUARTER_TURN_ROUNDING_RAD:
+        rest_rad = 0.0
+    rows, columns = cells.shape
+    if quarters % 4:
+        cells = np.rot90(cells, -quarters)  # rows go up here, so that numpy's clockwise is counter-clockwise
+        # The lower left corner of the turned cells, in cells from the origin.
+        left, bottom = ((0, 0), (-rows, 0), (-columns, -rows), (0, -columns))[quarters % 4]
+        x_m, y_m = origin_xy_m
+        corner_xy_m = GridFrame(origin_xy_m, rest_rad).to_map(x_m + left * resolution_m, y_m + bottom * resolution_m)
+        origin_xy_m = round(corner_xy_m[0], DECIMALS), round(corner_xy_m[1], DECIMALS)
+    return OccupancyMap(np.ascontiguousarray(cells), resolution_m, origin_xy_m, rest_rad)
+
+
+def _picture(path: Path, image: str) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
+    """Gray values (H, W), row 0 at the top, and whether each pixel is opaque; None where all are."""
+    file = path.parent / image
+    try:
+        picture = read_picture(file)
+    except Missing:
+        raise MissingMap(f"{path}: image: no file {str(file)!r}; the picture lies relative to the YAML file") from None
+    except Unreadable as error:
+        raise MapError(f"{path}: image: {str(file)!r}: {error}") from None
+    if "A" in picture.getbands() or "transparency" in picture.info:
+        bands = np.asarray(picture.convert("RGBA"))
+        return _luma(bands), bands[..., 3] == 255
+    if picture.mode.startswith("I"):  # 16 bits a pixel
+        return (np.asarray(picture).astype(np.int64) // 257).astype(np.uint8), None
+    if picture.mode in ("1", "L"):
+        return np.asarray(picture.convert("L")), None
+    return _luma(np.asarray(picture.convert("RGB"))), None
+
+
+def _luma(bands: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Gray values (H, W) of red, green and blue by Rec. 601, as GraphicsMagick has them: to 16 bits, of which 8 are kept."""
+    red, green, blue = (bands[..., k].astype(np.int32) for k in range(3))
+    sixteen_bits = (257 * (299 * red + 587 * green + 114 * blue) + 500) // 1000
+    return np.asarray(sixteen_bits // 257, dtype=np.uint8)
+
+
+def _occupancy(
+    gray: NDArray[np.uint8],
+    opaque: NDArray[np.bool_] | None,
+    mode: str,
+    negate: bool,
+    occupied_threshold: float,
+    free_threshold: float,
+) -> NDArray[np.int8]:
+    """Cells (H, W) by map_server's arithmetic, which is in single precision."""
+    if mode == "raw":
+        return np.where(gray <= OCCUPIED, gray.astype(np.int8), np.int8(UNKNOWN))
+    shade = gray.astype(np.float32) / np.float32(255)
+    probability = shade if negate else np.float32(1) - shade
+    free, occupied = probability <= np.float32(free_threshold), probability >= np.float32(occupied_threshold)
+    cells = np.full(gray.shape, UNKNOWN, dtype=np.int8)
+    if mode == "scale":
+        between = ~free & ~occupied
+        span = np.float32(occupied_threshold - free_threshold)
+        percent = (probability[between] - np.float32(free_threshold)) / span * np.float32(100)
+        cells[between] = np.floor(percent.astype(np.float64) + 0.5)  # halves go up
+    cells[occupied] = OCCUPIED
+    cells[free] = FREE
+    if opaque is not None:
+        cells[~opaque] = UNKNOWN
+    return cells
