@@ -16,7 +16,7 @@ from numba.core import cgutils
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-from vastflow.sim.kernels.target import processor_features
+from vastflow.sim.kernels.numba_target import processor_features
 
 WIDTH: Final = 16
 """Numbers in lanes."""

@@ -14,9 +14,7 @@ import llvmlite
 import numba
 import platformdirs
 
-from vastflow.sim.kernels.kernel_cache import KernelCache
-from vastflow.sim.kernels.pipeline import Pipeline
-from vastflow.sim.kernels.target import TARGET, part
+from vastflow.sim.kernels.numba_target import TARGET, KernelCache, own, part
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -64,32 +62,29 @@ def kernel_cache_dir() -> Path:
 _FOLDER: Final = kernel_cache_dir()
 
 OPTIONS: Final = {"error_model": "numpy", "fastmath": False}
-_compile = numba.njit(**OPTIONS, _target=TARGET, pipeline_class=Pipeline, no_cfunc_wrapper=True)
-_compile_inner = numba.njit(
-    **OPTIONS, _target=TARGET, pipeline_class=Pipeline, no_cpython_wrapper=True, no_cfunc_wrapper=True
-)
-_compile_any = numba.njit(**OPTIONS, _target=TARGET, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+_compile = numba.njit(**OPTIONS, _target=TARGET, no_cfunc_wrapper=True)
+_compile_inner = numba.njit(**OPTIONS, _target=TARGET, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def njit(function: Function) -> Function:
     """Compile a kernel that Python calls, or kernels and Python both."""
-    return _cached(_compile(function), function)
+    return _cached(own(_compile(function)), function)
 
 
 def inner(function: Function) -> Function:
     """Compile a kernel that only kernels call, as a part of those."""
-    dispatcher: Function = part(_compile_inner(function))
+    dispatcher: Function = part(own(_compile_inner(function)))
     return dispatcher
 
 
 def addressed(function: Function) -> Function:
     """Compile a kernel that is called by its address."""
-    return _cached(_compile_inner(function), function)
+    return _cached(own(_compile_inner(function)), function)
 
 
 def unkept(function: Function) -> Function:
-    """Compile what others wrote, by all of numba's passes, anew in each process: no file says when a compiled form is out of date."""
-    dispatcher: Function = _compile_any(function)
+    """Compile what others wrote anew in each process: no file says when a compiled form is out of date."""
+    dispatcher: Function = _compile_inner(function)
     return dispatcher
 
 

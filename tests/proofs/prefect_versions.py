@@ -35,20 +35,20 @@ def main() -> int:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="prefect-versions-") as temporary:
         folder, wheel = asked.folder or Path(temporary), built(Path(temporary, "source"))
-        releases = dict.fromkeys(map(resolved, pins()))
-        codes = [proved(folder / release, wheel, release, asked.tests) for release in releases]
+        releases = dict.fromkeys(map(resolved, pins("prefect")))
+        codes = [proved(folder / release, wheel, f"prefect=={release}", asked.tests) for release in releases]
         if asked.beyond:
-            codes.append(proved(folder / asked.beyond, wheel, asked.beyond, asked.tests, beyond=True))
+            codes.append(proved(folder / asked.beyond, wheel, f"prefect=={asked.beyond}", asked.tests, beyond=True))
         return max(codes)
 
 
-def pins() -> tuple[str, str]:
-    """What pip is asked for: the oldest release allowed, and any that is."""
+def pins(package: str) -> tuple[str, str]:
+    """Pins of the oldest release that pyproject.toml allows, and of any that it allows."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    (allowed,) = (each for each in project["dependencies"] if each.startswith("prefect"))
+    (allowed,) = (each for each in project["dependencies"] if re.match(rf"{package}\b", each))
     oldest = re.search(r">=([\d.]+)", allowed)
     assert oldest is not None, allowed
-    return f"prefect=={oldest[1]}", allowed
+    return f"{package}=={oldest[1]}", allowed
 
 
 def resolved(pin: str) -> str:
@@ -59,8 +59,8 @@ def resolved(pin: str) -> str:
     return str(found["metadata"]["version"])
 
 
-def proved(environment: Path, wheel: Path, release: str, tests: Sequence[str], *, beyond: bool = False) -> int:
-    """The exit code of the tests in an environment with this Prefect.
+def proved(environment: Path, wheel: Path, pin: str, tests: Sequence[str], *, beyond: bool = False) -> int:
+    """Return the exit code of the tests in an environment with the release that is pinned.
 
     Args:
         wheel: Of this checkout: in the checkout itself pip would build it, and leave its folder there.
@@ -69,7 +69,7 @@ def proved(environment: Path, wheel: Path, release: str, tests: Sequence[str], *
     if not (environment / "bin" / "python").exists():
         venv.create(environment, with_pip=True)
     python = environment / "bin" / "python"
-    pip, pin = [python, "-m", "pip", "install", *QUIET], f"prefect=={release}"
+    pip = [python, "-m", "pip", "install", *QUIET]
     subprocess.run([*pip, *([] if beyond else [pin]), f"{wheel}[dev]"], check=True)
     subprocess.run([*pip, "--no-deps", "--force-reinstall", wheel], check=True)  # one of this version may be there
     if beyond:
@@ -77,7 +77,7 @@ def proved(environment: Path, wheel: Path, release: str, tests: Sequence[str], *
         said = subprocess.run([python, "-c", REQUIRED], capture_output=True, text=True, check=True).stdout
         for required in said.splitlines():  # each by itself: what no index has is left as it is
             subprocess.run([*pip, required], check=False)
-    print(f"prefect {release}", flush=True)
+    print(pin, flush=True)
     done = subprocess.run([python, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests], cwd=ROOT, check=False)
     return done.returncode
 

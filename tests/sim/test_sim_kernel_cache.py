@@ -11,7 +11,7 @@ import pytest
 
 import vastflow
 from vastflow.sim.kernels import numeric
-from vastflow.sim.kernels.kernel_cache import _Files
+from vastflow.sim.kernels.numba_target import _Files
 
 
 def double(x):
@@ -112,13 +112,13 @@ def test_a_kernel_that_is_in_no_file_is_compiled_and_not_kept(files):
 
 
 USES_KERNELS = """
-from vastflow.sim.kernels import kernel_cache, streams
+from vastflow.sim.kernels import numba_target, streams
 stream = streams.streams_of([1])[0]
 streams.normal_pair(stream)
 streams.integer_below(stream, 9)
 kernels = [streams.uniform, streams.normal_pair, streams.integer_below]
 counts = [sum(sum(getattr(kernel.stats, what).values()) for kernel in kernels) for what in ("cache_hits", "cache_misses")]
-print(kernel_cache.__file__, *counts)
+print(numba_target.__file__, *counts)
 """
 
 

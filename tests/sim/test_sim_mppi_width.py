@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from llvmlite import binding
 
+from vastflow.sim.kernels.numba_target import AVX512, widest
 from vastflow.sim.kernels.numeric import njit
 from vastflow.sim.kernels.record import record_of
-from vastflow.sim.kernels.target import AVX512, widest
 from vastflow.sim.nav2.controllers import mppi
 from vastflow.sim.nav2.controllers.controller import ControllerInput
 from vastflow.sim.nav2.costmaps.window import Window

@@ -1,22 +1,41 @@
-"""The processor that kernels are compiled for: a target of vastflow's own in numba, beside the one of the user's functions.
+"""Numba's undocumented names: a compilation target of vastflow's own, and a cache of compiled kernels that is checked.
 
-Code for a generic processor gives the same bits on every host of an architecture (measured). numba's settings, its target
-"cpu" and what is compiled for that stay as they are: a process that has compiled functions of its own, before or after, gets
+Numba's tested minor versions are those that `pyproject.toml` allows; `tests/proofs/numba_versions.py` runs the kernels' tests on each.
+What controllers' bindings generate code with (`numba.core.cgutils`, `populate_array`) is in `nav2/controllers/binding.py`.
+
+The target compiles for a generic processor, whose code gives the same bits on every host of an architecture (measured). Numba's
+settings, its target "cpu", and what is compiled for that stay as they are: a process that has compiled functions of its own gets
 the same recordings, and the same functions.
+
+The cache removes a damaged file and compiles again; numba's own raises on an emptied file, as a power cut leaves it, and runs changed
+machine code. Its index has a path in it, so that every clone and environment would compile its own. Here a file is found by a name
+that follows from its content, in one folder for all installations of a user.
 """
 
-import importlib
+import functools
+import hashlib
+import inspect
+import logging
 import os
+import pickle
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from types import BuiltinFunctionType
+import tempfile
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
 from typing import Any, Final
 
 import numba
 from llvmlite import binding
 from numba import _dynfunc
-from numba.core import types, typing
+from numba.core import types
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    _CacheLocator,
+    _SourceFileBackedLocatorMixin,
+)
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.cpu import CPUContext
@@ -24,80 +43,10 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.environment import lookup_environment
 from numba.core.registry import CPUTarget, cpu_target
 from numba.core.runtime import rtsys
+from numba.core.serialize import dumps
 from numba.core.target_extension import CPU, dispatcher_registry, jit_registry, target_override, target_registry
-from numba.core.targetconfig import ConfigStack
 from numba.core.types.misc import unliteral
 from numba.core.utils import threadsafe_cached_property
-from numba.extending import models, register_model
-
-from vastflow.sim.kernels.pipeline import Pipeline
-
-
-class _Function(types.Function):
-    """One of Python's own functions as numba knows it by now, which remembers what calls of it gave.
-
-    Once an extension adds to it (`numba.extending.overload`), numba makes another of it, which remembers nothing.
-    """
-
-    _impl_keys: dict[Any, Any]
-
-    def __init__(self, template: Any) -> None:
-        super().__init__(template)
-        self._signatures: dict[Any, Any] = {}
-
-    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
-        """The signature of a call. An error is not remembered."""
-        if kws:
-            return super().get_call_type(context, args, kws)
-        # What numba compiles for a call may follow from how its caller is compiled.
-        key = tuple(args), context.flags(), context
-        if key not in self._signatures:
-            found = super().get_call_type(context, args, kws)
-            self._signatures[key] = found, self.get_impl_key(found)
-        found, implementation = self._signatures[key]
-        self._impl_keys[found.args] = implementation
-        return found
-
-
-register_model(_Function)(models.OpaqueModel)
-
-
-class TypingContext(typing.Context):  # type: ignore[misc]  # numba has no types
-    """numba's typing context, with a memory for Python's operators and the like, which numba knows under their names."""
-
-    def __init__(self) -> None:
-        self._remembering: dict[Any, _Function] = {}
-        self._flags: Any = None
-        self._summary = ""
-        super().__init__()
-
-    def resolve_value_type(self, val: Any) -> Any:
-        """The type of a constant; of one of Python's functions without asking first whether it is a number or an array."""
-        found = self._remembering_type(val)
-        return super().resolve_value_type(val) if found is None else found
-
-    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
-        """The signature of a call. numba names operators by Python's functions."""
-        found = self._remembering_type(func)
-        plain = found is None or func in self._functions
-        return super().resolve_function_type(func if plain else found, args, kws)
-
-    def _remembering_type(self, function: Any) -> _Function | None:
-        """Of what numba knows a function of Python's own to be by now; nothing of what it doesn't know, and of all else."""
-        known = self._lookup_global(function) if isinstance(function, BuiltinFunctionType) else None
-        if type(known) is not types.Function:
-            return None
-        if known not in self._remembering:
-            self._remembering[known] = _Function(known.templates)
-        return self._remembering[known]
-
-    def flags(self) -> str:
-        """Options of the function that is compiled at the moment, those that are not numba's defaults."""
-        flags = ConfigStack.top_or_none()
-        if flags is not self._flags:
-            self._flags, self._summary = flags, flags.summary() if flags else ""
-        return self._summary
-
 
 TARGET: Final = "vastflow"
 """numba's name of the target: what is decorated with `jit(_target=TARGET)` is compiled for it."""
@@ -131,18 +80,6 @@ def widest(host: Mapping[str, bool]) -> str:
     return AVX2 if host.get("avx2") else ""
 
 
-class _NoColors:
-    """What numba asks how its errors are to be colored."""
-
-    def code(self, message: str) -> str:
-        return message
-
-    errmsg = filename = indicate = highlight = reset = code
-
-
-_NO_COLORS: Final = _NoColors()
-
-
 class _Processor(CPU):  # type: ignore[misc]  # numba has no types
     """A CPU, so that what numba and its extensions define for CPUs counts here as well."""
 
@@ -157,14 +94,6 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
     def __init__(self, codegen: Any, name: str) -> None:
         super().__init__(codegen, name)
         self.is_part = codegen.compiles_part
-
-    def _optimize_functions(self, ll_module: Any) -> None:
-        """numba makes a pass manager for each function, and for those that are only declared as well."""
-        ll_module.data_layout = self._codegen._data_layout
-        passes, builder = self._codegen._function_pass_manager()
-        for function in ll_module.functions:
-            if not function.is_declaration:
-                passes.run(function, builder)
 
     def _optimize_final_module(self) -> None:
         if not self.is_part:
@@ -217,19 +146,10 @@ class _Context(CPUContext):  # type: ignore[misc]
     def init(self) -> None:
         super().init()
         self._internal_codegen = _Codegen("vastflow.kernels")
-        self._sizes: dict[str, int] = {}
 
     def load_additional_registries(self) -> None:
         rtsys.initialize(cpu_target.target_context)  # whoever is first compiles numba's runtime for all targets
-        _import_array_functions()
         super().load_additional_registries()
-
-    def get_abi_sizeof(self, ty: Any) -> int:
-        """Bytes of an LLVM type, for which it parses a module each time."""
-        name = str(ty)
-        if name not in self._sizes:
-            self._sizes[name] = super().get_abi_sizeof(ty)
-        return self._sizes[name]
 
     def get_executable(self, library: Any, fndesc: Any, env: Any) -> Any:
         """What Python calls: nothing of a part; what else is compiled is given the environments of its parts."""
@@ -247,13 +167,8 @@ def _context_of(target: CPUTarget) -> _Context:
     return _Context(target.typing_context, TARGET)
 
 
-def _typing_context_of(_target: CPUTarget) -> TypingContext:
-    return TypingContext()
-
-
 class _Target(CPUTarget):  # type: ignore[misc]
     _toplevel_target_context = threadsafe_cached_property(_context_of)
-    _toplevel_typing_context = threadsafe_cached_property(_typing_context_of)
 
 
 class _Dispatcher(Dispatcher):
@@ -261,15 +176,16 @@ class _Dispatcher(Dispatcher):
 
     Attributes:
         is_part: Whether only compiled functions call it.
+        is_own: Whether it is the simulator's own.
     """
 
     targetdescr = _Target(TARGET)
     is_part = False
-    _compiler: Any
+    is_own = False
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """A call by a function that is compiled: of a kernel for whole numbers, not for each number that is written in a call."""
-        if self._compiler.pipeline_class is Pipeline:
+        if self.is_own:
             args = [unliteral(each) if isinstance(each, types.IntegerLiteral) else each for each in args]
         return super().get_call_template(args, kws)
 
@@ -282,21 +198,16 @@ class _Dispatcher(Dispatcher):
         with global_compiler_lock:
             outer, codegen.compiles_part = codegen.compiles_part, self.is_part
             try:
-                with target_override(TARGET), _plain_errors():
+                with target_override(TARGET):
                     return super().compile(sig)
             finally:
                 codegen.compiles_part = outer
 
 
-@contextmanager
-def _plain_errors() -> Iterator[None]:
-    """numba's errors without colors: it raises hundreds that it catches itself, and asks the terminal for its colors at each."""
-    errors: Any = importlib.import_module("numba.core.errors")
-    before, errors._termcolor_inst = errors._termcolor_inst, _NO_COLORS
-    try:
-        yield
-    finally:
-        errors._termcolor_inst = before
+def own(dispatcher: Any) -> Any:
+    """Have a kernel compiled once for all whole numbers that are written in calls of it."""
+    dispatcher.is_own = True
+    return dispatcher
 
 
 def part(dispatcher: Any) -> Any:
@@ -310,23 +221,125 @@ def _jit_of_overload(**options: Any) -> Any:
     return lambda function: part(decorate(function))
 
 
-def _import_array_functions() -> None:
-    """Import numba's functions of arrays without SciPy's BLAS, half of a worker's start, which no kernel here needs.
-
-    numba looks for BLAS once while they are imported, and again where a function needs it. The first look is left out.
-    """
-    if "numba.np.arraymath" in sys.modules:
-        return
-    linear_algebra: Any = importlib.import_module("numba.np.linalg")
-    look = linear_algebra.ensure_blas
-    linear_algebra.ensure_blas = lambda: None
-    try:
-        array_functions: Any = importlib.import_module("numba.np.arraymath")
-        array_functions.ensure_blas = look
-    finally:
-        linear_algebra.ensure_blas = look
-
-
 target_registry[TARGET] = _Processor
 dispatcher_registry[_Processor] = _Dispatcher
 jit_registry[_Processor] = _jit_of_overload
+
+
+LOGGER: Final = logging.getLogger("vastflow.kernels")
+
+_CHECKSUM_BYTES: Final = hashlib.sha256().digest_size
+_OWN: Final = Path(__file__).parents[1]
+
+
+class KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
+    """A kernel's compiled forms, each in a file with a checksum behind its content.
+
+    Args:
+        function: The kernel as Python has it.
+        folder: Where compiled kernels lie; made when there is one to keep.
+    """
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        self._impl_class = functools.partial(_Kernel, folder=folder)
+        super().__init__(function)
+        locator = self._impl.locator
+        self._cache_file = _Files(Path(self._cache_path), self._impl.filename_base, locator.get_source_stamp())
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled for a signature; where that is impossible, every process compiles its own."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _log_that_nothing_is_kept(self._cache_path, error.strerror)
+
+
+@functools.cache
+def _log_that_nothing_is_kept(folder: str, reason: str) -> None:
+    """Once for a folder, not for each of its hundreds of kernels."""
+    LOGGER.warning("can't write to %r (%s): every process compiles the kernels again", folder, reason)
+
+
+class _Kernel(CompileResultCacheImpl):  # type: ignore[misc]
+    """What numba asks of a cached function, its place given instead of looked for."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        file = inspect.getfile(function)
+        self._lineno = function.__code__.co_firstlineno
+        self._locator = _Place(file, self._lineno, folder)
+        self._filename_base = self.get_filename_base(f"{Path(file).stem}.{function.__qualname__}", sys.abiflags)
+
+
+class _Place(_SourceFileBackedLocatorMixin, _CacheLocator):  # type: ignore[misc]
+    """Below the folder of kernels: a module of the simulator's by its package, wherever that lies, another by its path."""
+
+    def __init__(self, file: str, line: int, folder: Path) -> None:
+        self._py_file = file
+        self._lineno = line
+        own = Path(file).is_relative_to(_OWN)
+        inner_folder = Path(file).parent.relative_to(_OWN) if own else self.get_suitable_cache_subpath(file)
+        self._folder = folder / inner_folder
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+
+class _Files:
+    """A kernel's files, one for each compiled form, named by the types and the processor that it is for.
+
+    A file is two pickles, what it was compiled from and for, and what came of it; then the checksum of both.
+
+    Args:
+        stamp: Of the kernel's source.
+    """
+
+    def __init__(self, folder: Path, name: str, stamp: Any) -> None:
+        self._folder = folder
+        self._name = name
+        self._stamp = stamp
+
+    def load(self, key: Any) -> Any:
+        """What was compiled for `key`; None where there is nothing, or it is damaged or of another source."""
+        content = _sound(self._file(key))
+        if content is None:
+            return None
+        pickles = BytesIO(content)
+        return pickle.load(pickles) if pickle.load(pickles) == (self._stamp, key) else None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep what was compiled for `key`."""
+        content = dumps((self._stamp, key)) + dumps(data)
+        with tempfile.NamedTemporaryFile(dir=self._folder, delete=False) as file:
+            try:
+                file.write(content + hashlib.sha256(content).digest())
+                file.close()
+                os.replace(file.name, self._file(key))
+            except BaseException:
+                os.unlink(file.name)
+                raise
+
+    def _file(self, key: Any) -> Path:
+        return self._folder / f"{self._name}.{hashlib.sha256(str(key).encode()).hexdigest()[:16]}.nbc"
+
+
+def _sound(file: Path) -> bytes | None:
+    """A file's content before its checksum; one damaged file removes all that are damaged in its folder, with a line in the log."""
+    content = _content(file)
+    if content is None or _is_whole(content):
+        return content and content[:-_CHECKSUM_BYTES]
+    damaged = [each for each in sorted(file.parent.glob("*.nbc")) if not _is_whole(_content(each))]
+    for each in damaged:
+        each.unlink(missing_ok=True)
+    LOGGER.warning("%s: compiled kernels are damaged (files: %d) and compiled again", file.parent, len(damaged))
+    return None
+
+
+def _content(file: Path) -> bytes | None:
+    with suppress(FileNotFoundError, NotADirectoryError):
+        return file.read_bytes()
+    return None
+
+
+def _is_whole(content: bytes | None) -> bool:
+    """Whether a file's content ends with the checksum of what is before it; a file that another process removed does no harm."""
+    return content is None or hashlib.sha256(content[:-_CHECKSUM_BYTES]).digest() == content[-_CHECKSUM_BYTES:]
