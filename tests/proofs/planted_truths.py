@@ -12,7 +12,7 @@ Campaigns are drawn with known success rates, and the statistics of `vastflow.or
 - *stopping*: errors and runs of the sequential rule, drawn, beside those that are computed;
 - *comparison*: how often a campaign against itself, with other noise, looks changed, and how often a loss is found.
 
-    python tests/proofs/planted_truths.py [--campaigns 1000]
+    python tests/proofs/planted_truths.py [--campaigns 1000] [PART ...]
 
 Prints a table; exit code 1 where a rate of errors is above what is stated, by more than four standard errors of the simulation.
 """
@@ -369,9 +369,12 @@ PARTS: tuple[Callable[[int, np.random.Generator], Iterator[Finding]], ...] = (
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--campaigns", type=int, default=1000, metavar="N", help="of each kind")
+    parser.add_argument("parts", nargs="*", metavar="PART", help="those named only")
     options = parser.parse_args()
     good = True
     for k, part in enumerate(PARTS):
+        if options.parts and part.__name__ not in options.parts:
+            continue
         began = time.process_time()
         for finding in part(options.campaigns, np.random.default_rng([7, k])):
             print(finding, flush=True)
