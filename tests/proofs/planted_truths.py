@@ -196,7 +196,7 @@ POWER = {
 
 
 def contrasts(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
-    """One factor over situations whose failure rates are those of a beta distribution; 5 runs of each configuration."""
+    """One factor whose last level does harm, on situations whose failure rates follow a beta distribution; 5 runs of each configuration."""
     for (situations, levels), specified in POWER.items():
         for points, told in zip((0.0, 0.1, 0.3, 1.0), specified.split(), strict=True):
             block = np.repeat(np.arange(situations), levels)
@@ -204,7 +204,7 @@ def contrasts(campaigns: int, rng: np.random.Generator) -> Iterator[Finding]:
             found = np.zeros(2)
             for _ in range(campaigns):
                 base = 0.0 if points == 1.0 else rng.beta(0.5, 4.5, situations)[block]
-                failed = rng.binomial(5, np.clip(base + points * level / (levels - 1), 0, 1))
+                failed = rng.binomial(5, np.clip(base + points * (level == levels - 1), 0, 1))
                 (effect,) = analyzed([{"a": int(k)} for k in level], failed, block, 5).factors
                 found += effect.these.shown, effect.others.shown
             for times, words, said in zip(found, ("these", "others"), told.split("/")[1:], strict=True):
